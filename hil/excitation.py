@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -36,7 +35,7 @@ STEP_S = 0.4
 class Subject:
     """Robot model of the light computation and the bodies whose information counts."""
 
-    model: Any  # pinocchio.Model
+    model: pin.Model
     tool_id: int
     columns: NDArray[np.intp]  # of the joint-torque regressor
     prior: FloatArray  # information of a wide prior, diagonal
@@ -127,7 +126,7 @@ def _pose(q: FloatArray) -> FloatArray:
 
 
 def _sample(
-    robot: Subject, data: Any, q: FloatArray, qd: FloatArray, qdd: FloatArray
+    robot: Subject, data: pin.Data, q: FloatArray, qd: FloatArray, qdd: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Torques, base velocity and acceleration, and the whitened Jacobian of all channels."""
     model, pose = robot.model, _pose(q)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,14 @@ _QUINTIC = np.array(
 )
 # Rows: powers 0..3; columns: x0, h x0', x1, h x1'.
 _CUBIC = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-3, -2, 3, -1], [2, 1, -2, 1]], dtype=np.float64)
+
+
+class _Place(NamedTuple):
+    """Node before a time, fraction of the step from it, step [s]."""
+
+    node: NDArray[np.intp]
+    fraction: FloatArray
+    step_s: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +75,7 @@ class TruthHistory:
     @property
     def t_s(self) -> FloatArray:
         """Times of the nodes, (k,)."""
-        return self.start_s + self.dt_s * np.arange(len(self.q))
+        return np.asarray(self.start_s + self.dt_s * np.arange(len(self.q)), dtype=np.float64)
 
     @property
     def end_s(self) -> float:
@@ -106,25 +115,24 @@ class TruthHistory:
                 f"times {t.min()}..{t.max()} s outside the history {self.start_s}..{self.end_s} s"
             )
         i = np.clip(np.floor(place).astype(np.intp), 0, last - 1)
-        s = place - i
-        h = self.dt_s
+        here = _Place(i, place - i, self.dt_s)
         slope = self._slopes
-        quat = _quintic(i, s, h, self.quat_wxyz, *self._quat_rates)
+        quat = _quintic(here, self.quat_wxyz, *self._quat_rates)
         quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
         R = rotation_matrices(quat)
         return TruthState(
             t_s=t,
-            q=_quintic(i, s, h, self.q, self.qd, self.qdd),
-            qd=_cubic(i, s, h, self.qd, self.qdd),
-            qdd=_cubic(i, s, h, self.qdd, slope["qdd"]),
-            tau=_cubic(i, s, h, self.tau, slope["tau"]),
-            p_NB_N=_quintic(i, s, h, self.p_N, self.v_N, self.a_N),
-            v_NB_N=_cubic(i, s, h, self.v_N, self.a_N),
+            q=_quintic(here, self.q, self.qd, self.qdd),
+            qd=_cubic(here, self.qd, self.qdd),
+            qdd=_cubic(here, self.qdd, slope["qdd"]),
+            tau=_cubic(here, self.tau, slope["tau"]),
+            p_NB_N=_quintic(here, self.p_N, self.v_N, self.a_N),
+            v_NB_N=_cubic(here, self.v_N, self.a_N),
             R_NB=R,
             q_NB_xyzw=quat[..., [1, 2, 3, 0]],
-            w_NB_B=_cubic(i, s, h, self.w_B, self.wd_B),
-            wd_NB_B=_cubic(i, s, h, self.wd_B, slope["wd"]),
-            a_NB_B=np.einsum("...ji,...j->...i", R, _cubic(i, s, h, self.a_N, slope["a"])),
+            w_NB_B=_cubic(here, self.w_B, self.wd_B),
+            wd_NB_B=_cubic(here, self.wd_B, slope["wd"]),
+            a_NB_B=np.einsum("...ji,...j->...i", R, _cubic(here, self.a_N, slope["a"])),
         )
 
 
@@ -156,25 +164,22 @@ def _slope(x: FloatArray, h: float) -> FloatArray:
 
 def _polynomial(s: FloatArray, c: FloatArray) -> FloatArray:
     """Evaluate sum_k c[k] s^k; c (k, ..., m), s (...)."""
-    value = c[-1]
+    value: FloatArray = c[-1]
     for row in c[-2::-1]:
         value = value * s[..., None] + row
     return value
 
 
-def _quintic(
-    i: NDArray[np.intp], s: FloatArray, h: float, x: FloatArray, xd: FloatArray, xdd: FloatArray
-) -> FloatArray:
-    """Quintic Hermite polynomial on [node i, node i+1] at the fraction s."""
+def _quintic(place: _Place, x: FloatArray, xd: FloatArray, xdd: FloatArray) -> FloatArray:
+    """Quintic Hermite polynomial through values and two derivatives at the nodes."""
+    i, s, h = place
     j = i + 1
     ends = np.stack([x[i], h * xd[i], h * h * xdd[i], x[j], h * xd[j], h * h * xdd[j]])
     return _polynomial(s, np.tensordot(_QUINTIC, ends, axes=1))
 
 
-def _cubic(
-    i: NDArray[np.intp], s: FloatArray, h: float, x: FloatArray, xd: FloatArray
-) -> FloatArray:
-    """Cubic Hermite polynomial on [node i, node i+1] at the fraction s."""
-    j = i + 1
-    ends = np.stack([x[i], h * xd[i], x[j], h * xd[j]])
+def _cubic(place: _Place, x: FloatArray, xd: FloatArray) -> FloatArray:
+    """Cubic Hermite polynomial through values and slopes at the nodes."""
+    i, s, h = place
+    ends = np.stack([x[i], h * xd[i], x[i + 1], h * xd[i + 1]])
     return _polynomial(s, np.tensordot(_CUBIC, ends, axes=1))

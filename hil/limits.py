@@ -86,7 +86,8 @@ def rotation_angles(R: FloatArray) -> FloatArray:
     twice_sine = np.stack(
         [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1
     )
-    return np.arctan2(_norms(twice_sine), np.trace(R, axis1=1, axis2=2) - 1.0)
+    twice_cosine = np.trace(R, axis1=1, axis2=2) - 1.0
+    return np.asarray(np.arctan2(_norms(twice_sine), twice_cosine), dtype=np.float64)
 
 
 def _range_ratio(robot: Robot, q: FloatArray) -> FloatArray:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
@@ -53,7 +53,7 @@ class Link:
 class Robot:
     """The compiled model: nv = 6 + n, base first, joints in order from base to tool."""
 
-    model: Any  # mujoco.MjModel
+    model: mujoco.MjModel
     joint_names: tuple[str, ...]
     lower_rad: FloatArray  # (n,) joint ranges of the URDF; infinite where it has none
     upper_rad: FloatArray
@@ -150,7 +150,7 @@ def read_links(urdf: Path) -> list[Link]:
     ValueError if the tree has not one root or a joint is neither revolute, continuous nor fixed.
     """
     root = ElementTree.parse(urdf).getroot()
-    joints = {j.find("child").get("link"): j for j in root.findall("joint")}  # type: ignore[union-attr]
+    joints = {_attribute(j, "child", "link"): j for j in root.findall("joint")}
     elements = {str(e.get("name")): e for e in root.findall("link")}
     roots = [name for name in elements if name not in joints]
     if len(roots) != 1:
@@ -161,32 +161,30 @@ def read_links(urdf: Path) -> list[Link]:
         name = waiting.pop(0)
         ordered.append(_read_link(urdf, elements[name], joints.get(name)))
         waiting += [
-            str(child)
-            for child, j in joints.items()
-            if j.find("parent").get("link") == name  # type: ignore[union-attr]
+            str(child) for child, j in joints.items() if _attribute(j, "parent", "link") == name
         ]
     return ordered
 
 
-def _read_link(urdf: Path, element: Any, joint: Any) -> Link:
-    kind = "fixed" if joint is None else joint.get("type")
+def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
+    kind = "fixed" if joint is None else str(joint.get("type"))
+    name = "" if joint is None else str(joint.get("name"))
     if kind not in ("revolute", "continuous", "fixed"):
-        raise ValueError(f"{urdf}: joint {joint.get('name')!r} is {kind}; must be revolute or fixed")
+        raise ValueError(f"{urdf}: joint {name!r} is {kind}; must be revolute or fixed")
     p, R = _origin(joint)
     limit = None if joint is None else joint.find("limit")
     bounds = {} if limit is None else dict(limit.attrib)
     ranged = kind == "revolute" and limit is not None
     axis = None
     if kind != "fixed":
-        node = joint.find("axis")
-        axis = _vector(None if node is None else node.get("xyz"), "1 0 0")
+        axis = _vector(_attribute(joint, "axis", "xyz"), "1 0 0")
     return Link(
         name=str(element.get("name")),
-        parent=None if joint is None else str(joint.find("parent").get("link")),
+        parent=_attribute(joint, "parent", "link"),
         body=_read_body(element.find("inertial")),
         p_PL_P_m=p,
         q_PL_xyzw=tuple(R.as_quat()),
-        joint="" if joint is None else str(joint.get("name")),
+        joint=name,
         axis=axis,
         lower_rad=float(bounds.get("lower", 0.0)) if ranged else -np.inf,
         upper_rad=float(bounds.get("upper", 0.0)) if ranged else np.inf,
@@ -195,11 +193,14 @@ def _read_link(urdf: Path, element: Any, joint: Any) -> Link:
     )
 
 
-def _read_body(inertial: Any) -> Body | None:
+def _read_body(inertial: Element | None) -> Body | None:
     if inertial is None:
         return None
     com, R = _origin(inertial)
-    i = {key: float(value) for key, value in inertial.find("inertia").attrib.items()}
+    tensor, mass = inertial.find("inertia"), _attribute(inertial, "mass", "value")
+    if tensor is None or mass is None:
+        raise ValueError("an <inertial> needs <mass value=...> and <inertia>")
+    i = {key: float(value) for key, value in tensor.attrib.items()}
     local = np.array(
         [
             [i["ixx"], i["ixy"], i["ixz"]],
@@ -210,14 +211,18 @@ def _read_body(inertial: Any) -> Body | None:
     turn = R.as_matrix()
     about_com = turn @ local @ turn.T
     xx, xy, xz, yy, yz, zz = about_com[np.triu_indices(3)].tolist()
-    return Body(float(inertial.find("mass").get("value")), com, (xx, xy, xz, yy, yz, zz))
+    return Body(float(mass), com, (xx, xy, xz, yy, yz, zz))
 
 
-def _origin(element: Any) -> tuple[tuple[float, float, float], Rotation]:
-    node = None if element is None else element.find("origin")
-    xyz = _vector(None if node is None else node.get("xyz"), "0 0 0")
-    rpy = _vector(None if node is None else node.get("rpy"), "0 0 0")
+def _origin(element: Element | None) -> tuple[tuple[float, float, float], Rotation]:
+    xyz = _vector(_attribute(element, "origin", "xyz"), "0 0 0")
+    rpy = _vector(_attribute(element, "origin", "rpy"), "0 0 0")
     return xyz, Rotation.from_euler("xyz", rpy)
+
+
+def _attribute(element: Element | None, child: str, name: str) -> str | None:
+    node = None if element is None else element.find(child)
+    return None if node is None else node.get(name)
 
 
 def _vector(text: str | None, default: str) -> tuple[float, float, float]:
@@ -237,7 +242,9 @@ def _require_serial(urdf: Path, links: list[Link], arm: list[Link], tool: Link) 
         raise ValueError(f"{urdf}: must be one serial arm to {tool.name!r}; beside it: {beside}")
 
 
-def _compile(links: list[Link], tool: str, base: Body | None, target: Body | None) -> Any:
+def _compile(
+    links: list[Link], tool: str, base: Body | None, target: Body | None
+) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.compiler.fusestatic = False
@@ -245,7 +252,7 @@ def _compile(links: list[Link], tool: str, base: Body | None, target: Body | Non
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    bodies: dict[str, Any] = {}
+    bodies: dict[str, mujoco.MjsBody] = {}
     for link in links:
         parent = spec.worldbody if link.parent is None else bodies[link.parent]
         x, y, z, w = link.q_PL_xyzw
@@ -268,7 +275,7 @@ def _compile(links: list[Link], tool: str, base: Body | None, target: Body | Non
     return spec.compile()
 
 
-def _set_inertia(node: Any, body: Body) -> None:
+def _set_inertia(node: mujoco.MjsBody, body: Body) -> None:
     xx, xy, xz, yy, yz, zz = body.inertia_kg_m2
     node.explicitinertial = True
     node.mass = body.mass_kg

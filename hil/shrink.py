@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     name, first = worst(checks)
     about = {
         "command": (
-            f"python -m hil.shrink {options.output.name} --system {options.system} "
+            f"python -m hil.shrink {options.output.as_posix()} --system {options.system} "
             f"--seed {options.seed} --candidates {options.candidates} --changes {options.changes}"
         ),
         "robot": URDF.name,
@@ -67,9 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def search(
-    robot: Subject, seed: int, candidates: int, changes: int
-) -> tuple[JointSpline, float]:
+def search(robot: Subject, seed: int, candidates: int, changes: int) -> tuple[JointSpline, float]:
     """Best of `candidates` random motions, then `changes` random improvements of it.
 
     Returns

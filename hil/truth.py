@@ -74,7 +74,12 @@ class _Plant:
         if self.wrench is not None:
             acceleration = acceleration + self._disturbance(t_s, self.wrench)
         return np.concatenate(
-            [y[nq : nq + 3], _quaternion_rate(y[3:7], y[nq + 3 : nq + m]), y[nq + m :], acceleration]
+            [
+                y[nq : nq + 3],
+                _quaternion_rate(y[3:7], y[nq + 3 : nq + m]),
+                y[nq + m :],
+                acceleration,
+            ]
         )
 
     def _disturbance(self, t_s: float, wrench: Wrench) -> FloatArray:
@@ -109,6 +114,7 @@ def simulate(
     start_s: float,
     end_s: float,
     dt_s: float = 0.004,
+    *,
     wrench: Wrench | None = None,
     q_NB_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
 ) -> TruthHistory:
@@ -152,13 +158,13 @@ def simulate(
         k4 = rate(2 * k + 2, y + dt_s * k3)
         y = y + (dt_s / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
         y[3:7] /= np.linalg.norm(y[3:7])
-    return _history(robot.n, start_s, dt_s, states, rates, torques)
+    return _history(start_s, dt_s, states, rates, torques)
 
 
 def _history(
-    n: int, start_s: float, dt_s: float, y: FloatArray, rate: FloatArray, tau: FloatArray
+    start_s: float, dt_s: float, y: FloatArray, rate: FloatArray, tau: FloatArray
 ) -> TruthHistory:
-    nq = BASE_NQ + n
+    nq = BASE_NQ + tau.shape[1]
     return TruthHistory(
         start_s=start_s,
         dt_s=dt_s,
