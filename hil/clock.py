@@ -1,0 +1,50 @@
+"""Simulated monotonic time: it passes only in sleeps, and serial arrivals end a sleep early."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+
+class SimClock:
+    """The flight software's clock port, in virtual time.
+
+    A descriptor is a number given out by `register` with a function telling when its link is next
+    readable. A wake comes a little after its cause: exponential, `wake_latency_s` on average.
+    """
+
+    def __init__(self, t0_ns: int, rng: np.random.Generator, wake_latency_s: float) -> None:
+        self._now_ns = t0_ns
+        self._rng = rng
+        self._mean_ns = wake_latency_s * 1e9
+        self._sources: dict[int, Callable[[], int | None]] = {}
+
+    def register(self, next_ns: Callable[[], int | None]) -> int:
+        """Return a descriptor for a link that is next readable when `next_ns` says."""
+        descriptor = 1000 + len(self._sources)
+        self._sources[descriptor] = next_ns
+        return descriptor
+
+    def now_ns(self) -> int:
+        """Return simulated time [ns]."""
+        return self._now_ns
+
+    def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
+        """Pass time to the deadline, or to just after the first arrival on a descriptor.
+
+        Returns
+        -------
+        True when the deadline has come, False when a descriptor woke the caller early.
+        """
+        if deadline_ns <= self._now_ns:
+            return True
+        due = [t for t in (self._sources[fd]() for fd in wake_fds) if t is not None]
+        arrival_ns = min(due, default=deadline_ns)
+        if arrival_ns < deadline_ns:
+            wake_ns = max(arrival_ns, self._now_ns) + round(self._rng.exponential(self._mean_ns))
+            if wake_ns < deadline_ns:
+                self._now_ns = wake_ns
+                return False
+        self._now_ns = deadline_ns
+        return True

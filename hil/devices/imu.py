@@ -1,0 +1,128 @@
+"""The simulated inertial unit: own clock, own counter, datagrams on a line."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.devices import stim300
+from hil.devices.truth_clock import ClampedHistory, TruthClock
+from hil.devices.uart import SerialLine, TimedBytes
+from hil.sensors import (
+    ImuErrors,
+    ImuSensorConfig,
+    angular_rate,
+    generator,
+    rotation_of,
+    specific_force,
+)
+
+IntArray = NDArray[np.int64]
+BATCH = 128
+BATCH_S = 0.25
+GYRO_DEGC, ACC_DEGC = 25.0, 24.0
+
+
+class Imu:
+    """Samples on its own clock; the first byte leaves `latency` after the sample instant.
+
+    The rate in datagram n is the one at its sample instant less the gyro's group delay, the
+    specific force that at the instant less the accelerometer's: `truth_ns` tells both exactly.
+    """
+
+    def __init__(
+        self,
+        config: ImuSensorConfig,
+        history: ClampedHistory,
+        clock: TruthClock,
+        seed: int,
+        t0_ns: int,
+    ) -> None:
+        if stim300.INTERNAL_RATE_HZ % config.rate_hz:
+            raise ValueError(f"imu.rate_hz {config.rate_hz} must divide 2000")
+        rng = generator(seed, "imu", 0, 3)
+        self.clock_error_ppm = float(rng.uniform(-1.0, 1.0)) * config.clock_error_ppm
+        self._period_ns = 1e9 / config.rate_hz * (1.0 + 1e-6 * self.clock_error_ppm)
+        self._t0_ns = t0_ns + float(rng.uniform(0.0, 1.0)) * self._period_ns
+        self._counter0 = int(rng.integers(0, 256))
+        self._jitter = generator(seed, "imu", 0, 4)
+        self.errors = ImuErrors(config, seed)
+        self._config, self._history, self._clock = config, history, clock
+        self._R_BS = rotation_of(config.q_BS_xyzw)
+        self.line = SerialLine(config.baud_rate, config.chunking, generator(seed, "line", 0), t0_ns)
+        self._next = 0
+        seconds = min(BATCH_S, clock.start_delay_s)
+        self._batch = max(1, min(BATCH, int(seconds * config.rate_hz)))
+        length = stim300.layout_of(config.datagram_id).length + 2 * config.crlf
+        budget_s = 1.0 / config.rate_hz - config.latency_jitter_s
+        if length * 10 / config.baud_rate >= budget_s:
+            raise ValueError(f"{length} bytes at {config.baud_rate} bit/s exceed the IMU's period")
+
+    def sample_ns(self, n: IntArray) -> IntArray:
+        """Return the sample instants of datagrams n on the host's clock."""
+        instants: IntArray = np.rint(self._t0_ns + n * self._period_ns).astype(np.int64)
+        return instants
+
+    def truth_ns(self, n: IntArray) -> tuple[IntArray, IntArray]:
+        """Return the true times of validity of datagrams n: gyro, accelerometer."""
+        sample = self.sample_ns(n)
+        gyro = sample - round(self._config.gyro_group_delay_s * 1e9)
+        return gyro, sample - round(self._config.acc_group_delay_s * 1e9)
+
+    def times(self) -> dict[str, float]:
+        """Return the sampling clock: instant of datagram 0, period, its counter, its error."""
+        return {
+            "t0_ns": self._t0_ns,
+            "period_ns": self._period_ns,
+            "counter0": self._counter0,
+            "clock_error_ppm": self.clock_error_ppm,
+        }
+
+    def next_ns(self) -> int:
+        """Return when the host gets the next chunk."""
+        while True:
+            due = self.line.next_ns()
+            if due is not None:
+                return due
+            self._generate()
+
+    def take(self, until_ns: int) -> list[TimedBytes]:
+        """Return the chunks the host has by the time."""
+        while self._first_possible_ns() <= until_ns:
+            self._generate()
+        return self.line.take(until_ns)
+
+    def _first_possible_ns(self) -> int:
+        """Return a time before which no further datagram can start."""
+        earliest = self._t0_ns + self._next * self._period_ns + self._config.latency_s * 1e9
+        return int(earliest) - 1000
+
+    def _generate(self) -> None:
+        """Produce one batch of datagrams and put it on the line."""
+        config = self._config
+        n = np.arange(self._next, self._next + self._batch)
+        self._next += self._batch
+        gyro_ns, acc_ns = self.truth_ns(n)
+        sample_ns = self.sample_ns(n)
+        errors = self.errors.next(len(n))
+        gyro_state = self._history.at(self._clock.seconds(gyro_ns))
+        acc_state = self._history.at(self._clock.seconds(acc_ns))
+        jitter_s = config.latency_jitter_s * self._jitter.random(len(n))
+        latency_us = np.rint((config.latency_s + jitter_s) * 1e6).astype(np.int64)
+        per_datagram = stim300.INTERNAL_RATE_HZ // config.rate_hz
+        starting = n < config.startup_s * config.rate_hz
+        shape = (len(n), 3)
+        samples = stim300.Measurements(
+            w_NS_S_rad_s=angular_rate(gyro_state, self._R_BS) + errors[:, :3],
+            f_NS_S_m_s2=specific_force(acc_state, config.p_BS_m, self._R_BS) + errors[:, 3:],
+            inclination_g=np.zeros(shape),
+            gyro_temperature_degc=np.full(shape, GYRO_DEGC),
+            acc_temperature_degc=np.full(shape, ACC_DEGC),
+            incl_temperature_degc=np.full(shape, ACC_DEGC),
+            counter=self._counter0 + n * per_datagram,
+            latency_us=latency_us,
+            status=np.where(starting, stim300.STATUS_STARTUP, 0),
+        )
+        blocks = stim300.encode(config.datagram_id, samples, config.acc_range_g, crlf=config.crlf)
+        self.line.send((sample_ns + latency_us * 1000).tolist(), blocks)
+        self.line.complete(self._first_possible_ns())

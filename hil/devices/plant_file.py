@@ -1,0 +1,100 @@
+"""The file `python -m hil.plant` reads: robot, motion, sensors and links of a real-time plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import TypeAdapter
+
+from hil.plant import Plant
+from hil.robot import Body, Robot
+from hil.sensors import STRICT, SensorConfig
+from hil.spline import JointSpline
+from hil.truth import simulate
+
+TAIL_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotFile:
+    """Where the true robot is described."""
+
+    __pydantic_config__ = STRICT
+    urdf: Path
+    tool_frame: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueBodies:
+    """True inertial data; a base of null leaves the URDF's, a target of null grasps nothing."""
+
+    __pydantic_config__ = STRICT
+    base: Body | None = None
+    target: Body | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusLink:
+    """One python-can bus; `name` is the one the nodes refer to."""
+
+    __pydantic_config__ = STRICT
+    name: str
+    interface: str
+    channel: str
+    port: int | None = None
+    fd: bool = False
+    bitrate: int | None = None
+    data_bitrate: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Links:
+    """Where the devices are reached; the serial paths are made as links to pseudo-terminals."""
+
+    __pydantic_config__ = STRICT
+    buses: tuple[BusLink, ...]
+    imu: Path | None = None
+    star_tracker: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Realtime:
+    """How the process asks to be run; priority 0: no SCHED_FIFO."""
+
+    __pydantic_config__ = STRICT
+    priority: int = 0
+    cpu: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlantFile:
+    """The whole file."""
+
+    __pydantic_config__ = STRICT
+    robot: RobotFile
+    trajectory: Path
+    sensors: SensorConfig
+    links: Links
+    bodies: TrueBodies = TrueBodies()
+    start_delay_s: float = 4.0
+    seed: int = 0
+    realtime: Realtime = Realtime()
+
+
+def load(path: Path) -> PlantFile:
+    """Read the file; ValueError (pydantic's) for unknown, missing or wrong keys."""
+    data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    return TypeAdapter(PlantFile).validate_python(data)
+
+
+def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
+    """Simulate the truth and power the devices on at `t0_ns`; paths are relative to `folder`."""
+    bodies = file.bodies
+    urdf = folder / file.robot.urdf
+    robot = Robot.load(urdf, file.robot.tool_frame, bodies.base, bodies.target)
+    spline = JointSpline.load(folder / file.trajectory)
+    history = simulate(robot, spline, -TAIL_S, spline.duration_s + TAIL_S)
+    return Plant(history, file.sensors, file.seed, start_delay_s=file.start_delay_s, t0_ns=t0_ns)

@@ -1,0 +1,222 @@
+"""The plant in real time: python-can buses and pseudo-terminals, one thread, absolute deadlines."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import heapq
+import json
+import os
+import select
+import signal
+import sys
+import termios
+import time
+import tty
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import can
+
+from hil.devices.can_segment import TimedFrame
+from hil.devices.canopen import SYNC_ID
+from hil.devices.plant_file import BusLink, PlantFile, Realtime, build, load
+from hil.plant import Plant
+
+PR_SET_TIMERSLACK = 29
+IDLE_NS = 50_000_000
+FIRST_REPLY_LIMIT = 64  # frames read in one go
+
+
+class BusEnd:
+    """One python-can bus and the frames waiting for their time on it."""
+
+    def __init__(self, link: BusLink, plant: Plant) -> None:
+        options = {"port": link.port, "bitrate": link.bitrate, "data_bitrate": link.data_bitrate}
+        given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
+        self._bus = can.Bus(interface=link.interface, channel=link.channel, fd=link.fd, **given)
+        self._plant, self._name = plant, link.name
+        self._queue: list[tuple[int, int, TimedFrame]] = []
+        self._order = count()
+        self.sync_seen = False
+        self.send_errors = 0
+
+    def fileno(self) -> int:
+        """Return the descriptor that becomes readable with frames."""
+        return self._bus.fileno()
+
+    def receive(self) -> None:
+        """Drain the bus; answers join the queue. SYNC is latched at its kernel stamp."""
+        offset_ns = time.monotonic_ns() - time.time_ns()
+        for _ in range(FIRST_REPLY_LIMIT):
+            message = self._bus.recv(0)
+            if message is None:
+                return
+            can_id = message.arbitration_id
+            if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
+                continue
+            if can_id not in (SYNC_ID, 0) and not 0x600 < can_id < 0x680:
+                continue
+            stamp_ns = round(message.timestamp * 1e9) + offset_ns
+            self.sync_seen |= can_id == SYNC_ID
+            frames = self._plant.on_frame(stamp_ns, can_id, bytes(message.data), self._name)
+            self._enqueue(frames)
+
+    def _enqueue(self, frames: list[TimedFrame]) -> None:
+        for frame in frames:
+            heapq.heappush(self._queue, (frame[0], next(self._order), frame))
+
+    def send_due(self, now_ns: int) -> None:
+        """Send what has ended on the simulated bus."""
+        self._enqueue(self._plant.frames_until(now_ns, self._name))
+        while self._queue and self._queue[0][0] <= now_ns:
+            _, can_id, data, is_fd = heapq.heappop(self._queue)[2]
+            message = can.Message(
+                arbitration_id=can_id,
+                data=data,
+                is_extended_id=False,
+                is_fd=is_fd,
+                bitrate_switch=is_fd,
+            )
+            try:
+                self._bus.send(message)
+            except can.CanError:
+                self.send_errors += 1
+
+    def deadline_ns(self) -> int | None:
+        """Return when the last waiting frame is due: one wake serves one SYNC's answers."""
+        return max(entry[0] for entry in self._queue) if self._queue else None
+
+    def close(self) -> None:
+        """Release the bus."""
+        self._bus.shutdown()
+
+
+class PtyEnd:
+    """A pseudo-terminal whose slave is linked at a path; held open so that the host may reopen."""
+
+    def __init__(self, device: str, path: Path, plant: Plant) -> None:
+        self.device, self.path = device, path
+        self._plant = plant
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave, termios.TCSANOW)
+        os.set_blocking(self._master, False)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
+        path.symlink_to(os.ttyname(self._slave))
+        self.dropped_bytes = 0
+
+    def fileno(self) -> int:
+        """Return the descriptor that becomes readable when the host writes."""
+        return self._master
+
+    def receive(self) -> None:
+        """Hand what the host wrote to the device."""
+        self._plant.write_serial(time.monotonic_ns(), self.device, os.read(self._master, 4096))
+
+    def send(self, data: bytes) -> None:
+        """Write what has crossed; what the host leaves unread beyond the buffer is lost."""
+        try:
+            written = os.write(self._master, data)
+        except BlockingIOError:
+            written = 0
+        self.dropped_bytes += len(data) - written
+
+    def close(self) -> None:
+        """Close both ends and remove the link."""
+        self.path.unlink(missing_ok=True)
+        os.close(self._master)
+        os.close(self._slave)
+
+
+def prepare(realtime: Realtime) -> dict[str, Any]:
+    """Ask for priority, CPU and fine timers; return what was granted."""
+    granted: dict[str, Any] = {"fifo": False}
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    if realtime.cpu is not None:
+        os.sched_setaffinity(0, {realtime.cpu})
+    if realtime.priority > 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(realtime.priority))
+            granted["fifo"] = True
+        except PermissionError as error:
+            granted["refused"] = str(error)
+    return granted
+
+
+def serve(
+    plant: Plant, buses: list[BusEnd], ptys: list[PtyEnd], stopping: Callable[[], bool]
+) -> None:
+    """Answer and transmit until told to stop.
+
+    Serial bytes are discarded until the first SYNC: nobody listens before the host is up.
+    """
+    ends: list[BusEnd | PtyEnd] = [*buses, *ptys]
+    by_device = {pty.device: pty for pty in ptys}
+    while not stopping():
+        now_ns = time.monotonic_ns()
+        due = [t for bus in buses if (t := bus.deadline_ns()) is not None]
+        serial_ns = plant.next_serial_ns()
+        if serial_ns is not None:
+            due.append(serial_ns)
+        wait_ns = max(0, min([now_ns + IDLE_NS, *due]) - now_ns)
+        readable, _, _ = select.select(ends, (), (), wait_ns * 1e-9)
+        for end in readable:
+            end.receive()
+        now_ns = time.monotonic_ns()
+        for bus in buses:
+            bus.send_due(now_ns)
+        listening = any(bus.sync_seen for bus in buses)
+        for device, chunks in plant.serial_until(now_ns).items():
+            if listening and device in by_device:
+                for _, data in chunks:
+                    by_device[device].send(data)
+
+
+def _say(line: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(line) + "\n")
+    sys.stdout.flush()
+
+
+def _open(file: PlantFile, folder: Path, plant: Plant) -> tuple[list[BusEnd], list[PtyEnd]]:
+    paths = {"imu": file.links.imu, "star_tracker": file.links.star_tracker}
+    buses = [BusEnd(link, plant) for link in file.links.buses]
+    ptys = [
+        PtyEnd(device, folder / path, plant)
+        for device, path in paths.items()
+        if path is not None and device in plant.lines
+    ]
+    return buses, ptys
+
+
+def run(path: Path) -> int:
+    """Run the plant of a file; one JSON line on stdout when ready, one at the end."""
+    try:
+        file = load(path)
+        folder = path.absolute().parent
+        plant = build(file, folder, time.monotonic_ns())
+        buses, ptys = _open(file, folder, plant)
+    except (ValueError, OSError, can.CanError) as error:
+        sys.stderr.write(f"{path}: {error}\n")
+        return 2
+    stop: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda signum, _frame: stop.append(signum))
+    granted = prepare(file.realtime)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    _say({"ready": True, "pid": os.getpid(), **granted, **{p.device: str(p.path) for p in ptys}})
+    try:
+        serve(plant, buses, ptys, lambda: bool(stop))
+    finally:
+        for bus in buses:
+            bus.close()
+        for pty in ptys:
+            pty.close()
+    dropped = {pty.device: pty.dropped_bytes for pty in ptys}
+    errors = sum(bus.send_errors for bus in buses)
+    _say({"stopped": True, "dropped_bytes": dropped, "send_errors": errors, **plant.times()})
+    return 0

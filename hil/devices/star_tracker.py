@@ -1,0 +1,108 @@
+"""The simulated star tracker: exposures on its own clock, solutions and answers on a line."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.devices import sagitta
+from hil.devices.truth_clock import ClampedHistory, TruthClock
+from hil.devices.uart import SerialLine, TimedBytes
+from hil.sensors import NormalStream, StarTrackerSensorConfig, attitude, generator
+
+IntArray = NDArray[np.int64]
+ANSWER_NS = 1_000_000  # request to first byte of its answer
+
+
+class StarTracker:
+    """Exposure k at t0 + k/rate; the last byte of its frame ends `latency` later.
+
+    Escaped bytes lengthen the frame at its end. `valid` may be cleared by a fault scenario.
+    """
+
+    def __init__(
+        self,
+        config: StarTrackerSensorConfig,
+        history: ClampedHistory,
+        clock: TruthClock,
+        seed: int,
+        t0_ns: int,
+    ) -> None:
+        rng = generator(seed, "star_tracker", 0, 1)
+        error_ppm = float(rng.uniform(-1.0, 1.0)) * config.clock_error_ppm
+        self._period_ns = 1e9 / config.rate_hz * (1.0 + 1e-6 * error_ppm)
+        self._t0_ns = t0_ns + float(rng.uniform(0.0, 1.0)) * self._period_ns
+        self._power_on_ns = t0_ns
+        self._noise = NormalStream(generator(seed, "star_tracker", 0, 0), 3)
+        self._jitter = generator(seed, "star_tracker", 0, 2)
+        self._config, self._history, self._clock = config, history, clock
+        self.line = SerialLine(config.baud_rate, config.chunking, generator(seed, "line", 1), t0_ns)
+        self._requests = sagitta.RequestReader()
+        self.subscribed = config.subscribed
+        self.valid = True
+        self._next = 0
+        self._frame_start_ns = self._start_of_next()
+
+    def truth_ns(self, k: IntArray) -> IntArray:
+        """Return the mid-exposure times of solutions k on the host's clock."""
+        instants: IntArray = np.rint(self._t0_ns + k * self._period_ns).astype(np.int64)
+        return instants
+
+    def _start_of_next(self) -> int:
+        """Return when the next solution's transmission starts."""
+        config = self._config
+        exposure_ns = int(self.truth_ns(np.array([self._next]))[0])
+        jitter_s = config.latency_jitter_s * float(self._jitter.random())
+        end_ns = exposure_ns + round((config.latency_s + jitter_s) * 1e9)
+        return end_ns - self.line.duration_ns(sagitta.SOLUTION_BYTES)
+
+    def _expose(self) -> bytes:
+        """Return the frame of the next solution."""
+        config = self._config
+        exposure = self.truth_ns(np.array([self._next]))
+        state = self._history.at(self._clock.seconds(exposure))
+        since_s = (int(exposure[0]) - self._power_on_ns) * 1e-9 + config.stamp_offset_s
+        solution = sagitta.Solution(
+            q_wxyz=attitude(state.R_NB[0], config, self._noise.draw()),
+            unix_us=round((config.unix_epoch_s + since_s) * 1e6),
+            ticks=round(since_s * 1e3),
+            valid=self.valid,
+            stable_count=self._next,
+        )
+        self._next += 1
+        return sagitta.frame(sagitta.solution_payload(solution))
+
+    def write(self, t_ns: int, data: bytes) -> None:
+        """Take bytes from the host; answers go out a little later."""
+        self._advance(t_ns)
+        for payload in self._requests.feed(data):
+            ids = sagitta.subscription_of(payload)
+            if ids is not None:
+                self.subscribed = sagitta.SOLUTION_ID in ids
+            reply = sagitta.answer(payload)
+            if reply is not None:
+                start_ns = max(t_ns + ANSWER_NS, self.line.busy_until_ns)
+                self.line.send([start_ns], [reply])
+
+    def _advance(self, until_ns: int) -> None:
+        """Transmit every solution due to start by the time."""
+        while self._frame_start_ns <= until_ns:
+            frame = self._expose()
+            if self.subscribed:
+                start_ns = max(self._frame_start_ns, self.line.busy_until_ns)
+                self.line.send([start_ns], [frame])
+            self._frame_start_ns = self._start_of_next()
+        self.line.complete(until_ns)
+
+    def next_ns(self) -> int:
+        """Return when the host should next look: a known chunk, or the next transmission's start.
+
+        Looking at the start commits the frame to the line, whose own instants follow.
+        """
+        due = self.line.next_ns()
+        return self._frame_start_ns if due is None else due
+
+    def take(self, until_ns: int) -> list[TimedBytes]:
+        """Return the chunks the host has by the time."""
+        self._advance(until_ns)
+        return self.line.take(until_ns)

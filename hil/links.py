@@ -1,0 +1,124 @@
+"""In-memory ends of the links: the flight software's port protocols on a plant in virtual time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Sequence
+from itertools import count
+
+from fsw.drivers.wire import ByteChunk, CanFrame
+from hil.clock import SimClock
+from hil.devices.can_segment import TimedFrame
+from hil.devices.uart import TimedBytes
+from hil.plant import Plant
+from hil.sensors import generator
+
+FrameTap = Callable[[Sequence[TimedFrame]], Sequence[TimedFrame]]
+ByteTap = Callable[[Sequence[TimedBytes]], Sequence[TimedBytes]]
+WAKE_LATENCY_S = 4e-5
+
+
+def _pass_frames(frames: Sequence[TimedFrame]) -> Sequence[TimedFrame]:
+    return frames
+
+
+def _pass_bytes(chunks: Sequence[TimedBytes]) -> Sequence[TimedBytes]:
+    return chunks
+
+
+class VirtualCan:
+    """A CAN port. `tap` may drop, change, delay or add frames on their way to the host."""
+
+    def __init__(self, plant: Plant, clock: SimClock, bus: str) -> None:
+        self.tap: FrameTap = _pass_frames
+        self.bus = bus
+        self._plant, self._clock = plant, clock
+        self._queue: list[tuple[int, int, TimedFrame]] = []
+        self._order = count()
+
+    def _deliver(self, frames: Sequence[TimedFrame]) -> None:
+        for frame in self.tap(frames) if frames else ():
+            heapq.heappush(self._queue, (frame[0], next(self._order), frame))
+
+    def read(self) -> list[CanFrame]:
+        """Return the frames whose end on the bus has come, stamped now."""
+        now_ns = self._clock.now_ns()
+        self._deliver(self._plant.frames_until(now_ns, self.bus))
+        frames = []
+        while self._queue and self._queue[0][0] <= now_ns:
+            _, can_id, data, is_fd = heapq.heappop(self._queue)[2]
+            frames.append(CanFrame(now_ns, can_id, data, is_fd, bitrate_switch=is_fd))
+        return frames
+
+    def write(self, can_id: int, data: bytes) -> CanFrame:
+        """Send a frame; the nodes' answers queue up."""
+        now_ns = self._clock.now_ns()
+        self._deliver(self._plant.on_frame(now_ns, can_id, data, self.bus))
+        return CanFrame(now_ns, can_id, data)
+
+    def inject(self, frame: TimedFrame) -> None:
+        """Put a frame on the bus that no node sent, bypassing the tap."""
+        heapq.heappush(self._queue, (frame[0], next(self._order), frame))
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Return no descriptor: frames wait for the tick."""
+        return ()
+
+    def close(self) -> None:
+        """Forget what is queued."""
+        self._queue.clear()
+
+
+class VirtualSerial:
+    """A serial port. `tap` may drop, change, delay or add chunks on their way to the host."""
+
+    def __init__(self, plant: Plant, clock: SimClock, device: str) -> None:
+        self.tap: ByteTap = _pass_bytes
+        self.device = device
+        self._plant, self._clock = plant, clock
+        self._line = plant.lines[device]
+        self._queue: list[tuple[int, int, bytes]] = []
+        self._order = count()
+        self._descriptor = clock.register(self._next_ns)
+
+    def _next_ns(self) -> int | None:
+        due = self._line.next_ns()
+        return min(due, self._queue[0][0]) if self._queue else due
+
+    def read(self) -> list[ByteChunk]:
+        """Return the chunks that have come, stamped now."""
+        now_ns = self._clock.now_ns()
+        chunks = self._line.take(now_ns)
+        for arrival_ns, data in self.tap(chunks) if chunks else ():
+            heapq.heappush(self._queue, (arrival_ns, next(self._order), data))
+        arrived = []
+        while self._queue and self._queue[0][0] <= now_ns:
+            arrived.append(ByteChunk(now_ns, heapq.heappop(self._queue)[2]))
+        return arrived
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the device."""
+        self._plant.write_serial(self._clock.now_ns(), self.device, data)
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Return the descriptor that ends the simulated clock's sleep."""
+        return (self._descriptor,)
+
+    def close(self) -> None:
+        """Forget what is queued."""
+        self._queue.clear()
+
+
+class VirtualBench:
+    """Clock and ports of one plant in virtual time; the plant must have been powered on at t0."""
+
+    def __init__(
+        self, plant: Plant, t0_ns: int, *, seed: int = 0, wake_latency_s: float = WAKE_LATENCY_S
+    ) -> None:
+        self.plant = plant
+        self.clock = SimClock(t0_ns, generator(seed, "host"), wake_latency_s)
+        self.cans = {name: VirtualCan(plant, self.clock, name) for name in plant.segments}
+        self.can = next(iter(self.cans.values()))
+        self.serials = {name: VirtualSerial(plant, self.clock, name) for name in plant.lines}
+        self.imu = self.serials.get("imu")
+        self.star_tracker = self.serials.get("star_tracker")
