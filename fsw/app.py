@@ -1,0 +1,357 @@
+"""The daemon: the only wiring of ports, sources, scheduler, estimator and sinks.
+
+`build` makes it, on whatever clock, ports and sink it is given: `run_live` gives it the machine's,
+the HIL simulated ones, a replay a recording's. There is no second daemon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+from fsw.acquisition import BusInput, ChunkSource, LineInput, LinkKeeper
+from fsw.clock import Clock
+from fsw.commands import Command, JobPort
+from fsw.config import Config
+from fsw.dispatch import Dispatcher, settle
+from fsw.drivers.wire import BytePort, FramePort
+from fsw.errors import EstimatorError
+from fsw.link import Link
+from fsw.messages import Block, Estimate, Event, Window
+from fsw.scheduler.align import Aligner
+from fsw.scheduler.executive import Executive
+from fsw.scheduler.tasks import Task, Tick
+from fsw.sinks import Sink
+from fsw.status import estimate_summary, source_samples, task_summary
+
+IMU = "imu"
+STAR_TRACKER = "star_tracker"
+FOREVER_NS = 1 << 62
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ports:
+    """Open ports by name, and how to open a lost one again.
+
+    A port that is None counts as lost. `passive`: nothing is ever sent (replay).
+    """
+
+    can: Mapping[str, FramePort | None]
+    imu: BytePort | None
+    star_tracker: BytePort | None = None
+    can_openers: Mapping[str, Callable[[], FramePort]] = field(default_factory=dict)
+    line_openers: Mapping[str, Callable[[], BytePort]] = field(default_factory=dict)
+    passive: bool = False
+
+
+class BlockSource(Protocol):
+    """Signal conditioning: windows to blocks."""
+
+    def condition(self, window: Window) -> Block | None:
+        """Return the block of a window; None when it is unusable."""
+        ...
+
+
+class Estimator(Protocol):
+    """The online estimator as the loop sees it."""
+
+    def push(self, block: Block) -> Estimate:
+        """Fold in one block."""
+        ...
+
+    def work(self) -> bool:
+        """Do one bounded unit of background work."""
+        ...
+
+    def finish(self) -> Estimate:
+        """Settle completely."""
+        ...
+
+    def reset(self) -> None:
+        """Return to the prior."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pipeline:
+    """Conditioning and estimation; replaced by fakes in tests of the wiring."""
+
+    conditioner: BlockSource
+    estimator: Estimator
+
+
+class Daemon:
+    """One loop: SYNC, drain, decode, align, estimate, commands, status."""
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        sink: Sink,
+        *,
+        buses: list[BusInput],
+        lines: list[LineInput],
+        pipeline: Pipeline,
+        jobs: JobPort | None,
+        passive: bool,
+    ) -> None:
+        self._config, self._clock, self._sink = config, clock, sink
+        self._buses, self._lines = buses, lines
+        self._pipeline = pipeline
+        self._keeper = LinkKeeper(clock, sink)
+        self._passive = passive
+        self._started = False
+        self._closed: list[Window] = []
+        self._stop_after_window: int | None = None
+        self.aligner = Aligner(config, len(config.joints))
+        self.dispatcher = Dispatcher(pipeline.estimator, sink, jobs)
+        self.latest: Estimate | None = None
+        self.unusable_windows = 0
+        self.executive = Executive(
+            clock,
+            round(1e9 / config.scheduler.tick_rate_hz),
+            self._table(),
+            wake_fds=self._wake_fds,
+            drain=self._stamp_lines,
+        )
+
+    def step(self) -> Tick:
+        """Wait for the next grid point and run one tick."""
+        return self.executive.step()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Tick until told to stop, by `stop` or by command."""
+        while not (stop() or self.dispatcher.stop_requested):
+            self.step()
+
+    def submit(self, command: Command) -> None:
+        """Queue a command for the next tick boundary."""
+        self.dispatcher.submit(command)
+
+    def end_of_data(self, now_ns: int) -> None:
+        """Process all that is stamped at or before `now_ns`; a replay's last step."""
+        tick = Tick(-1, now_ns, now_ns)
+        self._drain(tick)
+        self._ingest(tick)
+        self._estimate(tick)
+
+    def shutdown(self) -> Estimate | None:
+        """Settle the estimator, publish the last estimate and status, release the ports."""
+        now_ns = self._clock.now_ns()
+        stop = {"command": "end", "next_window": self.aligner.next_index}
+        self._sink.command(now_ns, stop)
+        if self.latest is not None:
+            self._publish(settle(self._pipeline.estimator))
+        self._report("info", "STOPPED", f"stopped after {self.executive.slips.ticks} ticks")
+        self._sink.status(now_ns, self.status(now_ns))
+        for member in (*self._buses, *self._lines):
+            member.link.close()
+        self._sink.close()
+        return self.latest
+
+    def status(self, now_ns: int) -> dict[str, Any]:
+        """Return health and counters as plain values."""
+        align, slips = self.aligner, self.executive.slips
+        late = dict(align.late)
+        for bus in self._buses:
+            names = [joint.name for joint in self._config.joints if joint.bus == bus.name]
+            late[bus.name] = sum(align.late[name] for name in names)
+        members: list[BusInput | LineInput] = [*self._buses, *self._lines]
+        return {
+            "t_ns": now_ns,
+            "ticks": slips.ticks,
+            "slips": slips.slips,
+            "max_late_us": slips.max_late_ns / 1e3,
+            "tasks_us": task_summary(slips),
+            "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in members},
+            "links": {m.name: {"up": m.link.up, "losses": m.link.losses} for m in members},
+            "late_joints": {joint.name: late[joint.name] for joint in self._config.joints},
+            "windows": {
+                "closed": align.next_index,
+                "unusable": self.unusable_windows,
+                "early": align.early,
+                "future": align.future,
+                "overflow": align.overflow,
+            },
+            "job": self.dispatcher.job_summary(),
+            "estimate": estimate_summary(self.latest),
+        }
+
+    def _table(self) -> list[Task]:
+        rate_hz = self._config.scheduler.tick_rate_hz
+        rates = {bus.name: bus for bus in self._config.buses}
+        table = [Task("start", 1, self._start)]
+        table += [
+            Task(
+                f"sync_{bus.name}",
+                round(rate_hz / rates[bus.name].rate_hz),
+                partial(self._sync, bus),
+            )
+            for bus in self._buses
+            if rates[bus.name].sync == "producer" and not self._passive
+        ]
+        status = max(1, round(rate_hz / self._config.service.status_rate_hz))
+        return [
+            *table,
+            Task("drain", 1, self._drain),
+            Task("ingest", 1, self._ingest),
+            Task("estimate", 1, self._estimate),
+            Task("commands", 1, self._commands),
+            Task("links", max(1, round(rate_hz / 10.0)), self._retry),
+            Task("status", status, self._status),
+        ]
+
+    def _start(self, _tick: Tick) -> None:
+        if self._started or self._passive:
+            return
+        self._started = True
+        for bus in self._buses:
+            self._keeper.guard(bus, bus.start_nodes)
+        for line in self._lines:
+            self._keeper.guard(line, line.start)
+
+    def _sync(self, bus: BusInput, _tick: Tick) -> None:
+        self._keeper.guard(bus, bus.send_sync)
+
+    def _drain(self, _tick: Tick) -> None:
+        for bus in self._buses:
+            self._keeper.guard(bus, partial(bus.drain, self._sink, self._report))
+        for line in self._lines:
+            self._keeper.guard(line, partial(line.drain, self._sink))
+
+    def _ingest(self, tick: Tick) -> None:
+        align = self.aligner
+        if not align.started:
+            stamps = [bus.first_sync_ns() for bus in self._buses]
+            first = min((t_ns for t_ns in stamps if t_ns is not None), default=None)
+            if first is None:
+                self._feed(FOREVER_NS)
+                return
+            align.start(first)
+        while (deadline_ns := align.deadline_ns) is not None:
+            self._feed(deadline_ns)
+            if deadline_ns > tick.now_ns:
+                break
+            self._closed += align.close(deadline_ns)
+        for bus in self._buses:
+            for severity, code, text in bus.source.events():
+                self._report(severity, code, text)
+
+    def _feed(self, until_ns: int) -> None:
+        push = self.aligner.push
+        for member in (*self._buses, *self._lines):
+            for sample in member.feed(until_ns):
+                push(sample)
+
+    def _estimate(self, _tick: Tick) -> None:
+        if not self._closed:
+            self._guarded(self._pipeline.estimator.work)
+            return
+        closed, self._closed = self._closed, []
+        for window in closed:
+            self.dispatcher.before_window(window.index, self._clock.now_ns())
+            self._guarded(partial(self._use, window))
+
+    def _use(self, window: Window) -> None:
+        block = self._pipeline.conditioner.condition(window)
+        if block is None:
+            self.unusable_windows += 1
+            return
+        self._sink.block(block)
+        self.dispatcher.store(block)
+        self._publish(self._pipeline.estimator.push(block))
+
+    def _guarded(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except EstimatorError as error:
+            self._pipeline.estimator.reset()
+            self._report("high", "ESTIMATOR_RESET", str(error))
+
+    def _publish(self, estimate: Estimate) -> None:
+        self.latest = estimate
+        self._sink.estimate(estimate)
+
+    def _commands(self, tick: Tick) -> None:
+        for estimate in self.dispatcher.run(tick.now_ns, self.aligner.next_index):
+            self._publish(estimate)
+
+    def _retry(self, _tick: Tick) -> None:
+        for member in (*self._buses, *self._lines):
+            self._keeper.retry(member)
+
+    def _status(self, tick: Tick) -> None:
+        self._sink.status(tick.now_ns, self.status(tick.now_ns))
+
+    def _wake_fds(self) -> list[int]:
+        return [fd for line in self._lines for fd in line.link.wake_fds()]
+
+    def _stamp_lines(self) -> None:
+        for line in self._lines:
+            self._keeper.guard(line, line.stamp)
+
+    def _report(self, severity: str, code: str, text: str) -> None:
+        self._sink.event(Event(self._clock.now_ns(), severity, code, text))
+
+
+def build(
+    config: Config,
+    clock: Clock,
+    ports: Ports,
+    sink: Sink,
+    *,
+    pipeline: Pipeline | None = None,
+    jobs: JobPort | None = None,
+) -> Daemon:
+    """Wire one daemon; opens and sends nothing.
+
+    Parameters
+    ----------
+    pipeline : conditioning and estimation; None: as the configuration says
+    jobs : where batch jobs run; None: they are refused
+    """
+    from fsw.drivers.codecs import canopen
+    from fsw.drivers.sources import ImuSource, JointBusSource, StarTrackerSource
+
+    buses = []
+    for bus in config.buses:
+        joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
+        nodes = {} if ports.passive else {j.node_id: canopen.encode_nmt(1, j.node_id) for _, j in joints}
+        link = Link(f"can/{bus.name}", ports.can.get(bus.name), ports.can_openers.get(bus.name))
+        buses.append(BusInput(bus.name, nodes, link, JointBusSource(bus, joints), clock))
+
+    def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
+        return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
+
+    lines = [line(IMU, ports.imu, ImuSource(config.imu), b"")]
+    if config.star_tracker is not None:
+        tracker = StarTrackerSource(config.star_tracker)
+        lines.append(line(STAR_TRACKER, ports.star_tracker, tracker, tracker.start_bytes()))
+    return Daemon(
+        config,
+        clock,
+        sink,
+        buses=buses,
+        lines=lines,
+        pipeline=pipeline or default_pipeline(config),
+        jobs=jobs,
+        passive=ports.passive,
+    )
+
+
+def default_pipeline(config: Config) -> Pipeline:
+    """Return the configured conditioning and online estimator."""
+    from fsw.estimators.online import build_online
+
+    online = build_online(config)
+    return Pipeline(conditioner=online.conditioner, estimator=online)
+
+
+def run_live(config: Config, config_path: Path | None = None) -> int:
+    """Run on the machine's clock and devices until SIGTERM or SIGINT; return the exit code."""
+    from fsw import live
+
+    return live.run(config, config_path)

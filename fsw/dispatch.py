@@ -1,0 +1,201 @@
+"""The one command queue, applied at the tick boundary, and the state of the batch job."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from fsw.commands import (
+    BatchRequest,
+    Code,
+    Command,
+    CommandName,
+    JobPort,
+    JobReport,
+    Reply,
+)
+from fsw.errors import CommandError, EstimatorError
+from fsw.messages import Block, Estimate, Event
+from fsw.sinks import Sink
+
+QUEUE_LIMIT = 64
+
+
+class Resettable(Protocol):
+    """What commands need of the estimator."""
+
+    def work(self) -> bool:
+        """Do one bounded unit of background work; True while more is due."""
+        ...
+
+    def finish(self) -> Estimate:
+        """Settle completely."""
+        ...
+
+    def reset(self) -> None:
+        """Return to the prior."""
+        ...
+
+
+@runtime_checkable
+class Adopting(Protocol):
+    """An estimator that can take a batch result as its prior."""
+
+    def adopt(self, result: Mapping[str, Any]) -> None:
+        """Start again from a batch result. Raises EstimatorError when it does not fit."""
+        ...
+
+
+def settle(estimator: Resettable) -> Estimate:
+    """Finish what is due, then settle: the result must not depend on how many ticks went by."""
+    while estimator.work():
+        pass
+    return estimator.finish()
+
+
+class Dispatcher:
+    """Applies commands in order of arrival and follows the one batch job.
+
+    Every applied command is handed to the sink with the index of the window it came before, and with
+    what it needs to be applied again: so a replay applies it at the same place.
+    """
+
+    def __init__(self, estimator: Resettable, sink: Sink, jobs: JobPort | None) -> None:
+        self._estimator, self._sink, self._jobs = estimator, sink, jobs
+        self._queue: deque[Command] = deque()
+        self._planned: deque[tuple[int, Command]] = deque()
+        self._running: BatchRequest | None = None
+        self._report: JobReport | None = None
+        self._result: Mapping[str, Any] | None = None
+        self.stop_requested = False
+
+    def submit(self, command: Command) -> None:
+        """Queue a command; refuse it at once when the queue is full."""
+        if len(self._queue) >= QUEUE_LIMIT:
+            text = f"{QUEUE_LIMIT} commands wait already"
+            self._answer(command, Code.QUEUE_FULL, text)
+            return
+        self._queue.append(command)
+
+    def plan(self, window: int, command: Command) -> None:
+        """Apply a recorded command right before the given window; call in order."""
+        self._planned.append((window, command))
+
+    def store(self, block: Block) -> None:
+        """Keep a block for later jobs."""
+        if self._jobs is not None:
+            self._jobs.store(block)
+
+    def before_window(self, index: int, now_ns: int) -> None:
+        """Apply recorded commands that came before this window."""
+        while self._planned and self._planned[0][0] <= index:
+            self._apply(self._planned.popleft()[1], now_ns, index)
+
+    def run(self, now_ns: int, next_window: int) -> list[Estimate]:
+        """Apply what is queued; return the estimates it gave."""
+        if self._jobs is not None:
+            for report in self._jobs.poll(now_ns):
+                self._follow(report, now_ns)
+        estimates = []
+        while self._queue:
+            estimate = self._apply(self._queue.popleft(), now_ns, next_window)
+            if estimate is not None:
+                estimates.append(estimate)
+        return estimates
+
+    def job_summary(self) -> dict[str, Any] | None:
+        """Return the newest report of the batch job as plain values."""
+        report = self._report
+        if report is None:
+            return None
+        summary = {"id": report.id, "state": report.state, "progress": report.progress}
+        return summary | {"text": report.text, "result": report.result}
+
+    def _apply(self, command: Command, now_ns: int, next_window: int) -> Estimate | None:
+        try:
+            args, estimate = self._execute(command, now_ns)
+        except CommandError as error:
+            self._answer(command, Code(error.code), str(error))
+            return None
+        except EstimatorError as error:
+            self._answer(command, Code.ESTIMATOR, str(error))
+            return None
+        record = {"command": str(command.name), "id": command.id, "args": args}
+        self._sink.command(now_ns, record | {"next_window": next_window})
+        self._answer(command, Code.ACCEPTED, "")
+        return estimate
+
+    def _execute(
+        self, command: Command, now_ns: int
+    ) -> tuple[Mapping[str, Any], Estimate | None]:
+        name = command.name
+        estimate: Estimate | None = None
+        args: Mapping[str, Any] = command.args
+        if name is CommandName.RESET:
+            self._estimator.reset()
+        elif name is CommandName.FINISH:
+            estimate = settle(self._estimator)
+        elif name is CommandName.STOP:
+            self.stop_requested = True
+        elif name is CommandName.RUN_BATCH:
+            self._run_batch(command, now_ns)
+        elif name is CommandName.ABORT_BATCH:
+            self._abort()
+        elif name is CommandName.ADOPT:
+            args = {"result": self._adopt(command)}
+        return args, estimate
+
+    def _run_batch(self, command: Command, now_ns: int) -> None:
+        if self._jobs is None:
+            raise CommandError(Code.NOT_SUPPORTED, "no batch worker here")
+        if self._running is not None:
+            raise CommandError(Code.JOB_RUNNING, f"job {self._running.id} is running")
+        request = BatchRequest(
+            id=command.id,
+            method=str(command.args["method"]),
+            unknown=tuple(command.args["unknown"]),
+            last_s=command.args.get("last_s"),
+        )
+        self._running = request
+        self._result = None
+        self._report = JobReport(id=request.id, state="running", progress=0.0)
+        self._jobs.submit(request, now_ns)
+
+    def _abort(self) -> None:
+        if self._jobs is None or self._running is None:
+            raise CommandError(Code.NO_JOB, "no batch job is running")
+        self._jobs.abort()
+
+    def _adopt(self, command: Command) -> Mapping[str, Any]:
+        result = command.args.get("result", self._result)
+        if result is None:
+            raise CommandError(Code.NO_RESULT, "no batch job has ended with a result")
+        if not isinstance(self._estimator, Adopting):
+            raise CommandError(Code.NOT_SUPPORTED, "this estimator adopts no batch result")
+        self._estimator.adopt(result)
+        return dict(result)
+
+    def _follow(self, report: JobReport, now_ns: int) -> None:
+        if self._running is None or report.id != self._running.id:
+            return
+        self._report = report
+        if report.state == "running":
+            return
+        self._running = None
+        if report.state == "done":
+            self._result = report.result
+        severity = "info" if report.state == "done" else "medium"
+        text = f"batch job {report.id} {report.state}" + (f": {report.text}" if report.text else "")
+        self._sink.event(Event(now_ns, severity, "BATCH_" + report.state.upper(), text))
+
+    def _answer(self, command: Command, code: Code, text: str) -> None:
+        self._sink.reply(
+            Reply(
+                id=command.id,
+                command=str(command.name),
+                accepted=code is Code.ACCEPTED,
+                code=code,
+                text=text,
+            )
+        )

@@ -1,0 +1,1 @@
+"""Fixed-rate executive and alignment of samples into windows."""

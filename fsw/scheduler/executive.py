@@ -1,0 +1,93 @@
+"""The fixed-rate executive: an absolute grid, one wait per tick, slips counted and never burst."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from fsw.clock import Clock
+from fsw.scheduler.tasks import Slips, Task, TaskTimes, Tick, is_due
+
+MAX_EARLY_WAKES = 64  # per tick; a descriptor that stays readable must not spin the loop
+
+
+def _no_descriptors() -> Sequence[int]:
+    return ()
+
+
+def _nothing() -> None:
+    return None
+
+
+class Executive:
+    """Run a task table on the grid t0 + k * period.
+
+    Parameters
+    ----------
+    clock : the only source of time
+    period_ns : tick period [ns]
+    tasks : table; every row whose rate group is due runs, in table order
+    wake_fds : descriptors that may end the wait early
+    drain : run after an early wake, nothing else; then the wait goes on
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        period_ns: int,
+        tasks: Sequence[Task],
+        *,
+        wake_fds: Callable[[], Sequence[int]] = _no_descriptors,
+        drain: Callable[[], None] = _nothing,
+    ) -> None:
+        if period_ns <= 0:
+            raise ValueError(f"period_ns {period_ns} must be positive")
+        self._clock = clock
+        self._period_ns = period_ns
+        self._tasks = tuple(tasks)
+        self._wake_fds = wake_fds
+        self._drain = drain
+        self._t0_ns: int | None = None
+        self._index = -1
+        self.slips = Slips(times={task.name: TaskTimes() for task in tasks})
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """Grid time of the next tick [ns]; None before the first."""
+        if self._t0_ns is None:
+            return None
+        return self._t0_ns + (self._index + 1) * self._period_ns
+
+    def step(self) -> Tick:
+        """Wait for the next grid point, skip the missed ones, run what is due."""
+        tick = self._wait()
+        previous, self._index = self._index, tick.index
+        self.slips.ticks += 1
+        started_ns = self._clock.now_ns()
+        for task in self._tasks:
+            if not is_due(task.divisor, tick.index, previous):
+                continue
+            task.run(tick)
+            ended_ns = self._clock.now_ns()
+            self.slips.times[task.name].add(ended_ns - started_ns)
+            started_ns = ended_ns
+        return tick
+
+    def _wait(self) -> Tick:
+        if self._t0_ns is None:
+            self._t0_ns = self._clock.now_ns()
+        index = self._index + 1
+        due_ns = self._t0_ns + index * self._period_ns
+        fds = self._wake_fds()
+        wakes = 0
+        while not self._clock.sleep_until_ns(due_ns, fds):
+            wakes += 1
+            self._drain()
+            fds = self._wake_fds() if wakes < MAX_EARLY_WAKES else ()
+        self.slips.early_wakes += wakes
+        now_ns = self._clock.now_ns()
+        late_ns = now_ns - due_ns
+        missed = max(late_ns // self._period_ns, 0)
+        self.slips.slips += missed
+        self.slips.max_late_ns = max(self.slips.max_late_ns, late_ns)
+        index += missed
+        return Tick(index, due_ns + missed * self._period_ns, now_ns)

@@ -1,0 +1,69 @@
+"""Rate groups: a table of tasks, each run every `divisor`-th tick, with time statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One run of the loop."""
+
+    index: int  # position on the absolute grid; skipped ticks leave gaps
+    due_ns: int  # grid time
+    now_ns: int  # when the loop really woke, read before anything is drained
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One row of the table; rows run in table order."""
+
+    name: str
+    divisor: int
+    run: Callable[[Tick], None]
+
+    def __post_init__(self) -> None:
+        if self.divisor < 1:
+            raise ValueError(f"task {self.name!r}: divisor {self.divisor} must be at least 1")
+
+
+@dataclass(slots=True)
+class TaskTimes:
+    """Time one task took [ns]."""
+
+    count: int = 0
+    last_ns: int = 0
+    total_ns: int = 0
+    max_ns: int = 0
+
+    def add(self, elapsed_ns: int) -> None:
+        """Account for one run."""
+        self.count += 1
+        self.last_ns = elapsed_ns
+        self.total_ns += elapsed_ns
+        self.max_ns = max(self.max_ns, elapsed_ns)
+
+    @property
+    def mean_ns(self) -> float:
+        """Mean over all runs [ns]; 0 before the first."""
+        return self.total_ns / self.count if self.count else 0.0
+
+
+@dataclass(slots=True)
+class Slips:
+    """How the loop kept its grid."""
+
+    ticks: int = 0  # ticks run
+    slips: int = 0  # grid points skipped because the loop was late
+    max_late_ns: int = 0
+    early_wakes: int = 0  # waits ended early by a descriptor
+    times: dict[str, TaskTimes] = field(default_factory=dict)
+
+
+def is_due(divisor: int, index: int, previous: int) -> bool:
+    """Tell whether a multiple of `divisor` lies in (previous, index].
+
+    A rate group whose own grid point was skipped runs at the next tick instead of a period later.
+    """
+    return index // divisor > previous // divisor
