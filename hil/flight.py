@@ -1,0 +1,226 @@
+"""The files a run needs: the flight configuration (no truth of an unknown body) and the plant's."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hil.bound import Sensors
+from hil.inertia import FloatArray
+from hil.robot import Robot
+from hil.scenario import Prior, Scenario, ScenarioError, mapping_from, replace_base
+from hil.sensors import JointSensorConfig, NodeConfig, SensorConfig, rotation_of
+
+BUS = "arm"
+FIRST_NODE_ID = 0x11
+URDF = "robot.urdf"
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of the joint nodes
+POSITION_STEP_RAD = 2 * math.pi / 2**24
+
+
+def nodes_of(sensors: SensorConfig, n: int) -> tuple[NodeConfig, ...]:
+    """Return the joint nodes, base to tool.
+
+    Raises
+    ------
+    ScenarioError if their number is not the robot's.
+    """
+    default = tuple(NodeConfig(node_id=FIRST_NODE_ID + i) for i in range(n))
+    nodes = sensors.joints.nodes or default
+    if len(nodes) != n:
+        raise ScenarioError(f"sensors.joints.nodes: {len(nodes)} nodes for {n} joints")
+    return nodes
+
+
+def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig) -> float:
+    """Return 1 sigma of one torque sample with the wire's rounding."""
+    return math.hypot(joints.torque_noise_nm, TORQUE_STEP_NM[node.format] / math.sqrt(12))
+
+
+def position_noise_rad(joints: JointSensorConfig) -> float:
+    """Return 1 sigma of one position sample: noise, encoder step, and the wire's step."""
+    encoder = 2 * math.pi / 2**joints.encoder_bits
+    return math.hypot(joints.encoder_noise_rad, math.hypot(encoder, POSITION_STEP_RAD) / 12**0.5)
+
+
+def flight_document(
+    scenario: Scenario,
+    priors: Mapping[str, Prior],
+    joint_names: tuple[str, ...],
+    bus_port: int,
+    overrides: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
+
+    `overrides` go into its estimator section.
+    """
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    flight = scenario.flight
+    bodies: dict[str, Any] = {}
+    for body, report in scenario.truth.items():
+        if body in priors:
+            prior = priors[body]
+            bodies[body] = mapping_from(prior.report) | {"sigma": mapping_from(prior.sigma)}
+        else:
+            bodies[body] = mapping_from(report)
+    joints = [
+        {
+            "name": name,
+            "bus": node.bus,
+            "node_id": node.node_id,
+            "format": node.format,
+            "sign": node.sign,
+            "zero_offset_rad": node.zero_offset_rad,
+            "torque_limit_nm": flight["torque_limit_nm"],
+            "speed_limit_rad_s": flight["speed_limit_rad_s"],
+            "torque_noise_nm": torque_noise_nm(sensors.joints, node),
+            "torque_offset_sigma_nm": sensors.joints.torque_offset_sigma_nm,
+            "position_noise_rad": position_noise_rad(sensors.joints),
+        }
+        for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
+    ]
+    document: dict[str, Any] = {
+        "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame},
+        "bodies": bodies,
+        "unknown": list(scenario.unknown),
+        "buses": [
+            {
+                "name": BUS,
+                **flight["bus"],
+                "port": bus_port,
+                "fd": any(joint["format"] == "fd" for joint in joints),
+                "sync": "producer",
+                "sync_counter_max": sensors.joints.sync_counter_max,
+                "latch_offset_s": sensors.joints.latch_offset_s,
+            }
+        ],
+        "joints": joints,
+        "imu": _imu(sensors),
+        "scheduler": {"tick_rate_hz": flight["tick_rate_hz"]},
+        "estimator": dict(flight["estimator"]) | dict(overrides),
+        "recorder": {"directory": "recording"},
+        "service": {"state_directory": "state"},
+    }
+    if sensors.star_tracker is not None:
+        document["star_tracker"] = _star_tracker(sensors)
+    return document
+
+
+def _imu(sensors: SensorConfig) -> dict[str, Any]:
+    imu = sensors.imu
+    if imu is None:
+        raise ScenarioError("sensors.imu: missing; the estimator needs one")
+    return {
+        "port": "imu",
+        "baud_rate": imu.baud_rate,
+        "rate_hz": float(imu.rate_hz),
+        "crlf": imu.crlf,
+        "acc_range_g": imu.acc_range_g,
+        "mounting": {"p_BS_m": list(imu.p_BS_m), "q_BS_xyzw": list(imu.q_BS_xyzw)},
+        "gyro_group_delay_s": imu.gyro_group_delay_s,
+        "acc_group_delay_s": imu.acc_group_delay_s,
+        "angle_random_walk_rad_sqrt_s": imu.angle_random_walk_rad_sqrt_s,
+        "velocity_random_walk_m_s_sqrt_s": imu.velocity_random_walk_m_s_sqrt_s,
+        "gyro_bias_sigma_rad_s": imu.gyro_bias_sigma_rad_s,
+        "acc_bias_sigma_m_s2": imu.acc_bias_sigma_m_s2,
+    }
+
+
+def _star_tracker(sensors: SensorConfig) -> dict[str, Any]:
+    tracker = sensors.star_tracker
+    if tracker is None:
+        return {}
+    return {
+        "port": "star_tracker",
+        "baud_rate": tracker.baud_rate,
+        "rate_hz": tracker.rate_hz,
+        "mounting": {"p_BS_m": list(tracker.p_BS_m), "q_BS_xyzw": list(tracker.q_BS_xyzw)},
+        "time": "arrival",
+        "latency_s": tracker.latency_s,
+        "rotation": tracker.rotation,
+        "noise_across_rad": tracker.noise_across_rad,
+        "noise_about_rad": tracker.noise_about_rad,
+        "subscribe": not tracker.subscribed,
+    }
+
+
+def plant_document(scenario: Scenario, seed: int, folder: Path, bus_port: int) -> dict[str, Any]:
+    """Return the real-time plant's file: the truth; the flight side never reads it."""
+    bus = scenario.flight["bus"]
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    links: dict[str, Any] = {
+        "buses": [
+            {
+                "name": BUS,
+                "interface": bus["interface"],
+                "channel": bus["channel"],
+                "port": bus_port,
+                "fd": any(node.format == "fd" for node in sensors.joints.nodes),
+            }
+        ],
+        "imu": "imu",
+    }
+    if sensors.star_tracker is not None:
+        links["star_tracker"] = "star_tracker"
+    return {
+        "robot": {
+            "urdf": os.path.relpath(scenario.urdf, folder),
+            "tool_frame": scenario.tool_frame,
+        },
+        "trajectory": os.path.relpath(scenario.identification, folder),
+        "bodies": {body: mapping_from(report) for body, report in scenario.truth.items()},
+        "sensors": scenario.sensors,
+        "links": links,
+        "start_delay_s": scenario.before_s,
+        "seed": seed,
+        "realtime": {"priority": 40},
+    }
+
+
+def write_flight(
+    folder: Path, scenario: Scenario, priors: Mapping[str, Prior], document: Mapping[str, Any]
+) -> Path:
+    """Write the flight configuration and the robot file it names; return the former's path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    base: FloatArray = priors["base"].report if "base" in priors else scenario.truth["base"]
+    (folder / URDF).write_text(replace_base(scenario.urdf, base), encoding="utf-8")
+    return write_yaml(folder / "flight.yaml", document)
+
+
+def write_yaml(path: Path, document: Mapping[str, Any]) -> Path:
+    """Write a YAML file; return its path."""
+    text = yaml.safe_dump(dict(document), sort_keys=False, default_flow_style=None, width=100)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def bound_sensors(scenario: Scenario, n: int) -> Sensors:
+    """Return the raw sensors' white noise at native rates; rounding of the wire is not in it."""
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    imu = sensors.imu
+    if imu is None:
+        raise ScenarioError("sensors.imu: missing; the bound needs one")
+    root_rate = math.sqrt(imu.rate_hz)
+    return Sensors(
+        joint_rate_hz=float(scenario.flight["bus"]["rate_hz"]),
+        torque_noise_nm=np.full(n, sensors.joints.torque_noise_nm),
+        torque_offset_sigma_nm=np.full(n, sensors.joints.torque_offset_sigma_nm),
+        imu_rate_hz=float(imu.rate_hz),
+        gyro_noise_rad_s=imu.angle_random_walk_rad_sqrt_s * root_rate,
+        gyro_bias_sigma_rad_s=imu.gyro_bias_sigma_rad_s,
+        acc_noise_m_s2=imu.velocity_random_walk_m_s_sqrt_s * root_rate,
+        acc_bias_sigma_m_s2=imu.acc_bias_sigma_m_s2,
+        p_BS_m=np.array(imu.p_BS_m),
+        R_BS=rotation_of(imu.q_BS_xyzw),
+    )
+
+
+def joint_names(scenario: Scenario) -> tuple[str, ...]:
+    """Return the robot's joints from base to tool."""
+    return Robot.load(scenario.urdf, scenario.tool_frame).joint_names
