@@ -1,0 +1,45 @@
+"""Time as a port: the only module of the flight software that reads a clock."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Sequence
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Monotonic time and the one wait of the loop."""
+
+    def now_ns(self) -> int:
+        """Return monotonic time [ns]."""
+        ...
+
+    def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
+        """Sleep until the deadline, or until a descriptor is readable.
+
+        Returns
+        -------
+        True when the deadline has come, False when a descriptor woke the caller early. Waking on
+        serial descriptors is what gives a datagram an arrival stamp much finer than the tick.
+        """
+        ...
+
+
+class MonotonicClock:
+    """The machine's CLOCK_MONOTONIC."""
+
+    def now_ns(self) -> int:
+        """Return CLOCK_MONOTONIC [ns]."""
+        return time.monotonic_ns()
+
+    def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
+        """Sleep with one ppoll (descriptors) or one absolute nanosleep."""
+        remaining_ns = deadline_ns - time.monotonic_ns()
+        if remaining_ns <= 0:
+            return True
+        if not wake_fds:
+            time.sleep(remaining_ns * 1e-9)
+            return True
+        readable, _, _ = select.select(wake_fds, (), (), remaining_ns * 1e-9)
+        return not readable

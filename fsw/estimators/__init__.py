@@ -1,0 +1,1 @@
+"""Estimators: one measurement model, recursive and batch solutions."""

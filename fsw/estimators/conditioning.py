@@ -1,0 +1,202 @@
+"""Signal conditioning: from a window of samples to a block of nodes where all is known at once.
+
+Every channel, and the derivatives qd, qdd and wd, is read at the same Gauss-Legendre instants, with
+the covariance that its samples' white noise leaves. Outliers are removed by their distance from the
+window's own polynomial and counted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.estimators.model import RobotModel
+from fsw.estimators.polynomial import NodeFit, gauss_nodes
+from fsw.estimators.problem import joint_order
+from fsw.messages import Block, ChannelWindow, FloatArray, Window
+
+GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
+EXTRA_POSITION_DEGREE = 3  # the position's polynomial must still have a good second derivative
+
+
+def rotation_from_xyzw(q: FloatArray) -> FloatArray:
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4) in xyzw order."""
+    x, y, z, w = np.moveaxis(np.asarray(q, float), -1, 0)
+    R = np.empty((*x.shape, 3, 3))
+    R[..., 0, 0], R[..., 1, 1] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
+    R[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    R[..., 0, 1], R[..., 1, 0] = 2 * (x * y - z * w), 2 * (x * y + z * w)
+    R[..., 0, 2], R[..., 2, 0] = 2 * (x * z + y * w), 2 * (x * z - y * w)
+    R[..., 1, 2], R[..., 2, 1] = 2 * (y * z - x * w), 2 * (y * z + x * w)
+    return R
+
+
+class Conditioner:
+    """Turns windows into blocks; keeps only counters.
+
+    `order[k]` is the index, in the configured joint list, of the model's joint k.
+    """
+
+    def __init__(self, config: Config, order: tuple[int, ...]) -> None:
+        self._nodes = config.estimator.nodes
+        self._order = order
+        self._joints = tuple(config.joints[k] for k in order)
+        imu = config.imu
+        self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
+        self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
+        self._sigma_acc = imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5
+        self.outliers = 0
+        self.unusable_windows = 0
+
+    def condition(self, window: Window) -> Block | None:
+        """Return the block of a window, or None when the arm's motion cannot be known in it.
+
+        A joint without position makes the window unusable; a missing gyro or accelerometer is
+        marked in the block and its rows stay out of the update.
+        """
+        m, n = self._nodes, len(self._order)
+        centre_ns = (window.start_ns + window.stop_ns) // 2
+        half_s = (window.stop_ns - window.start_ns) * 0.5e-9
+        joints = [window.joints[k] for k in self._order]
+        if any(joint.missing for joint in joints):
+            self.unusable_windows += 1
+            return None
+        q, qd, qdd, tau = (np.empty((m, n)) for _ in range(4))
+        cov_joint, cov_tau = np.empty((n, 2 * m, 2 * m)), np.empty((n, m, m))
+        shared: _JointFits | None = None
+        for k, (joint, channel) in enumerate(zip(self._joints, joints, strict=True)):
+            t_s = _seconds(channel, centre_ns)
+            if shared is None or not shared.fits(t_s):
+                shared = _JointFits(t_s, half_s, m)
+            fits, coefficients, removed = shared.solve(
+                channel.values, joint.position_noise_rad, joint.torque_noise_nm
+            )
+            self.outliers += removed
+            if fits is None:
+                self.unusable_windows += 1
+                return None
+            position, torque = coefficients
+            q[:, k] = fits.position.operator(0) @ position
+            qd[:, k] = fits.position.operator(1) @ position
+            qdd[:, k] = fits.position.operator(2) @ position
+            tau[:, k] = fits.torque.operator(0) @ torque
+            cov_joint[k] = fits.position.covariance((1, 2), joint.position_noise_rad)
+            cov_tau[k] = fits.torque.covariance((0,), joint.torque_noise_nm)
+        gyro, cov_gyro, has_gyro = self._inertial(
+            window.gyro, centre_ns, half_s, self._sigma_gyro, (0, 1)
+        )
+        force, cov_acc, has_acc = self._inertial(
+            window.accelerometer, centre_ns, half_s, self._sigma_acc, (0,)
+        )
+        t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
+        R_NB, has_attitude = _attitude(window.attitude, t_ns)
+        return Block(
+            index=window.index,
+            t_ns=t_ns,
+            q_rad=q,
+            qd_rad_s=qd,
+            qdd_rad_s2=qdd,
+            tau_nm=tau,
+            w_NB_B_rad_s=gyro[:m] @ self._R_BS.T,
+            wd_NB_B_rad_s2=gyro[m:] @ self._R_BS.T,
+            f_NS_B_m_s2=force @ self._R_BS.T,
+            R_NB=R_NB,
+            cov_joint=cov_joint,
+            cov_tau=cov_tau,
+            cov_gyro=cov_gyro,
+            cov_acc=cov_acc,
+            has_joint=np.ones(n, dtype=bool),
+            has_gyro=has_gyro,
+            has_accelerometer=has_acc,
+            has_attitude=has_attitude,
+        )
+
+    def _inertial(
+        self,
+        channel: ChannelWindow,
+        centre_ns: int,
+        half_s: float,
+        sigma: float,
+        orders: tuple[int, ...],
+    ) -> tuple[FloatArray, FloatArray, bool]:
+        """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable."""
+        m = self._nodes
+        rows = m * len(orders)
+        if not channel.missing:
+            t_s, values = _seconds(channel, centre_ns), channel.values
+            keep = np.ones(len(t_s), dtype=bool)
+            for _ in range(3):
+                fit = NodeFit(t_s[keep], half_s, m - 1, m)
+                coefficients = fit.coefficients(values[keep])
+                good = _inliers(fit.residuals(values[keep], coefficients), sigma)
+                if good.all():
+                    E = np.concatenate([fit.operator(order) for order in orders])
+                    return E @ coefficients, fit.covariance(orders, sigma), True
+                self.outliers += int(np.sum(~good))
+                keep[keep] = good
+                if keep.sum() < 2 * m:
+                    break
+        return np.zeros((rows, 3)), np.eye(rows), False
+
+
+class _JointFits:
+    """The two polynomials of one joint's window; joints latched by the same SYNCs share them."""
+
+    def __init__(self, t_s: FloatArray, half_s: float, nodes: int) -> None:
+        self._t_s = t_s
+        self._half_s = half_s
+        self._nodes = nodes
+        self.position = NodeFit(t_s, half_s, nodes - 1 + EXTRA_POSITION_DEGREE, nodes)
+        self.torque = NodeFit(t_s, half_s, nodes - 1, nodes)
+
+    def fits(self, t_s: FloatArray) -> bool:
+        return np.array_equal(t_s, self._t_s)
+
+    def solve(
+        self, values: FloatArray, sigma_position: float, sigma_torque: float
+    ) -> tuple[_JointFits | None, tuple[FloatArray, FloatArray], int]:
+        """Return the fits without outliers, both coefficients, how many outliers."""
+        fits, removed = self, 0
+        for _ in range(3):
+            position = fits.position.coefficients(values[:, 0])
+            torque = fits.torque.coefficients(values[:, 1])
+            good = _inliers(
+                fits.position.residuals(values[:, :1], position[:, None]), sigma_position
+            )
+            good &= _inliers(fits.torque.residuals(values[:, 1:], torque[:, None]), sigma_torque)
+            if good.all():
+                return fits, (position, torque), removed
+            removed += int(np.sum(~good))
+            if good.sum() < 2 * (self._nodes + EXTRA_POSITION_DEGREE):
+                break
+            values = values[good]
+            fits = _JointFits(fits._t_s[good], self._half_s, self._nodes)
+        return None, (np.empty(0), np.empty(0)), removed
+
+
+def _seconds(channel: ChannelWindow, centre_ns: int) -> FloatArray:
+    return np.asarray(channel.t_ns - centre_ns, dtype=np.float64) * 1e-9
+
+
+def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:
+    """Return (k,) which samples lie within the gate on every axis.
+
+    The scale is the larger of the declared noise and the window's own median deviation, so that a
+    noisier sensor than declared degrades instead of losing every sample.
+    """
+    scale = np.maximum(sigma, 1.4826 * np.median(np.abs(residuals), axis=0))
+    good: np.ndarray = np.all(np.abs(residuals) <= GATE_SIGMAS * scale, axis=1)
+    return good
+
+
+def _attitude(channel: ChannelWindow, t_ns: np.ndarray) -> tuple[FloatArray, bool]:
+    """Return R_NB at the nodes (nearest solution of the window), and whether there is one."""
+    if channel.missing or len(channel.t_ns) == 0:
+        return np.broadcast_to(np.eye(3), (len(t_ns), 3, 3)).copy(), False
+    nearest = np.abs(channel.t_ns[None, :] - t_ns[:, None]).argmin(axis=1)
+    return rotation_from_xyzw(channel.values[nearest]), True
+
+
+def build_conditioner(config: Config, model: RobotModel) -> Conditioner:
+    """Build the conditioner of a configuration for its robot."""
+    return Conditioner(config, joint_order(config, model))

@@ -1,0 +1,179 @@
+"""The fused measurement model: torque, accelerometer and gyro predicted from joint motion alone.
+
+At zero (or known, or estimated) momentum the base's whole motion follows from the arm's, so the
+prediction needs no base measurement and no v_b; gyro and accelerometer are pure measurements. Every
+Jacobian is exact and comes from two regressors and one 6 x 6 factorisation per node:
+
+    w     = [-H_bb^-1 H_bm qd + H_bb^-1 [0; L_B]]_3:6               J_nu = -H_bb^-1 Y_h
+    a_b   = -H_bb^-1 (c_b + H_bm qdd)                               J_a  = -H_bb^-1 (Y_b + C_b J_w)
+    tau   = c_m + H_bm^T a_b + H_m qdd                              J_tau = Y_m + H_bm^T J_a + C_m
+    J_w f     = a_b + wd x r + w x (w x r)
+
+with Y_h the base rows of Y(q, 0, nu) at the full predicted nu (v_b included) and C = dc/dw. RDA
+(eqs. 22-23 of the paper) is the torque channel, CM (eq. 30) the gyro channel of the same model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from fsw.estimators.inertia import skew
+from fsw.estimators.mrnea import Rows, _has, _root
+from fsw.estimators.problem import Problem
+from fsw.messages import Block, FloatArray
+
+CHANNELS = ("torque", "accelerometer", "gyro")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Predicted channels at m nodes and their Jacobians with respect to the state (p)."""
+
+    tau_nm: FloatArray  # (m, n)
+    f_m_s2: FloatArray  # (m, 3)
+    w_rad_s: FloatArray  # (m, 3)
+    J_tau: FloatArray  # (m, n, p)
+    J_f: FloatArray  # (m, 3, p)
+    J_w: FloatArray  # (m, 3, p)
+    D_qdd: FloatArray  # (m, n + 3, n): d[tau; f]/d qdd
+    D_qd: FloatArray  # (m, n + 6, n): d[tau; f; w]/d qd
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Dynamics:
+    """Mass matrix, velocity derivative and regressors at the nodes' predicted base motion."""
+
+    H: FloatArray  # (m, 6+n, 6+n)
+    C: FloatArray  # (m, 6+n, 6+n)
+    Y: FloatArray  # (m, 6+n, k) at the predicted acceleration, unknown bodies' columns
+    Y_h: FloatArray  # (m, 6, k) momentum regressor
+    nu: FloatArray  # (m, 6) predicted base velocity
+    a: FloatArray  # (m, 6) predicted base acceleration
+    force: FloatArray  # (m, n) joint torque
+
+
+def _dynamics(block: Block, x: FloatArray, problem: Problem) -> _Dynamics:
+    model, n, m = problem.model, problem.model.n, len(block.t_ns)
+    pi = problem.pi(x)
+    model.set_parameters(pi)
+    H, C = np.empty((2, m, 6 + n, 6 + n))
+    Y, Y_h = np.empty((2, m, 6 + n, pi.size))
+    nu, a = np.zeros((2, m, 6 + n))
+    nu[:, 6:], a[:, 6:] = block.qd_rad_s, block.qdd_rad_s2
+    momentum = np.zeros((m, 6))
+    if _has(problem.momentum):
+        momentum[:, 3:] = x[problem.momentum] @ block.R_NB
+    for i in range(m):
+        q, qd = block.q_rad[i], block.qd_rad_s[i]
+        H[i] = model.mass_matrix(q)
+        nu[i, :6] = np.linalg.solve(H[i, :6, :6], momentum[i] - H[i, :6, 6:] @ qd)
+        Y_h[i] = model.momentum_regressor(q, nu[i])
+        w = nu[i, 3:6]
+        bias = model.regressor(q, w, qd, a[i])[:6] @ pi
+        a[i, :6] = -np.linalg.solve(H[i, :6, :6], bias)
+        Y[i] = model.regressor(q, w, qd, a[i])
+        C[i] = model.bias_derivative(q, w, qd, a[i])
+    return _Dynamics(
+        H, C, Y @ problem.U, Y_h[:, :6] @ problem.U, nu[:, :6], a[:, :6], Y[:, 6:] @ pi
+    )
+
+
+def predict(block: Block, x: FloatArray, problem: Problem) -> Prediction:
+    """Predict every channel at the nodes of a block from joint motion, with exact Jacobians."""
+    m, n = block.q_rad.shape
+    p, k, r = len(x), problem.bodies, problem.p_BS_m
+    d = _dynamics(block, x, problem)
+    H_bb, H_bm, C_w = d.H[:, :6, :6], d.H[:, :6, 6:], d.C[:, :, 3:6]
+    J_nu = np.zeros((m, 6, p))
+    J_nu[:, :, k] = -np.linalg.solve(H_bb, d.Y_h)
+    if _has(problem.momentum):
+        moment = np.concatenate([np.zeros((m, 3, 3)), block.R_NB.transpose(0, 2, 1)], axis=1)
+        J_nu[:, :, problem.momentum] = np.linalg.solve(H_bb, moment)
+    J_w = J_nu[:, 3:].copy()
+    reaction = C_w[:, :6] @ J_w
+    reaction[:, :, k] += d.Y[:, :6]
+    J_a = -np.linalg.solve(H_bb, reaction)
+    tau, J_tau = d.force, H_bm.transpose(0, 2, 1) @ J_a + C_w[:, 6:] @ J_w
+    J_tau[:, :, k] += d.Y[:, 6:]
+    w, wd = d.nu[:, 3:], d.a[:, 3:]
+    f = d.a[:, :3] + np.cross(wd, r) + np.cross(w, np.cross(w, r))
+    centripetal = -skew(np.cross(w, r)) - skew(w) @ skew(r)
+    J_f = J_a[:, :3] - skew(r) @ J_a[:, 3:] + centripetal @ J_w
+    if _has(problem.torque_offset):
+        tau = tau + x[problem.torque_offset]
+        J_tau[:, :, problem.torque_offset] += np.eye(n)
+    if _has(problem.acc_bias):
+        f = f + x[problem.acc_bias]
+        J_f[:, :, problem.acc_bias] += np.eye(3)
+    if _has(problem.gyro_bias):
+        w = w + x[problem.gyro_bias]
+        J_w[:, :, problem.gyro_bias] += np.eye(3)
+    D_qdd, D_qd = _motion_gains(d.H, d.C, centripetal, r)
+    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd)
+
+
+def fused_rows(
+    block: Block, x: FloatArray, problem: Problem, channels: tuple[str, ...] = CHANNELS
+) -> Rows:
+    """Return the whitened rows of one block for the chosen channels.
+
+    The noise of the joints' own derivatives enters through the exact sensitivities, correlated over
+    the nodes of the block and over the channels.
+    """
+    m, n = block.q_rad.shape
+    prediction = predict(block, x, problem)
+    use = np.concatenate(
+        [
+            block.has_joint if "torque" in channels else np.zeros(n, dtype=bool),
+            np.full(3, "accelerometer" in channels and block.has_accelerometer),
+            np.full(3, "gyro" in channels and block.has_gyro),
+        ]
+    )
+    r = np.concatenate(
+        [
+            block.tau_nm - prediction.tau_nm,
+            block.f_NS_B_m_s2 - prediction.f_m_s2,
+            block.w_NB_B_rad_s - prediction.w_rad_s,
+        ],
+        axis=1,
+    )[:, use]
+    X = np.concatenate([prediction.J_tau, prediction.J_f, prediction.J_w], axis=1)[:, use]
+    D_qdd = np.concatenate([prediction.D_qdd, np.zeros((m, 3, n))], axis=1)[:, use]
+    D_qd = prediction.D_qd[:, use]
+    S = np.zeros((m, n + 6, m, n + 6))
+    for j in range(n):
+        S[:, j, :, j] = block.cov_tau[j]
+    for axis in range(3):
+        S[:, n + axis, :, n + axis] = block.cov_acc
+        S[:, n + 3 + axis, :, n + 3 + axis] = block.cov_gyro[:m, :m]
+    size = m * int(use.sum())
+    S = S[:, use][:, :, :, use].reshape(size, size)
+    for j in range(n):
+        root = _root(block.cov_joint[j])
+        G = np.einsum("ir,if->irf", D_qd[:, :, j], root[:m])
+        G += np.einsum("ir,if->irf", D_qdd[:, :, j], root[m:])
+        G = G.reshape(size, -1)
+        S += G @ G.T
+    L = np.linalg.cholesky(S)
+    return Rows(
+        solve_triangular(L, X.reshape(size, len(x)), lower=True),
+        solve_triangular(L, r.ravel(), lower=True),
+    )
+
+
+def _motion_gains(
+    H: FloatArray, C: FloatArray, centripetal: FloatArray, r: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return d[tau; f]/d qdd and d[tau; f; w]/d qd at zero external wrench."""
+    H_bb, H_bm, H_m = H[:, :6, :6], H[:, :6, 6:], H[:, 6:, 6:]
+    lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
+    N = -np.linalg.solve(H_bb, H_bm)
+    D_qdd = np.concatenate([H_m + H_bm.transpose(0, 2, 1) @ N, lever @ N], axis=1)
+    w_qd = N[:, 3:]
+    a_qd = -np.linalg.solve(H_bb, C[:, :6, 6:] + C[:, :6, 3:6] @ w_qd)
+    tau_qd = C[:, 6:, 6:] + C[:, 6:, 3:6] @ w_qd + H_bm.transpose(0, 2, 1) @ a_qd
+    f_qd = lever @ a_qd + centripetal @ w_qd
+    return D_qdd, np.concatenate([tau_qd, f_qd, w_qd], axis=1)

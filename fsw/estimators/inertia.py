@@ -1,0 +1,183 @@
+"""Inertial parameters of one body: conventions, frames and physical consistency.
+
+The ten parameters are Pinocchio's `toDynamicParameters` order about the body-frame origin,
+pi = [m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz]; the paper's eq. (1) has Iyy and Ixz
+exchanged. Outside the estimators a body is (mass, centre of mass, inertia about the centre of mass
+as xx xy xz yy yz zz).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.messages import FloatArray
+
+PARAMETERS = 10
+NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+PAPER_ORDER = (0, 1, 2, 3, 4, 5, 7, 6, 8, 9)  # eq. (1) from pi, and back (its own inverse)
+_SYMMETRIC = ((0, 1, 3), (1, 2, 4), (3, 4, 5))  # pi[4:] as a matrix
+_REPORT = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # xx xy xz yy yz zz as a matrix
+_REPORT_INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
+_PI_INDEX = ((0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2))
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Return [v x], (..., 3, 3), for vectors (..., 3)."""
+    S = np.zeros((*v.shape[:-1], 3, 3))
+    S[..., 0, 1], S[..., 0, 2] = -v[..., 2], v[..., 1]
+    S[..., 1, 0], S[..., 1, 2] = v[..., 2], -v[..., 0]
+    S[..., 2, 0], S[..., 2, 1] = -v[..., 1], v[..., 0]
+    return S
+
+
+def to_parameters(mass_kg: float, com_m: FloatArray, inertia_kg_m2: FloatArray) -> FloatArray:
+    """Return pi (10,) from mass, centre of mass (3,) and central inertia (6,) xx xy xz yy yz zz.
+
+    Source: Huygens-Steiner, I_O = I_C + m (c.c 1 - c c^T).
+    """
+    c = np.asarray(com_m, float)
+    central = np.asarray(inertia_kg_m2, float)[np.array(_REPORT)]
+    origin = central + mass_kg * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.concatenate(([mass_kg], mass_kg * c, origin[_PI_INDEX]))
+
+
+def from_parameters(pi: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Return mass, centre of mass (3,), central inertia (6,) xx xy xz yy yz zz."""
+    m = float(pi[0])
+    c = pi[1:4] / m
+    origin = pi[4:][np.array(_SYMMETRIC)]
+    central = origin - m * (c @ c * np.eye(3) - np.outer(c, c))
+    return m, c, central[_REPORT_INDEX]
+
+
+def report_jacobian(pi: FloatArray) -> FloatArray:
+    """Return d(mass, com, central inertia)/d pi, (10, 10)."""
+    m, c = pi[0], pi[1:4] / pi[0]
+    J = np.zeros((10, 10))
+    J[0, 0] = 1.0
+    J[1:4, 0], J[1:4, 1:4] = -c / m, np.eye(3) / m
+    # central = origin - (h.h 1 - h h^T)/m with h = m c
+    for row, (i, j) in enumerate(zip(*_REPORT_INDEX, strict=True)):
+        J[4 + row, 4 + _SYMMETRIC[i][j]] = 1.0
+        J[4 + row, 0] = (c @ c) * (i == j) - c[i] * c[j]
+        for k in range(3):
+            J[4 + row, 1 + k] = -(2 * c[k] * (i == j) - c[j] * (i == k) - c[i] * (j == k))
+    return J
+
+
+def pseudo_inertia(pi: FloatArray) -> FloatArray:
+    """Return the 4 x 4 pseudo-inertia [[Sigma, h], [h^T, m]] with Sigma = tr(I)/2 1 - I.
+
+    The body is physically consistent iff it is positive definite. Source: Wensing, Kim, Slotine
+    (RA-L 2018), eq. (10).
+    """
+    origin = pi[4:][np.array(_SYMMETRIC)]
+    P = np.empty((4, 4))
+    P[:3, :3] = 0.5 * np.trace(origin) * np.eye(3) - origin
+    P[:3, 3] = P[3, :3] = pi[1:4]
+    P[3, 3] = pi[0]
+    return P
+
+
+def from_pseudo_inertia(P: FloatArray) -> FloatArray:
+    """Return pi (10,) of a pseudo-inertia matrix; inverse of `pseudo_inertia`."""
+    origin = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
+    return np.concatenate(([P[3, 3]], P[:3, 3], origin[_PI_INDEX]))
+
+
+def is_consistent(pi: FloatArray) -> bool:
+    """Tell whether the pseudo-inertia is finite and positive definite."""
+    if not np.all(np.isfinite(pi)):
+        return False
+    return bool(np.linalg.eigvalsh(pseudo_inertia(pi))[0] > 0)
+
+
+def frame_change(R_AB: FloatArray, p_AB_m: FloatArray) -> FloatArray:
+    """Return T (10, 10) with pi_A = T pi_B for one body seen from frames A and B.
+
+    `R_AB` takes B components to A; `p_AB_m` is B's origin in A. The pseudo-inertia transforms as
+    X P X^T with X the homogeneous transform. Source: Wensing et al. (2018), sec. II.
+    """
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R_AB, p_AB_m
+    columns = [from_pseudo_inertia(X @ pseudo_inertia(e) @ X.T) for e in np.eye(10)]
+    return np.stack(columns, axis=1)
+
+
+_LOWER = ((0, 1, 2, 3, 1, 2, 3, 2, 3, 3), (0, 1, 2, 3, 0, 1, 2, 0, 1, 0))
+
+
+def from_log_cholesky(theta: FloatArray) -> FloatArray:
+    """Return pi of the log-Cholesky coordinates (10,): always physically consistent.
+
+    P = L L^T, L lower triangular with exp of the first four coordinates on its diagonal.
+    Source: Rucker, Wensing (RA-L 2022), up to the order of the coordinates.
+    """
+    L = np.zeros((4, 4))
+    L[_LOWER] = theta
+    L[np.diag_indices(4)] = np.exp(theta[:4])
+    return from_pseudo_inertia(L @ L.T)
+
+
+def to_log_cholesky(pi: FloatArray) -> FloatArray:
+    """Return the log-Cholesky coordinates of a physically consistent pi.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the pseudo-inertia is not positive definite.
+    """
+    L = np.linalg.cholesky(pseudo_inertia(pi))
+    theta = np.array(L[_LOWER])
+    theta[:4] = np.log(theta[:4])
+    return theta
+
+
+def log_cholesky_jacobian(theta: FloatArray) -> FloatArray:
+    """Return d pi / d theta, (10, 10), of `from_log_cholesky`."""
+    L = np.zeros((4, 4))
+    L[_LOWER] = theta
+    L[np.diag_indices(4)] = np.exp(theta[:4])
+    J = np.empty((10, 10))
+    for k, (i, j) in enumerate(zip(*_LOWER, strict=True)):
+        dL = np.zeros((4, 4))
+        dL[i, j] = L[i, j] if i == j else 1.0
+        J[:, k] = from_pseudo_inertia(dL @ L.T + L @ dL.T)
+    return J
+
+
+def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1e-6) -> FloatArray:
+    """Return the physically consistent parameters closest to `pi` in the covariance's metric.
+
+    Gauss-Newton over the log-Cholesky coordinates from an eigenvalue-clipped start; `pi` itself is
+    returned when it is consistent already. `margin` is the smallest pseudo-inertia eigenvalue of
+    the start relative to the largest.
+    """
+    if is_consistent(pi):
+        return pi
+    values, vectors = np.linalg.eigh(pseudo_inertia(pi))
+    clipped = np.maximum(values, margin * max(abs(values[-1]), 1e-9))
+    theta = to_log_cholesky(from_pseudo_inertia((vectors * clipped) @ vectors.T))
+    W = np.linalg.cholesky(covariance)
+    damping = 1e-6
+    cost = np.inf
+    for _ in range(60):
+        r = np.linalg.solve(W, from_log_cholesky(theta) - pi)
+        cost = float(r @ r)
+        A = np.linalg.solve(W, log_cholesky_jacobian(theta))
+        N = A.T @ A
+        while True:
+            step = -np.linalg.solve(
+                N + damping * (np.diag(np.diag(N)) + 1e-12 * np.eye(10)), A.T @ r
+            )
+            step = np.clip(step, -1e3, 1e3)
+            step[:4] = np.clip(step[:4], -1.0, 1.0)
+            trial = np.linalg.solve(W, from_log_cholesky(theta + step) - pi)
+            if trial @ trial <= cost or damping > 1e8:
+                break
+            damping *= 10
+        theta = theta + step
+        damping = max(damping / 10, 1e-12)
+        if cost - float(trial @ trial) < 1e-9 * cost:
+            break
+    theta[:4] = np.maximum(theta[:4], -12.0)  # keep strictly inside the boundary
+    return from_log_cholesky(theta)

@@ -1,0 +1,140 @@
+"""The free-floating robot model: one typed wrapper over Pinocchio.
+
+The base is a free-flyer joint with zero gravity; generalised velocity nu = [v_b, w_b, qd] and
+acceleration in base axes, spatial. With v_b = 0 spatial and classical acceleration coincide and,
+without gravity, nothing depends on v_b (a constant velocity of the whole system changes no torque),
+so all functions of (q, w, qd) here set v_b = 0.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from fsw.errors import ConfigError
+from fsw.estimators.inertia import PARAMETERS, frame_change, pseudo_inertia
+from fsw.messages import FloatArray
+
+
+class RobotModel:
+    """Dynamics of base, known arm and grasped target, linear in the inertial parameters.
+
+    Attributes
+    ----------
+    n : number of arm joints
+    joint_names : their names, from base to tool
+    pi_links : (10 (n + 1),) parameters of base and links as the URDF has them
+    tool_map : (10, 10), takes a target's parameters in the tool frame E to the last joint's frame
+    """
+
+    def __init__(self, urdf: Path, tool_frame: str) -> None:
+        try:
+            self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+        except (ValueError, RuntimeError) as error:
+            raise ConfigError(f"robot.urdf: {urdf} cannot be read as a URDF: {error}") from error
+        self.model.gravity.setZero()
+        self.n = self.model.nv - 6
+        self.joint_names = tuple(self.model.names[2:])
+        for index in range(2, self.model.njoints):
+            if self.model.nvs[index] != 1 or self.model.parents[index] != index - 1:
+                raise ConfigError(
+                    f"robot.urdf: joint {self.model.names[index]!r} breaks the serial chain of "
+                    "revolute joints that this software identifies"
+                )
+        if not self.model.existFrame(tool_frame):
+            names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
+            raise ConfigError(
+                f"robot.tool_frame: {tool_frame!r} is no frame of {urdf.name}; it has {names}"
+            )
+        frame = self.model.frames[self.model.getFrameId(tool_frame)]
+        if frame.parentJoint != self.model.njoints - 1:
+            raise ConfigError(
+                f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of the arm"
+            )
+        self.data = self.model.createData()
+        self.tool_map = frame_change(frame.placement.rotation, frame.placement.translation)
+        self.pi_links = np.concatenate(
+            [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
+        )
+        self._q = pin.neutral(self.model)
+        self._v = np.zeros(self.model.nv)
+        self._zero = np.zeros(self.model.nv)
+        self._set = np.full(self.pi_links.size, np.nan)
+
+    def total_parameters(self, base: FloatArray, target: FloatArray | None) -> FloatArray:
+        """Return (10 (n + 1),) with `base`, and `target` (in E) joined to the last link."""
+        pi = self.pi_links.copy()
+        pi[:PARAMETERS] = base
+        if target is not None:
+            pi[-PARAMETERS:] += self.tool_map @ target
+        return pi
+
+    def set_parameters(self, pi: FloatArray) -> None:
+        """Make `pi` (10 (n + 1),) the inertias that `mass_matrix` and `bias_derivative` use."""
+        if np.array_equal(pi, self._set):
+            return
+        for index in range(1, self.model.njoints):
+            own = pi[PARAMETERS * (index - 1) : PARAMETERS * index]
+            self.model.inertias[index] = _spatial_inertia(own)
+        self._set = pi.copy()
+
+    def regressor(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
+        """Return Y (6+n, 10 (n+1)): generalised force = Y pi; rows base force, moment, joints.
+
+        Parameters: q, qd (n,), w = w_NB_B (3,), a (6+n,) with the classical acceleration of the
+        base origin in base axes first. Source: eqs. (3)-(7) of the paper, as Pinocchio evaluates
+        them.
+        """
+        self._q[7:] = q
+        self._v[:3] = 0.0
+        self._v[3:6] = w
+        self._v[6:] = qd
+        Y: FloatArray = pin.computeJointTorqueRegressor(self.model, self.data, self._q, self._v, a)
+        return Y
+
+    def momentum_regressor(self, q: FloatArray, nu: FloatArray) -> FloatArray:
+        """Return Y(q, 0, nu) (6+n, 10 (n+1)), H nu = Y pi; base rows: momentum regressor."""
+        self._q[7:] = q
+        Y: FloatArray = pin.computeJointTorqueRegressor(
+            self.model, self.data, self._q, self._zero, nu
+        )
+        return Y
+
+    def mass_matrix(self, q: FloatArray) -> FloatArray:
+        """Return H(q) (6+n, 6+n) of the parameters set, full and symmetric."""
+        self._q[7:] = q
+        H: FloatArray = np.triu(pin.crba(self.model, self.data, self._q))
+        H += np.triu(H, 1).T
+        return H
+
+    def bias_derivative(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return d(generalised force)/d nu at fixed acceleration, (6+n, 6+n)."""
+        self._q[7:] = q
+        self._v[:3] = 0.0
+        self._v[3:6] = w
+        self._v[6:] = qd
+        pin.computeRNEADerivatives(self.model, self.data, self._q, self._v, a)
+        derivative: FloatArray = self.data.dtau_dv
+        return derivative
+
+    def composite(self, q: FloatArray) -> FloatArray:
+        """Return (10, 10 (n+1)): parameters of the whole in the base frame = composite @ pi."""
+        self._q[7:] = q
+        pin.forwardKinematics(self.model, self.data, self._q)
+        base = self.data.oMi[1]
+        blocks = []
+        for index in range(1, self.model.njoints):
+            placement = base.actInv(self.data.oMi[index])
+            blocks.append(frame_change(placement.rotation, placement.translation))
+        return np.hstack(blocks)
+
+
+def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
+    if pi[0] == 0.0:  # a massless link of the URDF
+        P = pseudo_inertia(pi)
+        return pin.Inertia(0.0, np.zeros(3), np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3])
+    return pin.Inertia.FromDynamicParameters(pi)

@@ -1,0 +1,170 @@
+"""MRNEA: the paper's modified recursive Newton-Euler regression, without its bias.
+
+Rows of one block, whitened: A delta = b for a step delta of the state at the state x. Three
+weightings: `ols` (the paper's, eqs. 8-16), `wls` (known output and input noise at the prior) and
+`eiv` (errors in variables: base acceleration, rates and joint accelerations are noisy regressors).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from fsw.estimators.inertia import skew
+from fsw.estimators.problem import Problem
+from fsw.messages import Block, FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Whitened rows of one block linearised at a state: residual b (k,) and Jacobian A (k, p)."""
+
+    A: FloatArray
+    b: FloatArray
+
+
+def base_acceleration(
+    block: Block, x: FloatArray, problem: Problem
+) -> tuple[FloatArray, FloatArray]:
+    """Return w_NB_B (m, 3) less its bias, and the classical base acceleration (m, 6) in B.
+
+    a_b = f_S - wd x r - w x (w x r) - bias, in free fall. Source: rigid-body kinematics.
+    """
+    w = block.w_NB_B_rad_s - x[problem.gyro_bias] if _has(problem.gyro_bias) else block.w_NB_B_rad_s
+    r, wd = problem.p_BS_m, block.wd_NB_B_rad_s2
+    a = block.f_NS_B_m_s2 - np.cross(wd, r) - np.cross(w, np.cross(w, r))
+    if _has(problem.acc_bias):
+        a = a - x[problem.acc_bias]
+    return w, np.concatenate([a, wd], axis=1)
+
+
+def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) -> Rows:
+    """Return the whitened rows of a block, (6+n) m of them.
+
+    With H the joint-space inertia and a the measured accelerations, r = y - Y(a) pi has covariance
+    S = G Sigma_z G^T + Sigma_y, where z stacks specific force, gyro and joint-motion errors over
+    all nodes of the block (wd is a derivative of the same gyro polynomial) and G = d(Y pi)/dz. The
+    step's Jacobian is taken at the smoothed z + Sigma_z G^T S^-1 r, the residual at the measured
+    one.
+
+    Source: paper eqs. (3)-(16); errors-in-variables weighting as in weighted total least squares.
+    """
+    model, n, m = problem.model, problem.model.n, len(block.t_ns)
+    pi = problem.pi(x)
+    model.set_parameters(pi if weighting == "eiv" else problem.pi(problem.prior_mean))
+    w, a_base = base_acceleration(block, x, problem)
+    acceleration = np.concatenate([a_base, block.qdd_rad_s2], axis=1)
+    y = np.zeros((m, 6 + n))
+    y[:, 6:] = block.tau_nm
+    if _has(problem.torque_offset):
+        y[:, 6:] -= x[problem.torque_offset]
+    r = np.empty((m, 6 + n))
+    H, C = np.empty((2, m, 6 + n, 6 + n))
+    Y = np.empty((m, 6 + n, pi.size))
+    for i in range(m):
+        q, qd = block.q_rad[i], block.qd_rad_s[i]
+        Y[i] = model.regressor(q, w[i], qd, acceleration[i])
+        r[i] = y[i] - Y[i] @ pi
+        H[i] = model.mass_matrix(q)
+        C[i] = model.bias_derivative(q, w[i], qd, acceleration[i])
+    D_w = -skew(np.cross(w, problem.p_BS_m)) - skew(w) @ skew(problem.p_BS_m)
+    G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
+    G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(problem.p_BS_m)
+    if weighting == "ols":
+        L = np.sqrt(np.mean(np.einsum("nii->ni", block.cov_tau))) * np.eye(r.size)
+    else:
+        G = _input_gains(block, H, C, G_w, G_wd).reshape(r.size, -1)
+        L = np.linalg.cholesky(G @ G.T + _output_covariance(block, problem))
+    white = solve_triangular(L, r.ravel(), lower=True)
+    if weighting == "eiv":
+        smoothed = G.T @ solve_triangular(L, white, lower=True, trans=1)
+        w, acceleration, qd = _smooth(block, smoothed, w, acceleration, problem)
+        for i in range(m):
+            Y[i] = model.regressor(block.q_rad[i], w[i], qd[i], acceleration[i])
+    X = np.zeros((m, 6 + n, len(x)))
+    X[:, :, problem.bodies] = Y @ problem.U
+    if _has(problem.torque_offset):
+        X[:, 6:, problem.torque_offset] = np.eye(n)
+    if _has(problem.acc_bias):
+        X[:, :, problem.acc_bias] = -H[:, :, :3]
+    if _has(problem.gyro_bias):
+        X[:, :, problem.gyro_bias] = -G_w
+    X = X.reshape(m * (6 + n), len(x))
+    return Rows(solve_triangular(L, X, lower=True), white)
+
+
+def _has(states: slice) -> bool:
+    return bool(states.stop > states.start)
+
+
+def _input_gains(
+    block: Block, H: FloatArray, C: FloatArray, G_w: FloatArray, G_wd: FloatArray
+) -> FloatArray:
+    """Return d(Y pi)/d(unit-variance input errors), (m, 6+n, inputs) as [f | gyro | joints].
+
+    Each input's covariance over the block's nodes is factorised, so that S = G G^T.
+    """
+    m, n = block.q_rad.shape
+    acc = np.linalg.cholesky(block.cov_acc)
+    gyro = _root(block.cov_gyro)
+    # columns ordered (axis, factor)
+    G_f = np.einsum("irk,if->irkf", H[:, :, :3], acc)
+    G_g = np.einsum("irk,if->irkf", G_w, gyro[:m]) + np.einsum("irk,if->irkf", G_wd, gyro[m:])
+    parts = [G_f.reshape(m, 6 + n, -1), G_g.reshape(m, 6 + n, -1)]
+    for j in range(n):
+        root = _root(block.cov_joint[j])
+        parts.append(
+            np.einsum("ir,if->irf", C[:, :, 6 + j], root[:m])
+            + np.einsum("ir,if->irf", H[:, :, 6 + j], root[m:])
+        )
+    return np.concatenate(parts, axis=2)
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Return F with F F^T = covariance, also for a singular one."""
+    values, vectors = np.linalg.eigh(covariance)
+    keep = values > 1e-14 * values[-1]
+    root: FloatArray = vectors[:, keep] * np.sqrt(values[keep])
+    return root
+
+
+def _output_covariance(block: Block, problem: Problem) -> FloatArray:
+    m, n = block.q_rad.shape
+    S = np.zeros((m, 6 + n, m, 6 + n))
+    i = np.arange(m)
+    for row in range(6):
+        S[i, row, i, row] = problem.wrench_sigma[row] ** 2
+    for j in range(n):
+        S[:, 6 + j, :, 6 + j] = block.cov_tau[j]
+    return S.reshape(m * (6 + n), m * (6 + n))
+
+
+def _smooth(
+    block: Block, unit: FloatArray, w: FloatArray, acceleration: FloatArray, problem: Problem
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Apply unit-variance input corrections; return w, acceleration and qd at the result."""
+    m, n = block.q_rad.shape
+    acc = np.linalg.cholesky(block.cov_acc)
+    gyro = _root(block.cov_gyro)
+    split = 3 * acc.shape[1]
+    f = acc @ unit[:split].reshape(3, -1).T
+    g = gyro @ unit[split : split + 3 * gyro.shape[1]].reshape(3, -1).T
+    rest = unit[split + 3 * gyro.shape[1] :]
+    dw, dwd = g[:m], g[m:]
+    r = problem.p_BS_m
+    smoothed = acceleration.copy()
+    w_new = w + dw
+    smoothed[:, :3] += f - np.cross(dwd, r) - np.cross(w_new, np.cross(w_new, r))
+    smoothed[:, :3] += np.cross(w, np.cross(w, r))
+    smoothed[:, 3:6] += dwd
+    qd = block.qd_rad_s.copy()
+    start = 0
+    for j in range(n):
+        root = _root(block.cov_joint[j])
+        step = root @ rest[start : start + root.shape[1]]
+        start += root.shape[1]
+        qd[:, j] += step[:m]
+        smoothed[:, 6 + j] += step[m:]
+    return w_new, smoothed, qd

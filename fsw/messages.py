@@ -1,0 +1,149 @@
+"""Typed values that cross module boundaries. SI units; times are monotonic nanoseconds.
+
+Frames: N inertial, B spacecraft bus (base body), S sensor, E tool. `R_NB` takes B components to N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class JointSample:
+    """One joint node's latched position and link-side torque (TPDO1 or its FD tailoring)."""
+
+    t_ns: int  # time of validity (stamp of the SYNC that latched it, plus the latch offset)
+    t_receive_ns: int
+    joint: int  # index in the configured joint list
+    seq: int  # SYNC counter echoed
+    position_rad: float  # calibrated: sign and zero offset applied
+    torque_nm: float  # calibrated: sign, gain and offset applied
+    status: int  # raw status bits
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """One IMU datagram; the clusters have their own times because group delays differ."""
+
+    t_gyro_ns: int
+    t_acc_ns: int
+    t_receive_ns: int
+    seq: int  # unwrapped sample index on the device's own clock
+    w_NS_S_rad_s: tuple[float, float, float] | None  # None: cluster flagged unusable
+    f_NS_S_m_s2: tuple[float, float, float] | None  # specific force, None: cluster unusable
+    gyro_status: int
+    acc_status: int
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeSample:
+    """One star-tracker solution, rotated to the spacecraft bus."""
+
+    t_ns: int
+    t_receive_ns: int
+    seq: int
+    q_NB_xyzw: tuple[float, float, float, float]
+
+
+Sample = JointSample | ImuSample | AttitudeSample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelWindow:
+    """Every accepted sample of one channel whose validity lies in one window, in time order."""
+
+    t_ns: NDArray[np.int64]  # (k,)
+    values: FloatArray  # (k, width)
+    missing: bool  # too few samples to evaluate
+    stale: bool  # no sample at all since longer than the channel's freshness limit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """All channels over one common interval [start_ns, stop_ns)."""
+
+    index: int
+    start_ns: int
+    stop_ns: int
+    joints: tuple[ChannelWindow, ...]  # values: [position_rad, torque_nm]
+    gyro: ChannelWindow  # values: w_NS_S_rad_s
+    accelerometer: ChannelWindow  # values: f_NS_S_m_s2
+    attitude: ChannelWindow  # values: q_NB_xyzw
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """One window compressed to m Gauss-Legendre nodes; n joints in the robot model's order.
+
+    Every channel is a local polynomial of its samples in the window, evaluated at the same m
+    instants. Values of a least-squares polynomial of degree m-1 at m Gauss nodes are uncorrelated
+    and together hold all its information. Covariances of stacked values are given over the nodes.
+    """
+
+    index: int
+    t_ns: NDArray[np.int64]  # (m,) node times
+    q_rad: FloatArray  # (m, n) joint positions
+    qd_rad_s: FloatArray  # (m, n)
+    qdd_rad_s2: FloatArray  # (m, n)
+    tau_nm: FloatArray  # (m, n)
+    w_NB_B_rad_s: FloatArray  # (m, 3) gyro rotated to B, bias not removed
+    wd_NB_B_rad_s2: FloatArray  # (m, 3) its derivative
+    f_NS_B_m_s2: FloatArray  # (m, 3) specific force at the sensor, in B axes, bias not removed
+    R_NB: FloatArray  # (m, 3, 3) attitude; identity where it is not known
+    cov_joint: FloatArray  # (n, 2 m, 2 m) of [qd at the nodes, qdd at the nodes]
+    cov_tau: FloatArray  # (n, m, m)
+    cov_gyro: FloatArray  # (2 m, 2 m) of one axis: [w at the nodes, wd at the nodes]
+    cov_acc: FloatArray  # (m, m) of one axis
+    has_joint: NDArray[np.bool_]  # (n,) torque of the joint usable
+    has_gyro: bool
+    has_accelerometer: bool
+    has_attitude: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BodyEstimate:
+    """Inertial parameters of one body in its own frame (base: B; target: tool frame E)."""
+
+    mass_kg: float
+    com_m: FloatArray  # (3,)
+    inertia_kg_m2: FloatArray  # (6,) xx xy xz yy yz zz about the centre of mass
+    mass_sigma_kg: float
+    com_sigma_m: FloatArray
+    inertia_sigma_kg_m2: FloatArray
+    physically_consistent: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimate:
+    """What the estimator publishes: never a mean without its covariance and validity."""
+
+    t_ns: int
+    valid: bool
+    reason: str  # why not valid; empty when valid
+    method: str
+    names: tuple[str, ...]  # one name per state
+    mean: FloatArray  # (p,) estimation coordinates: 10 per unknown body, then nuisances
+    covariance: FloatArray  # (p, p)
+    bodies: dict[str, BodyEstimate]  # "base" and/or "target"
+    blocks: int  # windows used
+    gated: int  # windows (or channels of one) rejected by the innovation gate
+    nis: float  # normalised innovation squared of the newest block
+    nis_dof: int
+    condition_number: float  # of the whitened, prior-scaled information
+    information_gained_nats: float  # 1/2 log det(prior cov) - 1/2 log det(cov), unknown bodies
+    extra: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something an operator should know; severity is info, low, medium or high."""
+
+    t_ns: int
+    severity: str
+    code: str
+    text: str
