@@ -83,7 +83,8 @@ class Robot:
 
         Raises
         ------
-        ValueError if the file holds no serial arm of revolute joints or lacks the tool frame.
+        ValueError if the file holds no serial arm of revolute joints, lacks the tool frame, or
+        nothing says what the base weighs.
         """
         links = read_links(urdf)
         arm = [link for link in links if link.axis is not None]
@@ -91,6 +92,8 @@ class Robot:
         if tool is None:
             raise ValueError(f"{urdf}: no frame {tool_frame!r}; has {[k.name for k in links]}")
         _require_serial(urdf, links, arm, tool)
+        if base is None and links[0].body is None:
+            raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
         model = _compile(links, tool.name, base, target)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
