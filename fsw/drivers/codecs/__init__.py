@@ -1,0 +1,1 @@
+"""Pure codecs: wire bytes to samples or counted rejects."""

@@ -1,0 +1,119 @@
+"""Resynchronising frame finder shared by the serial codecs: bounded, and no byte unaccounted for.
+
+A frame is found by a device's `Matcher`; every byte that is in no frame is skipped. Once a first
+frame was seen the next one is expected right behind it: something else standing there counts as one
+reject, `CRC` where it looked like a frame and `SYNC` where it did not.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+from fsw.drivers.wire import ByteChunk, Reject
+
+
+class Matcher(Protocol):
+    """What a device's framing looks like."""
+
+    def search(self, data: bytearray, start: int) -> int:
+        """Return the first position from `start` on where a frame may begin, else len(data)."""
+        ...
+
+    def match(self, data: bytearray, start: int) -> int:
+        """Return the length of the frame beginning at `start`, 0: incomplete, -1: no frame."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """The part of a frame that came in one chunk."""
+
+    chunk: int  # running index of the chunk
+    t_ns: int  # its stamp
+    length: int  # bytes of the frame in it
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A whole frame and the chunks it came in; the last piece holds its last byte."""
+
+    data: bytes
+    pieces: tuple[Piece, ...]
+
+
+class Framer:
+    """Turn chunks into frames; what is held back is never longer than the longest frame."""
+
+    def __init__(self, matcher: Matcher) -> None:
+        self._matcher = matcher
+        self._buffer = bytearray()
+        self._base = 0  # position in the stream of the buffer's first byte
+        self._marks: deque[tuple[int, int, int]] = deque()  # end of chunk, stamp, chunk index
+        self._chunks = 0
+        self._expected = -1  # where the next frame should begin, -1 before the first
+        self._last_length = 1
+        self.received_bytes = 0
+        self.skipped_bytes = 0
+        self.rejects: dict[Reject, int] = {Reject.SYNC: 0, Reject.CRC: 0}
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes received but not yet decided upon."""
+        return len(self._buffer)
+
+    def feed(self, chunk: ByteChunk) -> list[Frame]:
+        """Take a chunk in and return the frames it completes, in order."""
+        buffer = self._buffer
+        buffer += chunk.data
+        self.received_bytes += len(chunk.data)
+        self._marks.append((self.received_bytes, chunk.t_ns, self._chunks))
+        self._chunks += 1
+        frames = []
+        position, size = 0, len(buffer)
+        while position < size:
+            begin = self._matcher.search(buffer, position)
+            if begin > position:
+                self._skip(position, begin, Reject.SYNC)
+                position = begin
+                continue
+            length = self._matcher.match(buffer, position)
+            if length == 0:
+                break
+            if length < 0:
+                self._skip(position, position + 1, Reject.CRC)
+                position += 1
+                continue
+            end = position + length
+            frames.append(
+                Frame(bytes(buffer[position:end]), self._pieces(self._base + position, length))
+            )
+            self._expected, self._last_length = self._base + end, length
+            position = end
+        del buffer[:position]
+        self._base += position
+        while self._marks and self._marks[0][0] <= self._base:
+            self._marks.popleft()
+        return frames
+
+    def _skip(self, start: int, stop: int, reason: Reject) -> None:
+        self.skipped_bytes += stop - start
+        if self._expected < 0:
+            return
+        while self._base + start <= self._expected < self._base + stop:
+            self.rejects[reason] += 1
+            self._expected += self._last_length
+
+    def _pieces(self, start: int, length: int) -> tuple[Piece, ...]:
+        stop = start + length
+        pieces = []
+        for end, t_ns, index in self._marks:
+            if end <= start:
+                continue
+            cut = min(end, stop)
+            pieces.append(Piece(index, t_ns, cut - start))
+            start = cut
+            if cut == stop:
+                break
+        return tuple(pieces)

@@ -1,0 +1,98 @@
+"""MicroStrain 3DM inertial units, MIP protocol: sensor data set 0x80 with a reference time.
+
+`75 65 | descriptor set | payload length | fields | Fletcher-16`, big-endian. A field is its own length
+(length and descriptor included), its descriptor and data.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from fsw.drivers.codecs.framing import Frame, Framer
+from fsw.drivers.codecs.imu_datagram import ImuDatagram, Vector3
+from fsw.drivers.wire import Reject
+
+SYNC = b"\x75\x65"
+SET_SENSOR_DATA = 0x80
+FIELD_ACCELERATION = 0x04  # [g], 3 floats
+FIELD_RATE = 0x05  # [rad/s], 3 floats
+FIELD_REFERENCE_TIME = 0xD5  # u64 [ns]
+STANDARD_GRAVITY_M_S2 = 9.80665
+MAX_PAYLOAD_BYTES = 128  # longer packets are configuration replies this driver never asks for
+_OVERHEAD = 6
+_FLOATS = struct.Struct(">3f")
+_TIME = struct.Struct(">Q")
+
+
+def fletcher16(data: bytes) -> bytes:
+    """Return MIP's two check bytes: running sums modulo 256."""
+    first = second = 0
+    for byte in data:
+        first += byte
+        second += first
+    return bytes((first & 0xFF, second & 0xFF))
+
+
+class MipMatcher:
+    """Finds packets by sync bytes, length and checksum."""
+
+    def search(self, data: bytearray, start: int) -> int:
+        """Return where the next sync bytes (or the first of them, at the end) stand."""
+        at = data.find(SYNC, start)
+        if at >= 0:
+            return at
+        return len(data) - 1 if data[-1] == SYNC[0] else len(data)
+
+    def match(self, data: bytearray, start: int) -> int:
+        """Return the length of the packet at `start`, 0: incomplete, -1: none."""
+        if len(data) - start < 4:
+            return 0
+        if data[start + 3] > MAX_PAYLOAD_BYTES:
+            return -1
+        length = data[start + 3] + _OVERHEAD
+        if len(data) - start < length:
+            return 0
+        end = start + length - 2
+        good = fletcher16(bytes(data[start:end])) == data[end : end + 2]
+        return length if good else -1
+
+
+class MipCodec:
+    """Stream codec: framing by `framer`, whole packets to `ImuDatagram`."""
+
+    tick_s = 1e-9
+    modulus = 2**64
+
+    def __init__(self) -> None:
+        self.framer = Framer(MipMatcher())
+
+    def decode(self, frame: Frame) -> ImuDatagram | Reject | None:
+        """Decode a sensor data packet; one without reference time has no time of validity."""
+        data = frame.data
+        if data[2] != SET_SENSOR_DATA:
+            return None
+        time_ns: int | None = None
+        rate: Vector3 | None = None
+        force: Vector3 | None = None
+        at, end = 4, len(data) - 2
+        while at < end:
+            size = data[at]
+            if size < 2 or at + size > end:
+                return Reject.LENGTH
+            descriptor, body = data[at + 1], data[at + 2 : at + size]
+            if descriptor in (FIELD_ACCELERATION, FIELD_RATE) and len(body) == _FLOATS.size:
+                x, y, z = _FLOATS.unpack(body)
+                if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+                    return Reject.RANGE
+                if descriptor == FIELD_RATE:
+                    rate = (x, y, z)
+                else:
+                    g = STANDARD_GRAVITY_M_S2
+                    force = (x * g, y * g, z * g)
+            elif descriptor == FIELD_REFERENCE_TIME and len(body) == _TIME.size:
+                (time_ns,) = _TIME.unpack(body)
+            at += size
+        if time_ns is None:
+            return Reject.STALE
+        return ImuDatagram(time_ns, 0.0, rate, force, 0, 0)

@@ -1,0 +1,240 @@
+"""Safran/Sensonor STIM300 inertial unit, normal-mode datagrams (data sheet TS1524 rev. 31).
+
+Big-endian, no length field and no escapes: a frame is a known identifier, the length that belongs to
+it and a CRC-32 that holds. After the first datagram only its identifier is looked for (a unit sends
+one kind), until 1024 bytes passed without one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from fastcrc import crc32
+
+from fsw.drivers.codecs.framing import Frame, Framer
+from fsw.drivers.codecs.imu_datagram import ImuDatagram, Vector3
+from fsw.drivers.wire import Reject
+
+STANDARD_GRAVITY_M_S2 = 9.80665  # the data sheet's g
+TICK_S = 1 / 2000  # the counter counts internal samples
+COUNTER_MODULUS = 256
+GYRO_SCALE_RAD_S = math.radians(2.0**-14)
+ACC_SCALE_M_S2 = {
+    range_g: STANDARD_GRAVITY_M_S2 * 2.0**-bits
+    for range_g, bits in ((5, 20), (10, 19), (30, 18), (80, 16))
+}
+INCLINATION_SCALE_M_S2 = STANDARD_GRAVITY_M_S2 * 2.0**-22
+TEMPERATURE_SCALE_K = 2.0**-8
+CR_LF = b"\r\n"
+UNLOCK_BYTES = 1024
+
+STATUS_INTEGRITY = 0x80
+STATUS_START_UP = 0x40
+STATUS_OUTSIDE_CONDITIONS = 0x20
+STATUS_OVERLOAD = 0x10
+STATUS_CHANNEL_ERROR = 0x08
+STATUS_UNUSABLE = STATUS_INTEGRITY | STATUS_START_UP | STATUS_OVERLOAD | STATUS_CHANNEL_ERROR
+
+_SETS = ("g", "ga", "gi", "gai")  # gyro, accelerometer, inclinometer
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where the fields of one kind of datagram stand, as byte offsets; 0: absent."""
+
+    length: int  # without CR LF
+    acc: int
+    incl: int
+    gyro_temperature: int
+    acc_temperature: int
+    incl_temperature: int
+    extra: int  # PPS or AUX word
+    counter: int
+    crc: int
+    dummies: bytes  # zeros the CRC is taken over but that are not sent
+
+
+def _layout(clusters: str, temperatures: bool, extra: bool) -> Layout:
+    at = {"g": 1}
+    position = 11
+    for cluster in clusters[1:]:
+        at[cluster] = position
+        position += 10
+    for cluster in clusters if temperatures else "":
+        at["t" + cluster] = position
+        position += 7
+    if extra:
+        at["x"] = position
+        position += 4
+    crc = position + 3
+    return Layout(
+        length=crc + 4,
+        acc=at.get("a", 0),
+        incl=at.get("i", 0),
+        gyro_temperature=at.get("tg", 0),
+        acc_temperature=at.get("ta", 0),
+        incl_temperature=at.get("ti", 0),
+        extra=at.get("x", 0),
+        counter=position,
+        crc=crc,
+        dummies=bytes(-crc % 4),
+    )
+
+
+def _layouts() -> dict[int, Layout]:
+    kinds = [(s, temperatures) for temperatures in (False, True) for s in _SETS]
+    plain = (0x90, 0x91, 0x92, 0x93, 0x94, 0xA5, 0xA6, 0xA7)
+    pps = tuple(range(0xF0, 0xF8))
+    aux = (0x98, 0x99, 0x9A, 0x9B, 0x9C, 0xAD, 0xAE, 0xAF)
+    return {
+        identifier: _layout(clusters, temperatures, identifiers is not plain)
+        for identifiers in (plain, pps, aux)
+        for identifier, (clusters, temperatures) in zip(identifiers, kinds, strict=True)
+    }
+
+
+LAYOUTS = _layouts()
+_ANY_IDENTIFIER = re.compile(b"[" + re.escape(bytes(LAYOUTS)) + b"]")
+
+
+@dataclass(frozen=True, slots=True)
+class StimDatagram:
+    """Every field of a datagram in SI units and sensor axes, usable or not; None: not sent."""
+
+    identifier: int
+    gyro_rad_s: Vector3
+    gyro_status: int
+    acc_m_s2: Vector3 | None
+    acc_status: int
+    incl_m_s2: Vector3 | None
+    incl_status: int
+    gyro_temperature_c: Vector3 | None
+    acc_temperature_c: Vector3 | None
+    incl_temperature_c: Vector3 | None
+    temperature_status: tuple[int, int, int]  # gyro, accelerometer, inclinometer
+    extra: int | None  # PPS: time since the pulse; AUX: converter reading (raw, signed)
+    extra_status: int
+    counter: int
+    latency_us: int
+
+
+def check_crc(frame: bytes, layout: Layout) -> bool:
+    """Tell whether the datagram's CRC-32/MPEG-2 holds, dummy zeros included."""
+    crc = layout.crc
+    return crc32.mpeg_2(frame[:crc] + layout.dummies) == int.from_bytes(frame[crc : crc + 4], "big")
+
+
+def decode_datagram(frame: bytes, acc_range_g: int) -> StimDatagram | Reject:
+    """Decode every field of one datagram, with or without CR LF behind it."""
+    layout = LAYOUTS.get(frame[0]) if frame else None
+    if layout is None:
+        return Reject.SYNC
+    if len(frame) != layout.length and frame[layout.length :] != CR_LF:
+        return Reject.LENGTH
+    if not check_crc(frame, layout):
+        return Reject.CRC
+    acc, incl, extra, end = layout.acc, layout.incl, layout.extra, layout.counter
+    temperatures = (layout.gyro_temperature, layout.acc_temperature, layout.incl_temperature)
+    celsius = [_vector(frame, at, 2, TEMPERATURE_SCALE_K) if at else None for at in temperatures]
+    status = [frame[at + 6] if at else 0 for at in temperatures]
+    return StimDatagram(
+        identifier=frame[0],
+        gyro_rad_s=_vector(frame, 1, 3, GYRO_SCALE_RAD_S),
+        gyro_status=frame[10],
+        acc_m_s2=_vector(frame, acc, 3, ACC_SCALE_M_S2[acc_range_g]) if acc else None,
+        acc_status=frame[acc + 9] if acc else 0,
+        incl_m_s2=_vector(frame, incl, 3, INCLINATION_SCALE_M_S2) if incl else None,
+        incl_status=frame[incl + 9] if incl else 0,
+        gyro_temperature_c=celsius[0],
+        acc_temperature_c=celsius[1],
+        incl_temperature_c=celsius[2],
+        temperature_status=(status[0], status[1], status[2]),
+        extra=int.from_bytes(frame[extra : extra + 3], "big", signed=True) if extra else None,
+        extra_status=frame[extra + 3] if extra else 0,
+        counter=frame[end],
+        latency_us=frame[end + 1] << 8 | frame[end + 2],
+    )
+
+
+def _vector(frame: bytes, at: int, width: int, scale: float) -> Vector3:
+    """Return three big-endian signed integers of `width` bytes, scaled."""
+    read = int.from_bytes
+    y, z, end = at + width, at + 2 * width, at + 3 * width
+    return (
+        read(frame[at:y], "big", signed=True) * scale,
+        read(frame[y:z], "big", signed=True) * scale,
+        read(frame[z:end], "big", signed=True) * scale,
+    )
+
+
+class StimMatcher:
+    """Finds datagrams by identifier, length, CRC and, where configured, CR LF."""
+
+    def __init__(self, crlf: bool) -> None:
+        self._tail = len(CR_LF) if crlf else 0
+        self._locked: bytes | None = None
+        self._misses = 0  # bytes passed since the last datagram
+
+    def search(self, data: bytearray, start: int) -> int:
+        """Return where the next identifier stands."""
+        if self._locked is not None:
+            limit = min(len(data), start + UNLOCK_BYTES - self._misses)
+            at = data.find(self._locked, start, limit)
+            at = limit if at < 0 else at
+            self._misses += at - start
+            if self._misses >= UNLOCK_BYTES:
+                self._locked = None
+            return at
+        found = _ANY_IDENTIFIER.search(data, start)
+        return found.start() if found else len(data)
+
+    def match(self, data: bytearray, start: int) -> int:
+        """Return the length of the datagram at `start`, 0: incomplete, -1: none."""
+        layout = LAYOUTS.get(data[start])
+        if layout is None:
+            return -1
+        length = layout.length + self._tail
+        if len(data) - start < length:
+            return 0
+        crc = start + layout.crc
+        computed = crc32.mpeg_2(bytes(data[start:crc]) + layout.dummies)
+        good = computed == int.from_bytes(data[crc : crc + 4], "big")
+        if not good or (self._tail and data[crc + 4 : crc + 6] != CR_LF):
+            self._misses += 1
+            if self._misses >= UNLOCK_BYTES:
+                self._locked = None
+            return -1
+        self._locked = bytes(data[start : start + 1])
+        self._misses = 0
+        return length
+
+
+class Stim300Codec:
+    """Stream codec: framing by `framer`, whole frames to `ImuDatagram`."""
+
+    tick_s = TICK_S
+    modulus = COUNTER_MODULUS
+
+    def __init__(self, acc_range_g: int, crlf: bool) -> None:
+        self.framer = Framer(StimMatcher(crlf))
+        self._acc_scale = ACC_SCALE_M_S2[acc_range_g]
+
+    def decode(self, frame: Frame) -> ImuDatagram | Reject:
+        """Decode what navigation needs of a frame the framer has checked."""
+        data = frame.data
+        layout = LAYOUTS[data[0]]
+        acc, end = layout.acc, layout.counter
+        gyro_status = data[10]
+        acc_status = data[acc + 9] if acc else 0
+        return ImuDatagram(
+            data[end],
+            (data[end + 1] << 8 | data[end + 2]) * 1e-6,
+            None if gyro_status & STATUS_UNUSABLE else _vector(data, 1, 3, GYRO_SCALE_RAD_S),
+            _vector(data, acc, 3, self._acc_scale)
+            if acc and not acc_status & STATUS_UNUSABLE
+            else None,
+            gyro_status,
+            acc_status,
+        )

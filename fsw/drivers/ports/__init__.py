@@ -1,0 +1,1 @@
+"""Thin non-blocking shells over python-can and pyserial."""

@@ -1,0 +1,76 @@
+"""Serial port over pyserial: any path, a pseudo-terminal too; read in whole chunks."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+import serial
+
+from fsw.clock import Clock
+from fsw.drivers.wire import ByteChunk
+from fsw.errors import PortError
+
+READ_BYTES = 4096
+MAX_READS = 64  # per call, so that a babbling line cannot hold the loop
+
+
+def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
+    """Open a line 8N1 and drop what was waiting in it.
+
+    Raises
+    ------
+    PortError naming the path.
+    """
+    try:
+        line = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise PortError(f"serial {path}: cannot be opened at {baud} baud: {error}") from error
+    with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
+        line.set_low_latency_mode(True)  # refused by pseudo-terminals and some adapters
+    with contextlib.suppress(OSError, serial.SerialException):
+        line.reset_input_buffer()
+    os.set_blocking(line.fileno(), False)
+    return SerialPort(line, clock, path)
+
+
+class SerialPort:
+    """An open line."""
+
+    def __init__(self, line: serial.Serial, clock: Clock, path: str) -> None:
+        self._line = line
+        self._fd = line.fileno()
+        self._clock = clock
+        self._path = path
+
+    def read(self) -> list[ByteChunk]:
+        """Return what has come since the last call, stamped right after each read."""
+        chunks: list[ByteChunk] = []
+        while len(chunks) < MAX_READS:
+            try:
+                data = os.read(self._fd, READ_BYTES)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                raise PortError(f"serial {self._path}: cannot be read: {error}") from error
+            if not data:
+                break
+            chunks.append(ByteChunk(self._clock.now_ns(), data))
+            if len(data) < READ_BYTES:
+                break
+        return chunks
+
+    def write(self, data: bytes) -> None:
+        """Send bytes."""
+        try:
+            self._line.write(data)
+        except (serial.SerialException, OSError) as error:
+            raise PortError(f"serial {self._path}: cannot be written: {error}") from error
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """A readable line wakes the loop, so that arrivals are stamped finely."""
+        return (self._fd,)
+
+    def close(self) -> None:
+        """Release the line."""
+        self._line.close()

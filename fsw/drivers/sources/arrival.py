@@ -1,0 +1,76 @@
+"""When the last byte of a frame had arrived at the latest, from the chunks the frame came in.
+
+A line sends the bytes of a frame without gaps, so each chunk bounds the arrival of the last byte:
+by its stamp plus the time of the bytes still missing then, and for the chunk that holds the last
+byte by its stamp less the time of the accepted bytes behind it. Bytes that are in no accepted frame
+never count, so junk moves no time. A chunk's last bound is final once the next accepted frame is
+known; every earlier chunk is final when a frame is accepted, with or without junk in between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fsw.drivers.codecs.framing import Frame
+
+BITS_PER_BYTE = 10  # 8N1
+
+
+@dataclass(slots=True)
+class Arrival:
+    """Bounds of one accepted frame's arrival [ns]."""
+
+    n: int  # device time [ticks]
+    delay_ns: float  # from device time to the arrival of the last byte
+    t_receive_ns: int  # stamp of the chunk with the last byte
+    spill_ns: float  # earliest bound from the chunks before that one, relative to t_receive_ns
+    bytes_before: int  # accepted bytes in that chunk up to the last byte
+
+    def bound_ns(self, bytes_in_chunk: int, byte_ns: float) -> float:
+        """Return the bound relative to t_receive_ns, never positive."""
+        return min(self.spill_ns, (self.bytes_before - bytes_in_chunk) * byte_ns)
+
+
+class ArrivalTracker:
+    """Collect the accepted frames of the chunk that is not final yet."""
+
+    def __init__(self, baud_rate: int) -> None:
+        self.byte_ns = BITS_PER_BYTE * 1e9 / baud_rate
+        self.bytes_in_chunk = 0  # accepted, of the open chunk
+        self._chunk = -1
+        self._open: list[Arrival] = []
+
+    def is_new_chunk(self, frame: Frame) -> bool:
+        """Tell whether this frame, when added, makes the open chunk final."""
+        return frame.pieces[-1].chunk != self._chunk
+
+    def finish(self, frame: Frame) -> list[Arrival]:
+        """Return the arrivals of the open chunk, made final by `frame`, which ends in a later one.
+
+        `bytes_in_chunk` holds for them until the next `add`.
+        """
+        for piece in frame.pieces[:-1]:
+            if piece.chunk == self._chunk:
+                self.bytes_in_chunk += piece.length
+        done, self._open = self._open, []
+        return done
+
+    def add(self, frame: Frame, n: int, delay_ns: float) -> Arrival:
+        """Add an accepted frame."""
+        last = frame.pieces[-1]
+        if last.chunk != self._chunk:
+            self._chunk = last.chunk
+            self.bytes_in_chunk = 0
+        self.bytes_in_chunk += last.length
+        spill_ns = 0.0
+        missing = len(frame.data)
+        for piece in frame.pieces[:-1]:
+            missing -= piece.length
+            spill_ns = min(spill_ns, piece.t_ns - last.t_ns + missing * self.byte_ns)
+        arrival = Arrival(n, delay_ns, last.t_ns, spill_ns, self.bytes_in_chunk)
+        self._open.append(arrival)
+        return arrival
+
+    def clear(self) -> None:
+        """Drop what is not final (the device's time has jumped)."""
+        self._open = []

@@ -1,0 +1,141 @@
+"""A device's clock seen from the host: the straight line under all arrivals.
+
+An item stamped n by the device is never seen before it was sent, only later by a delay that is at
+least zero. So t = offset + tick n lies under every observation, and the earliest of them carry the
+information. Minima of short bins over the last minute are kept; the line is the edge of their lower
+convex hull at the mean abscissa (the support line with the least summed distance to the points).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+BIN_S = 0.25
+SPAN_S = 60.0
+MIN_RATE_SPAN_S = 0.5  # below it only the offset is fitted
+CONTRADICTION_NS = 10e6  # all arrivals later than that ...
+CONTRADICTION_BINS = 4  # ... in as many bins: the device's time has jumped
+
+_Point = tuple[float, float]  # device time since the first observation [s], residual [ns]
+
+
+class ClockModel:
+    """Offset and rate of a device's clock, from observations that are never early.
+
+    Parameters
+    ----------
+    tick_s : nominal length of one device tick [s]
+    tolerance_ppm : bound of the rate error
+    """
+
+    def __init__(self, tick_s: float, tolerance_ppm: float) -> None:
+        self._tick_s = tick_s
+        self._max_slope = tolerance_ppm * 1e3  # [ns/s]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every observation."""
+        self._n0 = 0
+        self._t0_ns = 0
+        self._empty = True
+        self._offset_ns = 0.0
+        self._slope = 0.0  # rate error [ns/s]
+        self._points: deque[_Point] = deque()
+        self._hull: list[_Point] = []
+        self._bin = 0
+        self._lowest: _Point = (0.0, math.inf)
+        self._late_bins = 0
+
+    @property
+    def ready(self) -> bool:
+        """Tell whether there is any observation."""
+        return not self._empty
+
+    @property
+    def rate_error_ppm(self) -> float:
+        """Rate error of the device: positive when its ticks are longer than nominal."""
+        return self._slope * 1e-3
+
+    def observe(self, n: int, t_ns: int, rest_ns: float) -> None:
+        """Take in that the item of device time n had been seen by host time t_ns + rest_ns."""
+        if self._empty:
+            self._empty = False
+            self._n0, self._t0_ns, self._offset_ns = n, t_ns, rest_ns
+            self._lowest = (0.0, rest_ns)
+            return
+        x = (n - self._n0) * self._tick_s
+        residual = (t_ns - self._t0_ns) + (rest_ns - x * 1e9)
+        index = int(x / BIN_S)
+        if index != self._bin:
+            self._close_bin()
+            self._bin = index
+            self._lowest = (x, residual)
+        elif residual < self._lowest[1]:
+            self._lowest = (x, residual)
+        if residual < self._offset_ns + self._slope * x:
+            self._offset_ns = residual - self._slope * x
+
+    def predict_ns(self, n: int) -> tuple[int, float]:
+        """Return host time of device time n as a whole reference [ns] and the rest [ns]."""
+        x = (n - self._n0) * self._tick_s
+        return self._t0_ns, x * 1e9 + self._offset_ns + self._slope * x
+
+    def early_ns(self, n: int, t_ns: float) -> float:
+        """Return how much earlier than the model an observation is (negative: later) [ns]."""
+        reference, rest = self.predict_ns(n)
+        return rest - (t_ns - reference)
+
+    def device_time(self, t_ns: float) -> float:
+        """Return the device time the model gives for host time t_ns [ticks]."""
+        seconds = (t_ns - self._t0_ns - self._offset_ns) / (1e9 + self._slope)
+        return self._n0 + seconds / self._tick_s
+
+    def _close_bin(self) -> None:
+        x, residual = self._lowest
+        late = residual - (self._offset_ns + self._slope * x)
+        self._late_bins = self._late_bins + 1 if late > CONTRADICTION_NS else 0
+        self._points.append(self._lowest)
+        expired = False
+        while self._points[0][0] < x - SPAN_S:
+            expired |= self._points.popleft() == self._hull[0]
+        if self._late_bins >= CONTRADICTION_BINS:
+            while len(self._points) > CONTRADICTION_BINS:
+                self._points.popleft()
+            self._late_bins = 0
+            expired = True
+        if expired:
+            self._hull = []
+            for point in self._points:
+                _append(self._hull, point)
+        else:
+            _append(self._hull, self._lowest)
+        self._fit()
+
+    def _fit(self) -> None:
+        first, last = self._points[0][0], self._points[-1][0]
+        slope = 0.0
+        if last - first >= MIN_RATE_SPAN_S and len(self._hull) > 1:
+            middle = 0.5 * (first + last)
+            at = 1
+            while at < len(self._hull) - 1 and self._hull[at][0] < middle:
+                at += 1
+            (x0, r0), (x1, r1) = self._hull[at - 1], self._hull[at]
+            slope = min(max((r1 - r0) / (x1 - x0), -self._max_slope), self._max_slope)
+        self._slope = slope
+        self._offset_ns = min(r - slope * x for x, r in self._hull)
+
+
+def _append(hull: list[_Point], point: _Point) -> None:
+    """Extend a lower convex hull by a point to the right of it."""
+    x, r = point
+    while hull and hull[-1][0] >= x:
+        if hull[-1][1] <= r:
+            return
+        hull.pop()
+    while len(hull) > 1:
+        (x0, r0), (x1, r1) = hull[-2], hull[-1]
+        if (r1 - r0) * (x - x0) < (r - r0) * (x1 - x0):
+            break
+        hull.pop()
+    hull.append(point)

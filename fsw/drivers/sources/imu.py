@@ -1,0 +1,154 @@
+"""Inertial unit: serial chunks to samples with their times of validity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fsw.config import ImuConfig
+from fsw.drivers.codecs.framing import Frame
+from fsw.drivers.codecs.imu_datagram import ImuCodec, ImuDatagram, Vector3
+from fsw.drivers.codecs.mip import MipCodec
+from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2, Stim300Codec
+from fsw.drivers.sources.arrival import Arrival, ArrivalTracker
+from fsw.drivers.sources.clock_model import ClockModel
+from fsw.drivers.sources.counters import Counters, serial_counters
+from fsw.drivers.sources.sequence import CounterTrack, Step
+from fsw.drivers.wire import ByteChunk, Reject
+from fsw.messages import ImuSample
+
+MIN_LATENCY_LIMIT_S = 0.01  # a latency field above this and above two periods is no latency
+
+
+def make_codec(driver: str, acc_range_g: int, crlf: bool) -> ImuCodec:
+    """Return the codec a configuration names."""
+    if driver == "stim300":
+        return Stim300Codec(acc_range_g, crlf)
+    if driver == "mip":
+        return MipCodec()
+    raise ValueError(f"imu.driver {driver!r}; must be stim300 or mip")
+
+
+class ImuSource:
+    """One inertial unit.
+
+    The unit's counter, not the arrival, gives a sample its time: device time n is mapped to host time
+    by a clock model fitted under all arrivals less latency field and serialisation. A sample's time
+    uses the observations of all chunks before the one that holds its last byte, and that one as far
+    as it bounds the sample itself; so it is known at once and does not depend on junk.
+    """
+
+    def __init__(self, config: ImuConfig) -> None:
+        codec = make_codec(config.driver, config.acc_range_g, config.crlf)
+        self._codec = codec
+        self._arrivals = ArrivalTracker(config.baud_rate)
+        self._clock = ClockModel(codec.tick_s, config.clock_tolerance_ppm)
+        step = 1.0 / (codec.tick_s * config.rate_hz)
+        self._track = CounterTrack(codec.modulus, codec.tick_s, step)
+        self._counts = Counters()
+        self._rate_limit = config.max_rate_rad_s
+        self._force_limit = config.acc_range_g * STANDARD_GRAVITY_M_S2
+        self._latency_limit_s = max(MIN_LATENCY_LIMIT_S, 2.0 / config.rate_hz)
+        self._gyro_delay_ns = config.gyro_group_delay_s * 1e9
+        self._acc_delay_ns = config.acc_group_delay_s * 1e9
+        self._group: list[tuple[Arrival, ImuDatagram]] = []
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of samples and bytes."""
+        self._counts.lost = self._track.lost
+        return serial_counters(self._counts, self._codec.framer)
+
+    @property
+    def clock_rate_error_ppm(self) -> float:
+        """Rate error of the unit's clock as fitted."""
+        return self._clock.rate_error_ppm
+
+    def feed(self, chunks: Sequence[ByteChunk]) -> list[ImuSample]:
+        """Take chunks in, in order, and return the samples they complete."""
+        samples: list[ImuSample] = []
+        for chunk in chunks:
+            frames = self._codec.framer.feed(chunk)
+            if frames:
+                self._take(self._plausible(frames), samples)
+        return samples
+
+    def _plausible(self, frames: list[Frame]) -> list[tuple[Frame, ImuDatagram]]:
+        """Decode frames and drop those whose values no working unit sends."""
+        good = []
+        for frame in frames:
+            datagram = self._codec.decode(frame)
+            if datagram is None:
+                self._counts.accepted_bytes += len(frame.data)
+            elif isinstance(datagram, Reject):
+                self._counts.reject(datagram, len(frame.data))
+            elif self._is_in_range(datagram):
+                good.append((frame, datagram))
+            else:
+                self._counts.reject(Reject.RANGE, len(frame.data))
+        return good
+
+    def _is_in_range(self, datagram: ImuDatagram) -> bool:
+        return (
+            _is_below(datagram.w_NS_S_rad_s, self._rate_limit)
+            and _is_below(datagram.f_NS_S_m_s2, self._force_limit)
+            and datagram.latency_s <= self._latency_limit_s
+        )
+
+    def _take(self, items: list[tuple[Frame, ImuDatagram]], samples: list[ImuSample]) -> None:
+        track, arrivals, clock = self._track, self._arrivals, self._clock
+        for at, (frame, datagram) in enumerate(items):
+            length = len(frame.data)
+            chunk, t_ns = frame.pieces[-1].chunk, frame.pieces[-1].t_ns
+            queued = 1
+            while at + queued < len(items) and items[at + queued][0].pieces[-1].chunk == chunk:
+                queued += 1
+            delay_ns = datagram.latency_s * 1e9 + length * arrivals.byte_ns
+            sent_ns = t_ns - delay_ns
+            step = track.check(datagram.counter, t_ns, sent_ns, queued, clock)
+            if step is Step.WRONG:
+                self._counts.reject(Reject.SEQUENCE, length)
+                continue
+            if arrivals.is_new_chunk(frame):
+                self._release(samples)
+                for done in arrivals.finish(frame):
+                    bound_ns = done.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns)
+                    clock.observe(done.n, done.t_receive_ns, bound_ns - done.delay_ns)
+            if step is Step.RESTART:
+                self._release(samples)
+                clock.reset()
+                arrivals.clear()
+            n = track.accept(datagram.counter, t_ns, sent_ns, queued, clock, step)
+            self._counts.accepted += 1
+            self._counts.accepted_bytes += length
+            self._group.append((arrivals.add(frame, n, delay_ns), datagram))
+        self._release(samples)
+
+    def _release(self, samples: list[ImuSample]) -> None:
+        """Give the accepted datagrams of one chunk their times."""
+        arrivals, clock = self._arrivals, self._clock
+        for arrival, datagram in self._group:
+            base_ns = arrival.t_receive_ns
+            sent_ns = arrival.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns) - arrival.delay_ns
+            if clock.ready:
+                reference_ns, rest_ns = clock.predict_ns(arrival.n)
+                sent_ns = min(sent_ns, (reference_ns - base_ns) + rest_ns)
+            samples.append(
+                ImuSample(
+                    base_ns + round(sent_ns - self._gyro_delay_ns),
+                    base_ns + round(sent_ns - self._acc_delay_ns),
+                    base_ns,
+                    arrival.n,
+                    datagram.w_NS_S_rad_s,
+                    datagram.f_NS_S_m_s2,
+                    datagram.gyro_status,
+                    datagram.acc_status,
+                )
+            )
+        self._group = []
+
+
+def _is_below(vector: Vector3 | None, limit: float) -> bool:
+    if vector is None:
+        return True
+    x, y, z = vector
+    return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit

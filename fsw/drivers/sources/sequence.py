@@ -1,0 +1,129 @@
+"""Unwrap a device counter with the help of host time, and refuse what cannot be.
+
+A datagram cannot come before it was measured: a counter that runs ahead of host time is wrong, and
+so is one seen twice. Host time also tells how often the counter wrapped in a silence. A unit that
+restarted looks like a row of wrong counters; after 0.1 s of them in unbroken order they are believed.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from fsw.drivers.sources.clock_model import ClockModel
+
+CHAIN_S = 0.1  # unbroken rejects that are believed to be the unit's new time
+EARLY_RATIO = 0.4  # of a sample period: earlier than the clock model than that is impossible
+LATE_S = 0.02  # the first datagram after a silence comes within this, or it is no continuation
+WRAP_RATIO = 0.9  # of the counter's period may pass with no doubt about wraps
+STEP_TOLERANCE = 0.1
+
+
+class Step(Enum):
+    """What a counter turned out to be."""
+
+    NEXT = "next"
+    RESTART = "restart"  # believed, but the clock model must start anew
+    WRONG = "wrong"
+
+
+class CounterTrack:
+    """Counter of one unit, unwrapped to an index on the unit's own clock.
+
+    Parameters
+    ----------
+    modulus : the counter wraps here
+    tick_s : nominal length of a count [s]
+    step : nominal counts per sample
+    """
+
+    def __init__(self, modulus: int, tick_s: float, step: float) -> None:
+        self._modulus = modulus
+        self._tick_ns = tick_s * 1e9
+        self._step = step
+        self._wrap_ns = WRAP_RATIO * modulus * self._tick_ns
+        self._chain_limit = max(3, round(CHAIN_S / (tick_s * step)))
+        self._started = False
+        self._counter = 0
+        self._t_ns = 0
+        self._chain = 0
+        self._chain_counter = 0
+        self.index = 0  # of the last accepted sample [ticks]
+        self.lost = 0
+
+    def check(self, counter: int, t_ns: int, sent_ns: float, queued: int, clock: ClockModel) -> Step:
+        """Judge a counter without believing it yet; call `accept` with the result to do so.
+
+        Parameters
+        ----------
+        t_ns : stamp of the chunk with the datagram's last byte
+        sent_ns : t_ns less latency and serialisation time
+        queued : datagrams of the same chunk from this one on
+        """
+        if not self._started:
+            return Step.NEXT
+        ahead = (counter - self._counter) % self._modulus
+        silence_ns = t_ns - self._t_ns
+        if silence_ns - queued * self._step * self._tick_ns < self._wrap_ns:
+            if ahead == 0:
+                return Step.WRONG
+            if self._is_step(ahead):
+                return Step.NEXT
+            if self._is_multiple(ahead) and not self._is_early(self.index + ahead, sent_ns, clock):
+                return Step.NEXT
+            return self._doubt(counter)
+        if not clock.ready:
+            return self._doubt(counter)
+        index = self._after_silence(ahead, sent_ns, queued, clock)
+        late_ns = -clock.early_ns(index, sent_ns)
+        allowed_ns = LATE_S * 1e9 + (queued - 1) * self._step * self._tick_ns
+        if (
+            not self._is_multiple(index - self.index)
+            or self._is_early(index, sent_ns, clock)
+            or late_ns > allowed_ns
+        ):
+            return self._doubt(counter)
+        return Step.NEXT
+
+    def accept(
+        self, counter: int, t_ns: int, sent_ns: float, queued: int, clock: ClockModel, step: Step
+    ) -> int:
+        """Believe a counter that `check` gave NEXT or RESTART and return its index."""
+        ahead = (counter - self._counter) % self._modulus
+        silence_ns = t_ns - self._t_ns
+        if not self._started:
+            self.index = counter
+        else:
+            if step is Step.RESTART:
+                steps = max(1, round(silence_ns / (self._step * self._tick_ns)))
+                index = self.index + round(steps * self._step)
+            elif silence_ns - queued * self._step * self._tick_ns < self._wrap_ns:
+                index = self.index + ahead
+            else:
+                index = self._after_silence(ahead, sent_ns, queued, clock)
+            self.lost += max(0, round((index - self.index) / self._step) - 1)
+            self.index = index
+        self._started = True
+        self._counter, self._t_ns, self._chain = counter, t_ns, 0
+        return self.index
+
+    def _after_silence(self, ahead: int, sent_ns: float, queued: int, clock: ClockModel) -> int:
+        candidate = self.index + ahead
+        now = clock.device_time(sent_ns) - (queued - 1) * self._step
+        wraps = int((now - candidate) / self._modulus + (1 - WRAP_RATIO))
+        return candidate + max(wraps, 1 if ahead == 0 else 0) * self._modulus
+
+    def _is_step(self, ahead: int) -> bool:
+        return abs(ahead - self._step) <= STEP_TOLERANCE * self._step
+
+    def _is_multiple(self, ahead: int) -> bool:
+        return abs(ahead / self._step - round(ahead / self._step)) <= STEP_TOLERANCE
+
+    def _is_early(self, index: int, sent_ns: float, clock: ClockModel) -> bool:
+        limit_ns = EARLY_RATIO * self._step * self._tick_ns
+        return clock.ready and clock.early_ns(index, sent_ns) > limit_ns
+
+    def _doubt(self, counter: int) -> Step:
+        in_order = self._chain and self._is_step((counter - self._chain_counter) % self._modulus)
+        self._chain = self._chain + 1 if in_order else 1
+        self._chain_counter = counter
+        return Step.RESTART if self._chain >= self._chain_limit else Step.WRONG

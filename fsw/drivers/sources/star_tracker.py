@@ -1,0 +1,154 @@
+"""Star tracker: serial chunks to attitudes of the spacecraft bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fsw.config import StarTrackerConfig
+from fsw.drivers.codecs.framing import Frame
+from fsw.drivers.codecs.sagitta import SOLUTION_ID, SagittaCodec, Solution, encode_subscribe
+from fsw.drivers.sources.arrival import ArrivalTracker
+from fsw.drivers.sources.clock_model import ClockModel
+from fsw.drivers.sources.counters import Counters, serial_counters
+from fsw.drivers.wire import ByteChunk, Reject
+from fsw.messages import AttitudeSample
+
+CLOCK_TOLERANCE_PPM = 200.0
+JUMP_S = 0.5  # unit time and host time may not part by more from one solution to the next
+CHAIN = 3  # solutions in order that are believed to be the unit's new time
+
+Quaternion = tuple[float, float, float, float]
+
+
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the Hamilton product of quaternions x y z w: rotation b, then a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """Return the inverse rotation."""
+    return (-q[0], -q[1], -q[2], q[3])
+
+
+def to_bus(q_wxyz: Quaternion, q_BS_xyzw: Quaternion, rotation: str) -> Quaternion:
+    """Turn the unit's quaternion into q_NB_xyzw, which takes B components to N.
+
+    With rotation `inertial_to_tracker` the unit's quaternion takes N components to S, with
+    `tracker_to_inertial` S components to N.
+    """
+    w, x, y, z = q_wxyz
+    scale = (w * w + x * x + y * y + z * z) ** -0.5
+    q = (x * scale, y * scale, z * scale, w * scale)
+    q_NS = conjugate(q) if rotation == "inertial_to_tracker" else q
+    return multiply(q_NS, conjugate(q_BS_xyzw))
+
+
+class StarTrackerSource:
+    """One star tracker; times by its own time stamp, or by arrival less latency."""
+
+    def __init__(self, config: StarTrackerConfig) -> None:
+        self._config = config
+        self._codec = SagittaCodec()
+        self._arrivals = ArrivalTracker(config.baud_rate)
+        self._clock = ClockModel(1e-6, CLOCK_TOLERANCE_PPM)
+        self._counts = Counters()
+        self._latency_ns = config.latency_s * 1e9
+        self._last: tuple[int, int] | None = None  # unit time [us], host stamp [ns]
+        self._last_frame = b""
+        self._doubted: tuple[int, int] | None = None
+        self._chain = 0
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of samples and bytes."""
+        return serial_counters(self._counts, self._codec.framer)
+
+    def start_bytes(self) -> bytes:
+        """Return what to send at start: the subscription, or nothing."""
+        return encode_subscribe((SOLUTION_ID,)) if self._config.subscribe else b""
+
+    def feed(self, chunks: Sequence[ByteChunk]) -> list[AttitudeSample]:
+        """Take chunks in, in order, and return the attitudes they complete."""
+        samples = []
+        for chunk in chunks:
+            for frame in self._codec.framer.feed(chunk):
+                sample = self._take(frame)
+                if sample is not None:
+                    samples.append(sample)
+        return samples
+
+    def _take(self, frame: Frame) -> AttitudeSample | None:
+        length = len(frame.data)
+        decoded = self._codec.decode(frame.data)
+        if isinstance(decoded, Reject):
+            self._counts.reject(decoded, length)
+            return None
+        if not isinstance(decoded, Solution):
+            self._counts.accepted_bytes += length
+            return None
+        t_ns = frame.pieces[-1].t_ns
+        restart = False
+        if not self._is_next(decoded.unix_us, t_ns, frame.data):
+            restart = self._is_chain(decoded.unix_us, t_ns)
+            if not restart:
+                self._counts.reject(Reject.SEQUENCE, length)
+                return None
+        self._count_lost(t_ns)
+        self._last, self._last_frame, self._chain = (decoded.unix_us, t_ns), frame.data, 0
+        self._counts.accepted += 1
+        self._counts.accepted_bytes += length
+        return AttitudeSample(
+            self._time_of_validity(frame, decoded, restart),
+            t_ns,
+            decoded.ticks,
+            to_bus(decoded.q_wxyz, self._config.mounting.q_BS_xyzw, self._config.rotation),
+        )
+
+    def _time_of_validity(self, frame: Frame, solution: Solution, restart: bool) -> int:
+        arrivals, clock, n = self._arrivals, self._clock, solution.unix_us
+        if arrivals.is_new_chunk(frame):
+            for done in arrivals.finish(frame):
+                bound_ns = done.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns)
+                clock.observe(done.n, done.t_receive_ns, bound_ns - done.delay_ns)
+        if restart:
+            clock.reset()
+            arrivals.clear()
+        serial_ns = len(frame.data) * arrivals.byte_ns
+        arrival = arrivals.add(frame, n, serial_ns)
+        sent_ns = arrival.bound_ns(arrival.bytes_before, arrivals.byte_ns) - serial_ns
+        if self._config.time == "unit" and clock.ready:
+            reference_ns, rest_ns = clock.predict_ns(n)
+            sent_ns = min(sent_ns, (reference_ns - arrival.t_receive_ns) + rest_ns)
+        return arrival.t_receive_ns + round(sent_ns - self._latency_ns)
+
+    def _is_next(self, unix_us: int, t_ns: int, frame: bytes) -> bool:
+        if self._last is None:
+            return True
+        if unix_us == self._last[0]:  # a unit whose time is not set, or the same frame again
+            return unix_us == 0 and frame != self._last_frame
+        return _follows((unix_us, t_ns), self._last)
+
+    def _is_chain(self, unix_us: int, t_ns: int) -> bool:
+        now = (unix_us, t_ns)
+        in_order = self._doubted is not None and self._chain and _follows(now, self._doubted)
+        self._chain = self._chain + 1 if in_order else 1
+        self._doubted = now
+        return self._chain >= CHAIN
+
+    def _count_lost(self, t_ns: int) -> None:
+        if self._last is not None:
+            periods = round((t_ns - self._last[1]) * 1e-9 * self._config.rate_hz)
+            self._counts.lost += max(0, periods - 1)
+
+
+def _follows(now: tuple[int, int], before: tuple[int, int]) -> bool:
+    """Tell whether unit time went on, and about as far as host time."""
+    unit_s = (now[0] - before[0]) * 1e-6
+    return unit_s > 0 and abs(unit_s - (now[1] - before[1]) * 1e-9) < JUMP_S

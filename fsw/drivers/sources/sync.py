@@ -1,0 +1,52 @@
+"""History of the SYNCs of one bus: the joints' time."""
+
+from __future__ import annotations
+
+from fsw.drivers.codecs.canopen import decode_sync
+from fsw.drivers.wire import Reject
+
+MAX_AGE_S = 0.4
+CYCLE_RATIO = 0.9  # of a counter cycle: an older match could be of another cycle
+
+
+class SyncHistory:
+    """Stamps of the latest SYNCs by counter, each with its running index."""
+
+    def __init__(self, counter_max: int, rate_hz: float) -> None:
+        self._counter_max = counter_max
+        self._max_age_ns = round(min(MAX_AGE_S, CYCLE_RATIO * counter_max / rate_hz) * 1e9)
+        self._latest: list[tuple[int, int] | None] = [None] * (counter_max + 1)
+        self._before: list[tuple[int, int] | None] = [None] * (counter_max + 1)
+        self._last_counter = 0
+        self.count = 0
+        self.lost = 0  # gaps in the counter as seen here
+        self.invalid = 0
+
+    def add(self, data: bytes, t_ns: int) -> bool:
+        """Take a SYNC in; False when it carries no counter of this bus."""
+        counter = decode_sync(data, self._counter_max)
+        if isinstance(counter, Reject):
+            self.invalid += 1
+            return False
+        if self.count:
+            self.lost += (counter - self._last_counter - 1) % self._counter_max
+        self._last_counter = counter
+        self._before[counter] = self._latest[counter]
+        self._latest[counter] = (t_ns, self.count)
+        self.count += 1
+        return True
+
+    def next_counter(self) -> int:
+        """Return the counter that follows the last one."""
+        return self._last_counter % self._counter_max + 1
+
+    def find(self, counter: int, t_ns: int) -> tuple[int, int] | None:
+        """Return stamp and index of the latest SYNC with this counter at or before t_ns."""
+        if not 1 <= counter <= self._counter_max:
+            return None
+        entry = self._latest[counter]
+        if entry is not None and entry[0] > t_ns:
+            entry = self._before[counter]
+        if entry is None or not 0 <= t_ns - entry[0] <= self._max_age_ns:
+            return None
+        return entry
