@@ -89,6 +89,7 @@ def test_process_answers_sync_and_streams_over_pseudo_terminals(tmp_path):
     finally:
         process.kill()
         process.wait()
+        process.stdout.close()
     answers = [m for m in messages if 0x190 < m.arbitration_id < 0x198]
     counters = {
         node: [m.data[7] for m in answers if m.arbitration_id == 0x180 + node]
