@@ -176,7 +176,7 @@ class SchedulerConfig(Section):
 class EstimatorConfig(Section):
     """Method, windows and gates."""
 
-    method: Literal["mrnea", "fused"] = "mrnea"
+    method: Literal["mrnea", "fused"] = "fused"
     weighting: Literal["ols", "wls", "eiv"] = "eiv"
     window_s: Positive = 0.4
     nodes: int = Field(default=4, ge=2, le=8)
@@ -326,7 +326,7 @@ def parse(source: bytes, folder: Path, name: str) -> Config:
     """
     try:
         data = read_yaml(source)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: an impossible date or number
         raise ConfigError(f"{name}: not YAML: {error}") from error
     if not isinstance(data, dict):
         raise ConfigError(f"{name}: must be a mapping of sections; found {type(data).__name__}")

@@ -21,6 +21,8 @@ class _StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: dict[Any, int] = {}
         for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue  # the safe loader says what is wrong with it
             line = key.start_mark.line + 1
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(
@@ -38,7 +40,10 @@ def read_yaml(source: bytes) -> object:
 
 def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
     """Return one line per fault: key, what is allowed, the value found."""
-    return [_line(model, fault) for fault in error.errors()]
+    faults = error.errors()
+    inner = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
+    # a list that is "too short" only because its items are faulty is no fault of its own
+    return [_line(model, f) for f in faults if f["type"] != "too_short" or f["loc"] not in inner]
 
 
 def _line(model: type[BaseModel], fault: ErrorDetails) -> str:

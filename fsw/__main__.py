@@ -1,0 +1,110 @@
+"""Command line of the flight software: run, replay and check.
+
+Exit codes: 0 done, 1 a device or the estimator failed, 2 the configuration is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fsw.errors import ConfigError, FswError
+
+if TYPE_CHECKING:
+    from fsw.config import Config
+
+CONFIG_EXIT = 2
+FAILED_EXIT = 1
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand and return the exit code."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
+    arguments = _parser().parse_args(argv)
+    command: Callable[[argparse.Namespace], int] = arguments.command
+    try:
+        return command(arguments)
+    except ConfigError as error:
+        print(f"fsw: {error}", file=sys.stderr)
+        return CONFIG_EXIT
+    except FswError as error:
+        print(f"fsw: {error}", file=sys.stderr)
+        return FAILED_EXIT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="fsw", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    run = commands.add_parser("run", help="identify from live devices until SIGTERM")
+    run.add_argument("config", type=Path, metavar="CONFIG")
+    run.set_defaults(command=_run)
+
+    replay = commands.add_parser("replay", help="identify from a recording, as fast as it goes")
+    replay.add_argument("recording", type=Path, metavar="RECORDING")
+    replay.add_argument("--config", type=Path, required=True, metavar="CONFIG")
+    replay.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    replay.set_defaults(command=_replay)
+
+    check = commands.add_parser("check", help="validate everything; touch no device")
+    check.add_argument("config", type=Path, metavar="CONFIG")
+    check.set_defaults(command=_check)
+    return parser
+
+
+def _checked(path: Path) -> Config:
+    """Read a configuration and validate all of it; warnings go to stderr."""
+    from fsw.check import validate
+    from fsw.config import load
+
+    config = load(path)
+    _, warnings = validate(config)
+    for warning in warnings:
+        print(f"fsw: warning: {config.name}: {warning}", file=sys.stderr)
+    return config
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from fsw.check import validate_outputs
+
+    config = _checked(arguments.config)
+    validate_outputs(config)
+    from fsw.app import run_live  # only now anything that can open a device
+
+    return run_live(config)
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    config = _checked(arguments.config)
+    from fsw.replay import replay
+
+    result = replay(arguments.recording, config)
+    if arguments.json:
+        print(json.dumps(result.to_json()))
+    else:
+        print(result.to_text())
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from fsw.check import missing_devices, validate, validate_outputs
+    from fsw.config import load
+    from fsw.describe import describe
+
+    config = load(arguments.config)
+    problem, warnings = validate(config)
+    validate_outputs(config)
+    print(describe(config, problem))
+    for warning in [*warnings, *missing_devices(config)]:
+        print(f"warning: {warning}")
+    print(f"{config.name}: correct; no device was opened")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""What the configured rates ask of the links: bus load, line load, and each sensor's delay.
+
+Worst cases only, computed before any device is opened. Frame lengths are those of docs/icd.md.
+"""
+
+from __future__ import annotations
+
+from fsw.config import BusConfig, ImuConfig, JointConfig, SchedulerConfig, StarTrackerConfig
+
+BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
+ASSUMED_BITRATE = 1_000_000  # of a bus whose interface sets the bit rate elsewhere
+ASSUMED_DATA_BITRATE = 5_000_000
+SYNC_BYTES = 1
+TPDO1_BYTES = 8
+TPDO1_FD_BYTES = 20
+TPDO2_BYTES = 8
+TPDO2_DIVIDER = 10  # sent at every tenth SYNC
+IMU_BYTES = (28, 63)  # shortest datagram with an accelerometer, and the longest of all
+CRLF_BYTES = 2
+IMU_RATES_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0)
+STAR_TRACKER_BYTES = 2 + 2 * 87  # a solution frame with every byte escaped
+
+
+def classic_frame_s(data_bytes: int, bitrate: float) -> float:
+    """Return the longest time [s] of a classic base frame, interframe space included.
+
+    Source: CAN 2.0 frame layout, 47 + 8 n bits, of which 34 + 8 n are stuffed after every fourth.
+    """
+    stuffed = 34 + 8 * data_bytes
+    return (47 + 8 * data_bytes + (stuffed - 1) // 4) / bitrate
+
+
+def fd_frame_s(data_bytes: int, bitrate: float, data_bitrate: float) -> float:
+    """Return the longest time [s] of an ISO CAN FD base frame with bit-rate switch.
+
+    Arbitration phase: 17 bits to BRS with 4 stuff bits, CRC delimiter to interframe space 13.
+    Data phase: ESI, DLC, data with a stuff bit after every fourth, stuff count, CRC with its fixed
+    stuff bits. Source: ISO 11898-1:2015.
+    """
+    crc_bits = 17 if data_bytes <= 16 else 21
+    body = 5 + 8 * data_bytes
+    fixed_stuff = (4 + crc_bits) // 4 + 1
+    data_bits = body + body // 4 + 4 + crc_bits + fixed_stuff
+    return (17 + 4 + 13) / bitrate + data_bits / data_bitrate
+
+
+def bus_load(bus: BusConfig, joints: tuple[JointConfig, ...]) -> float:
+    """Return the worst-case share of a bus that SYNC, TPDO1 and TPDO2 take (1: full)."""
+    bitrate = bus.bitrate or ASSUMED_BITRATE
+    data_bitrate = bus.data_bitrate or ASSUMED_DATA_BITRATE
+    cycle_s = classic_frame_s(SYNC_BYTES, bitrate)
+    for joint in joints:
+        if joint.bus != bus.name:
+            continue
+        if joint.format == "fd":
+            cycle_s += fd_frame_s(TPDO1_FD_BYTES, bitrate, data_bitrate)
+        else:
+            cycle_s += classic_frame_s(TPDO1_BYTES, bitrate)
+            cycle_s += classic_frame_s(TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
+    return cycle_s * bus.rate_hz
+
+
+def imu_load(imu: ImuConfig) -> tuple[float, float]:
+    """Return the share of the line that the shortest and the longest datagram would take."""
+    end = CRLF_BYTES if imu.crlf else 0
+    shortest, longest = (
+        (size + end) * BITS_PER_BYTE * imu.rate_hz / imu.baud_rate for size in IMU_BYTES
+    )
+    return shortest, longest
+
+
+def star_tracker_load(tracker: StarTrackerConfig) -> float:
+    """Return the share of the line that solutions take at worst."""
+    return STAR_TRACKER_BYTES * BITS_PER_BYTE * tracker.rate_hz / tracker.baud_rate
+
+
+def joint_delay_s(bus: BusConfig, scheduler: SchedulerConfig) -> float:
+    """Return the longest time [s] from a joint's latch to its reading: a cycle and a tick."""
+    return abs(bus.latch_offset_s) + 1.0 / bus.rate_hz + 1.0 / scheduler.tick_rate_hz
+
+
+def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:
+    """Return the time [s] from validity to reading: group delay, one sample, the line, a tick."""
+    group_s = max(imu.gyro_group_delay_s, imu.acc_group_delay_s)
+    line_s = (IMU_BYTES[1] + CRLF_BYTES) * BITS_PER_BYTE / imu.baud_rate
+    return group_s + 1.0 / imu.rate_hz + line_s + 1.0 / scheduler.tick_rate_hz
+
+
+def star_tracker_delay_s(tracker: StarTrackerConfig, scheduler: SchedulerConfig) -> float:
+    """Return the time [s] from mid-exposure to reading: latency, the line, a tick."""
+    line_s = STAR_TRACKER_BYTES * BITS_PER_BYTE / tracker.baud_rate
+    return tracker.latency_s + line_s + 1.0 / scheduler.tick_rate_hz
