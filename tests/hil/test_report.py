@@ -15,8 +15,8 @@ def story(bodies, count):
         Point(
             t_s=0.4 * k,
             valid=k > 3,
-            reports={b: TRUTH * (1 + 0.3 / (k + 1)) for b in bodies},
-            sigmas={b: TRUTH * 0.1 / (k + 1) for b in bodies},
+            reports=dict.fromkeys(bodies, TRUTH * (1 + 0.3 / (k + 1))),
+            sigmas=dict.fromkeys(bodies, TRUTH * 0.1 / (k + 1)),
             information_nats=float(k),
         )
         for k in range(count)
@@ -26,7 +26,7 @@ def story(bodies, count):
     )
     return Story(
         title="test",
-        truth={b: TRUTH for b in bodies},
+        truth=dict.fromkeys(bodies, TRUTH),
         points=points,
         residuals=Residuals(t_s=np.arange(4.0), torque_nm=np.zeros((4, 3))),
         tool_errors={"prior": error, "estimate": error},

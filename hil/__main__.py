@@ -1,0 +1,146 @@
+"""Command line of the bench: run a scenario and judge it, or list the scenarios.
+
+Exit codes: 0 done, 1 the run failed, 2 the scenario or configuration is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+WRONG_EXIT = 2
+FAILED_EXIT = 1
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand and return the exit code."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
+    arguments = _parser().parse_args(argv)
+    command: Callable[[argparse.Namespace], int] = arguments.command
+    from hil.errors import explained
+
+    return explained(lambda: command(arguments), WRONG_EXIT, FAILED_EXIT)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="hil", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    run = commands.add_parser("run", help="run a scenario against the daemon and judge the result")
+    run.add_argument("scenario", metavar="SCENARIO", help="a name from `hil list`, or a YAML file")
+    run.add_argument("--fast", action="store_true", help="virtual time, one thread, deterministic")
+    run.add_argument("--seed", type=int, default=0, metavar="K", help="fixes every random bit")
+    run.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    run.add_argument(
+        "--out", type=Path, metavar="DIR", help="keep configuration, recording, picture, result"
+    )
+    run.add_argument("--method", choices=("mrnea", "fused"), help="instead of the scenario's")
+    run.add_argument("--weighting", choices=("ols", "wls", "eiv"), help="instead of the scenario's")
+    run.set_defaults(command=_run)
+    listing = commands.add_parser("list", help="list the scenarios")
+    listing.set_defaults(command=_list)
+    return parser
+
+
+def _list(_arguments: argparse.Namespace) -> int:
+    from hil.scenario import load, names
+
+    for name in names():
+        print(f"{name:12s} {load(name).title}")
+    return 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from hil import bench, live, report
+    from hil.progress import meter
+    from hil.scenario import load
+
+    scenario = load(arguments.scenario)
+    chosen = {"method": arguments.method, "weighting": arguments.weighting}
+    overrides = {key: value for key, value in chosen.items() if value is not None}
+    with ExitStack() as stack:
+        folder = arguments.out
+        if folder is None and arguments.json:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hil-")))
+        elif folder is None:
+            folder = Path("runs") / f"{scenario.name}-{arguments.seed}"
+        folder = folder.absolute()
+        port = None if arguments.fast else live.free_udp_port()
+        setup = bench.prepare(scenario, arguments.seed, folder, bus_port=port, overrides=overrides)
+        with meter(scenario.name, setup.total_s, Console(stderr=True)) as bar:
+            if arguments.fast:
+                recorded = bench.run_virtual(setup, bar, record=arguments.out is not None)
+            else:
+                recorded = bench.run_live(setup, bar)
+        case = bench.make_case(setup)
+        outcome = bench.judge(setup, case, recorded)
+        (folder / "result.json").write_text(json.dumps(outcome, indent=1), encoding="utf-8")
+        picture = None
+        if arguments.out is not None or not arguments.json:
+            story = bench.make_story(setup, case, recorded, outcome)
+            picture = report.save(story, folder / "report.png")
+        if arguments.json:
+            print(json.dumps(outcome))
+        else:
+            _print(outcome, picture, Console())
+    return 0 if outcome["valid"] else FAILED_EXIT
+
+
+def _print(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> None:
+    from rich.table import Table
+
+    from hil.score import table, table_header
+
+    for body in outcome["unknown"]:
+        shown = Table(title=f"{body}: inertia about the centre of mass, body frame")
+        for title in table_header(outcome):
+            shown.add_column(title, justify="left" if not title else "right")
+        for line in table(outcome, body):
+            shown.add_row(*line)
+        console.print(shown)
+        ratio = outcome["mass_sigma_to_crb_ratio"][body]
+        console.print(f"{body} mass sigma is {ratio:.2f} of its Cramer-Rao bound")
+    tool = Table(title="end-effector error on the verification trajectory")
+    for title in ("", "mean [mm]", "max [mm]", "mean [mrad]", "max [mrad]"):
+        tool.add_column(title, justify="right" if title else "left")
+    lines = {
+        "prior": outcome["ee_error_prior"],
+        "estimate": outcome["ee_error"],
+        "expected from the covariance": outcome["ee_error_expected"],
+    }
+    if outcome["ols"]:
+        lines["raw OLS (the paper's MRNEA)"] = outcome["ols"]["ee_error"]
+    for name, error in lines.items():
+        keys = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
+        tool.add_row(name, *(f"{1e3 * error[key]:.4g}" for key in keys))
+    console.print(tool)
+    if outcome["ols"]:
+        for body, bias in outcome["ols"]["mass_error_ratio"].items():
+            console.print(f"raw OLS on the same data: {body} mass {100 * bias:+.1f} %")
+    state = "valid" if outcome["valid"] else f"not valid: {outcome['reason']}"
+    console.print(f"NEES {outcome['nees']:.1f} for {outcome['dof']} parameters, {state}")
+    validity = outcome["imu_time_of_validity"]
+    if validity:
+        console.print(f"IMU time of validity: {1e6 * validity['rms_s']:.1f} us rms after 5 s")
+    for source, counters in outcome["samples"].items():
+        console.print(f"{source}: " + ", ".join(f"{v} {k}" for k, v in counters.items()))
+    console.print(
+        f"{outcome['slips']} slips; {outcome['simulated_s']:.0f} s in {outcome['wall_s']:.1f} s"
+    )
+    if picture is not None:
+        console.print(f"picture: {picture}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
