@@ -9,6 +9,7 @@ from itertools import count
 from fsw.drivers.wire import ByteChunk, CanFrame
 from hil.clock import SimClock
 from hil.devices.can_segment import TimedFrame
+from hil.devices.canopen import SYNC_ID
 from hil.devices.uart import TimedBytes
 from hil.plant import Plant
 from hil.sensors import generator
@@ -27,9 +28,14 @@ def _pass_bytes(chunks: Sequence[TimedBytes]) -> Sequence[TimedBytes]:
 
 
 class VirtualCan:
-    """A CAN port. `tap` may drop, change, delay or add frames on their way to the host."""
+    """A CAN port. `tap` may drop, change, delay or add frames on their way to the host.
+
+    Frames are stamped when read, or by their end on the bus, like a kernel does, where the plant
+    produces SYNC: then its stamp is the joints' time of validity.
+    """
 
     def __init__(self, plant: Plant, clock: SimClock, bus: str) -> None:
+        self._producer = plant.sync_producer(clock.now_ns())
         self.tap: FrameTap = _pass_frames
         self.bus = bus
         self._plant, self._clock = plant, clock
@@ -44,10 +50,16 @@ class VirtualCan:
         """Return the frames whose end on the bus has come, stamped now."""
         now_ns = self._clock.now_ns()
         self._deliver(self._plant.frames_until(now_ns, self.bus))
+        producer = self._producer
+        while producer is not None and producer.next_ns() <= now_ns:
+            sync_ns, payload = producer.next_ns(), producer.payload()
+            self._deliver([(sync_ns, SYNC_ID, payload, False)])
+            self._deliver(self._plant.on_frame(sync_ns, SYNC_ID, payload, self.bus))
         frames = []
         while self._queue and self._queue[0][0] <= now_ns:
-            _, can_id, data, is_fd = heapq.heappop(self._queue)[2]
-            frames.append(CanFrame(now_ns, can_id, data, is_fd, bitrate_switch=is_fd))
+            end_ns, can_id, data, is_fd = heapq.heappop(self._queue)[2]
+            stamp_ns = now_ns if producer is None else end_ns
+            frames.append(CanFrame(stamp_ns, can_id, data, is_fd, bitrate_switch=is_fd))
         return frames
 
     def write(self, can_id: int, data: bytes) -> CanFrame:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.devices.can_segment import CanSegment, TimedFrame
+from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, JointNode, Reading
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
@@ -118,6 +118,13 @@ class Plant:
         ]
         self._latched = (t_ns, readings)
         return readings
+
+    def sync_producer(self, t0_ns: int) -> SyncProducer | None:
+        """Return a SYNC producer starting at the time, where the plant is to be one."""
+        joints = self.sensors.joints
+        if joints.sync_rate_hz is None:
+            return None
+        return SyncProducer(joints.sync_rate_hz, joints.sync_counter_max, t0_ns)
 
     def _bus(self, bus: str | None) -> CanSegment:
         return self.segments[bus] if bus is not None else next(iter(self.segments.values()))

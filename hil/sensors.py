@@ -111,6 +111,7 @@ class JointSensorConfig:
     heartbeat_s: float = 1.0
     autostart: bool = True  # become operational at the first SYNC unless told otherwise
     sync_counter_max: int = 240
+    sync_rate_hz: float | None = None  # the plant produces SYNC itself (host a consumer)
     nodes: tuple[NodeConfig, ...] = ()  # empty: node 0x11 and on, classic, bus "arm"
 
 

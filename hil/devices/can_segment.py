@@ -35,6 +35,25 @@ def duration_ns(length: int, is_fd: bool, stuff_bits: float) -> float:
     return 1e3 * (47 + 8 * length + stuff_bits)
 
 
+class SyncProducer:
+    """Another node of the bus that produces SYNC, where the host only consumes it."""
+
+    def __init__(self, rate_hz: float, counter_max: int, t0_ns: int) -> None:
+        self._period_ns = 1e9 / rate_hz
+        self._max = counter_max
+        self._t0_ns = t0_ns
+        self._sent = 0
+
+    def next_ns(self) -> int:
+        """Return when the next SYNC is due."""
+        return self._t0_ns + round((self._sent + 1) * self._period_ns)
+
+    def payload(self) -> bytes:
+        """Return the counter byte of the SYNC now due, and count it as sent."""
+        self._sent += 1
+        return bytes([(self._sent - 1) % self._max + 1])
+
+
 class CanSegment:
     """Nodes of one bus. Frames queue by identifier behind whatever holds the bus."""
 

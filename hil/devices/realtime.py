@@ -27,7 +27,7 @@ from hil.plant import Plant
 
 PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
-FIRST_REPLY_LIMIT = 64  # frames read in one go
+READ_LIMIT = 64  # frames read in one go
 
 
 class BusEnd:
@@ -38,6 +38,7 @@ class BusEnd:
         given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
         self._bus = can.Bus(interface=link.interface, channel=link.channel, fd=link.fd, **given)
         self._plant, self._name = plant, link.name
+        self._producer = plant.sync_producer(time.monotonic_ns())
         self._queue: list[tuple[int, int, TimedFrame]] = []
         self._order = count()
         self.sync_seen = False
@@ -50,12 +51,14 @@ class BusEnd:
     def receive(self) -> None:
         """Drain the bus; answers join the queue. SYNC is latched at its kernel stamp."""
         offset_ns = time.monotonic_ns() - time.time_ns()
-        for _ in range(FIRST_REPLY_LIMIT):
+        for _ in range(READ_LIMIT):
             message = self._bus.recv(0)
             if message is None:
                 return
             can_id = message.arbitration_id
             if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
+                continue
+            if can_id == SYNC_ID and self._producer is not None:
                 continue
             if can_id not in (SYNC_ID, 0) and not 0x600 < can_id < 0x680:
                 continue
@@ -69,25 +72,38 @@ class BusEnd:
             heapq.heappush(self._queue, (frame[0], next(self._order), frame))
 
     def send_due(self, now_ns: int) -> None:
-        """Send what has ended on the simulated bus."""
+        """Send what has ended on the simulated bus, and SYNC where the plant produces it."""
+        producer = self._producer
+        while producer is not None and producer.next_ns() <= now_ns:
+            payload = producer.payload()
+            self._send(SYNC_ID, payload, is_fd=False)
+            self.sync_seen = True
+            stamp_ns = time.monotonic_ns()
+            self._enqueue(self._plant.on_frame(stamp_ns, SYNC_ID, payload, self._name))
         self._enqueue(self._plant.frames_until(now_ns, self._name))
         while self._queue and self._queue[0][0] <= now_ns:
             _, can_id, data, is_fd = heapq.heappop(self._queue)[2]
-            message = can.Message(
-                arbitration_id=can_id,
-                data=data,
-                is_extended_id=False,
-                is_fd=is_fd,
-                bitrate_switch=is_fd,
-            )
-            try:
-                self._bus.send(message)
-            except can.CanError:
-                self.send_errors += 1
+            self._send(can_id, data, is_fd=is_fd)
+
+    def _send(self, can_id: int, data: bytes, *, is_fd: bool) -> None:
+        message = can.Message(
+            arbitration_id=can_id,
+            data=data,
+            is_extended_id=False,
+            is_fd=is_fd,
+            bitrate_switch=is_fd,
+        )
+        try:
+            self._bus.send(message)
+        except can.CanError:
+            self.send_errors += 1
 
     def deadline_ns(self) -> int | None:
-        """Return when the last waiting frame is due: one wake serves one SYNC's answers."""
-        return max(entry[0] for entry in self._queue) if self._queue else None
+        """Return when to wake: the last waiting frame (one wake serves one SYNC), or a SYNC."""
+        due = [max(entry[0] for entry in self._queue)] if self._queue else []
+        if self._producer is not None:
+            due.append(self._producer.next_ns())
+        return min(due, default=None)
 
     def close(self) -> None:
         """Release the bus."""

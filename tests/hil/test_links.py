@@ -101,3 +101,23 @@ def test_a_sleep_without_descriptors_ends_at_its_deadline():
     assert world.clock.now_ns() == 50 * MS
     assert world.clock.sleep_until_ns(40 * MS)
     assert world.clock.now_ns() == 50 * MS
+
+
+def test_a_plant_that_produces_sync_stamps_it_at_the_latch():
+    config = sensor_config({"sync_rate_hz": 400.0})
+    plant = Plant(AnalyticHistory(), config, 3, start_delay_s=0.1)
+    world = VirtualBench(plant, 0)
+    frames = []
+    for k in range(1, 401):
+        world.clock.sleep_until_ns(k * 2 * MS)
+        frames += world.can.read()
+    syncs = [f for f in frames if f.can_id == 0x080]
+    assert [f.t_ns for f in syncs] == [2_500_000 * (k + 1) for k in range(320)]
+    assert [f.data[0] for f in syncs] == [k % 240 + 1 for k in range(320)]
+    assert [f.t_ns for f in frames] == sorted(f.t_ns for f in frames)
+    answers = [f for f in frames if f.can_id == 0x191]
+    for sync, frame in zip(syncs, answers, strict=False):
+        t_s = max(0.0, (sync.t_ns - 102_500_000) * 1e-9)
+        position = int.from_bytes(frame.data[:4], "little", signed=True)
+        q = AnalyticHistory().at(t_s).q[0]
+        assert abs(position / 2**24 * 2 * np.pi - q) < 4e-7
