@@ -16,16 +16,19 @@ with Y_h the base rows of Y(q, 0, nu) at the full predicted nu (v_b included) an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fsw.estimators.inertia import skew
-from fsw.estimators.mrnea import Rows, _has, _root
+from fsw.estimators.mrnea import Rows, covariance_root, present
 from fsw.estimators.problem import Problem
 from fsw.messages import Block, FloatArray
 
 CHANNELS = ("torque", "accelerometer", "gyro")
+Rate = Literal["momentum", "measured"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +43,7 @@ class Prediction:
     J_w: FloatArray  # (m, 3, p)
     D_qdd: FloatArray  # (m, n + 3, n): d[tau; f]/d qdd
     D_qd: FloatArray  # (m, n + 6, n): d[tau; f; w]/d qd
+    D_w: FloatArray  # (m, n + 3, 3): d[tau; f]/d measured w; zero where w is predicted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +59,7 @@ class _Dynamics:
     force: FloatArray  # (m, n) joint torque
 
 
-def _dynamics(block: Block, x: FloatArray, problem: Problem) -> _Dynamics:
+def _dynamics(block: Block, x: FloatArray, problem: Problem, rate: Rate) -> _Dynamics:
     model, n, m = problem.model, problem.model.n, len(block.t_ns)
     pi = problem.pi(x)
     model.set_parameters(pi)
@@ -64,12 +68,17 @@ def _dynamics(block: Block, x: FloatArray, problem: Problem) -> _Dynamics:
     nu, a = np.zeros((2, m, 6 + n))
     nu[:, 6:], a[:, 6:] = block.qd_rad_s, block.qdd_rad_s2
     momentum = np.zeros((m, 6))
-    if _has(problem.momentum):
+    if present(problem.momentum):
         momentum[:, 3:] = x[problem.momentum] @ block.R_NB
+    w_measured = block.w_NB_B_rad_s
+    if present(problem.gyro_bias):
+        w_measured = w_measured - x[problem.gyro_bias]
     for i in range(m):
         q, qd = block.q_rad[i], block.qd_rad_s[i]
         H[i] = model.mass_matrix(q)
         nu[i, :6] = np.linalg.solve(H[i, :6, :6], momentum[i] - H[i, :6, 6:] @ qd)
+        if rate == "measured":
+            nu[i, 3:6] = w_measured[i]
         Y_h[i] = model.momentum_regressor(q, nu[i])
         w = nu[i, 3:6]
         bias = model.regressor(q, w, qd, a[i])[:6] @ pi
@@ -81,15 +90,22 @@ def _dynamics(block: Block, x: FloatArray, problem: Problem) -> _Dynamics:
     )
 
 
-def predict(block: Block, x: FloatArray, problem: Problem) -> Prediction:
-    """Predict every channel at the nodes of a block from joint motion, with exact Jacobians."""
+def predict(block: Block, x: FloatArray, problem: Problem, rate: Rate = "momentum") -> Prediction:
+    """Predict every channel at the nodes of a block from joint motion, with exact Jacobians.
+
+    `rate` says where the base's angular velocity comes from: `momentum` predicts it (fused, CM),
+    `measured` takes the gyro less its bias (RDA as the paper has it).
+    """
     m, n = block.q_rad.shape
     p, k, r = len(x), problem.bodies, problem.p_BS_m
-    d = _dynamics(block, x, problem)
+    d = _dynamics(block, x, problem, rate)
     H_bb, H_bm, C_w = d.H[:, :6, :6], d.H[:, :6, 6:], d.C[:, :, 3:6]
     J_nu = np.zeros((m, 6, p))
-    J_nu[:, :, k] = -np.linalg.solve(H_bb, d.Y_h)
-    if _has(problem.momentum):
+    if rate == "momentum":
+        J_nu[:, :, k] = -np.linalg.solve(H_bb, d.Y_h)
+    elif present(problem.gyro_bias):
+        J_nu[:, 3:, problem.gyro_bias] = -np.eye(3)
+    if rate == "momentum" and present(problem.momentum):
         moment = np.concatenate([np.zeros((m, 3, 3)), block.R_NB.transpose(0, 2, 1)], axis=1)
         J_nu[:, :, problem.momentum] = np.linalg.solve(H_bb, moment)
     J_w = J_nu[:, 3:].copy()
@@ -102,32 +118,35 @@ def predict(block: Block, x: FloatArray, problem: Problem) -> Prediction:
     f = d.a[:, :3] + np.cross(wd, r) + np.cross(w, np.cross(w, r))
     centripetal = -skew(np.cross(w, r)) - skew(w) @ skew(r)
     J_f = J_a[:, :3] - skew(r) @ J_a[:, 3:] + centripetal @ J_w
-    if _has(problem.torque_offset):
+    if present(problem.torque_offset):
         tau = tau + x[problem.torque_offset]
         J_tau[:, :, problem.torque_offset] += np.eye(n)
-    if _has(problem.acc_bias):
+    if present(problem.acc_bias):
         f = f + x[problem.acc_bias]
         J_f[:, :, problem.acc_bias] += np.eye(3)
-    if _has(problem.gyro_bias):
+    if present(problem.gyro_bias):
         w = w + x[problem.gyro_bias]
         J_w[:, :, problem.gyro_bias] += np.eye(3)
-    D_qdd, D_qd = _motion_gains(d.H, d.C, centripetal, r)
-    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd)
+    D_qdd, D_qd, D_w = _motion_gains(d.H, d.C, centripetal, r, rate)
+    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w)
 
 
 def fused_rows(
-    block: Block, x: FloatArray, problem: Problem, channels: tuple[str, ...] = CHANNELS
+    block: Block,
+    x: FloatArray,
+    problem: Problem,
+    channels: tuple[str, ...] = CHANNELS,
+    rate: Rate = "momentum",
 ) -> Rows:
     """Return the whitened rows of one block for the chosen channels.
 
-    The noise of the joints' own derivatives enters through the exact sensitivities, correlated over
-    the nodes of the block and over the channels.
+    The noise of the joints' own derivatives, and of a measured base rate, enters through the exact
+    sensitivities, correlated over the nodes of the block and over the channels.
     """
-    m, n = block.q_rad.shape
-    prediction = predict(block, x, problem)
+    prediction = predict(block, x, problem, rate)
     use = np.concatenate(
         [
-            block.has_joint if "torque" in channels else np.zeros(n, dtype=bool),
+            block.has_joint & ("torque" in channels),
             np.full(3, "accelerometer" in channels and block.has_accelerometer),
             np.full(3, "gyro" in channels and block.has_gyro),
         ]
@@ -141,8 +160,19 @@ def fused_rows(
         axis=1,
     )[:, use]
     X = np.concatenate([prediction.J_tau, prediction.J_f, prediction.J_w], axis=1)[:, use]
-    D_qdd = np.concatenate([prediction.D_qdd, np.zeros((m, 3, n))], axis=1)[:, use]
-    D_qd = prediction.D_qd[:, use]
+    size = r.size
+    L = np.linalg.cholesky(_covariance(block, prediction, use, rate))
+    return Rows(
+        solve_triangular(L, X.reshape(size, len(x)), lower=True),
+        solve_triangular(L, r.ravel(), lower=True),
+    )
+
+
+def _covariance(
+    block: Block, prediction: Prediction, use: NDArray[np.bool_], rate: Rate
+) -> FloatArray:
+    """Return the covariance of the stacked residuals (node-major) of the channels in use."""
+    m, n = block.q_rad.shape
     S = np.zeros((m, n + 6, m, n + 6))
     for j in range(n):
         S[:, j, :, j] = block.cov_tau[j]
@@ -151,29 +181,34 @@ def fused_rows(
         S[:, n + 3 + axis, :, n + 3 + axis] = block.cov_gyro[:m, :m]
     size = m * int(use.sum())
     S = S[:, use][:, :, :, use].reshape(size, size)
+    D_qdd = np.concatenate([prediction.D_qdd, np.zeros((m, 3, n))], axis=1)[:, use]
+    D_qd = prediction.D_qd[:, use]
+    gains = []
     for j in range(n):
-        root = _root(block.cov_joint[j])
+        root = covariance_root(block.cov_joint[j])
         G = np.einsum("ir,if->irf", D_qd[:, :, j], root[:m])
-        G += np.einsum("ir,if->irf", D_qdd[:, :, j], root[m:])
-        G = G.reshape(size, -1)
-        S += G @ G.T
-    L = np.linalg.cholesky(S)
-    return Rows(
-        solve_triangular(L, X.reshape(size, len(x)), lower=True),
-        solve_triangular(L, r.ravel(), lower=True),
-    )
+        gains.append(G + np.einsum("ir,if->irf", D_qdd[:, :, j], root[m:]))
+    if rate == "measured":
+        root = covariance_root(block.cov_gyro[:m, :m])
+        D_w = np.concatenate([prediction.D_w, np.zeros((m, 3, 3))], axis=1)[:, use]
+        gains += [np.einsum("ir,if->irf", D_w[:, :, axis], root) for axis in range(3)]
+    G = np.concatenate(gains, axis=2).reshape(size, -1)
+    return S + G @ G.T
 
 
 def _motion_gains(
-    H: FloatArray, C: FloatArray, centripetal: FloatArray, r: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return d[tau; f]/d qdd and d[tau; f; w]/d qd at zero external wrench."""
+    H: FloatArray, C: FloatArray, centripetal: FloatArray, r: FloatArray, rate: Rate
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return d[tau; f]/d qdd, d[tau; f; w]/d qd and d[tau; f]/dw at zero external wrench."""
     H_bb, H_bm, H_m = H[:, :6, :6], H[:, :6, 6:], H[:, 6:, 6:]
     lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
     N = -np.linalg.solve(H_bb, H_bm)
     D_qdd = np.concatenate([H_m + H_bm.transpose(0, 2, 1) @ N, lever @ N], axis=1)
-    w_qd = N[:, 3:]
-    a_qd = -np.linalg.solve(H_bb, C[:, :6, 6:] + C[:, :6, 3:6] @ w_qd)
-    tau_qd = C[:, 6:, 6:] + C[:, 6:, 3:6] @ w_qd + H_bm.transpose(0, 2, 1) @ a_qd
-    f_qd = lever @ a_qd + centripetal @ w_qd
-    return D_qdd, np.concatenate([tau_qd, f_qd, w_qd], axis=1)
+    a_w = -np.linalg.solve(H_bb, C[:, :6, 3:6])
+    D_w = np.concatenate(
+        [C[:, 6:, 3:6] + H_bm.transpose(0, 2, 1) @ a_w, lever @ a_w + centripetal], axis=1
+    )
+    a_qd = -np.linalg.solve(H_bb, C[:, :6, 6:])
+    D_qd = np.concatenate([C[:, 6:, 6:] + H_bm.transpose(0, 2, 1) @ a_qd, lever @ a_qd], axis=1)
+    w_qd = N[:, 3:] if rate == "momentum" else np.zeros_like(N[:, 3:])
+    return D_qdd, np.concatenate([D_qd + D_w @ w_qd, w_qd], axis=1), D_w

@@ -32,10 +32,14 @@ def base_acceleration(
 
     a_b = f_S - wd x r - w x (w x r) - bias, in free fall. Source: rigid-body kinematics.
     """
-    w = block.w_NB_B_rad_s - x[problem.gyro_bias] if _has(problem.gyro_bias) else block.w_NB_B_rad_s
+    w = (
+        block.w_NB_B_rad_s - x[problem.gyro_bias]
+        if present(problem.gyro_bias)
+        else block.w_NB_B_rad_s
+    )
     r, wd = problem.p_BS_m, block.wd_NB_B_rad_s2
     a = block.f_NS_B_m_s2 - np.cross(wd, r) - np.cross(w, np.cross(w, r))
-    if _has(problem.acc_bias):
+    if present(problem.acc_bias):
         a = a - x[problem.acc_bias]
     return w, np.concatenate([a, wd], axis=1)
 
@@ -58,7 +62,7 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
     acceleration = np.concatenate([a_base, block.qdd_rad_s2], axis=1)
     y = np.zeros((m, 6 + n))
     y[:, 6:] = block.tau_nm
-    if _has(problem.torque_offset):
+    if present(problem.torque_offset):
         y[:, 6:] -= x[problem.torque_offset]
     r = np.empty((m, 6 + n))
     H, C = np.empty((2, m, 6 + n, 6 + n))
@@ -85,17 +89,18 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
             Y[i] = model.regressor(block.q_rad[i], w[i], qd[i], acceleration[i])
     X = np.zeros((m, 6 + n, len(x)))
     X[:, :, problem.bodies] = Y @ problem.U
-    if _has(problem.torque_offset):
+    if present(problem.torque_offset):
         X[:, 6:, problem.torque_offset] = np.eye(n)
-    if _has(problem.acc_bias):
+    if present(problem.acc_bias):
         X[:, :, problem.acc_bias] = -H[:, :, :3]
-    if _has(problem.gyro_bias):
+    if present(problem.gyro_bias):
         X[:, :, problem.gyro_bias] = -G_w
     X = X.reshape(m * (6 + n), len(x))
     return Rows(solve_triangular(L, X, lower=True), white)
 
 
-def _has(states: slice) -> bool:
+def present(states: slice) -> bool:
+    """Tell whether a nuisance is part of the state."""
     return bool(states.stop > states.start)
 
 
@@ -108,13 +113,13 @@ def _input_gains(
     """
     m, n = block.q_rad.shape
     acc = np.linalg.cholesky(block.cov_acc)
-    gyro = _root(block.cov_gyro)
+    gyro = covariance_root(block.cov_gyro)
     # columns ordered (axis, factor)
     G_f = np.einsum("irk,if->irkf", H[:, :, :3], acc)
     G_g = np.einsum("irk,if->irkf", G_w, gyro[:m]) + np.einsum("irk,if->irkf", G_wd, gyro[m:])
     parts = [G_f.reshape(m, 6 + n, -1), G_g.reshape(m, 6 + n, -1)]
     for j in range(n):
-        root = _root(block.cov_joint[j])
+        root = covariance_root(block.cov_joint[j])
         parts.append(
             np.einsum("ir,if->irf", C[:, :, 6 + j], root[:m])
             + np.einsum("ir,if->irf", H[:, :, 6 + j], root[m:])
@@ -122,7 +127,7 @@ def _input_gains(
     return np.concatenate(parts, axis=2)
 
 
-def _root(covariance: FloatArray) -> FloatArray:
+def covariance_root(covariance: FloatArray) -> FloatArray:
     """Return F with F F^T = covariance, also for a singular one."""
     values, vectors = np.linalg.eigh(covariance)
     keep = values > 1e-14 * values[-1]
@@ -147,7 +152,7 @@ def _smooth(
     """Apply unit-variance input corrections; return w, acceleration and qd at the result."""
     m, n = block.q_rad.shape
     acc = np.linalg.cholesky(block.cov_acc)
-    gyro = _root(block.cov_gyro)
+    gyro = covariance_root(block.cov_gyro)
     split = 3 * acc.shape[1]
     f = acc @ unit[:split].reshape(3, -1).T
     g = gyro @ unit[split : split + 3 * gyro.shape[1]].reshape(3, -1).T
@@ -162,7 +167,7 @@ def _smooth(
     qd = block.qd_rad_s.copy()
     start = 0
     for j in range(n):
-        root = _root(block.cov_joint[j])
+        root = covariance_root(block.cov_joint[j])
         step = root @ rest[start : start + root.shape[1]]
         start += root.shape[1]
         qd[:, j] += step[:m]
