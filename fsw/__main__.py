@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fsw.errors import ConfigError, FswError
@@ -47,7 +48,9 @@ def _parser() -> argparse.ArgumentParser:
 
     replay = commands.add_parser("replay", help="identify from a recording, as fast as it goes")
     replay.add_argument("recording", type=Path, metavar="RECORDING")
-    replay.add_argument("--config", type=Path, required=True, metavar="CONFIG")
+    replay.add_argument(
+        "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
+    )
     replay.add_argument("--json", action="store_true", help="print the result as one JSON object")
     replay.set_defaults(command=_replay)
 
@@ -57,12 +60,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _checked(path: Path) -> Config:
-    """Read a configuration and validate all of it; warnings go to stderr."""
+def _checked(config: Config) -> Config:
+    """Validate all of a configuration; warnings go to stderr."""
     from fsw.check import validate
-    from fsw.config import load
 
-    config = load(path)
     _, warnings = validate(config)
     for warning in warnings:
         print(f"fsw: warning: {config.name}: {warning}", file=sys.stderr)
@@ -71,8 +72,9 @@ def _checked(path: Path) -> Config:
 
 def _run(arguments: argparse.Namespace) -> int:
     from fsw.check import validate_outputs
+    from fsw.config import load
 
-    config = _checked(arguments.config)
+    config = _checked(load(arguments.config))
     validate_outputs(config)
     from fsw.app import run_live  # only now anything that can open a device
 
@@ -80,14 +82,20 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    config = _checked(arguments.config)
-    from fsw.replay import replay
+    from fsw.config import load
+    from fsw.describe import describe_result
 
-    result = replay(arguments.recording, config)
-    if arguments.json:
-        print(json.dumps(result.to_json()))
-    else:
-        print(result.to_text())
+    with TemporaryDirectory(prefix="fsw-replay-") as folder:
+        if arguments.config is not None:
+            config = _checked(load(arguments.config))
+        else:
+            from fsw.recorder import recorded_config
+
+            config = _checked(recorded_config(arguments.recording, Path(folder)))
+        from fsw.replay import replay
+
+        result = replay(arguments.recording, config).as_json()
+    print(json.dumps(result) if arguments.json else describe_result(result))
     return 0
 
 

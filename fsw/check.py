@@ -112,11 +112,8 @@ def missing_devices(config: Config) -> list[str]:
     ports = {"imu.port": config.imu.port}
     if config.star_tracker is not None:
         ports["star_tracker.port"] = config.star_tracker.port
-    return [
-        f"{key}: {port} does not exist now"
-        for key, port in ports.items()
-        if not Path(port).exists()
-    ]
+    paths = {key: config.resolve(Path(port)) for key, port in ports.items() if "://" not in port}
+    return [f"{key}: {path} does not exist now" for key, path in paths.items() if not path.exists()]
 
 
 def _window_faults(config: Config) -> list[str]:
@@ -223,7 +220,8 @@ def _serial_faults(config: Config) -> list[str]:
                 f"star_tracker.baud_rate: {tracker.baud_rate} cannot carry {tracker.rate_hz:g} "
                 f"solutions a second; must be at least {round(load * tracker.baud_rate)}"
             )
-        if Path(tracker.port).resolve() == Path(imu.port).resolve():
+        devices = {config.resolve(Path(port)).resolve() for port in (tracker.port, imu.port)}
+        if len(devices) == 1:
             faults.append(
                 f"star_tracker.port: {tracker.port} is the same device as imu.port {imu.port}; a "
                 "port serves one device only"
