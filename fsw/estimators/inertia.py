@@ -9,6 +9,7 @@ as xx xy xz yy yz zz).
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from fsw.messages import FloatArray
 
@@ -145,39 +146,57 @@ def log_cholesky_jacobian(theta: FloatArray) -> FloatArray:
     return J
 
 
-def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1e-6) -> FloatArray:
+_UNIT_PSEUDO_INERTIAS = np.stack([pseudo_inertia(e) for e in np.eye(PARAMETERS)])
+_GAP = 1e-6  # of the squared distance, and absolutely in squared sigmas, left by the barrier
+
+
+def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1e-3) -> FloatArray:
     """Return the physically consistent parameters closest to `pi` in the covariance's metric.
 
-    Gauss-Newton over the log-Cholesky coordinates from an eigenvalue-clipped start; `pi` itself is
-    returned when it is consistent already. `margin` is the smallest pseudo-inertia eigenvalue of
-    the start relative to the largest.
+    A convex problem, minimise |y|^2 / 2 subject to P(pi + W y) >= 0 with W W^T the covariance,
+    solved from inside by Newton steps with the barrier -mu log det P; `pi` itself is returned when
+    it is consistent already. `margin` is the smallest pseudo-inertia eigenvalue of the start
+    relative to the largest. The result is strictly inside and its squared distance within 1e-6
+    (relative, or sigma squared when below one) of the least.
+
+    Source: Boyd, Vandenberghe, Convex Optimization (2004), sec. 11.3 (gap: 4 mu for a 4 x 4 P).
     """
     if is_consistent(pi):
         return pi
-    values, vectors = np.linalg.eigh(pseudo_inertia(pi))
-    clipped = np.maximum(values, margin * max(abs(values[-1]), 1e-9))
-    theta = to_log_cholesky(from_pseudo_inertia((vectors * clipped) @ vectors.T))
     W = np.linalg.cholesky(covariance)
-    damping = 1e-6
-    cost = np.inf
-    for _ in range(60):
-        r = np.linalg.solve(W, from_log_cholesky(theta) - pi)
-        cost = float(r @ r)
-        A = np.linalg.solve(W, log_cholesky_jacobian(theta))
-        N = A.T @ A
-        while True:
-            step = -np.linalg.solve(
-                N + damping * (np.diag(np.diag(N)) + 1e-12 * np.eye(10)), A.T @ r
-            )
-            step = np.clip(step, -1e3, 1e3)
-            step[:4] = np.clip(step[:4], -1.0, 1.0)
-            trial = np.linalg.solve(W, from_log_cholesky(theta + step) - pi)
-            if trial @ trial <= cost or damping > 1e8:
+    directions = (W.T @ _UNIT_PSEUDO_INERTIAS.reshape(PARAMETERS, 16)).reshape(PARAMETERS, 4, 4)
+    values, vectors = np.linalg.eigh(pseudo_inertia(pi))
+    clipped = np.maximum(values, margin * max(abs(values[-1]), abs(values[0]), 1e-9))
+    x = from_pseudo_inertia((vectors * clipped) @ vectors.T)
+    y = solve_triangular(W, x - pi, lower=True)
+    mu = max(float(y @ y), 1.0)
+    for _ in range(200):
+        root = np.linalg.cholesky(pseudo_inertia(x))
+        F = np.linalg.solve(root, np.linalg.solve(root, directions).swapaxes(1, 2))
+        F = F.reshape(PARAMETERS, 16)
+        gradient = y - mu * F[:, ::5].sum(axis=1)
+        step = -np.linalg.solve(np.eye(PARAMETERS) + mu * (F @ F.T), gradient)
+        rates = np.linalg.eigvalsh((step @ F).reshape(4, 4))
+        length = _line_search(float(y @ step), float(step @ step), mu, rates)
+        y = y + length * step
+        x = pi + W @ y
+        if -float(gradient @ step) < 0.1 * mu:  # on the path: Newton's decrement is small
+            if 8 * mu < _GAP * max(float(y @ y), 1.0):
                 break
-            damping *= 10
-        theta = theta + step
-        damping = max(damping / 10, 1e-12)
-        if cost - float(trial @ trial) < 1e-9 * cost:
-            break
-    theta[:4] = np.maximum(theta[:4], -12.0)  # keep strictly inside the boundary
-    return from_log_cholesky(theta)
+            mu *= 0.05
+    return x
+
+
+def _line_search(slope: float, curvature: float, mu: float, rates: FloatArray) -> float:
+    """Return the step that minimises slope t + curvature t^2 / 2 - mu sum log(1 + rates t).
+
+    Newton steps kept inside (0, end of the domain); the function is convex.
+    """
+    end = 1.0 / max(float(-rates.min()), 1e-300)
+    t = min(1.0, 0.5 * end)
+    for _ in range(4):
+        scaled = [rate / (1.0 + rate * t) for rate in rates.tolist()]
+        first = slope + curvature * t - mu * sum(scaled)
+        second = curvature + mu * sum(value * value for value in scaled)
+        t = min(max(t - first / second, 0.1 * t), t + 0.9 * (end - t))
+    return t
