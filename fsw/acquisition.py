@@ -23,13 +23,15 @@ COB_HEARTBEAT = 0x700
 BOOT_UP = b"\x00"
 
 Item = TypeVar("Item", CanFrame, ByteChunk)
-Report = Callable[[str, str, str], None]  # severity, code, text
 
 
 class FrameSource(Protocol):
     """Codec and counters of one bus's joint nodes."""
 
-    counters: dict[str, int]
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters by name."""
+        ...
 
     def feed(self, frames: Sequence[CanFrame]) -> Sequence[Sample]:
         """Decode frames in order."""
@@ -47,7 +49,10 @@ class FrameSource(Protocol):
 class ChunkSource(Protocol):
     """Codec and counters of one serial device."""
 
-    counters: dict[str, int]
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters by name."""
+        ...
 
     def feed(self, chunks: Sequence[ByteChunk]) -> Sequence[Sample]:
         """Decode chunks in order."""
@@ -85,7 +90,7 @@ class BusInput:
         if self.link.up:
             self._send(*self.source.next_sync())
 
-    def drain(self, sink: Sink, report: Report) -> None:
+    def drain(self, sink: Sink) -> None:
         """Read the port, put sent frames in their place, record. Raises PortError."""
         port = self.link.port
         read = port.read() if port is not None else []
@@ -97,7 +102,6 @@ class BusInput:
         for frame in read:
             node = frame.can_id - COB_HEARTBEAT
             if frame.data == BOOT_UP and node in self._nodes:
-                report("medium", "BOOT_UP", f"bus {self.name}: node 0x{node:02x} started")
                 self._send(*self._nodes[node])
 
     def first_sync_ns(self) -> int | None:

@@ -87,10 +87,15 @@ class Dispatcher:
         if self._jobs is not None:
             self._jobs.store(block)
 
-    def before_window(self, index: int, now_ns: int) -> None:
-        """Apply recorded commands that came before this window."""
+    def before_window(self, index: int, now_ns: int) -> list[Estimate]:
+        """Apply recorded commands that came before this window; return the estimates they gave."""
+        estimates = []
         while self._planned and self._planned[0][0] <= index:
-            self._apply(self._planned.popleft()[1], now_ns, index)
+            window, command = self._planned.popleft()
+            estimate = self._apply(command, now_ns, window)
+            if estimate is not None:
+                estimates.append(estimate)
+        return estimates
 
     def run(self, now_ns: int, next_window: int) -> list[Estimate]:
         """Apply what is queued; return the estimates it gave."""

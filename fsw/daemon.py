@@ -1,6 +1,6 @@
 """The daemon: the only wiring of ports, sources, scheduler, estimator and sinks.
 
-`build` makes it, on whatever clock, ports and sink it is given: `run_live` gives it the machine's,
+`build` makes it, on whatever clock, ports and sink it is given: `app.run_live` gives it the machine's,
 the HIL simulated ones, a replay a recording's. There is no second daemon.
 """
 
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any, Protocol
 
 from fsw.acquisition import BusInput, ChunkSource, LineInput, LinkKeeper
@@ -105,7 +104,7 @@ class Daemon:
         self._passive = passive
         self._started = False
         self._closed: list[Window] = []
-        self._stop_after_window: int | None = None
+        self._window_limit = FOREVER_NS
         self.aligner = Aligner(config, len(config.joints))
         self.dispatcher = Dispatcher(pipeline.estimator, sink, jobs)
         self.latest: Estimate | None = None
@@ -131,12 +130,14 @@ class Daemon:
         """Queue a command for the next tick boundary."""
         self.dispatcher.submit(command)
 
-    def end_of_data(self, now_ns: int) -> None:
-        """Process all that is stamped at or before `now_ns`; a replay's last step."""
-        tick = Tick(-1, now_ns, now_ns)
-        self._drain(tick)
-        self._ingest(tick)
-        self._estimate(tick)
+    def limit_windows(self, count: int) -> None:
+        """Close no window from this index on; where a recorded run ended."""
+        self._window_limit = count
+
+    def apply_planned(self, window: int) -> None:
+        """Apply the recorded commands that came before this window."""
+        for estimate in self.dispatcher.before_window(window, self._clock.now_ns()):
+            self._publish(estimate)
 
     def shutdown(self) -> Estimate | None:
         """Settle the estimator, publish the last estimate and status, release the ports."""
@@ -218,7 +219,7 @@ class Daemon:
 
     def _drain(self, _tick: Tick) -> None:
         for bus in self._buses:
-            self._keeper.guard(bus, partial(bus.drain, self._sink, self._report))
+            self._keeper.guard(bus, partial(bus.drain, self._sink))
         for line in self._lines:
             self._keeper.guard(line, partial(line.drain, self._sink))
 
@@ -233,7 +234,7 @@ class Daemon:
             align.start(first)
         while (deadline_ns := align.deadline_ns) is not None:
             self._feed(deadline_ns)
-            if deadline_ns > tick.now_ns:
+            if deadline_ns > tick.now_ns or align.next_index >= self._window_limit:
                 break
             self._closed += align.close(deadline_ns)
         for bus in self._buses:
@@ -252,7 +253,7 @@ class Daemon:
             return
         closed, self._closed = self._closed, []
         for window in closed:
-            self.dispatcher.before_window(window.index, self._clock.now_ns())
+            self.apply_planned(window.index)
             self._guarded(partial(self._use, window))
 
     def _use(self, window: Window) -> None:
@@ -319,9 +320,10 @@ def build(
     buses = []
     for bus in config.buses:
         joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
-        nodes = {} if ports.passive else {j.node_id: canopen.encode_nmt(1, j.node_id) for _, j in joints}
+        start = canopen.NmtCommand.START
+        nodes = {joint.node_id: canopen.encode_nmt(start, joint.node_id) for _, joint in joints}
         link = Link(f"can/{bus.name}", ports.can.get(bus.name), ports.can_openers.get(bus.name))
-        buses.append(BusInput(bus.name, nodes, link, JointBusSource(bus, joints), clock))
+        buses.append(BusInput(bus.name, {} if ports.passive else nodes, link, JointBusSource(bus, joints), clock))
 
     def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
         return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
@@ -344,14 +346,11 @@ def build(
 
 def default_pipeline(config: Config) -> Pipeline:
     """Return the configured conditioning and online estimator."""
+    from fsw.estimators.conditioning import build_conditioner
+    from fsw.estimators.model import RobotModel
     from fsw.estimators.online import build_online
 
-    online = build_online(config)
-    return Pipeline(conditioner=online.conditioner, estimator=online)
-
-
-def run_live(config: Config, config_path: Path | None = None) -> int:
-    """Run on the machine's clock and devices until SIGTERM or SIGINT; return the exit code."""
-    from fsw import live
-
-    return live.run(config, config_path)
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    return Pipeline(
+        conditioner=build_conditioner(config, model), estimator=build_online(config, model)
+    )

@@ -1,0 +1,287 @@
+"""MCAP recordings: writing them, and reading whole or truncated ones in log-time order.
+
+`/can/<bus>` holds one Linux struct can_frame (16 bytes) or canfd_frame (72 bytes) per message,
+`/serial/<device>` bytes as read, the rest JSON. `log_time` is the receive stamp [ns].
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+from zlib import error as ZlibError
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Message, Metadata
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+
+from fsw.drivers.wire import CanFrame
+from fsw.errors import ConfigError
+
+EFF_FLAG, RTR_FLAG, ERR_FLAG = 0x80000000, 0x40000000, 0x20000000
+EFF_MASK, SFF_MASK = 0x1FFFFFFF, 0x7FF
+FD_BRS, FD_FDF = 0x01, 0x04
+CLASSIC_BYTES, FD_BYTES = 16, 72
+_CLASSIC = struct.Struct("<IB3x8s")
+_FD = struct.Struct("<IBB2x64s")
+COMPRESSION = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
+JSON_TOPICS = ("/estimate", "/events", "/tm", "/tc")
+OBJECT_SCHEMA = b'{"type": "object"}'
+_SCHEMAS: dict[str, dict[str, Any]] = {
+    "/estimate": {
+        "t_ns": "integer",
+        "valid": "boolean",
+        "reason": "string",
+        "method": "string",
+        "names": "array",
+        "mean": "array",
+        "covariance": "array",
+        "estimate": "object",
+        "sigma": "object",
+        "blocks": "integer",
+        "gated": "integer",
+    },
+    "/events": {"t_ns": "integer", "severity": "string", "code": "string", "text": "string"},
+    "/tm": {"t_ns": "integer", "ticks": "integer", "slips": "integer", "samples": "object"},
+    "/tc": {"command": "string", "id": "integer", "args": "object", "next_window": "integer"},
+}
+
+
+def pack_frame(frame: CanFrame) -> bytes:
+    """Return the Linux structure of a frame, flag bits in `can_id`."""
+    can_id = frame.can_id
+    can_id |= EFF_FLAG * frame.is_extended | RTR_FLAG * frame.is_remote | ERR_FLAG * frame.is_error
+    if frame.is_fd:
+        flags = FD_FDF | FD_BRS * frame.bitrate_switch
+        return _FD.pack(can_id, len(frame.data), flags, frame.data)
+    return _CLASSIC.pack(can_id, len(frame.data), frame.data)
+
+
+def unpack_frame(t_ns: int, data: bytes) -> CanFrame | None:
+    """Return the frame of a Linux structure; None when it is neither of the two."""
+    if len(data) == CLASSIC_BYTES:
+        word, length, payload = _CLASSIC.unpack(data)
+        is_fd = brs = False
+    elif len(data) == FD_BYTES:
+        word, length, flags, payload = _FD.unpack(data)
+        is_fd, brs = True, bool(flags & FD_BRS)
+    else:
+        return None
+    if length > len(payload):
+        return None
+    extended = bool(word & EFF_FLAG)
+    return CanFrame(
+        t_ns=t_ns,
+        can_id=word & (EFF_MASK if extended else SFF_MASK),
+        data=payload[:length],
+        is_fd=is_fd,
+        is_extended=extended,
+        is_remote=bool(word & RTR_FLAG),
+        is_error=bool(word & ERR_FLAG),
+        bitrate_switch=brs,
+    )
+
+
+class RecordingWriter:
+    """One MCAP file. Finished chunks reach the file, so a kill loses at most the last one.
+
+    Raises OSError from any method when the file cannot be written.
+    """
+
+    def __init__(self, path: Path, compression: str = "zstd", chunk_bytes: int = 65536) -> None:
+        self.path = path
+        self._file: IO[bytes] = path.open("wb")
+        self._writer = Writer(
+            self._file, chunk_size=chunk_bytes, compression=COMPRESSION[compression]
+        )
+        self._writer.start(profile="", library="fsw")
+        self._channels: dict[str, int] = {}
+        self._sequence: dict[str, int] = {}
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes written so far; the open chunk not counted."""
+        return self._file.tell()
+
+    def attach(self, name: str, media_type: str, data: bytes, t_ns: int = 0) -> None:
+        """Add an attachment."""
+        self._writer.add_attachment(t_ns, t_ns, name, media_type, data)
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._writer.add_metadata(name, dict(values))
+
+    def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
+        """Add frames of a bus."""
+        topic = f"/can/{bus}"
+        for frame in frames:
+            self._add(topic, "socketcan", frame.t_ns, pack_frame(frame))
+
+    def serial(self, device: str, t_ns: int, data: bytes) -> None:
+        """Add one chunk of a serial device."""
+        self._add(f"/serial/{device}", "raw", t_ns, data)
+
+    def json(self, topic: str, t_ns: int, values: Mapping[str, Any]) -> None:
+        """Add one JSON message."""
+        self._add(topic, "json", t_ns, json.dumps(values, allow_nan=False).encode())
+
+    def sync(self) -> None:
+        """Hand finished chunks to the system."""
+        self._file.flush()
+
+    def end_chunk(self) -> None:
+        """Finish the chunk in progress and hand it to the system."""
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write index and footer, release the file."""
+        try:
+            self._writer.finish()
+        finally:
+            self._file.close()
+
+    def abandon(self) -> None:
+        """Release the file as it is, after a failure."""
+        try:
+            self._file.close()
+        except OSError:
+            return
+
+    def _add(self, topic: str, encoding: str, t_ns: int, data: bytes) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._register(topic, encoding)
+        sequence = self._sequence.get(topic, 0)
+        self._sequence[topic] = sequence + 1
+        self._writer.add_message(channel, t_ns, data, t_ns, sequence & 0xFFFFFFFF)
+
+    def _register(self, topic: str, encoding: str) -> int:
+        schema = 0
+        if encoding == "json":
+            properties = {key: {"type": kind} for key, kind in _SCHEMAS[topic].items()}
+            text = json.dumps({"type": "object", "properties": properties})
+            schema = self._writer.register_schema(topic.strip("/"), "jsonschema", text.encode())
+        return self._writer.register_channel(topic, encoding, schema)
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One message of a recording."""
+
+    topic: str
+    t_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """What a recording holds besides messages."""
+
+    topics: tuple[str, ...]
+    attachments: dict[str, bytes]
+    metadata: dict[str, dict[str, str]]
+    truncated: bool
+
+
+def contents(path: Path) -> Contents:
+    """Return topics, attachments and metadata of a recording, truncated or not.
+
+    Raises
+    ------
+    ConfigError when the file cannot be read or is no MCAP file.
+    """
+    topics: dict[str, None] = {}
+    attachments: dict[str, bytes] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    whole = _Ended()
+    for record in _stream(path, whole):
+        if isinstance(record, Channel):
+            topics[record.topic] = None
+        elif isinstance(record, Attachment):
+            attachments[record.name] = record.data
+        elif isinstance(record, Metadata):
+            metadata[record.name] = record.metadata
+    return Contents(
+        topics=tuple(topics),
+        attachments=attachments,
+        metadata=metadata,
+        truncated=not whole.ended,
+    )
+
+
+def messages(path: Path, topics: Sequence[str]) -> Iterator[Record]:
+    """Yield the messages of some topics in log-time order, ties in file order.
+
+    A whole file is read chunk by chunk through its index. A truncated one has none: it is read up
+    to the break into memory and sorted.
+    """
+    with _open(path) as file:
+        try:
+            summary = make_reader(file).get_summary()
+        except (McapError, OSError, ValueError, struct.error):
+            summary = None
+        if summary is not None and summary.chunk_indexes:
+            for _, channel, message in make_reader(file).iter_messages(topics=list(topics)):
+                yield Record(channel.topic, message.log_time, message.data)
+            return
+    wanted = set(topics)
+    names: dict[int, str] = {}
+    found: list[Record] = []
+    for record in _stream(path, _Ended()):
+        if isinstance(record, Channel):
+            names[record.id] = record.topic
+        elif isinstance(record, Message) and names.get(record.channel_id) in wanted:
+            found.append(Record(names[record.channel_id], record.log_time, record.data))
+    yield from sorted(found, key=lambda record: record.t_ns)
+
+
+@dataclass(slots=True)
+class _Ended:
+    ended: bool = False
+
+
+def _open(path: Path) -> IO[bytes]:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _stream(path: Path, whole: _Ended) -> Iterator[object]:
+    """Yield records up to the end or the break."""
+    with _open(path) as file:
+        size = path.stat().st_size
+        reader = StreamReader(file, validate_crcs=True, record_size_limit=max(size, 1))
+        seen = False
+        try:
+            for record in reader.records:
+                seen = True
+                yield record
+        except _BROKEN as error:
+            if not seen:
+                raise ConfigError(f"{path}: not an MCAP recording: {error}") from error
+            return
+        whole.ended = True
+
+
+def _broken() -> tuple[type[Exception], ...]:
+    """Return what a broken file can raise in the MCAP reader."""
+    kinds: list[type[Exception]] = [McapError, ValueError, struct.error, ZlibError, EOFError]
+    kinds.append(RuntimeError)  # what lz4 raises
+    try:
+        from zstandard import ZstdError
+    except ImportError:
+        return tuple(kinds)
+    return (*kinds, ZstdError)
+
+
+_BROKEN = _broken()

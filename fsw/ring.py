@@ -1,0 +1,144 @@
+"""A bounded ring of records between two processes: one writer, one reader, no locks.
+
+The ring lives in a memory file (memfd) handed to the other process as an inherited descriptor: it has
+no name and vanishes with its last user, however they end. A record that does not fit is dropped and
+counted; the writer never waits. Every record carries its sequence number and CRC-32, so one that is
+not visible in whole yet (weakly ordered memory) is left for the next look.
+
+Layout: 64 bytes of header (u64 each: capacity, bytes written, bytes read, records written, records
+dropped), then `capacity` bytes of records: u32 length, kind, sequence, CRC; payload; padding to 16.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+HEADER_BYTES = 64
+ALIGN = 16
+PAD = 0xFFFFFFFF  # length of a filler up to the end of the ring
+_CAPACITY, _WRITTEN, _READ, _RECORDS, _DROPPED = range(5)
+_RECORD = struct.Struct("=IIII")
+
+
+class RingRecord(NamedTuple):
+    """One record."""
+
+    kind: int
+    payload: bytes
+
+
+class _Ring:
+    """The mapping and its header, on either side."""
+
+    def __init__(self, fd: int) -> None:
+        self.fd = fd
+        self._map = mmap.mmap(fd, 0)
+        self._view = memoryview(self._map)
+        self._header = self._view[:HEADER_BYTES].cast("Q")
+        self._data = self._view[HEADER_BYTES:]
+        self._capacity = self._header[_CAPACITY] or len(self._data)
+
+    @property
+    def dropped(self) -> int:
+        """Records the writer could not place."""
+        return self._header[_DROPPED]
+
+    @property
+    def records(self) -> int:
+        """Records written."""
+        return self._header[_RECORDS]
+
+    @property
+    def used_bytes(self) -> int:
+        """Bytes waiting to be read."""
+        return self._header[_WRITTEN] - self._header[_READ]
+
+    @property
+    def capacity_bytes(self) -> int:
+        """Size of the ring."""
+        return self._capacity
+
+    def close(self) -> None:
+        """Unmap and close the descriptor."""
+        self._header.release()
+        self._data.release()
+        self._view.release()
+        self._map.close()
+        os.close(self.fd)
+
+
+class RingWriter(_Ring):
+    """The writing end; owns the memory file."""
+
+    @classmethod
+    def create(cls, capacity_bytes: int) -> RingWriter:
+        """Make a ring; pass `fd` to the reader's process (pass_fds)."""
+        if capacity_bytes < 2 * ALIGN or capacity_bytes % ALIGN:
+            raise ValueError(f"capacity_bytes {capacity_bytes} must be a multiple of {ALIGN}")
+        fd = os.memfd_create("fsw-ring")
+        os.ftruncate(fd, HEADER_BYTES + capacity_bytes)
+        ring = cls(fd)
+        ring._header[_CAPACITY] = capacity_bytes
+        return ring
+
+    def push(self, kind: int, payload: bytes) -> bool:
+        """Append a record; False, and counted, when there is no room."""
+        header, capacity = self._header, self._capacity
+        length = len(payload)
+        size = (_RECORD.size + length + ALIGN - 1) & -ALIGN
+        written = header[_WRITTEN]
+        offset = written % capacity
+        tail = capacity - offset
+        skip = tail if size > tail else 0
+        if written + skip + size - header[_READ] > capacity:
+            header[_DROPPED] += 1
+            return False
+        if skip:
+            _RECORD.pack_into(self._data, offset, PAD, 0, 0, 0)
+            offset = 0
+        start = offset + _RECORD.size
+        sequence = header[_RECORDS]
+        self._data[start : start + length] = payload
+        _RECORD.pack_into(
+            self._data, offset, length, kind, sequence & 0xFFFFFFFF, zlib.crc32(payload)
+        )
+        header[_RECORDS] = sequence + 1
+        header[_WRITTEN] = written + skip + size
+        return True
+
+
+class RingReader(_Ring):
+    """The reading end, in another process or this one."""
+
+    def __init__(self, fd: int) -> None:
+        super().__init__(fd)
+        self._sequence = 0
+
+    def read(self, limit: int = 1 << 30) -> Iterator[RingRecord]:
+        """Yield what waits, at most `limit` records; each is consumed when the next is asked for."""
+        header, data, capacity = self._header, self._data, self._capacity
+        for _ in range(limit):
+            position = header[_READ]
+            if position == header[_WRITTEN]:
+                return
+            offset = position % capacity
+            length, kind, sequence, crc = _RECORD.unpack_from(data, offset)
+            if length == PAD:
+                position += capacity - offset
+                if position == header[_WRITTEN]:
+                    return
+                offset = 0
+                length, kind, sequence, crc = _RECORD.unpack_from(data, 0)
+            if sequence != self._sequence & 0xFFFFFFFF or length > capacity:
+                return
+            payload = bytes(data[offset + _RECORD.size : offset + _RECORD.size + length])
+            if zlib.crc32(payload) != crc:
+                return
+            self._sequence += 1
+            header[_READ] = position + ((_RECORD.size + length + ALIGN - 1) & -ALIGN)
+            yield RingRecord(kind, payload)
