@@ -18,8 +18,9 @@ from hil.devices.canopen import SYNC_ID, JointNode, Reading
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
 from hil.devices.truth_clock import ClampedHistory, JointTable, TruthClock
+from hil.devices.truth_port import History
 from hil.devices.uart import TimedBytes
-from hil.sensors import History, JointErrors, NodeConfig, SensorConfig
+from hil.sensors import JointErrors, NodeConfig, SensorConfig
 
 FIRST_NODE = 0x11
 TEMPERATURE_DEGC = 25.0

@@ -8,76 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, TypeAdapter
 from scipy.spatial.transform import Rotation
 
-FloatArray = NDArray[np.float64]
+from hil.devices.truth_port import FloatArray, State
+
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Chunking = Literal["datagram", "ms1", "random"]
 DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5}
 STRICT = ConfigDict(extra="forbid")
-
-
-class State(Protocol):
-    """Truth at one instant (or stacked along a leading axis)."""
-
-    @property
-    def q(self) -> FloatArray:
-        """Joint positions [rad]."""
-        ...
-
-    @property
-    def qd(self) -> FloatArray:
-        """Joint velocities [rad/s]."""
-        ...
-
-    @property
-    def tau(self) -> FloatArray:
-        """Joint torques [N m]."""
-        ...
-
-    @property
-    def R_NB(self) -> FloatArray:  # noqa: N802
-        """Attitude."""
-        ...
-
-    @property
-    def w_NB_B(self) -> FloatArray:  # noqa: N802
-        """Angular velocity [rad/s]."""
-        ...
-
-    @property
-    def wd_NB_B(self) -> FloatArray:  # noqa: N802
-        """Angular acceleration [rad/s^2]."""
-        ...
-
-    @property
-    def a_NB_B(self) -> FloatArray:  # noqa: N802
-        """Classical acceleration of the base origin [m/s^2]."""
-        ...
-
-
-class History(Protocol):
-    """Simulated truth as a function of time, over [start_s, end_s]; at rest at both ends."""
-
-    @property
-    def start_s(self) -> float:
-        """First time."""
-        ...
-
-    @property
-    def end_s(self) -> float:
-        """Last time."""
-        ...
-
-    def at(self, t_s: ArrayLike) -> State:
-        """Return the state at the times."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +83,7 @@ class ImuSensorConfig:
     clock_error_ppm: float = 50.0  # bound of the uniform draw
     startup_s: float = 0.0  # start-up flag set this long after power-on
     chunking: Chunking = "datagram"
+    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error, a USB host's by default
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,6 +105,7 @@ class StarTrackerSensorConfig:
     rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
     subscribed: bool = False  # sends solutions without having been asked
     chunking: Chunking = "datagram"
+    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error, a USB host's by default
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

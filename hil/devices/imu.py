@@ -49,7 +49,13 @@ class Imu:
         self.errors = ImuErrors(config, seed)
         self._config, self._history, self._clock = config, history, clock
         self._R_BS = rotation_of(config.q_BS_xyzw)
-        self.line = SerialLine(config.baud_rate, config.chunking, generator(seed, "line", 0), t0_ns)
+        self.line = SerialLine(
+            config.baud_rate,
+            config.chunking,
+            generator(seed, "line", 0),
+            t0_ns,
+            config.chunk_clock_ppm,
+        )
         self._next = 0
         seconds = min(BATCH_S, clock.start_delay_s)
         self._batch = max(1, min(BATCH, int(seconds * config.rate_hz)))

@@ -31,7 +31,10 @@ READ_LIMIT = 64  # frames read in one go
 
 
 class BusEnd:
-    """One python-can bus and the frames waiting for their time on it."""
+    """One python-can bus and the frames waiting for their time on it.
+
+    Any interface whose bus has a descriptor to wait on (all but python-can's `virtual`).
+    """
 
     def __init__(self, link: BusLink, plant: Plant) -> None:
         options = {"port": link.port, "bitrate": link.bitrate, "data_bitrate": link.data_bitrate}

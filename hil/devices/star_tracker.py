@@ -36,7 +36,13 @@ class StarTracker:
         self._noise = NormalStream(generator(seed, "star_tracker", 0, 0), 3)
         self._jitter = generator(seed, "star_tracker", 0, 2)
         self._config, self._history, self._clock = config, history, clock
-        self.line = SerialLine(config.baud_rate, config.chunking, generator(seed, "line", 1), t0_ns)
+        self.line = SerialLine(
+            config.baud_rate,
+            config.chunking,
+            generator(seed, "line", 1),
+            t0_ns,
+            config.chunk_clock_ppm,
+        )
         self._requests = sagitta.RequestReader()
         self.subscribed = config.subscribed
         self.valid = True

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.sensors import FloatArray, History, State
+from hil.devices.truth_port import FloatArray, History, State
 
 REST_S = -1.0  # any time before the motion: the robot rests
 GRID_S = 1e-3

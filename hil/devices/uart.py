@@ -12,7 +12,6 @@ from hil.sensors import Chunking
 
 TimedBytes = tuple[int, bytes]
 GRID_NS = 1_000_000
-GRID_PPM = 500.0  # tolerance of a USB host's frame clock
 MEAN_GAP_NS = 1_500_000.0
 
 
@@ -20,12 +19,17 @@ class SerialLine:
     """Device-to-host direction of one line, 8N1.
 
     Chunkings: `datagram` hands each transmission over as its last byte ends; `ms1` hands over what
-    has crossed at each 1 ms frame of a clock up to 500 ppm off; `random` cuts at random instants,
-    anywhere in a datagram. None is earlier than the wire.
+    has crossed at each 1 ms frame of a clock up to `clock_ppm` off; `random` cuts at random
+    instants, anywhere in a datagram. None is earlier than the wire.
     """
 
     def __init__(
-        self, baud_rate: int, chunking: Chunking, rng: np.random.Generator, t0_ns: int
+        self,
+        baud_rate: int,
+        chunking: Chunking,
+        rng: np.random.Generator,
+        t0_ns: int,
+        clock_ppm: float = 0.0,
     ) -> None:
         self.byte_ns = 10e9 / baud_rate
         self._chunking = chunking
@@ -35,7 +39,7 @@ class SerialLine:
         self._bytes: list[bytes] = []
         self._cuts: deque[int] = deque()
         self._last_cut = t0_ns + float(rng.uniform(0.0, GRID_NS))
-        self._step = GRID_NS * (1.0 + 1e-6 * float(rng.uniform(-GRID_PPM, GRID_PPM)))
+        self._step = GRID_NS * (1.0 + 1e-6 * float(rng.uniform(-1.0, 1.0)) * clock_ppm)
         self.busy_until_ns = t0_ns
 
     def duration_ns(self, count: int) -> int:

@@ -9,7 +9,7 @@ BAUD = 921_600
 
 
 def line(chunking: str, seed: int = 3) -> SerialLine:
-    return SerialLine(BAUD, chunking, np.random.default_rng(seed), 0)
+    return SerialLine(BAUD, chunking, np.random.default_rng(seed), 0, 500.0)
 
 
 def test_datagram_chunking_hands_over_at_the_last_byte():

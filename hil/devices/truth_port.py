@@ -1,0 +1,70 @@
+"""What the devices need to know of the truth: its state as a function of time.
+
+Frames: N inertial, B base body; `R_NB` takes B components to N. SI units.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class State(Protocol):
+    """Truth at one instant (or stacked along a leading axis)."""
+
+    @property
+    def q(self) -> FloatArray:
+        """Joint positions [rad]."""
+        ...
+
+    @property
+    def qd(self) -> FloatArray:
+        """Joint velocities [rad/s]."""
+        ...
+
+    @property
+    def tau(self) -> FloatArray:
+        """Joint torques [N m]."""
+        ...
+
+    @property
+    def R_NB(self) -> FloatArray:  # noqa: N802
+        """Attitude."""
+        ...
+
+    @property
+    def w_NB_B(self) -> FloatArray:  # noqa: N802
+        """Angular velocity [rad/s]."""
+        ...
+
+    @property
+    def wd_NB_B(self) -> FloatArray:  # noqa: N802
+        """Angular acceleration [rad/s^2]."""
+        ...
+
+    @property
+    def a_NB_B(self) -> FloatArray:  # noqa: N802
+        """Classical acceleration of the base origin [m/s^2]."""
+        ...
+
+
+class History(Protocol):
+    """Simulated truth as a function of time, over [start_s, end_s]; at rest at both ends."""
+
+    @property
+    def start_s(self) -> float:
+        """First time."""
+        ...
+
+    @property
+    def end_s(self) -> float:
+        """Last time."""
+        ...
+
+    def at(self, t_s: ArrayLike) -> State:
+        """Return the state at the times."""
+        ...
