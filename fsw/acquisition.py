@@ -1,8 +1,8 @@
 """Inputs of the loop: link + source + the items drained but not fed yet.
 
-Two rules make what a source sees a function of recorded stamps alone. Per bus, frames are ordered as
-they were on the wire around a SYNC of ours and stamps never run backwards. And items are fed up to a
-deadline: what is stamped later waits until the window has closed.
+Two rules make what a source sees a function of recorded stamps alone. Per bus, frames are ordered
+as they were on the wire around a SYNC of ours, and stamps never run backwards. And items are fed up
+to a deadline: what is stamped later waits until the window has closed.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class BusInput:
             self._sent.append((before_ns, port.write(can_id, data)))
 
     def _in_order(self, read: list[CanFrame]) -> list[CanFrame]:
-        """Merge sent and read frames; a frame read after our send began comes after what we sent."""
+        """Merge sent and read frames; one stamped after our send began comes after what we sent."""
         if self._sent:
             frames: list[CanFrame] = []
             position = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +41,11 @@ def block_dtype(nodes: int, joints: int) -> np.dtype[np.void]:
 def unpack_block(row: NDArray[np.void] | np.void) -> Block:
     """Return the block of one stored row."""
     names = [name for name in row.dtype.names or () if name not in {"serial", "index", *_FLAGS}]
-    arrays = {name: np.array(row[name]) for name in names}
-    for array in arrays.values():
+    values: dict[str, Any] = {name: np.array(row[name]) for name in names}
+    for array in values.values():
         array.setflags(write=False)
-    flags = {name: bool(row[name]) for name in _FLAGS}
-    return Block(index=int(row["index"]), **arrays, **flags)
+    values |= {name: bool(row[name]) for name in _FLAGS}
+    return Block(index=int(row["index"]), **values)
 
 
 class BlockWriter:
@@ -67,9 +68,7 @@ class BlockWriter:
         row["serial"] = self.count
 
 
-def read_blocks(
-    path: Path, nodes: int, joints: int, *, last_s: float | None = None
-) -> list[Block]:
+def read_blocks(path: Path, nodes: int, joints: int, *, last_s: float | None = None) -> list[Block]:
     """Return the stored blocks in order; only those of the newest `last_s` seconds when given."""
     rows = np.memmap(path, dtype=block_dtype(nodes, joints), mode="r")
     before = np.array(rows["serial"])

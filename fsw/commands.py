@@ -1,4 +1,4 @@
-"""Typed commands: a JSON line or telecommand becomes a `Command` or a refusal with a reason code."""
+"""Typed commands: a JSON line or telecommand becomes a `Command`, or a refusal with a code."""
 
 from __future__ import annotations
 

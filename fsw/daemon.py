@@ -1,7 +1,7 @@
 """The daemon: the only wiring of ports, sources, scheduler, estimator and sinks.
 
-`build` makes it, on whatever clock, ports and sink it is given: `app.run_live` gives it the machine's,
-the HIL simulated ones, a replay a recording's. There is no second daemon.
+`build` makes it, on whatever clock, ports and sink it is given: `app.run_live` gives it the
+machine's, the HIL simulated ones, a replay a recording's. There is no second daemon.
 """
 
 from __future__ import annotations
@@ -99,6 +99,7 @@ class Daemon:
     ) -> None:
         self._config, self._clock, self._sink = config, clock, sink
         self._buses, self._lines = buses, lines
+        self._members: list[BusInput | LineInput] = [*buses, *lines]
         self._pipeline = pipeline
         self._keeper = LinkKeeper(clock, sink)
         self._passive = passive
@@ -148,7 +149,7 @@ class Daemon:
             self._publish(settle(self._pipeline.estimator))
         self._report("info", "STOPPED", f"stopped after {self.executive.slips.ticks} ticks")
         self._sink.status(now_ns, self.status(now_ns))
-        for member in (*self._buses, *self._lines):
+        for member in self._members:
             member.link.close()
         self._sink.close()
         return self.latest
@@ -160,7 +161,7 @@ class Daemon:
         for bus in self._buses:
             names = [joint.name for joint in self._config.joints if joint.bus == bus.name]
             late[bus.name] = sum(align.late[name] for name in names)
-        members: list[BusInput | LineInput] = [*self._buses, *self._lines]
+        members = self._members
         return {
             "t_ns": now_ns,
             "ticks": slips.ticks,
@@ -243,7 +244,7 @@ class Daemon:
 
     def _feed(self, until_ns: int) -> None:
         push = self.aligner.push
-        for member in (*self._buses, *self._lines):
+        for member in self._members:
             for sample in member.feed(until_ns):
                 push(sample)
 
@@ -281,7 +282,7 @@ class Daemon:
             self._publish(estimate)
 
     def _retry(self, _tick: Tick) -> None:
-        for member in (*self._buses, *self._lines):
+        for member in self._members:
             self._keeper.retry(member)
 
     def _status(self, tick: Tick) -> None:
@@ -321,9 +322,11 @@ def build(
     for bus in config.buses:
         joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
         start = canopen.NmtCommand.START
-        nodes = {joint.node_id: canopen.encode_nmt(start, joint.node_id) for _, joint in joints}
+        nodes = {}
+        if not ports.passive:
+            nodes = {j.node_id: canopen.encode_nmt(start, j.node_id) for _, j in joints}
         link = Link(f"can/{bus.name}", ports.can.get(bus.name), ports.can_openers.get(bus.name))
-        buses.append(BusInput(bus.name, {} if ports.passive else nodes, link, JointBusSource(bus, joints), clock))
+        buses.append(BusInput(bus.name, nodes, link, JointBusSource(bus, joints), clock))
 
     def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
         return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)

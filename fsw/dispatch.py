@@ -57,8 +57,8 @@ def settle(estimator: Resettable) -> Estimate:
 class Dispatcher:
     """Applies commands in order of arrival and follows the one batch job.
 
-    Every applied command is handed to the sink with the index of the window it came before, and with
-    what it needs to be applied again: so a replay applies it at the same place.
+    Every applied command is handed to the sink with the index of the window it came before, and
+    with what it needs to be applied again: so a replay applies it at the same place.
     """
 
     def __init__(self, estimator: Resettable, sink: Sink, jobs: JobPort | None) -> None:
@@ -131,9 +131,7 @@ class Dispatcher:
         self._answer(command, Code.ACCEPTED, "")
         return estimate
 
-    def _execute(
-        self, command: Command, now_ns: int
-    ) -> tuple[Mapping[str, Any], Estimate | None]:
+    def _execute(self, command: Command, now_ns: int) -> tuple[Mapping[str, Any], Estimate | None]:
         name = command.name
         estimate: Estimate | None = None
         args: Mapping[str, Any] = command.args

@@ -26,9 +26,9 @@ class Link(Generic[P]):
 
     def __init__(self, name: str, port: P | None, opener: Callable[[], P] | None) -> None:
         self.name = name
-        self.port = port
+        self.port: P | None = port
         self.losses = 0 if port is not None else 1
-        self._opener = opener
+        self._opener: Callable[[], P] | None = opener
         self._backoff_ns = FIRST_BACKOFF_NS
         self._next_try_ns = 0
 

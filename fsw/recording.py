@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 import struct
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
-from zlib import error as ZlibError
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -132,7 +132,11 @@ class RecordingWriter:
 
     def json(self, topic: str, t_ns: int, values: Mapping[str, Any]) -> None:
         """Add one JSON message."""
-        self._add(topic, "json", t_ns, json.dumps(values, allow_nan=False).encode())
+        try:
+            text = json.dumps(values, allow_nan=False)
+        except ValueError:  # JSON has no NaN or infinity: null
+            text = json.dumps(json.loads(json.dumps(values), parse_constant=lambda _: None))
+        self._add(topic, "json", t_ns, text.encode())
 
     def sync(self) -> None:
         """Hand finished chunks to the system."""
@@ -140,12 +144,12 @@ class RecordingWriter:
 
     def end_chunk(self) -> None:
         """Finish the chunk in progress and hand it to the system."""
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
         """Write index and footer, release the file."""
         try:
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
         finally:
             self._file.close()
 
@@ -275,7 +279,7 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
 
 def _broken() -> tuple[type[Exception], ...]:
     """Return what a broken file can raise in the MCAP reader."""
-    kinds: list[type[Exception]] = [McapError, ValueError, struct.error, ZlibError, EOFError]
+    kinds: list[type[Exception]] = [McapError, ValueError, struct.error, zlib.error, EOFError]
     kinds.append(RuntimeError)  # what lz4 raises
     try:
         from zstandard import ZstdError

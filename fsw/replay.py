@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fsw.daemon import IMU, STAR_TRACKER, Daemon, Pipeline, Ports, build
 from fsw.clock import MonotonicClock
 from fsw.commands import Command, CommandName
 from fsw.config import Config
+from fsw.daemon import IMU, STAR_TRACKER, Daemon, Pipeline, Ports, build
 from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.errors import ConfigError, PortError
 from fsw.messages import Estimate
@@ -156,7 +156,6 @@ class ReplayResult:
             "wall_s": self.wall_s,
         }
 
-
     def to_text(self) -> str:
         """Return a short table: parameters with their sigma, then the sources."""
         values = self.to_json()
@@ -253,7 +252,7 @@ def _ports(config: Config, feed: RecordingFeed) -> Ports:
 
 
 def _plan(daemon: Daemon, recording: Path) -> int | None:
-    """Plan the recorded commands; return when the recorded run ended [ns], None if it was killed."""
+    """Plan the recorded commands; return when the run ended [ns], None if it was killed."""
     end_ns = None
     for record in messages(recording, ["/tc"]):
         values = json.loads(record.data)

@@ -1,9 +1,9 @@
 """A bounded ring of records between two processes: one writer, one reader, no locks.
 
-The ring lives in a memory file (memfd) handed to the other process as an inherited descriptor: it has
-no name and vanishes with its last user, however they end. A record that does not fit is dropped and
-counted; the writer never waits. Every record carries its sequence number and CRC-32, so one that is
-not visible in whole yet (weakly ordered memory) is left for the next look.
+The ring lives in a memory file (memfd) handed to the other process as an inherited descriptor: it
+has no name and vanishes with its last user, however they end. A record that does not fit is dropped
+and counted; the writer never waits. Every record carries its sequence number and CRC-32, so one that
+is not visible in whole yet (weakly ordered memory) is left for the next look.
 
 Layout: 64 bytes of header (u64 each: capacity, bytes written, bytes read, records written, records
 dropped), then `capacity` bytes of records: u32 length, kind, sequence, CRC; payload; padding to 16.
@@ -120,7 +120,7 @@ class RingReader(_Ring):
         self._sequence = 0
 
     def read(self, limit: int = 1 << 30) -> Iterator[RingRecord]:
-        """Yield what waits, at most `limit` records; each is consumed when the next is asked for."""
+        """Yield what waits, at most `limit` records; a yielded record is consumed."""
         header, data, capacity = self._header, self._data, self._capacity
         for _ in range(limit):
             position = header[_READ]

@@ -23,10 +23,8 @@ from fsw.errors import EstimatorError
 from fsw.messages import Block
 
 NICE = 19
-Progress = Callable[[float], None]
-RunBatch = Callable[
-    [Config, Sequence[Block], str, tuple[str, ...], Progress], Mapping[str, Any]
-]
+Progress = Callable[[float, str], bool]  # done ratio, what is being done; False: stop
+RunBatch = Callable[[Config, Sequence[Block], str, tuple[str, ...], Progress], Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,8 +101,8 @@ class InlineJobs:
         return [report]
 
 
-def _ignore(_ratio: float) -> None:
-    return None
+def _ignore(_ratio: float, _text: str) -> bool:
+    return True
 
 
 def main(source: IO[bytes], target: IO[str]) -> int:
@@ -117,8 +115,9 @@ def main(source: IO[bytes], target: IO[str]) -> int:
         target.write(json.dumps(values | {"result": report.result}) + "\n")
         target.flush()
 
-    def progress(ratio: float) -> None:
-        tell(JobReport(id=job.request.id, state="running", progress=ratio))
+    def progress(ratio: float, text: str) -> bool:
+        tell(JobReport(id=job.request.id, state="running", progress=ratio, text=text))
+        return True
 
     blocks = read_blocks(
         job.blocks, config.estimator.nodes, len(config.joints), last_s=job.request.last_s

@@ -1,7 +1,7 @@
 """Samples to windows: every channel over one common interval, with missing and stale marks.
 
-Window k is [t0 + k T, t0 + (k + 1) T) by time of validity and closes at its end + lag. Which samples
-it holds depends on recorded stamps only, never on when the loop looked.
+Window k is [t0 + k T, t0 + (k + 1) T) by time of validity and closes at its end + lag. Which
+samples it holds depends on recorded stamps only, never on when the loop looked.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fsw.config import Config
-from fsw.messages import AttitudeSample, ChannelWindow, ImuSample, JointSample, Sample, Window
+from fsw.messages import ChannelWindow, ImuSample, JointSample, Sample, Window
 
 FRESHNESS_PERIODS = 5.0  # a channel silent for longer than this many sample periods is stale
 SPARE_WINDOWS = 3  # open windows beyond those the lag needs; later validity times are absurd
@@ -171,9 +171,7 @@ class Aligner:
     def _deadline(self, index: int) -> int:
         return (self._t0_ns or 0) + (index + 1) * self._window_ns + self._lag_ns
 
-    def _add(
-        self, channel: _Channel, t_ns: int, received_ns: int, value: Sequence[float]
-    ) -> bool:
+    def _add(self, channel: _Channel, t_ns: int, received_ns: int, value: Sequence[float]) -> bool:
         """Store one value; True when it came too late."""
         index = (t_ns - (self._t0_ns or 0)) // self._window_ns
         if index < 0:

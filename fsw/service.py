@@ -1,0 +1,224 @@
+"""The service process: recorder, status file, event log, control socket, batch worker.
+
+`python -m fsw.service --down FD --up FD` is started by the loop process on two inherited rings.
+When the loop ends, however it ends, what is left in the ring is written and the recording closed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fsw.blockstore import BlockWriter
+from fsw.clock import Clock, MonotonicClock
+from fsw.commands import BatchRequest, Command, JobReport, Reply
+from fsw.config import Config
+from fsw.control import SOCKET_NAME, ControlServer
+from fsw.errors import PortError
+from fsw.job_process import JobProcess
+from fsw.messages import Block, Event
+from fsw.recorder import RecorderSink, event_values, next_path, open_recording
+from fsw.ring import RingReader, RingWriter
+from fsw.ringlink import Kind, deliver, load
+from fsw.sinks import NullSink, Record
+
+POLL_S = 0.01
+BATCH_RECORDS = 2000  # taken from the ring before clients are looked at again
+LOG_LIMIT_BYTES = 8 << 20
+NICE = 10
+
+
+class Service(NullSink):
+    """Everything that touches files and sockets."""
+
+    def __init__(self, config: Config, clock: Clock, down: RingReader, up: RingWriter) -> None:
+        self._config, self._clock = config, clock
+        self._down, self._up = down, up
+        self._directory = config.resolve(config.service.state_directory)
+        self._directory.mkdir(parents=True, exist_ok=True)
+        self._status: Record = {}
+        self._event_count = 0
+        self._recorder: RecorderSink | None = None
+        self._recording: Path | None = None
+        self._blocks: BlockWriter | None = None
+        self._control: ControlServer | None = None
+        self._jobs = JobProcess(config, self._directory / "blocks.bin")
+        self._drops_told = 0
+
+    def open(self) -> None:
+        """Open files and socket; what cannot be opened is an event."""
+        directory = self._config.recorder.directory
+        if directory is not None:
+            try:
+                path = next_path(self._config.resolve(directory))
+                self._recorder = RecorderSink(open_recording(self._config, path), self._report)
+                self._recording = path
+            except OSError as error:
+                self._report("high", "RECORDER_FAILED", f"{directory}: {error.strerror or error}")
+        estimator = self._config.estimator
+        try:
+            self._blocks = BlockWriter(
+                self._directory / "blocks.bin", estimator.nodes, len(self._config.joints)
+            )
+        except OSError as error:
+            self._report("medium", "BLOCKS_FAILED", str(error))
+        try:
+            self._control = ControlServer(
+                self._directory / SOCKET_NAME, lambda: self._status, self._forward
+            )
+        except PortError as error:
+            self._report("high", "CONTROL_FAILED", str(error))
+
+    def cycle(self) -> bool:
+        """Take what the ring holds, serve clients, follow the worker; False at the loop's end."""
+        going = True
+        taken = 0
+        for record in self._down.read(BATCH_RECORDS):
+            taken += 1
+            if record.kind == Kind.END:
+                going = False
+            elif record.kind == Kind.JOB_SUBMIT:
+                self._submit(load(record))
+            elif record.kind == Kind.JOB_ABORT:
+                self._jobs.abort()
+            else:
+                if self._recorder is not None:
+                    deliver(record, self._recorder)
+                if record.kind not in (Kind.CAN, Kind.SERIAL):
+                    deliver(record, self)
+        self._watch_drops()
+        for report in self._jobs.poll():
+            self._send(Kind.JOB_REPORT, report)
+        wait_s = 0.0 if taken >= BATCH_RECORDS or not going else POLL_S
+        if self._control is not None:
+            self._control.serve(wait_s, self._clock.now_ns())
+        else:
+            self._clock.sleep_until_ns(self._clock.now_ns() + round(wait_s * 1e9))
+        return going
+
+    def close(self) -> None:
+        """Write the rest and close everything."""
+        self._jobs.close()
+        if self._recorder is not None:
+            self._recorder.dropped = self._down.dropped
+            self._recorder.close()
+        if self._control is not None:
+            self._control.close()
+        self._write_status(running=False)
+
+    def block(self, block: Block) -> None:
+        """Store a block for batch jobs."""
+        if self._blocks is not None:
+            self._blocks.append(block)
+
+    def event(self, event: Event) -> None:
+        """Append to the event log."""
+        self._event_count += 1
+        path = self._directory / "events.jsonl"
+        try:
+            if path.exists() and path.stat().st_size > LOG_LIMIT_BYTES:
+                path.replace(path.with_suffix(".jsonl.1"))
+            with path.open("a") as file:
+                file.write(json.dumps(event_values(event)) + "\n")
+        except OSError:
+            return  # a full disk must not end the service; the recorder reports it
+
+    def status(self, t_ns: int, status: Record) -> None:  # noqa: ARG002
+        """Keep and publish the newest summary."""
+        self._status = status
+        if self._recorder is not None:
+            self._recorder.sync()
+        self._write_status(running=True)
+
+    def reply(self, reply: Reply) -> None:
+        """Answer the client that asked."""
+        if self._control is not None:
+            self._control.reply(reply)
+
+    def _write_status(self, *, running: bool) -> None:
+        recorder: Mapping[str, Any] = {
+            "path": str(self._recording) if self._recording is not None else None,
+            "failed_messages": self._recorder.lost if self._recorder is not None else 0,
+            "dropped": self._down.dropped,
+        }
+        extra = {"running": running, "recorder": recorder, "events": self._event_count}
+        self._status = {**self._status, **extra}
+        path = self._directory / "status.json"
+        temporary = path.with_suffix(".tmp")
+        try:
+            temporary.write_text(json.dumps(self._status))
+            temporary.replace(path)
+        except OSError:
+            return
+
+    def _watch_drops(self) -> None:
+        dropped = self._down.dropped
+        if dropped > self._drops_told:
+            text = f"{dropped - self._drops_told} records lost between loop and service"
+            self._drops_told = dropped
+            self._report("high", "RING_DROPS", text)
+
+    def _submit(self, request: BatchRequest) -> None:
+        try:
+            self._jobs.submit(request)
+        except OSError as error:
+            text = f"worker cannot be started: {error.strerror or error}"
+            failed = JobReport(id=request.id, state="failed", progress=0.0, text=text)
+            self._send(Kind.JOB_REPORT, failed)
+
+    def _forward(self, command: Command) -> bool:
+        return self._send(Kind.COMMAND, command)
+
+    def _send(self, kind: Kind, value: Command | JobReport) -> bool:
+        return self._up.push(kind, pickle.dumps(value, protocol=5))
+
+    def _report(self, severity: str, code: str, text: str) -> None:
+        event = Event(self._clock.now_ns(), severity, code, text)
+        self.event(event)
+        if self._recorder is not None:
+            self._recorder.event(event)
+
+
+def serve(down: RingReader, up: RingWriter, parent: int, clock: Clock) -> int:
+    """Serve one loop process to its end; return the exit code."""
+    config: Config | None = None
+    while config is None:
+        record = next(down.read(1), None)
+        if record is not None and record.kind == Kind.CONFIG:
+            config = load(record)
+        elif os.getppid() != parent:
+            return 1
+        else:
+            clock.sleep_until_ns(clock.now_ns() + round(POLL_S * 1e9))
+    service = Service(config, clock, down, up)
+    service.open()
+    while service.cycle():
+        if os.getppid() != parent and not down.used_bytes:
+            service.event(Event(clock.now_ns(), "high", "LOOP_LOST", "the loop process has died"))
+            break
+    service.close()
+    return 0
+
+
+def main(argv: list[str]) -> int:
+    """Run the service process."""
+    parser = argparse.ArgumentParser(prog="fsw.service", description=__doc__)
+    parser.add_argument("--down", type=int, required=True, help="descriptor of the loop's ring")
+    parser.add_argument("--up", type=int, required=True, help="descriptor of the ring to the loop")
+    arguments = parser.parse_args(argv)
+    parent = os.getppid()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
+    os.nice(NICE)
+    return serve(RingReader(arguments.down), RingWriter(arguments.up), parent, MonotonicClock())
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
