@@ -83,7 +83,6 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _replay(arguments: argparse.Namespace) -> int:
     from fsw.config import load
-    from fsw.describe import describe_result
 
     with TemporaryDirectory(prefix="fsw-replay-") as folder:
         if arguments.config is not None:
@@ -94,8 +93,8 @@ def _replay(arguments: argparse.Namespace) -> int:
             config = _checked(recorded_config(arguments.recording, Path(folder)))
         from fsw.replay import replay
 
-        result = replay(arguments.recording, config).as_json()
-    print(json.dumps(result) if arguments.json else describe_result(result))
+        result = replay(arguments.recording, config)
+    print(json.dumps(result.to_json()) if arguments.json else result.to_text())
     return 0
 
 

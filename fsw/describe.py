@@ -1,16 +1,11 @@
-"""Words for people: what the daemon would do (`fsw check`), and what a replay gave."""
+"""What the daemon would do with a configuration, in words for `fsw check`."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 from fsw import budget
 from fsw.config import BodyConfig, Config
 from fsw.estimators.inertia import PARAMETERS
 from fsw.estimators.problem import Problem
-
-SAMPLE_COUNTS = ("received", "lost", "late", "rejected")
 
 
 def describe(config: Config, problem: Problem) -> str:
@@ -30,26 +25,6 @@ def describe(config: Config, problem: Problem) -> str:
         for title, lines in sections
         for row, line in enumerate(lines)
     )
-
-
-def describe_result(result: Mapping[str, Any]) -> str:
-    """Return a page of text for a result in the words of its JSON form."""
-    lines = [f"{result['method']}: valid" if result["valid"] else f"not valid: {result['reason']}"]
-    for body, values in result["estimate"].items():
-        sigma = result["sigma"][body]
-        lines.append(f"{body}  mass_kg {_pair(values['mass_kg'], sigma['mass_kg'])}")
-        for key in ("com_m", "inertia_kg_m2"):
-            pairs = (_pair(x, s) for x, s in zip(values[key], sigma[key], strict=True))
-            lines.append(f"{'':<{len(body)}}  {key} {', '.join(pairs)}")
-    for source, counts in result["samples"].items():
-        shown = ", ".join(f"{counts[key]} {key}" for key in SAMPLE_COUNTS)
-        lines.append(f"{source}: {shown}")
-    lines.append(f"{result['slips']} slips, {result['wall_s']:.2f} s")
-    return "\n".join(lines)
-
-
-def _pair(value: float, sigma: float) -> str:
-    return f"{value:.6g} +- {sigma:.2g}"
 
 
 def _robot(config: Config, problem: Problem) -> list[str]:

@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from fsw.__main__ import main
-from fsw.describe import describe_result
 
 # runs one command line and fails if anything that can open a device was even imported
 NOTHING_OPENED = """
@@ -119,23 +118,3 @@ def test_without_a_command_the_usage_is_shown(capsys):
         main([])
     assert caught.value.code == 2
     assert "usage: fsw" in capsys.readouterr().err
-
-
-def test_a_result_is_told_with_its_sigma():
-    values = {"mass_kg": 400.123456, "com_m": [0.7, 0.5, 0.4], "inertia_kg_m2": [250.0] * 6}
-    result = {
-        "valid": True,
-        "reason": "",
-        "method": "mrnea",
-        "estimate": {"target": values},
-        "sigma": {"target": {"mass_kg": 0.5, "com_m": [0.01] * 3, "inertia_kg_m2": [1.0] * 6}},
-        "samples": {"imu": {"received": 10, "lost": 1, "late": 2, "rejected": 3}},
-        "slips": 0,
-        "wall_s": 1.5,
-    }
-    text = describe_result(result)
-    assert "mrnea: valid" in text
-    assert "target  mass_kg 400.123 +- 0.5" in text
-    assert "imu: 10 received, 1 lost, 2 late, 3 rejected" in text
-    invalid = describe_result(result | {"valid": False, "reason": "SETTLING", "estimate": {}})
-    assert invalid.startswith("not valid: SETTLING")
