@@ -29,7 +29,7 @@ _END, _ESCAPE, _ESCAPED_END, _ESCAPED_ESCAPE = 0xC0, 0xDB, 0xDC, 0xDD
 _HEADER = struct.Struct("<BBBBIQ")
 # attitude, confidence, tracking q, 3 counts, lost-in-space q, f32, u8, mode, valid, count, strategy
 _SOLUTION = struct.Struct("<4f f 4f 3B 4f f B B B I B")
-_SOLUTION_BYTES = _HEADER.size + _SOLUTION.size + 4
+PLAIN_SOLUTION_BYTES = 2 + _HEADER.size + _SOLUTION.size + 4  # on the wire, nothing escaped
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,7 +61,7 @@ class CanPort:
 
     def read(self) -> list[CanFrame]:
         """Return every frame received since the last call."""
-        frames = []
+        frames: list[CanFrame] = []
         try:
             while len(frames) < MAX_BATCH:
                 message = self._device.recv(timeout=0)
@@ -111,7 +111,7 @@ class SocketCanPort(CanPort):
 
     def read(self) -> list[CanFrame]:
         """Return every frame received since the last call, one stamp for all."""
-        raw = []
+        raw: list[bytes] = []
         try:
             while len(raw) < MAX_BATCH:
                 raw.append(self._socket.recv(_FD_BYTES, socket.MSG_DONTWAIT))

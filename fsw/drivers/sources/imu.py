@@ -12,7 +12,7 @@ from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2, Stim300Codec
 from fsw.drivers.sources.arrival import Arrival, ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
-from fsw.drivers.sources.sequence import CounterTrack, Step
+from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
 from fsw.drivers.wire import ByteChunk, Reject
 from fsw.messages import ImuSample
 
@@ -103,8 +103,8 @@ class ImuSource:
             while at + queued < len(items) and items[at + queued][0].pieces[-1].chunk == chunk:
                 queued += 1
             delay_ns = datagram.latency_s * 1e9 + length * arrivals.byte_ns
-            sent_ns = t_ns - delay_ns
-            step = track.check(datagram.counter, t_ns, sent_ns, queued, clock)
+            counted = Counted(datagram.counter, t_ns, t_ns - delay_ns, queued)
+            step = track.check(counted, clock)
             if step is Step.WRONG:
                 self._counts.reject(Reject.SEQUENCE, length)
                 continue
@@ -117,7 +117,7 @@ class ImuSource:
                 self._release(samples)
                 clock.reset()
                 arrivals.clear()
-            n = track.accept(datagram.counter, t_ns, sent_ns, queued, clock, step)
+            n = track.accept(counted, clock, step)
             self._counts.accepted += 1
             self._counts.accepted_bytes += length
             self._group.append((arrivals.add(frame, n, delay_ns), datagram))

@@ -57,9 +57,9 @@ class JointTrack:
         limit_nm = self.config.torque_limit_nm
         if not -limit_nm <= torque_nm <= limit_nm:
             return Reject.RANGE
-        if not (first or self._is_reachable(self.last_t_ns, self._last_rad, t_ns, position_rad)):
-            if not self._is_believed(t_ns, position_rad):
-                return Reject.RANGE
+        near = first or self._is_reachable(self.last_t_ns, self._last_rad, t_ns, position_rad)
+        if not near and not self._is_believed(t_ns, position_rad):
+            return Reject.RANGE
         if first:
             self.first_sync = self._newest = sync
             self._seen = 1

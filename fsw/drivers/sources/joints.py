@@ -21,9 +21,9 @@ MAX_EVENTS = 256
 class JointBusSource:
     """Every joint node of one bus.
 
-    A sample's time of validity is the stamp of the SYNC that latched it plus the latch offset. Frames
-    of other services are routed to events or ignored, and never count as rejects. A joint's lost
-    samples are the SYNCs after its first accepted one that are 0.1 s old and have none.
+    A sample's time of validity is the stamp of the SYNC that latched it plus the latch offset.
+    Frames of other services are routed to events or ignored, and never count as rejects. A joint's
+    lost samples are the SYNCs after its first accepted one that are 0.1 s old and have none.
     """
 
     def __init__(self, bus: BusConfig, joints: list[tuple[int, JointConfig]]) -> None:

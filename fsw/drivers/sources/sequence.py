@@ -2,11 +2,13 @@
 
 A datagram cannot come before it was measured: a counter that runs ahead of host time is wrong, and
 so is one seen twice. Host time also tells how often the counter wrapped in a silence. A unit that
-restarted looks like a row of wrong counters; after 0.1 s of them in unbroken order they are believed.
+restarted looks like a row of wrong counters; after 0.1 s of them in unbroken order they are
+believed.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 
 from fsw.drivers.sources.clock_model import ClockModel
@@ -24,6 +26,16 @@ class Step(Enum):
     NEXT = "next"
     RESTART = "restart"  # believed, but the clock model must start anew
     WRONG = "wrong"
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """A counter and when it came."""
+
+    counter: int
+    t_ns: int  # stamp of the chunk with the datagram's last byte
+    sent_ns: float  # t_ns less latency and serialisation time
+    queued: int  # datagrams of the same chunk from this one on
 
 
 class CounterTrack:
@@ -50,67 +62,60 @@ class CounterTrack:
         self.index = 0  # of the last accepted sample [ticks]
         self.lost = 0
 
-    def check(self, counter: int, t_ns: int, sent_ns: float, queued: int, clock: ClockModel) -> Step:
-        """Judge a counter without believing it yet; call `accept` with the result to do so.
-
-        Parameters
-        ----------
-        t_ns : stamp of the chunk with the datagram's last byte
-        sent_ns : t_ns less latency and serialisation time
-        queued : datagrams of the same chunk from this one on
-        """
+    def check(self, item: Counted, clock: ClockModel) -> Step:
+        """Judge a counter without believing it yet; `accept` does so for NEXT and RESTART."""
         if not self._started:
             return Step.NEXT
-        ahead = (counter - self._counter) % self._modulus
-        silence_ns = t_ns - self._t_ns
-        if silence_ns - queued * self._step * self._tick_ns < self._wrap_ns:
+        ahead = (item.counter - self._counter) % self._modulus
+        if self._is_unbroken(item):
             if ahead == 0:
                 return Step.WRONG
-            if self._is_step(ahead):
-                return Step.NEXT
-            if self._is_multiple(ahead) and not self._is_early(self.index + ahead, sent_ns, clock):
-                return Step.NEXT
-            return self._doubt(counter)
-        if not clock.ready:
-            return self._doubt(counter)
-        index = self._after_silence(ahead, sent_ns, queued, clock)
-        late_ns = -clock.early_ns(index, sent_ns)
-        allowed_ns = LATE_S * 1e9 + (queued - 1) * self._step * self._tick_ns
-        if (
-            not self._is_multiple(index - self.index)
-            or self._is_early(index, sent_ns, clock)
-            or late_ns > allowed_ns
-        ):
-            return self._doubt(counter)
-        return Step.NEXT
+            good = self._is_step(ahead) or (
+                self._is_multiple(ahead)
+                and not self._is_early(self.index + ahead, item.sent_ns, clock)
+            )
+        else:
+            good = clock.ready and self._is_punctual(item, clock)
+        return Step.NEXT if good else self._doubt(item.counter)
 
-    def accept(
-        self, counter: int, t_ns: int, sent_ns: float, queued: int, clock: ClockModel, step: Step
-    ) -> int:
+    def accept(self, item: Counted, clock: ClockModel, step: Step) -> int:
         """Believe a counter that `check` gave NEXT or RESTART and return its index."""
-        ahead = (counter - self._counter) % self._modulus
-        silence_ns = t_ns - self._t_ns
         if not self._started:
-            self.index = counter
+            self.index = item.counter
         else:
             if step is Step.RESTART:
-                steps = max(1, round(silence_ns / (self._step * self._tick_ns)))
-                index = self.index + round(steps * self._step)
-            elif silence_ns - queued * self._step * self._tick_ns < self._wrap_ns:
-                index = self.index + ahead
+                silence = (item.t_ns - self._t_ns) / (self._step * self._tick_ns)
+                index = self.index + round(max(1, round(silence)) * self._step)
+            elif self._is_unbroken(item):
+                index = self.index + (item.counter - self._counter) % self._modulus
             else:
-                index = self._after_silence(ahead, sent_ns, queued, clock)
+                index = self._after_silence(item, clock)
             self.lost += max(0, round((index - self.index) / self._step) - 1)
             self.index = index
         self._started = True
-        self._counter, self._t_ns, self._chain = counter, t_ns, 0
+        self._counter, self._t_ns, self._chain = item.counter, item.t_ns, 0
         return self.index
 
-    def _after_silence(self, ahead: int, sent_ns: float, queued: int, clock: ClockModel) -> int:
-        candidate = self.index + ahead
-        now = clock.device_time(sent_ns) - (queued - 1) * self._step
-        wraps = int((now - candidate) / self._modulus + (1 - WRAP_RATIO))
-        return candidate + max(wraps, 1 if ahead == 0 else 0) * self._modulus
+    def _is_unbroken(self, item: Counted) -> bool:
+        """Tell whether the silence before is too short for a wrap to go unseen."""
+        explained_ns = item.queued * self._step * self._tick_ns
+        return item.t_ns - self._t_ns - explained_ns < self._wrap_ns
+
+    def _after_silence(self, item: Counted, clock: ClockModel) -> int:
+        ahead = (item.counter - self._counter) % self._modulus
+        now = clock.device_time(item.sent_ns) - (item.queued - 1) * self._step
+        wraps = int((now - self.index - ahead) / self._modulus + (1 - WRAP_RATIO))
+        return self.index + ahead + max(wraps, 0 if ahead else 1) * self._modulus
+
+    def _is_punctual(self, item: Counted, clock: ClockModel) -> bool:
+        index = self._after_silence(item, clock)
+        late_ns = -clock.early_ns(index, item.sent_ns)
+        allowed_ns = LATE_S * 1e9 + (item.queued - 1) * self._step * self._tick_ns
+        return (
+            self._is_multiple(index - self.index)
+            and not self._is_early(index, item.sent_ns, clock)
+            and late_ns <= allowed_ns
+        )
 
     def _is_step(self, ahead: int) -> bool:
         return abs(ahead - self._step) <= STEP_TOLERANCE * self._step

@@ -6,7 +6,13 @@ from collections.abc import Sequence
 
 from fsw.config import StarTrackerConfig
 from fsw.drivers.codecs.framing import Frame
-from fsw.drivers.codecs.sagitta import SOLUTION_ID, SagittaCodec, Solution, encode_subscribe
+from fsw.drivers.codecs.sagitta import (
+    PLAIN_SOLUTION_BYTES,
+    SOLUTION_ID,
+    SagittaCodec,
+    Solution,
+    encode_subscribe,
+)
 from fsw.drivers.sources.arrival import ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
@@ -120,10 +126,13 @@ class StarTrackerSource:
         if restart:
             clock.reset()
             arrivals.clear()
-        serial_ns = len(frame.data) * arrivals.byte_ns
-        arrival = arrivals.add(frame, n, serial_ns)
-        sent_ns = arrival.bound_ns(arrival.bytes_before, arrivals.byte_ns) - serial_ns
-        if self._config.time == "unit" and clock.ready:
+        by_unit = self._config.time == "unit"
+        # by arrival, the latency is that to the last byte of a frame without escapes
+        length = len(frame.data) if by_unit else len(frame.data) - PLAIN_SOLUTION_BYTES
+        delay_ns = length * arrivals.byte_ns
+        arrival = arrivals.add(frame, n, delay_ns)
+        sent_ns = arrival.bound_ns(arrival.bytes_before, arrivals.byte_ns) - delay_ns
+        if by_unit and clock.ready:
             reference_ns, rest_ns = clock.predict_ns(n)
             sent_ns = min(sent_ns, (reference_ns - arrival.t_receive_ns) + rest_ns)
         return arrival.t_receive_ns + round(sent_ns - self._latency_ns)
