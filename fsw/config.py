@@ -249,6 +249,20 @@ class Config(Section):
         """Return a path of the configuration, relative ones taken from its folder."""
         return path if path.is_absolute() else self._folder / path
 
+    def with_unknown(self, unknown: tuple[str, ...]) -> Self:
+        """Return this configuration for other unknown bodies.
+
+        Raises
+        ------
+        ConfigError if one of them has no prior.
+        """
+        data = self.model_dump() | {"unknown": unknown}
+        try:
+            changed = type(self).model_validate(data)
+        except ValidationError as error:
+            raise ConfigError("\n".join(explain(type(self), error))) from error
+        return changed.read_from(self._source, self._folder, self._name)
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         _unique([b.name for b in self.buses], "buses.name")

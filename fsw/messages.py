@@ -136,6 +136,7 @@ class Estimate:
     nis_dof: int
     condition_number: float  # of the whitened, prior-scaled information
     information_gained_nats: float  # 1/2 log det(prior cov) - 1/2 log det(cov), unknown bodies
+    whole: BodyEstimate | None = None  # everything together at the current posture, in B
     extra: dict[str, float] = field(default_factory=dict)
 
 

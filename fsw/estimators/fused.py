@@ -193,7 +193,8 @@ def _covariance(
         D_w = np.concatenate([prediction.D_w, np.zeros((m, 3, 3))], axis=1)[:, use]
         gains += [np.einsum("ir,if->irf", D_w[:, :, axis], root) for axis in range(3)]
     G = np.concatenate(gains, axis=2).reshape(size, -1)
-    return S + G @ G.T
+    S += G @ G.T
+    return S
 
 
 def _motion_gains(

@@ -11,9 +11,10 @@ with its newest linearisation, so memory is bounded and nothing is counted twice
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -23,16 +24,15 @@ from fsw.errors import EstimatorError
 from fsw.estimators.fused import fused_rows
 from fsw.estimators.inertia import (
     PARAMETERS,
-    from_parameters,
     is_consistent,
     nearest_consistent,
-    report_jacobian,
 )
 from fsw.estimators.model import RobotModel
 from fsw.estimators.mrnea import Rows, mrnea_rows
 from fsw.estimators.problem import Problem, build_problem
+from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.messages import Block, BodyEstimate, Estimate, FloatArray
+from fsw.messages import Block, Estimate, FloatArray
 
 SETTLED = 0.02  # whitened rms step of a whole pass below which the estimate has settled
 WORK_PER_BLOCK = 16  # units of background work due between two blocks
@@ -71,9 +71,9 @@ class OnlineEstimator:
     def reset(self) -> None:
         """Forget all blocks; return to the prior."""
         problem = self._problem
-        self._prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
-        self._retired = self._prior
-        self._information = self._prior
+        prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+        self._retired = prior
+        self._information = prior
         self._x = problem.prior_mean.copy()
         self._store: deque[_Stored] = deque()
         self._pass: SquareRootInformation | None = None
@@ -86,6 +86,33 @@ class OnlineEstimator:
         self._blocks = 0
         self._gated = 0
         self._nis = (0.0, 0)
+        self._q_rad: FloatArray | None = None
+        self._after = -1
+
+    def adopt(self, result: Mapping[str, Any]) -> None:
+        """Start again from a batch result: its mean and covariance become the prior.
+
+        Blocks up to the batch's last one are ignored from now on; they are in its result already.
+
+        Raises
+        ------
+        EstimatorError if the result is for other states or not a proper estimate.
+        """
+        if tuple(result["names"]) != self._problem.names:
+            raise EstimatorError("the batch result is for other unknowns than the online estimator")
+        if result["status"] != "OK":
+            raise EstimatorError(f"the batch ended with {result['status']}; nothing adopted")
+        mean, covariance = np.array(result["mean"]), np.array(result["covariance"])
+        try:
+            prior = SquareRootInformation.from_prior(mean, covariance)
+        except np.linalg.LinAlgError as error:
+            raise EstimatorError("the batch covariance is not positive definite") from error
+        self.reset()
+        self._retired = self._information = prior
+        self._x = self._pass_x = mean
+        self._after = int(result["last_block"])
+        self._blocks = self._after - int(result["first_block"]) + 1
+        self._settled = True
 
     def push(self, block: Block) -> Estimate:
         """Fold in one block and return the estimate after it.
@@ -95,7 +122,9 @@ class OnlineEstimator:
         """
         while self.work():
             pass
-        self._fold(block)
+        if block.index > self._after:
+            self._q_rad = block.q_rad[-1]
+            self._fold(block)
         self._due = 0 if self._linear else WORK_PER_BLOCK
         return self.estimate(int(block.t_ns[-1]))
 
@@ -133,9 +162,12 @@ class OnlineEstimator:
         reason = self._reason(condition)
         bodies = {}
         for name in problem.unknown:
-            bodies[name], distance = self._body(name, covariance)
+            bodies[name], distance = body_estimate(problem, name, self._x, covariance)
             if not reason and distance > chdtri(PARAMETERS, INCONSISTENT):
                 reason = "NOT_CONSISTENT"
+        whole = None
+        if self._q_rad is not None:
+            whole = whole_estimate(problem, self._x, covariance, self._q_rad)
         k = problem.bodies
         gained = 0.5 * (
             np.linalg.slogdet(problem.prior_covariance[k, k])[1]
@@ -156,6 +188,7 @@ class OnlineEstimator:
             nis_dof=self._nis[1],
             condition_number=condition,
             information_gained_nats=float(gained),
+            whole=whole,
         )
 
     def _reason(self, condition: float) -> str:
@@ -255,29 +288,6 @@ class OnlineEstimator:
         AS = A @ self._information.covariance_root()
         S = np.eye(len(innovation)) + AS @ AS.T
         return float(innovation @ np.linalg.solve(S, innovation)), len(innovation)
-
-    def _body(self, name: str, covariance: FloatArray) -> tuple[BodyEstimate, float]:
-        """Return the published body and the squared whitened distance of its projection."""
-        k = self._problem.body(name)
-        pi, distance = self._x[k], 0.0
-        consistent = is_consistent(pi)
-        if not consistent:
-            pi = nearest_consistent(pi, covariance[k, k])
-            step = pi - self._x[k]
-            distance = float(step @ np.linalg.solve(covariance[k, k], step))
-        mass, com, inertia = from_parameters(pi)
-        J = report_jacobian(pi)
-        sigma = np.sqrt(np.diag(J @ covariance[k, k] @ J.T))
-        body = BodyEstimate(
-            mass_kg=mass,
-            com_m=com,
-            inertia_kg_m2=inertia,
-            mass_sigma_kg=float(sigma[0]),
-            com_sigma_m=sigma[1:4],
-            inertia_sigma_kg_m2=sigma[4:],
-            physically_consistent=consistent,
-        )
-        return body, distance
 
 
 def build_online(config: Config, model: RobotModel | None = None) -> OnlineEstimator:

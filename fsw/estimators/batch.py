@@ -1,0 +1,247 @@
+"""Batch identification of stored blocks by any method: damped Gauss-Newton over consistent bodies.
+
+The unknown bodies move in log-Cholesky coordinates, so every iterate is physically possible and the
+base's inertia never becomes singular; the covariance is given in the linear parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.errors import EstimatorError
+from fsw.estimators.energy import energy_rows
+from fsw.estimators.fused import fused_rows
+from fsw.estimators.inertia import (
+    from_log_cholesky,
+    is_consistent,
+    log_cholesky_jacobian,
+    nearest_consistent,
+    to_log_cholesky,
+)
+from fsw.estimators.model import RobotModel
+from fsw.estimators.mrnea import Rows, mrnea_rows
+from fsw.estimators.problem import Problem, build_problem
+from fsw.estimators.publish import body_estimate
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages import Block, BodyEstimate, FloatArray
+
+MAX_ITERATIONS = 60
+CONVERGED = 1e-3  # whitened rms step at which the iteration stops
+WEAKEST_GAIN = (
+    0.5  # prior variance over posterior variance, minus one, of the least known direction
+)
+
+RowsFunction = Callable[[Block, FloatArray], Rows]
+Progress = Callable[[float, str], bool]  # fraction and text; False aborts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BatchSolution:
+    """A batch estimate: status is OK, NOT_CONVERGED, INSUFFICIENT_EXCITATION or ABORTED."""
+
+    status: str
+    mean: FloatArray  # (p,)
+    information: SquareRootInformation
+    iterations: int
+    cost: float  # sum of squared whitened residuals, prior included
+    rows: int
+
+
+def method_rows(method: str, weighting: str, problem: Problem) -> RowsFunction:
+    """Return the rows function of a method: mrnea, rda, cm, ce or fused.
+
+    Raises
+    ------
+    EstimatorError for an unknown method.
+    """
+    if method == "mrnea":
+        return partial(mrnea_rows, problem=problem, weighting=weighting)
+    if method == "rda":
+        return partial(fused_rows, problem=problem, channels=("torque",), rate="measured")
+    if method == "cm":
+        return partial(fused_rows, problem=problem, channels=("gyro",))
+    if method == "ce":
+        return partial(energy_rows, problem=problem)
+    if method == "fused":
+        return partial(fused_rows, problem=problem)
+    raise EstimatorError(f"method {method!r} is none of mrnea, rda, cm, ce, fused")
+
+
+def solve(
+    problem: Problem,
+    rows: RowsFunction,
+    blocks: Sequence[Block],
+    progress: Progress | None = None,
+    start: FloatArray | None = None,
+) -> BatchSolution:
+    """Minimise prior plus whitened residuals of all blocks by Levenberg-Marquardt.
+
+    `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
+    """
+    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    x = problem.prior_mean if start is None else start
+    theta = _to_theta(problem, x)
+    x = _to_x(problem, theta)
+    damping, iterations, status = 1e-3, 0, "NOT_CONVERGED"
+    stacked, b = _stack(rows, blocks, x)
+    cost = _cost(prior, x, b)
+    while iterations < MAX_ITERATIONS:
+        iterations += 1
+        J = np.vstack([stacked, prior.R]) @ _chain(problem, theta)
+        r = np.concatenate([b, prior.z - prior.R @ x])
+        N, g = J.T @ J, J.T @ r
+        if not np.all(np.isfinite(N)):
+            break
+        accepted = False
+        while not accepted and damping < 1e10:
+            step = np.linalg.solve(N + damping * np.diag(np.diag(N)), g)
+            trial_theta = theta + _bounded(problem, step)
+            trial = _to_x(problem, trial_theta)
+            trial_stacked, trial_b = _stack(rows, blocks, trial)
+            trial_cost = _cost(prior, trial, trial_b)
+            accepted = trial_cost <= cost * (1 + 1e-9)
+            damping = max(damping / 10, 1e-12) if accepted else damping * 10
+        if not accepted:
+            break
+        moved = float(np.sqrt(step @ N @ step / len(step)))
+        theta, x, stacked, b, cost = trial_theta, trial, trial_stacked, trial_b, trial_cost
+        if progress is not None and not progress(
+            min(1.0, iterations / 10), f"iteration {iterations}: step {moved:.2g} sigma"
+        ):
+            status = "ABORTED"
+            break
+        if moved < CONVERGED:
+            status = "OK"
+            break
+    information = prior.update(stacked, b + stacked @ x)
+    if status == "OK" and _weakest_gain(problem, stacked) < WEAKEST_GAIN:
+        status = "INSUFFICIENT_EXCITATION"
+    return BatchSolution(
+        status=status,
+        mean=x,
+        information=information,
+        iterations=iterations,
+        cost=cost,
+        rows=len(b),
+    )
+
+
+def run_batch(
+    config: Config,
+    blocks: Sequence[Block],
+    method: str,
+    unknown: Sequence[str],
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
+
+    Raises
+    ------
+    EstimatorError if there are no blocks or no such method; ConfigError if a body has no prior.
+    """
+    if not blocks:
+        raise EstimatorError("no blocks recorded in this window")
+    chosen = config.with_unknown(tuple(unknown)) if unknown else config
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    problem = build_problem(chosen, model)
+    start = None
+    if method in ("rda", "ce"):  # nonlinear from a poor start: begin at the linear method's result
+        warm = method_rows("mrnea", "eiv", problem)
+        start = solve(problem, warm, blocks).mean
+    rows = method_rows(method, config.estimator.weighting, problem)
+    solution = solve(problem, rows, blocks, progress, start)
+    covariance = solution.information.covariance()
+    bodies = {
+        name: body_estimate(problem, name, solution.mean, covariance)[0] for name in problem.unknown
+    }
+    return {
+        "method": method,
+        "unknown": list(problem.unknown),
+        "status": solution.status,
+        "iterations": solution.iterations,
+        "cost": solution.cost,
+        "rows": solution.rows,
+        "names": list(problem.names),
+        "mean": solution.mean.tolist(),
+        "covariance": covariance.tolist(),
+        "first_block": blocks[0].index,
+        "last_block": blocks[-1].index,
+        "estimate": {name: _plain(body, "") for name, body in bodies.items()},
+        "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
+    }
+
+
+def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:
+    if kind:
+        mass, com, inertia = body.mass_sigma_kg, body.com_sigma_m, body.inertia_sigma_kg_m2
+    else:
+        mass, com, inertia = body.mass_kg, body.com_m, body.inertia_kg_m2
+    return {"mass_kg": mass, "com_m": com.tolist(), "inertia_kg_m2": inertia.tolist()}
+
+
+def _stack(
+    rows: RowsFunction, blocks: Sequence[Block], x: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    parts = [rows(block, x) for block in blocks]
+    return np.vstack([part.A for part in parts]), np.concatenate([part.b for part in parts])
+
+
+def _cost(prior: SquareRootInformation, x: FloatArray, b: FloatArray) -> float:
+    r = prior.z - prior.R @ x
+    return float(b @ b + r @ r)
+
+
+def _to_theta(problem: Problem, x: FloatArray) -> FloatArray:
+    theta = x.copy()
+    for name in problem.unknown:
+        k = problem.body(name)
+        pi = x[k]
+        if not is_consistent(pi):
+            pi = nearest_consistent(pi, problem.prior_covariance[k, k])
+        theta[k] = to_log_cholesky(pi)
+    return theta
+
+
+def _to_x(problem: Problem, theta: FloatArray) -> FloatArray:
+    x = theta.copy()
+    for name in problem.unknown:
+        x[problem.body(name)] = from_log_cholesky(theta[problem.body(name)])
+    return x
+
+
+def _chain(problem: Problem, theta: FloatArray) -> FloatArray:
+    D = np.eye(len(theta))
+    for name in problem.unknown:
+        k = problem.body(name)
+        D[k, k] = log_cholesky_jacobian(theta[k])
+    return D
+
+
+def _bounded(problem: Problem, step: FloatArray) -> FloatArray:
+    """Limit the step so that no diagonal of a pseudo-inertia factor changes by more than e."""
+    largest = max(np.abs(step[problem.body(name)][:4]).max() for name in problem.unknown)
+    bounded: FloatArray = step / max(1.0, float(largest))
+    return bounded
+
+
+def _weakest_gain(problem: Problem, stacked: FloatArray) -> float:
+    """Return the data's information over the prior's in the least known direction of the bodies.
+
+    Nuisances are marginalised with their priors.
+    """
+    k = problem.bodies
+    F = stacked.T @ stacked
+    nuisance_prior = np.linalg.solve(
+        problem.prior_covariance[k.stop :, k.stop :], np.eye(len(F) - k.stop)
+    )
+    if len(F) > k.stop:
+        D = F[k.stop :, k.stop :] + nuisance_prior
+        F = F[k, k] - F[k, k.stop :] @ np.linalg.solve(D, F[k.stop :, k])
+    L = np.linalg.cholesky(problem.prior_covariance[k, k])
+    return float(np.linalg.eigvalsh(L.T @ F @ L)[0])

@@ -1,0 +1,61 @@
+"""From estimation coordinates to what operators read: the bodies, and the whole as posed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.estimators.inertia import (
+    from_parameters,
+    is_consistent,
+    nearest_consistent,
+    report_jacobian,
+)
+from fsw.estimators.problem import Problem
+from fsw.messages import BodyEstimate, FloatArray
+
+
+def body_estimate(
+    problem: Problem, name: str, x: FloatArray, covariance: FloatArray
+) -> tuple[BodyEstimate, float]:
+    """Return the published body and the squared whitened distance of its projection.
+
+    The published body is physically consistent: where the state's is not, the nearest one in the
+    covariance's metric stands for it and `physically_consistent` is False.
+    """
+    k = problem.body(name)
+    pi, distance = x[k], 0.0
+    consistent = is_consistent(pi)
+    if not consistent:
+        pi = nearest_consistent(pi, covariance[k, k])
+        step = pi - x[k]
+        distance = float(step @ np.linalg.solve(covariance[k, k], step))
+    return _report(pi, covariance[k, k], consistent), distance
+
+
+def whole_estimate(
+    problem: Problem, x: FloatArray, covariance: FloatArray, q_rad: FloatArray
+) -> BodyEstimate:
+    """Return mass, centre of mass and central inertia of the whole, in B, at joint positions q.
+
+    What a de-orbit burn needs. The known bodies are taken as exact.
+    """
+    C = problem.model.composite(q_rad)
+    pi = C @ problem.pi(x)
+    J = C @ problem.U
+    k = problem.bodies
+    return _report(pi, J @ covariance[k, k] @ J.T, is_consistent(pi))
+
+
+def _report(pi: FloatArray, covariance: FloatArray, consistent: bool) -> BodyEstimate:
+    mass, com, inertia = from_parameters(pi)
+    J = report_jacobian(pi)
+    sigma = np.sqrt(np.maximum(np.diag(J @ covariance @ J.T), 0.0))
+    return BodyEstimate(
+        mass_kg=mass,
+        com_m=com,
+        inertia_kg_m2=inertia,
+        mass_sigma_kg=float(sigma[0]),
+        com_sigma_m=sigma[1:4],
+        inertia_sigma_kg_m2=sigma[4:],
+        physically_consistent=consistent,
+    )
