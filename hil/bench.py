@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fsw.app import Ports, build
 from fsw.config import Config, load
+from fsw.daemon import Ports, build
 from fsw.drivers.sources import ImuSource
 from fsw.drivers.wire import ByteChunk
 from fsw.estimators.online import build_online

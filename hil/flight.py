@@ -76,7 +76,7 @@ def flight_document(
             "node_id": node.node_id,
             "format": node.format,
             "sign": node.sign,
-            "zero_offset_rad": node.zero_offset_rad,
+            "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
             "torque_limit_nm": flight["torque_limit_nm"],
             "speed_limit_rad_s": flight["speed_limit_rad_s"],
             "torque_noise_nm": torque_noise_nm(sensors.joints, node),
