@@ -1,0 +1,64 @@
+"""The project's own rules: style, types, import directions, spelling, and that CI runs the README."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TOOLS = Path(sys.executable).parent
+
+COMMANDS = {
+    "ruff check": ["ruff", "check", "."],
+    "ruff format": ["ruff", "format", "--check", "."],
+    "mypy": ["mypy"],
+    "lint-imports": ["lint-imports", "--no-cache"],
+    "codespell": ["codespell"],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_tool_finds_nothing(name):
+    program, *arguments = COMMANDS[name]
+    done = subprocess.run(
+        [TOOLS / program, *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+
+
+def block_below(heading: str) -> str:
+    """Return the first code block below a heading of the README."""
+    section = (ROOT / "README.md").read_text().split(f"\n{heading}\n", 1)[1]
+    return section.split("```", 2)[1].partition("\n")[2]
+
+
+@pytest.mark.parametrize("heading", ["## Run", "## Test"])
+def test_each_readme_command_installs_all_it_needs(heading):
+    command = block_below(heading)
+    assert "apt-get install -y python3-venv" in command
+    assert "python3 -m venv .venv" in command
+    assert ".venv/bin/pip install" in command
+
+
+def test_the_readme_runs_the_main_job_and_the_tests():
+    assert ".venv/bin/hil run target_leo" in block_below("## Run")
+    assert ".venv/bin/python -m pytest" in block_below("## Test")
+
+
+def test_every_command_is_installed():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    for name in project["scripts"]:
+        done = subprocess.run(
+            [TOOLS / name, "--help"], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert f"usage: {name}" in done.stdout
