@@ -1,0 +1,1 @@
+"""Hardware-in-the-loop bench: truth, simulated devices, faults and scenarios."""
