@@ -54,6 +54,24 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("--json", action="store_true", help="print the result as one JSON object")
     replay.set_defaults(command=_replay)
 
+    identify = commands.add_parser("identify", help="one batch method on a recording")
+    identify.add_argument("recording", type=Path, metavar="RECORDING")
+    identify.add_argument("--config", type=Path, metavar="CONFIG", required=True)
+    identify.add_argument(
+        "--method", choices=("mrnea", "rda", "cm", "ce", "fused"), default="fused"
+    )
+    identify.add_argument(
+        "--unknown", choices=("base", "target", "both"), help="default: as the configuration says"
+    )
+    identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    identify.set_defaults(command=_identify)
+
+    ctl = commands.add_parser("ctl", help="command a running daemon over its local socket")
+    ctl.add_argument("config", type=Path, metavar="CONFIG", help="of the running daemon")
+    ctl.add_argument("name", metavar="COMMAND", help="status, reset, run-batch, adopt ...")
+    ctl.add_argument("arguments", nargs="*", metavar="KEY=VALUE")
+    ctl.set_defaults(command=_ctl)
+
     check = commands.add_parser("check", help="validate everything; touch no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
     check.set_defaults(command=_check)
@@ -96,6 +114,45 @@ def _replay(arguments: argparse.Namespace) -> int:
         result = replay(arguments.recording, config)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
     return 0
+
+
+def _identify(arguments: argparse.Namespace) -> int:
+    from fsw.config import load
+    from fsw.identify import identify, to_text
+
+    both = ("base", "target")
+    unknown = both if arguments.unknown == "both" else (arguments.unknown,)
+    config = _checked(load(arguments.config))
+
+    def progress(_ratio: float, text: str) -> bool:
+        print(f"fsw: {arguments.method}: {text}", file=sys.stderr)
+        return True
+
+    result = identify(
+        arguments.recording,
+        config,
+        arguments.method,
+        unknown if arguments.unknown else (),
+        progress,
+    )
+    print(json.dumps(result) if arguments.json else to_text(result))
+    return 0 if result["status"] == "OK" else FAILED_EXIT
+
+
+def _ctl(arguments: argparse.Namespace) -> int:
+    from fsw.config import load
+    from fsw.control import control
+
+    config = load(arguments.config)
+    line: dict[str, object] = {"command": arguments.name}
+    for pair in arguments.arguments:
+        key, separator, value = pair.partition("=")
+        if not separator:
+            raise ConfigError(f"{pair!r}: arguments are KEY=VALUE")
+        line[key] = float(value) if key == "last_s" else value
+    reply = control(config.resolve(config.service.state_directory), line)
+    print(json.dumps(reply))
+    return 0 if reply.get("accepted") else FAILED_EXIT
 
 
 def _check(arguments: argparse.Namespace) -> int:

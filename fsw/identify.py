@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fsw.clock import MonotonicClock
 from fsw.config import Config
@@ -57,3 +59,15 @@ def identify(
         "truncated": result.truncated,
         "wall_s": (clock.now_ns() - began_ns) * 1e-9,
     }
+
+
+def to_text(result: Mapping[str, Any]) -> str:
+    """Return the result of `identify` as a short table."""
+    lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {result['status']}"]
+    for body, estimate in result["estimate"].items():
+        for key, mean in estimate.items():
+            sigma = result["sigma"][body][key]
+            values = zip(np.atleast_1d(mean), np.atleast_1d(sigma), strict=True)
+            lines.append(f"{body}.{key}: " + ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in values))
+    lines.append(f"{result['iterations']} iterations, wall {result['wall_s']:.1f} s")
+    return "\n".join(lines)
