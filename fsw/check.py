@@ -200,7 +200,7 @@ def _bus_faults(config: Config) -> list[str]:
 def _serial_faults(config: Config) -> list[str]:
     faults = []
     imu, tracker = config.imu, config.star_tracker
-    if imu.rate_hz not in budget.IMU_RATES_HZ:
+    if imu.driver == "stim300" and imu.rate_hz not in budget.IMU_RATES_HZ:
         rates = ", ".join(f"{rate:g}" for rate in budget.IMU_RATES_HZ)
         faults.append(f"imu.rate_hz: {imu.rate_hz:g} must be one of {rates}")
     shortest = budget.imu_load(imu)[0]
