@@ -37,8 +37,9 @@ class ImuSource:
     as it bounds the sample itself; so it is known at once and does not depend on junk.
     """
 
-    def __init__(self, config: ImuConfig) -> None:
-        codec = make_codec(config.driver, config.acc_range_g, config.crlf)
+    def __init__(self, config: ImuConfig, codec: ImuCodec | None = None) -> None:
+        if codec is None:
+            codec = make_codec(config.driver, config.acc_range_g, config.crlf)
         self._codec = codec
         self._arrivals = ArrivalTracker(config.baud_rate)
         self._clock = ClockModel(codec.tick_s, config.clock_tolerance_ppm)
