@@ -118,3 +118,15 @@ def test_without_a_command_the_usage_is_shown(capsys):
         main([])
     assert caught.value.code == 2
     assert "usage: fsw" in capsys.readouterr().err
+
+
+def test_what_fsw_run_imports_stays_light():
+    program = (
+        "import sys, fsw.check, fsw.app\n"
+        "heavy = {'scipy.signal', 'scipy.optimize', 'scipy.stats', 'matplotlib', 'mujoco', 'rich'}\n"
+        "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
