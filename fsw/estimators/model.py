@@ -17,6 +17,9 @@ from fsw.errors import ConfigError
 from fsw.estimators.inertia import PARAMETERS, frame_change, pseudo_inertia
 from fsw.messages import FloatArray
 
+# one coordinate each; a URDF's `continuous` joint (RUB*, a point on the circle) has two
+REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
+
 
 class RobotModel:
     """Dynamics of base, known arm and grasped target, linear in the inertial parameters.
@@ -38,7 +41,8 @@ class RobotModel:
         self.n = self.model.nv - 6
         self.joint_names = tuple(self.model.names[2:])
         for index in range(2, self.model.njoints):
-            if self.model.nvs[index] != 1 or self.model.parents[index] != index - 1:
+            revolute = self.model.joints[index].shortname().startswith(REVOLUTE)
+            if not revolute or self.model.parents[index] != index - 1:
                 raise ConfigError(
                     f"robot.urdf: joint {self.model.names[index]!r} breaks the serial chain of "
                     "revolute joints that this software identifies"
