@@ -123,7 +123,7 @@ def test_without_a_command_the_usage_is_shown(capsys):
 def test_what_fsw_run_imports_stays_light():
     program = (
         "import sys, fsw.check, fsw.app\n"
-        "heavy = {'scipy.signal', 'scipy.optimize', 'scipy.stats', 'matplotlib', 'mujoco', 'rich'}\n"
+        "heavy = {'scipy.signal', 'scipy.optimize', 'scipy.stats', 'mujoco', 'rich'}\n"
         "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
     )
     done = subprocess.run(
