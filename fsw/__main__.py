@@ -149,10 +149,17 @@ def _ctl(arguments: argparse.Namespace) -> int:
         key, separator, value = pair.partition("=")
         if not separator:
             raise ConfigError(f"{pair!r}: arguments are KEY=VALUE")
-        line[key] = float(value) if key == "last_s" else value
+        line[key] = _number(key, value) if key == "last_s" else value
     reply = control(config.resolve(config.service.state_directory), line)
     print(json.dumps(reply))
     return 0 if reply.get("accepted") else FAILED_EXIT
+
+
+def _number(key: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError as error:
+        raise ConfigError(f"{key}: {value!r} must be a number") from error
 
 
 def _check(arguments: argparse.Namespace) -> int:

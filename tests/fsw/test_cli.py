@@ -120,6 +120,12 @@ def test_without_a_command_the_usage_is_shown(capsys):
     assert "usage: fsw" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("pair", ["last_s", "last_s=soon"])
+def test_a_wrong_command_argument_is_exit_code_2(arm, capsys, pair):
+    assert main(["ctl", str(arm.write()), "run-batch", pair]) == 2
+    assert "last_s" in capsys.readouterr().err
+
+
 def test_what_fsw_run_imports_stays_light():
     program = (
         "import sys, fsw.check, fsw.app\n"
