@@ -1,8 +1,8 @@
 """Safran/Sensonor STIM300 inertial unit, normal-mode datagrams (data sheet TS1524 rev. 31).
 
-Big-endian, no length field and no escapes: a frame is a known identifier, the length that belongs to
-it and a CRC-32 that holds. After the first datagram only its identifier is looked for (a unit sends
-one kind), until 1024 bytes passed without one.
+Big-endian, no length field and no escapes: a frame is a known identifier, the length that belongs
+to it and a CRC-32 that holds. After the first datagram only its identifier is looked for (a unit
+sends one kind), until 1024 bytes passed without one.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+from collections import deque
 from typing import Any
 
 import can
@@ -15,6 +16,7 @@ from fsw.errors import PortError
 
 RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
+MAX_ECHOES = 64  # frames sent and not seen back
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
 _HEADER = struct.Struct("=IBB2x")
 _EFF, _RTR, _ERR = socket.CAN_EFF_FLAG, socket.CAN_RTR_FLAG, socket.CAN_ERR_FLAG
@@ -22,7 +24,7 @@ _CLASSIC_BYTES, _FD_BYTES = 16, 72
 _BRS = 0x01
 
 
-def open_can(bus: BusConfig, clock: Clock) -> CanPort | SocketCanPort:
+def open_can(bus: BusConfig, clock: Clock) -> CanPort:
     """Open a bus of any of python-can's interfaces.
 
     Raises
@@ -48,13 +50,21 @@ def open_can(bus: BusConfig, clock: Clock) -> CanPort | SocketCanPort:
     link = getattr(device, "socket", None)
     if bus.interface == "socketcan" and isinstance(link, socket.socket):
         return SocketCanPort(device, link, clock, name)
-    return CanPort(device, clock, name)
+    return CanPort(device, clock, name, echoes=bus.interface == "udp_multicast")
 
 
 class CanPort:
-    """Any python-can bus."""
+    """Any python-can bus.
 
-    def __init__(self, device: can.BusABC, clock: Clock, name: str) -> None:
+    With `echoes` the interface hands back what was sent (udp_multicast does); that is dropped.
+    """
+
+    def __init__(
+        self, device: can.BusABC, clock: Clock, name: str, *, echoes: bool = False
+    ) -> None:
+        self._echoes: deque[tuple[int, bytes]] | None = None
+        if echoes:
+            self._echoes = deque(maxlen=MAX_ECHOES)
         self._device = device
         self._clock = clock
         self._name = name
@@ -67,6 +77,8 @@ class CanPort:
                 message = self._device.recv(timeout=0)
                 if message is None:
                     break
+                if self._echoes and self._is_echo(message):
+                    continue
                 frames.append(
                     CanFrame(
                         self._clock.now_ns(),
@@ -90,10 +102,22 @@ class CanPort:
             self._device.send(message)
         except (can.CanError, OSError) as error:
             raise PortError(f"{self._name}: cannot be written: {error}") from error
-        return CanFrame(self._clock.now_ns(), can_id, data)
+        t_ns = self._clock.now_ns()
+        if self._echoes is not None:
+            self._echoes.append((can_id, data))
+        return CanFrame(t_ns, can_id, data)
+
+    def _is_echo(self, message: can.Message) -> bool:
+        """Tell whether this is the oldest frame sent that has not come back yet."""
+        sent = (message.arbitration_id, bytes(message.data))
+        if self._echoes is None or sent not in self._echoes:
+            return False
+        while self._echoes.popleft() != sent:
+            pass  # an echo before it was lost
+        return True
 
     def wake_fds(self) -> tuple[int, ...]:
-        """CAN wakes nobody: samples are timed by SYNC."""
+        """Return nothing: joint samples are timed by SYNC, not by arrival."""
         return ()
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import termios
 
 import serial
 
@@ -31,7 +32,15 @@ def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
     with contextlib.suppress(OSError, serial.SerialException):
         line.reset_input_buffer()
     os.set_blocking(line.fileno(), False)
+    _tell_idle_from_hang_up(line.fileno())
     return SerialPort(line, clock, path)
+
+
+def _tell_idle_from_hang_up(fd: int) -> None:
+    """Make an idle line raise EAGAIN, so that an empty read means that it is gone."""
+    attributes = termios.tcgetattr(fd)
+    attributes[6][termios.VMIN] = 1
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
 class SerialPort:
@@ -54,7 +63,7 @@ class SerialPort:
             except OSError as error:
                 raise PortError(f"serial {self._path}: cannot be read: {error}") from error
             if not data:
-                break
+                raise PortError(f"serial {self._path}: the other end hung up")
             chunks.append(ByteChunk(self._clock.now_ns(), data))
             if len(data) < READ_BYTES:
                 break
@@ -68,7 +77,7 @@ class SerialPort:
             raise PortError(f"serial {self._path}: cannot be written: {error}") from error
 
     def wake_fds(self) -> tuple[int, ...]:
-        """A readable line wakes the loop, so that arrivals are stamped finely."""
+        """Return the line: waking on it stamps arrivals finely."""
         return (self._fd,)
 
     def close(self) -> None:

@@ -31,10 +31,10 @@ def make_codec(driver: str, acc_range_g: int, crlf: bool) -> ImuCodec:
 class ImuSource:
     """One inertial unit.
 
-    The unit's counter, not the arrival, gives a sample its time: device time n is mapped to host time
-    by a clock model fitted under all arrivals less latency field and serialisation. A sample's time
-    uses the observations of all chunks before the one that holds its last byte, and that one as far
-    as it bounds the sample itself; so it is known at once and does not depend on junk.
+    The unit's counter, not the arrival, gives a sample its time: device time n is mapped to host
+    time by a clock model fitted under all arrivals less latency field and serialisation. A sample's
+    time uses the observations of all chunks before the one that holds its last byte, and that one
+    as far as it bounds the sample itself; so it is known at once and does not depend on junk.
     """
 
     def __init__(self, config: ImuConfig, codec: ImuCodec | None = None) -> None:

@@ -17,20 +17,26 @@ class SyncHistory:
         self._max_age_ns = round(min(MAX_AGE_S, CYCLE_RATIO * counter_max / rate_hz) * 1e9)
         self._latest: list[tuple[int, int] | None] = [None] * (counter_max + 1)
         self._before: list[tuple[int, int] | None] = [None] * (counter_max + 1)
+        self._echo_ns = 0.5e9 * counter_max / rate_hz
         self._last_counter = 0
+        self._last_t_ns = 0
+        self.echoes = 0  # the same SYNC seen again: as sent, and as the bus handed it back
         self.count = 0
         self.lost = 0  # gaps in the counter as seen here
         self.invalid = 0
 
     def add(self, data: bytes, t_ns: int) -> bool:
-        """Take a SYNC in; False when it carries no counter of this bus."""
+        """Take a SYNC in; False when it is an echo or carries no counter of this bus."""
         counter = decode_sync(data, self._counter_max)
         if isinstance(counter, Reject):
             self.invalid += 1
             return False
         if self.count:
+            if counter == self._last_counter and t_ns - self._last_t_ns < self._echo_ns:
+                self.echoes += 1
+                return False
             self.lost += (counter - self._last_counter - 1) % self._counter_max
-        self._last_counter = counter
+        self._last_counter, self._last_t_ns = counter, t_ns
         self._before[counter] = self._latest[counter]
         self._latest[counter] = (t_ns, self.count)
         self.count += 1

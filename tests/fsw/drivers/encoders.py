@@ -65,10 +65,16 @@ def mip(fields: list[tuple[int, bytes]], descriptor_set: int = 0x80) -> bytes:
 
 def slip(payload: bytes) -> bytes:
     body = payload + struct.pack("<I", xxh32(payload, 1425))
-    return b"\xc0" + b"".join({0xC0: b"\xdb\xdc", 0xDB: b"\xdb\xdd"}.get(b, bytes([b])) for b in body) + b"\xc0"
+    return (
+        b"\xc0"
+        + b"".join({0xC0: b"\xdb\xdc", 0xDB: b"\xdb\xdd"}.get(b, bytes([b])) for b in body)
+        + b"\xc0"
+    )
 
 
-def solution(q_wxyz, *, ticks=1, unix_us=1_000_000, valid=1, kind=0x84, identifier=24, address=0x21):
+def solution(
+    q_wxyz, *, ticks=1, unix_us=1_000_000, valid=1, kind=0x84, identifier=24, address=0x21
+):
     head = struct.pack("<4BIQ", address, kind, identifier, 0, ticks, unix_us)
     body = struct.pack("<4ff4f3B", *q_wxyz, 0.5, 0.0, 0.0, 0.0, 0.0, 3, 20, 17)
     body += struct.pack("<4ffBBBIB", 1.0, 0.0, 0.0, 0.0, 0.25, 9, 0, valid, 77, 1)

@@ -23,7 +23,11 @@ def test_tpdo1_decodes_the_icd_vector() -> None:
     assert tpdo1(-1.25, -12.34, 0x09, 42) == GOLDEN
 
 
-@given(st.integers(-(2**31), 2**31 - 1), st.integers(-(2**15), 2**15 - 1), st.binary(min_size=2, max_size=2))
+@given(
+    st.integers(-(2**31), 2**31 - 1),
+    st.integers(-(2**15), 2**15 - 1),
+    st.binary(min_size=2, max_size=2),
+)
 def test_tpdo1_encodes_back_to_its_bytes(position: int, torque: int, tail: bytes) -> None:
     data = struct.pack("<ih", position, torque) + tail
     pdo = canopen.decode_tpdo1(data)

@@ -48,7 +48,9 @@ def reencode(d: StimDatagram, acc_range_g: int) -> bytes:
     return Stim(d.identifier, values, status, d.extra or 0, d.counter, d.latency_us).encode()
 
 
-def frames(data: bytes, crlf: bool = False, cuts: tuple[int, ...] = ()) -> tuple[list[bytes], Framer]:
+def frames(
+    data: bytes, crlf: bool = False, cuts: tuple[int, ...] = ()
+) -> tuple[list[bytes], Framer]:
     framer = Framer(StimMatcher(crlf))
     out = []
     for start, stop in zip((0, *cuts), (*cuts, len(data)), strict=True):
