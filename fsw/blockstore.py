@@ -1,7 +1,14 @@
-"""The newest blocks in a memory-mapped file: the service writes, the batch worker reads."""
+"""The newest blocks in a memory-mapped file: the service writes, the batch worker reads.
+
+Layout: 4096 bytes of header (JSON: the fields of a row, from the first block's own shapes), then a
+ring of fixed-size rows. Each row begins with its 1-based position in the stream; 0: not written.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -11,72 +18,70 @@ from numpy.typing import NDArray
 from fsw.messages import Block
 
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
-_FLAGS = ("has_gyro", "has_accelerometer", "has_attitude")
+HEADER_BYTES = 4096
+_NAMES = tuple(item.name for item in fields(Block))
 
 
-def block_dtype(nodes: int, joints: int) -> np.dtype[np.void]:
-    """Return the layout of one stored block."""
-    per_joint = ("q_rad", "qd_rad_s", "qdd_rad_s2", "tau_nm", "var_qdd", "var_tau")
-    per_axis = (
-        "w_NB_B_rad_s",
-        "wd_NB_B_rad_s2",
-        "f_NS_B_m_s2",
-        "var_w",
-        "var_wd",
-        "var_f",
-    )
-    fields: list[tuple[str, str, tuple[int, ...]]] = [
-        ("serial", "<i8", ()),  # 1-based position in the stream; 0: never written
-        ("index", "<i8", ()),
-        ("t_ns", "<i8", (nodes,)),
-        ("R_NB", "<f8", (nodes, 3, 3)),
-        ("has_joint", "?", (joints,)),
-    ]
-    fields += [(name, "<f8", (nodes, joints)) for name in per_joint]
-    fields += [(name, "<f8", (nodes, 3)) for name in per_axis]
-    fields += [(name, "?", ()) for name in _FLAGS]
-    return np.dtype(fields)
-
-
-def unpack_block(row: NDArray[np.void] | np.void) -> Block:
-    """Return the block of one stored row."""
-    names = [name for name in row.dtype.names or () if name not in {"serial", "index", *_FLAGS}]
-    values: dict[str, Any] = {name: np.array(row[name]) for name in names}
-    for array in values.values():
-        array.setflags(write=False)
-    values |= {name: bool(row[name]) for name in _FLAGS}
-    return Block(index=int(row["index"]), **values)
+def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
+    """Return name, type and shape of every field of a stored row."""
+    rows = [("serial", "<i8", [])]
+    for name in _NAMES:
+        value = np.asarray(getattr(block, name))
+        rows.append((name, value.dtype.str, list(value.shape)))
+    return rows
 
 
 class BlockWriter:
-    """The writing end."""
+    """The writing end; the file is made when the first block comes."""
 
-    def __init__(self, path: Path, nodes: int, joints: int, capacity: int = CAPACITY) -> None:
+    def __init__(self, path: Path, capacity: int = CAPACITY) -> None:
         self.path = path
-        dtype = block_dtype(nodes, joints)
-        self._rows = np.memmap(path, dtype=dtype, mode="w+", shape=(capacity,))
         self.count = 0
+        self._capacity = capacity
+        self._rows: NDArray[np.void] | None = None
+        path.unlink(missing_ok=True)
 
     def append(self, block: Block) -> None:
-        """Store a block over the oldest one."""
-        row = self._rows[self.count % len(self._rows)]
+        """Store a block over the oldest one. Raises OSError."""
+        if self._rows is None:
+            self._rows = self._create(block)
+        row = self._rows[self.count % self._capacity]
         self.count += 1
         row["serial"] = 0
-        for name in self._rows.dtype.names or ():
-            if name != "serial":
-                row[name] = getattr(block, name)
+        for name in _NAMES:
+            row[name] = getattr(block, name)
         row["serial"] = self.count
 
+    def _create(self, block: Block) -> NDArray[np.void]:
+        layout = row_fields(block)
+        dtype = _dtype(layout)
+        with self.path.open("wb") as file:
+            file.write(json.dumps(layout).encode().ljust(HEADER_BYTES))
+            file.flush()
+            size = HEADER_BYTES + dtype.itemsize * self._capacity
+            os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, not as SIGBUS
+        return np.memmap(
+            self.path,
+            dtype=dtype,
+            mode="r+",
+            offset=HEADER_BYTES,
+            shape=(self._capacity,),
+        )
 
-def read_blocks(path: Path, nodes: int, joints: int, *, last_s: float | None = None) -> list[Block]:
+
+def read_blocks(path: Path, *, last_s: float | None = None) -> list[Block]:
     """Return the stored blocks in order; only those of the newest `last_s` seconds when given."""
-    rows = np.memmap(path, dtype=block_dtype(nodes, joints), mode="r")
+    if not path.exists():
+        return []
+    with path.open("rb") as file:
+        dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
+    rows = np.memmap(path, dtype=dtype, mode="r", offset=HEADER_BYTES)
     before = np.array(rows["serial"])
     copy = np.array(rows)
     stable = (before > 0) & (before == rows["serial"])  # not overwritten while it was copied
     copy = copy[stable]
     copy = copy[np.argsort(copy["serial"])]
-    return newest([unpack_block(row) for row in copy], last_s)
+    return newest([_unpack(row) for row in copy], last_s)
 
 
 def newest(blocks: list[Block], last_s: float | None) -> list[Block]:
@@ -85,3 +90,16 @@ def newest(blocks: list[Block], last_s: float | None) -> list[Block]:
         return blocks
     since_ns = int(blocks[-1].t_ns[-1]) - round(last_s * 1e9)
     return [block for block in blocks if int(block.t_ns[0]) >= since_ns]
+
+
+def _dtype(layout: list[Any]) -> np.dtype[np.void]:
+    return np.dtype([(name, kind, tuple(shape)) for name, kind, shape in layout])
+
+
+def _unpack(row: np.void) -> Block:
+    values: dict[str, Any] = {}
+    for name in _NAMES:
+        value = np.array(row[name])
+        value.setflags(write=False)
+        values[name] = value if value.ndim else value.item()
+    return Block(**values)

@@ -29,6 +29,7 @@ from fsw.ring import RingReader, RingWriter
 from fsw.ringlink import Kind, deliver, load
 from fsw.sinks import NullSink, Record
 
+BLOCKS_NAME = "blocks.bin"
 POLL_S = 0.01
 BATCH_RECORDS = 2000  # taken from the ring before clients are looked at again
 LOG_LIMIT_BYTES = 8 << 20
@@ -47,9 +48,10 @@ class Service(NullSink):
         self._event_count = 0
         self._recorder: RecorderSink | None = None
         self._recording: Path | None = None
-        self._blocks: BlockWriter | None = None
+        self._blocks = BlockWriter(self._directory / BLOCKS_NAME)
+        self._blocks_failed = False
         self._control: ControlServer | None = None
-        self._jobs = JobProcess(config, self._directory / "blocks.bin")
+        self._jobs = JobProcess(config, self._directory / BLOCKS_NAME)
         self._drops_told = 0
 
     def open(self) -> None:
@@ -62,13 +64,6 @@ class Service(NullSink):
                 self._recording = path
             except OSError as error:
                 self._report("high", "RECORDER_FAILED", f"{directory}: {error.strerror or error}")
-        estimator = self._config.estimator
-        try:
-            self._blocks = BlockWriter(
-                self._directory / "blocks.bin", estimator.nodes, len(self._config.joints)
-            )
-        except OSError as error:
-            self._report("medium", "BLOCKS_FAILED", str(error))
         try:
             self._control = ControlServer(
                 self._directory / SOCKET_NAME, lambda: self._status, self._forward
@@ -115,8 +110,13 @@ class Service(NullSink):
 
     def block(self, block: Block) -> None:
         """Store a block for batch jobs."""
-        if self._blocks is not None:
+        if self._blocks_failed:
+            return
+        try:
             self._blocks.append(block)
+        except OSError as error:
+            self._blocks_failed = True
+            self._report("medium", "BLOCKS_FAILED", str(error))
 
     def event(self, event: Event) -> None:
         """Append to the event log."""

@@ -119,9 +119,7 @@ def main(source: IO[bytes], target: IO[str]) -> int:
         tell(JobReport(id=job.request.id, state="running", progress=ratio, text=text))
         return True
 
-    blocks = read_blocks(
-        job.blocks, config.estimator.nodes, len(config.joints), last_s=job.request.last_s
-    )
+    blocks = read_blocks(job.blocks, last_s=job.request.last_s)
     report = run_job(config, blocks, job.request, progress, default_batch)
     tell(report)
     return 0 if report.state == "done" else 1

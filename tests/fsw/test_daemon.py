@@ -1,0 +1,221 @@
+"""The wiring, on fake ports and a fake clock, with the real sources and faked estimation."""
+
+import struct
+
+import pytest
+
+from fsw.commands import Command, CommandName
+from fsw.daemon import Daemon, Pipeline, Ports, build
+from fsw.drivers.wire import CanFrame
+from fsw.errors import EstimatorError, PortError
+from tests.conftest import ArmProject
+from tests.fsw.loop_cases import (
+    MS,
+    FakeCan,
+    FakeClock,
+    FakeConditioner,
+    FakeEstimator,
+    FakeSerial,
+    KeepSink,
+    arm_config,
+)
+
+
+class Bench:
+    """Three joints on one bus at 250 Hz, ticks at 500 Hz."""
+
+    def __init__(self, arm: ArmProject, **more) -> None:
+        self.clock = FakeClock(10**9)
+        self.can, self.imu = FakeCan(self.clock), FakeSerial(self.clock, (7,))
+        self.tracker = FakeSerial(self.clock)
+        self.sink, self.estimator = KeepSink(), FakeEstimator()
+        self.conditioner = FakeConditioner()
+        self.daemon: Daemon = build(
+            arm_config(arm, estimator={"window_s": 0.1, "lag_s": 0.05}),
+            self.clock,
+            Ports(can={"arm": self.can}, imu=self.imu, star_tracker=self.tracker, **more),
+            self.sink,
+            pipeline=Pipeline(conditioner=self.conditioner, estimator=self.estimator),
+        )
+
+    def answer(self) -> None:
+        """Each node answers the newest SYNC, half a millisecond after it."""
+        syncs = [w for w in self.can.written if w[1] == 0x080]
+        t_ns, _, data = syncs[-1]
+        for node in (0x11, 0x12, 0x13):
+            pdo = struct.pack("<ihBB", 1000, 250, 0x09, data[0])
+            self.can.queue.append(CanFrame(t_ns + MS // 2, 0x180 + node, pdo))
+
+    def run(self, ticks: int) -> None:
+        for k in range(ticks):
+            if k % 2:
+                self.answer()
+            self.daemon.step()
+
+
+@pytest.fixture
+def bench(arm: ArmProject) -> Bench:
+    return Bench(arm)
+
+
+def test_the_first_tick_starts_the_nodes_subscribes_and_sends_the_first_sync(bench: Bench):
+    bench.daemon.step()
+    sent = [(can_id, data.hex()) for _, can_id, data in bench.can.written]
+    assert sent == [(0, "0111"), (0, "0112"), (0, "0113"), (0x080, "01")]
+    assert bench.tracker.written[0][2][:2] == b"\xc0\x21"
+    assert bench.can.written[-1][0] == 10**9
+
+
+def test_sync_goes_out_at_the_bus_rate_and_every_frame_is_recorded_in_order(bench: Bench):
+    bench.run(10)
+    syncs = [(t, data[0]) for t, can_id, data in bench.can.written if can_id == 0x080]
+    assert syncs == [(10**9 + 4 * MS * k, k + 1) for k in range(5)]
+    stamps = [frame.t_ns for frame in bench.sink.frames]
+    assert stamps == sorted(stamps)
+    assert len(bench.sink.frames) == 3 + 5 + 15
+
+
+def test_windows_are_closed_by_the_lag_and_pushed_once_in_order(bench: Bench):
+    bench.run(176)  # the last tick is at 350 ms: window 2 ends at 300 ms and closes there
+    assert bench.estimator.pushed == [0, 1, 2]
+    joints = bench.conditioner.windows[1].joints
+    assert [len(j.t_ns) for j in joints] == [25, 25, 25]
+    assert joints[0].t_ns[0] == 10**9 + 100 * MS
+    assert [e.blocks for e in bench.sink.estimates] == [1, 2, 3]
+    assert bench.estimator.calls.count("work") == 176 - 3
+
+
+def test_status_reports_sources_links_windows_and_tasks(bench: Bench):
+    bench.run(176)
+    status = bench.sink.statuses[-1]
+    assert status["samples"]["arm"]["lost"] == 0
+    assert status["samples"]["arm"]["rejected"] == 0
+    assert set(status["samples"]) == {"arm", "imu", "star_tracker"}
+    assert status["links"]["imu"] == {"up": True, "losses": 0}
+    assert status["slips"] == 0
+    assert {"sync_arm", "drain", "ingest", "estimate"} <= set(status["tasks_us"])
+
+
+def test_serial_bytes_read_at_an_early_wake_keep_that_stamp(bench: Bench):
+    bench.daemon.step()
+    bench.clock.wakes = [10**9 + MS]
+    bench.clock.now = 10**9 + MS // 2
+    bench.imu.queue = []
+    original = bench.imu.read
+
+    def read() -> list:
+        if bench.clock.now == 10**9 + MS:
+            bench.imu.put(b"abc")
+        return original()
+
+    bench.imu.read = read
+    bench.daemon.step()
+    assert [(c.t_ns, c.data) for c in bench.sink.chunks] == [(10**9 + MS, b"abc")]
+
+
+def test_a_lost_port_is_an_event_and_comes_back_with_its_devices_started(arm: ArmProject):
+    fresh: list[FakeCan] = []
+    attempts: list[int] = []
+
+    def opener() -> FakeCan:
+        attempts.append(bench.clock.now)
+        if len(attempts) < 3:
+            raise PortError("still gone")
+        fresh.append(FakeCan(bench.clock))
+        return fresh[-1]
+
+    bench = Bench(arm, can_openers={"arm": opener})
+    bench.daemon.step()
+    bench.can.broken = True
+    for _ in range(3000):  # 6 s
+        bench.daemon.step()
+    assert bench.can.closed
+    assert bench.sink.codes == ["PORT_LOST", "PORT_BACK"]
+    assert len(attempts) == 3
+    assert attempts[2] - attempts[1] > attempts[1] - attempts[0] > 500 * MS
+    assert [can_id for _, can_id, _ in fresh[0].written[:4]] == [0, 0, 0, 0x080]
+    assert bench.daemon.status(0)["links"]["arm"] == {"up": True, "losses": 1}
+
+
+def test_a_port_that_could_not_be_opened_does_not_stop_the_rest(arm: ArmProject):
+    clock, sink = FakeClock(), KeepSink()
+    daemon = build(
+        arm_config(arm),
+        clock,
+        Ports(can={"arm": FakeCan(clock)}, imu=None, star_tracker=None),
+        sink,
+        pipeline=Pipeline(conditioner=FakeConditioner(), estimator=FakeEstimator()),
+    )
+    for _ in range(500):
+        daemon.step()
+    assert daemon.status(0)["links"]["imu"] == {"up": False, "losses": 1}
+    assert daemon.aligner.next_index > 0
+
+
+def test_a_node_that_boots_again_is_started_again(bench: Bench):
+    bench.run(4)
+    bench.can.queue.append(CanFrame(bench.clock.now, 0x712, b"\0"))
+    bench.daemon.step()
+    assert bench.can.written[-1][1:] == (0, b"\x01\x12")
+
+
+def test_commands_apply_at_the_tick_boundary_and_stop_ends_the_run(bench: Bench):
+    bench.daemon.submit(Command(name=CommandName.RESET))
+    bench.daemon.submit(Command(name=CommandName.STOP))
+    bench.daemon.run(lambda: False)
+    assert "reset" in bench.estimator.calls
+    assert bench.daemon.executive.slips.ticks == 1
+
+
+def test_a_failing_estimator_is_reset_and_reported(bench: Bench):
+    def fail(_block: object) -> None:
+        raise EstimatorError("diverged")
+
+    bench.estimator.push = fail
+    bench.run(80)
+    assert bench.sink.codes == ["ESTIMATOR_RESET"]
+    assert bench.estimator.calls[-1] == "work"
+
+
+def test_shutdown_settles_publishes_and_releases_everything(bench: Bench):
+    bench.run(80)
+    final = bench.daemon.shutdown()
+    assert final is not None
+    assert bench.estimator.calls[-2:] == ["work", "finish"]
+    assert bench.sink.commands[-1] == {"command": "end", "next_window": 1}
+    assert bench.sink.closed
+    assert bench.can.closed
+    assert bench.imu.closed
+
+
+def test_shutdown_before_any_window_has_no_estimate(bench: Bench):
+    bench.daemon.step()
+    assert bench.daemon.shutdown() is None
+
+
+def test_passive_ports_get_nothing(arm: ArmProject):
+    bench = Bench(arm, passive=True)
+    for _ in range(600):
+        bench.daemon.step()
+    assert bench.can.written == []
+    assert bench.tracker.written == []
+
+
+def test_a_sent_frame_stands_before_what_was_stamped_after_its_send_began(bench: Bench):
+    """A preempted send: the answer's stamp is older than the SYNC's own."""
+    bench.daemon.step()
+    write = bench.can.write
+
+    def slow(can_id: int, data: bytes) -> CanFrame:
+        began = bench.clock.now
+        bench.clock.now += 300_000
+        bench.can.queue.append(CanFrame(began - 5, 0x191, bytes(8)))
+        bench.can.queue.append(CanFrame(began + 200_000, 0x192, bytes(8)))
+        return write(can_id, data)
+
+    bench.daemon.step()
+    bench.can.write = slow
+    bench.daemon.step()
+    tail = bench.sink.frames[-3:]
+    assert [f.can_id for f in tail] == [0x191, 0x080, 0x192]
+    assert tail[2].t_ns == tail[1].t_ns

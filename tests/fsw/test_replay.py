@@ -1,0 +1,144 @@
+"""The daemon on simulated devices in virtual time, recorded, and the recording replayed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fsw.commands import Command, CommandName
+from fsw.config import Config
+from fsw.daemon import Ports, build
+from fsw.drivers.wire import CanFrame
+from fsw.errors import ConfigError
+from fsw.recorder import RecorderSink, estimate_values, open_recording, recorded_config
+from fsw.recording import RecordingWriter, messages
+from fsw.replay import replay
+from fsw.sinks import Fanout
+from hil.links import VirtualBench
+from hil.plant import Plant
+from tests.conftest import ArmProject
+from tests.fsw.loop_cases import KeepSink, arm_config
+from tests.hil.plant_cases import AnalyticHistory, sensor_config
+
+T0 = 5_000_000
+TICKS = 2000  # 4 s
+FRAMES = ("/can/arm", "/serial/imu", "/serial/star_tracker")
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, Path, KeepSink, dict]:
+    """Four seconds of a slow seven-joint arm, with a reset on the way."""
+    folder = tmp_path_factory.mktemp("live")
+    arm = ArmProject(folder, 7)
+    for joint in arm.data["joints"]:
+        joint["speed_limit_rad_s"] = 10.0
+    config = arm_config(arm, estimator={"settle_blocks": 2})
+    world = VirtualBench(Plant(AnalyticHistory(), sensor_config(), 3, t0_ns=T0), T0, seed=3)
+    keep = KeepSink()
+    path = folder / "live.mcap"
+    recorder = RecorderSink(open_recording(config, path), lambda *text: pytest.fail(str(text)))
+    ports = Ports(can={"arm": world.can}, imu=world.imu, star_tracker=world.star_tracker)
+    daemon = build(config, world.clock, ports, Fanout(keep, recorder))
+    for tick in range(TICKS):
+        if tick == 1300:
+            daemon.submit(Command(name=CommandName.RESET, id=1))
+        daemon.step()
+    status = daemon.status(world.clock.now_ns())
+    daemon.shutdown()
+    return config, path, keep, status
+
+
+def assert_same(a: KeepSink, b: KeepSink) -> None:
+    assert len(a.estimates) == len(b.estimates) > 5
+    for x, y in zip(a.estimates, b.estimates, strict=True):
+        assert json.dumps(estimate_values(x)) == json.dumps(estimate_values(y))
+        assert np.array_equal(x.mean, y.mean)
+        assert np.array_equal(x.covariance, y.covariance)
+
+
+def test_the_virtual_run_loses_nothing_and_uses_its_windows(live):
+    _, _, keep, status = live
+    for source in ("arm", "imu", "star_tracker"):
+        counts = status["samples"][source]
+        assert (counts["lost"], counts["late"], counts["rejected"]) == (0, 0, 0)
+        assert counts["received"] > 0
+    assert status["slips"] == 0
+    assert status["windows"]["closed"] == 9
+    assert len(keep.blocks) >= 7
+
+
+def test_a_replay_gives_bit_for_bit_the_estimates_of_the_run(live):
+    config, path, keep, status = live
+    again = KeepSink()
+    result = replay(path, config, sink=again)
+    assert_same(keep, again)
+    assert result.status["samples"] == status["samples"]
+    assert not result.truncated
+    assert result.dropped == 0
+
+
+def test_the_recording_carries_what_a_replay_needs(live, tmp_path: Path):
+    _, path, keep, _ = live
+    again = KeepSink()
+    replay(path, recorded_config(path, tmp_path), sink=again)
+    assert_same(keep, again)
+
+
+def test_the_json_of_a_replay_has_the_words_of_every_command(live):
+    config, path, _, _ = live
+    values = json.loads(json.dumps(replay(path, config).to_json()))
+    assert set(values) >= {"unknown", "method", "estimate", "sigma", "samples", "slips", "wall_s"}
+    assert set(values["estimate"]["target"]) == {"mass_kg", "com_m", "inertia_kg_m2"}
+    assert len(values["sigma"]["target"]["inertia_kg_m2"]) == 6
+    assert set(values["samples"]["imu"]) >= {"received", "lost", "late", "rejected"}
+    assert "target.mass_kg" in replay(path, config).to_text()
+
+
+def foreign(live, path: Path, shift_ns: int, topics=FRAMES, chunk: int = 0) -> Path:
+    """The raw channels alone, as another recorder on another clock would have written them."""
+    writer = RecordingWriter(path)
+    for record in messages(live[1], topics):
+        kind, name = record.topic.split("/")[1:]
+        encoding = {"can": "socketcan", "serial": "raw"}[kind]
+        writer._add(f"/{kind}/{name}", encoding, record.t_ns + shift_ns, record.data)
+    if chunk:
+        writer.can("arm", [CanFrame(1, 0x7FF, b"")])
+    writer.close()
+    return path
+
+
+def test_a_foreign_recording_in_unix_time_gives_the_same_numbers(live, tmp_path: Path):
+    config, _, keep, _ = live
+    again = KeepSink()
+    replay(foreign(live, tmp_path / "f.mcap", 1_790_000_000_000_000_000), config, sink=again)
+    first = [e for e in keep.estimates][:2]  # before the reset, which is not in the foreign file
+    for x, y in zip(first, again.estimates, strict=False):
+        assert np.allclose(x.mean, y.mean, rtol=1e-9, atol=1e-12)
+
+
+def test_a_missing_channel_is_named_with_those_found(live, tmp_path: Path):
+    path = foreign(live, tmp_path / "f.mcap", 0, FRAMES[:1])
+    with pytest.raises(ConfigError, match=r"no channel /serial/imu.*found: /can/arm"):
+        replay(path, live[0])
+
+
+def test_a_recording_without_sync_is_refused(live, tmp_path: Path):
+    writer = RecordingWriter(tmp_path / "f.mcap")
+    writer.can("arm", [CanFrame(k, 0x191, bytes(8)) for k in range(5)])
+    writer.serial("imu", 3, b"x")
+    writer.serial("star_tracker", 3, b"x")
+    writer.close()
+    with pytest.raises(ConfigError, match="no SYNC"):
+        replay(tmp_path / "f.mcap", live[0])
+
+
+def test_a_truncated_recording_replays_up_to_the_break(live, tmp_path: Path):
+    config, path, keep, _ = live
+    data = path.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 3 // 4])
+    again = KeepSink()
+    result = replay(tmp_path / "cut.mcap", config, sink=again)
+    assert result.truncated
+    assert 2 <= len(again.estimates) < len(keep.estimates)
+    assert np.array_equal(again.estimates[0].mean, keep.estimates[0].mean)
