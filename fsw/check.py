@@ -7,19 +7,15 @@ one line: key, value found, bound.
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ET
+from math import sqrt, tau
 from pathlib import Path
 
-import numpy as np
-
 from fsw import budget
+from fsw.check_robot import inertia_warnings, load_problem
 from fsw.config import BusConfig, Config
 from fsw.errors import ConfigError
 from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
-from fsw.estimators.inertia import PARAMETERS, pseudo_inertia
-from fsw.estimators.model import RobotModel
-from fsw.estimators.problem import Problem, build_problem
-from fsw.messages import FloatArray
+from fsw.estimators.problem import Problem
 
 MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
 FULL_LOAD = 1.0
@@ -27,7 +23,8 @@ HIGH_LOAD = 0.7
 MAX_GROUP_DELAY_S = 0.1  # a sensor filter slower than 10 Hz is taken for milliseconds
 MAX_SOCKET_PATH_BYTES = 107  # sun_path of Linux, less its final zero
 SOCKET_NAME_BYTES = 20  # room for a slash and the control socket's own name
-ROOT_LINK = "the root link"
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of the wire
+POSITION_STEP_RAD = tau * 2.0**-24
 SIMULATED_INTERFACES = ("udp_multicast", "virtual")  # have no bit rate of their own
 
 
@@ -50,12 +47,12 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
     ]
     problem: Problem | None = None
     try:
-        problem = _problem(config)
+        problem = load_problem(config)
     except ConfigError as error:
         faults += str(error).splitlines()
     if faults or problem is None:
         raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
-    return problem, [*_warnings(config), *_inertia_warnings(config, problem.model)]
+    return problem, [*_warnings(config), *inertia_warnings(config, problem.model)]
 
 
 def validate_outputs(config: Config) -> None:
@@ -95,6 +92,16 @@ def _warnings(config: Config) -> list[str]:
             )
         if all(joint.bus != bus.name for joint in config.joints):
             found.append(f"buses.{i}.name: no joint uses the bus {bus.name!r}")
+    for i, joint in enumerate(config.joints):
+        steps = {
+            "torque_noise_nm": (joint.torque_noise_nm, TORQUE_STEP_NM[joint.format]),
+            "position_noise_rad": (joint.position_noise_rad, POSITION_STEP_RAD),
+        }
+        found += [
+            f"joints.{i}.{key}: {sigma:g} is below the rounding of the wire, {step / sqrt(12):.2g}"
+            for key, (sigma, step) in steps.items()
+            if sigma < step / sqrt(12)
+        ]
     longest = budget.imu_load(config.imu)[1]
     if longest > FULL_LOAD:
         found.append(
@@ -227,62 +234,6 @@ def _serial_faults(config: Config) -> list[str]:
                 "port serves one device only"
             )
     return faults
-
-
-def _problem(config: Config) -> Problem:
-    urdf = config.resolve(config.robot.urdf)
-    _check_urdf(urdf)
-    model = RobotModel(urdf, config.robot.tool_frame)
-    _check_masses(config, model)
-    return build_problem(config, model)
-
-
-def _check_urdf(urdf: Path) -> None:
-    try:
-        root = ET.fromstring(urdf.read_bytes())
-    except OSError as error:
-        raise ConfigError(f"robot.urdf: {urdf} cannot be read: {error.strerror}") from error
-    except ET.ParseError as error:
-        raise ConfigError(f"robot.urdf: {urdf} is no URDF: {error}") from error
-    if root.tag != "robot":
-        raise ConfigError(f"robot.urdf: {urdf} is no URDF: its root is <{root.tag}>, not <robot>")
-    for joint in root.iter("joint"):
-        kind = joint.get("type")
-        if joint.find("parent") is not None and kind not in ("revolute", "fixed"):
-            raise ConfigError(
-                f"robot.urdf: joint {joint.get('name')!r} is {kind!r}; must be revolute or fixed"
-            )
-
-
-def _check_masses(config: Config, model: RobotModel) -> None:
-    if model.n == 0:
-        raise ConfigError("robot.urdf: 0 revolute joints; at least 1 is needed")
-    for link, pi in _known_links(config, model):
-        if pi[0] < 0.0 or (pi[0] == 0.0 and link == ROOT_LINK):
-            bound = "positive, or bodies.base given" if link == ROOT_LINK else "at least 0"
-            raise ConfigError(f"robot.urdf: {link} has mass {pi[0]:g} kg; must be {bound}")
-
-
-def _inertia_warnings(config: Config, model: RobotModel) -> list[str]:
-    return [
-        f"robot.urdf: {link} (mass {pi[0]:g} kg) has an inertia that no body can have: principal "
-        "moments must be positive, each at most the sum of the other two"
-        for link, pi in _known_links(config, model)
-        if pi[0] > 0.0 and not _possible(pi)
-    ]
-
-
-def _known_links(config: Config, model: RobotModel) -> list[tuple[str, FloatArray]]:
-    """Return what the URDF says of every link that no section `bodies` replaces."""
-    names = [ROOT_LINK, *(f"the link moved by {name!r}" for name in model.joint_names)]
-    links = list(zip(names, model.pi_links.reshape(-1, PARAMETERS), strict=True))
-    return links[1:] if "base" in config.bodies else links
-
-
-def _possible(pi: FloatArray) -> bool:
-    """Tell whether a body can have these parameters; point masses and thin rods can."""
-    moments = np.linalg.eigvalsh(pseudo_inertia(pi))
-    return bool(moments[0] >= -1e-9 * moments[-1])
 
 
 def _not_writable(folder: Path) -> str:

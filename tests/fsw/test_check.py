@@ -54,6 +54,12 @@ def test_a_joint_that_is_not_revolute_is_named(arm, kind):
     assert_named(fault(arm), "robot.urdf", "'axis1'", kind, "revolute or fixed")
 
 
+def test_a_revolute_joint_without_limit_is_named(arm, capfd):
+    arm.urdf = re.sub(r"<limit[^>]*>", "", arm.urdf, count=1)
+    assert_named(fault(arm), "robot.urdf", "'axis1'", "no <limit>", "effort")
+    assert capfd.readouterr().err == ""
+
+
 def test_a_branch_in_the_chain_is_named(arm):
     arm.urdf = arm.urdf.replace('<parent link="link2"/>', '<parent link="link1"/>')
     assert_named(fault(arm), "robot.urdf", "axis3", "serial chain")
@@ -193,6 +199,16 @@ def test_a_bus_without_joints_is_warned_of(arm):
     arm.data["buses"].append({**arm.data["buses"][0], "name": "spare", "channel": "spare"})
     _, warnings = validate(load(arm.write()))
     assert_named(warnings[0], "buses.1.name", "no joint", "'spare'")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "step"),
+    [("torque_noise_nm", 1e-3, "0.0029"), ("position_noise_rad", 1e-8, "1.1e-07")],
+)
+def test_a_noise_below_the_rounding_of_the_wire_is_warned_of(arm, key, value, step):
+    arm.data["joints"][1][key] = value
+    _, warnings = validate(load(arm.write()))
+    assert_named(warnings[0], f"joints.1.{key}", f"{value:g}", step)
 
 
 def test_a_data_bit_rate_below_the_bit_rate_is_refused(arm):
