@@ -6,7 +6,7 @@ from fsw.config import JointConfig
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.wire import Reject
 
-HISTORY_SYNCS = 1024  # SYNCs over which duplicates are known and losses settled
+HISTORY_SYNCS = 256  # SYNCs over which duplicates are known and losses settled
 CHAIN = 3  # samples in unbroken, consistent order ...
 CHAIN_S = 0.1  # ... over at least this time are believed against the last accepted one
 SLACK_SIGMAS = 10.0

@@ -79,11 +79,12 @@ class JointBusSource:
     def feed(self, frames: Sequence[CanFrame]) -> list[JointSample]:
         """Take frames in, sent SYNCs included, in order, and return the samples they hold."""
         samples = []
+        first, last = canopen.COB_TPDO1, canopen.COB_TPDO1 | canopen.NODE_MASK
         for frame in frames:
             can_id = frame.can_id
             if frame.is_error or frame.is_remote or frame.is_extended:
                 self._other_frames += 1
-            elif can_id & canopen.FUNCTION_MASK == canopen.COB_TPDO1 and can_id & canopen.NODE_MASK:
+            elif first < can_id <= last:
                 sample = self._sample(frame)
                 if sample is not None:
                     samples.append(sample)

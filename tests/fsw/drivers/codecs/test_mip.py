@@ -15,8 +15,13 @@ vectors = st.tuples(finite, finite, finite)
 
 
 def packet(acc: tuple[float, ...], gyro: tuple[float, ...], time_ns: int) -> bytes:
-    return mip([(0x04, struct.pack(">3f", *acc)), (0x05, struct.pack(">3f", *gyro)),
-                (0xD5, struct.pack(">Q", time_ns)), (0xD6, struct.pack(">Q", 2_000_000))])  # fmt: skip
+    fields = [
+        (0x04, struct.pack(">3f", *acc)),
+        (0x05, struct.pack(">3f", *gyro)),
+        (0xD5, struct.pack(">Q", time_ns)),
+        (0xD6, struct.pack(">Q", 2_000_000)),
+    ]
+    return mip(fields)
 
 
 def decode(data: bytes) -> list[ImuDatagram | Reject | None]:
