@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
 
 import numpy as np
 
@@ -26,9 +29,36 @@ def load_problem(config: Config) -> Problem:
     """
     urdf = config.resolve(config.robot.urdf)
     _check_urdf(urdf)
-    model = RobotModel(urdf, config.robot.tool_frame)
+    model = _model(urdf, config.robot.tool_frame)
     _check_masses(config, model)
     return build_problem(config, model)
+
+
+def _model(urdf: Path, tool_frame: str) -> RobotModel:
+    """Read the model; what the URDF library only prints and then ignores is a fault here."""
+    with TemporaryFile() as said:
+        stderr = os.dup(2)
+        try:
+            os.dup2(said.fileno(), 2)
+            model = RobotModel(urdf, tool_frame)
+        except ConfigError as error:
+            raise ConfigError(_library_words(said, urdf) or str(error)) from error
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+        complaint = _library_words(said, urdf)
+    if complaint:
+        raise ConfigError(complaint)
+    return model
+
+
+def _library_words(said: IO[bytes], urdf: Path) -> str:
+    """Return the first error the URDF library printed, as one line; empty when there is none."""
+    said.seek(0)
+    for line in said.read().decode(errors="replace").splitlines():
+        if line.startswith("Error:"):
+            return f"robot.urdf: {urdf} cannot be used: {line.removeprefix('Error:').strip()}"
+    return ""
 
 
 def _check_urdf(urdf: Path) -> None:
@@ -46,11 +76,25 @@ def _check_urdf(urdf: Path) -> None:
             raise ConfigError(
                 f"robot.urdf: joint {joint.get('name')!r} is {kind!r}; must be revolute or fixed"
             )
+        axis = joint.find("axis")
+        if kind == "revolute" and axis is not None and not _is_direction(axis.get("xyz", "")):
+            raise ConfigError(
+                f"robot.urdf: joint {joint.get('name')!r} has the axis {axis.get('xyz')!r}; must "
+                "be three numbers, not all zero"
+            )
         if kind == "revolute" and joint.find("limit") is None:
             raise ConfigError(
                 f"robot.urdf: joint {joint.get('name')!r} has no <limit>; a revolute joint needs "
                 "lower, upper, effort and velocity"
             )
+
+
+def _is_direction(text: str) -> bool:
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return False
+    return len(numbers) == 3 and any(numbers)
 
 
 def _check_masses(config: Config, model: RobotModel) -> None:

@@ -60,6 +60,27 @@ def test_a_revolute_joint_without_limit_is_named(arm, capfd):
     assert capfd.readouterr().err == ""
 
 
+BAD_URDF = [
+    ('parent link="link2"', 'parent link="nolink"', "nolink"),
+    ('mass value="3"', 'mass value="three"', "three"),
+    ("</robot>", '<link name="alone"/></robot>', "alone"),
+    ('link name="link2"', 'link name="link1"', "link1"),
+    ('joint name="axis2"', 'joint name="axis1"', "axis1"),
+    ('velocity="0.5"', "", "velocity"),
+    ('axis xyz="0 0 1"', 'axis xyz="0 0 0"', "0 0 0"),
+    ('axis xyz="0 0 1"', 'axis xyz="z"', "three numbers"),
+]
+
+
+@pytest.mark.parametrize(("good", "bad", "word"), BAD_URDF, ids=[bad for _, bad, _ in BAD_URDF])
+def test_what_the_urdf_library_only_prints_is_one_line_here(arm, capfd, good, bad, word):
+    arm.urdf = arm.urdf.replace(good, bad, 1)
+    message = fault(arm)
+    assert_named(message, "robot.urdf", word)
+    assert len(message.splitlines()) == 1
+    assert capfd.readouterr().err == ""
+
+
 def test_a_branch_in_the_chain_is_named(arm):
     arm.urdf = arm.urdf.replace('<parent link="link2"/>', '<parent link="link1"/>')
     assert_named(fault(arm), "robot.urdf", "axis3", "serial chain")
