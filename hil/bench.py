@@ -150,7 +150,9 @@ def prepare(
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
     port = bus_port if bus_port is not None else int(scenario.flight["bus"]["port"])
-    document = flight_document(scenario, priors, robot.joint_names, port, overrides or {})
+    document = flight_document(
+        scenario, priors, robot.joint_names, folder, port, overrides or {}
+    )
     path = write_flight(folder, scenario, priors, document)
     history = simulate(robot, spline, -EDGE_S, spline.duration_s + EDGE_S)
     return Setup(

@@ -53,12 +53,13 @@ def flight_document(
     scenario: Scenario,
     priors: Mapping[str, Prior],
     joint_names: tuple[str, ...],
+    folder: Path,
     bus_port: int,
     overrides: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
 
-    `overrides` go into its estimator section.
+    The real-time plant makes its serial lines in `folder`; `overrides` go into the estimator section.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -101,23 +102,23 @@ def flight_document(
             }
         ],
         "joints": joints,
-        "imu": _imu(sensors),
+        "imu": _imu(sensors, folder),
         "scheduler": {"tick_rate_hz": flight["tick_rate_hz"]},
         "estimator": dict(flight["estimator"]) | dict(overrides),
         "recorder": {"directory": "recording"},
         "service": {"state_directory": "state"},
     }
     if sensors.star_tracker is not None:
-        document["star_tracker"] = _star_tracker(sensors)
+        document["star_tracker"] = _star_tracker(sensors, folder)
     return document
 
 
-def _imu(sensors: SensorConfig) -> dict[str, Any]:
+def _imu(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
     imu = sensors.imu
     if imu is None:
         raise ScenarioError("sensors.imu: missing; the estimator needs one")
     return {
-        "port": "imu",
+        "port": str(folder.absolute() / "imu"),
         "baud_rate": imu.baud_rate,
         "rate_hz": float(imu.rate_hz),
         "crlf": imu.crlf,
@@ -132,12 +133,12 @@ def _imu(sensors: SensorConfig) -> dict[str, Any]:
     }
 
 
-def _star_tracker(sensors: SensorConfig) -> dict[str, Any]:
+def _star_tracker(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
     tracker = sensors.star_tracker
     if tracker is None:
         return {}
     return {
-        "port": "star_tracker",
+        "port": str(folder.absolute() / "star_tracker"),
         "baud_rate": tracker.baud_rate,
         "rate_hz": tracker.rate_hz,
         "mounting": {"p_BS_m": list(tracker.p_BS_m), "q_BS_xyzw": list(tracker.q_BS_xyzw)},
