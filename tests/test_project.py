@@ -1,4 +1,4 @@
-"""The project's own rules: style, types, import directions, spelling, and that CI runs the README."""
+"""The project's own rules: style, types, imports, spelling, and that CI runs the README."""
 
 from __future__ import annotations
 
