@@ -75,10 +75,10 @@ def test_a_broken_bus_raises_a_port_error() -> None:
         def __init__(self) -> None:
             super().__init__(channel="broken")
 
-        def send(self, *_: object) -> None:
+        def send(self, *_: object, **__: object) -> None:
             raise can.CanOperationError("bus off")
 
-        def _recv_internal(self, *_: object) -> tuple[can.Message | None, bool]:
+        def _recv_internal(self, *_: object, **__: object) -> tuple[can.Message | None, bool]:
             raise can.CanOperationError("bus off")
 
     port = CanPort(Broken(), MonotonicClock(), "buses.arm (x y)")
