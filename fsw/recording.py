@@ -9,15 +9,19 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Attachment, Channel, Message, Metadata
-from mcap.stream_reader import StreamReader
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.summary import Summary
 from mcap.writer import CompressionType, Writer
 
 from fsw.drivers.wire import CanFrame
@@ -29,13 +33,13 @@ FD_BRS, FD_FDF = 0x01, 0x04
 CLASSIC_BYTES, FD_BYTES = 16, 72
 _CLASSIC = struct.Struct("<IB3x8s")
 _FD = struct.Struct("<IBB2x64s")
+_RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time
 COMPRESSION = {
     "zstd": CompressionType.ZSTD,
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
-JSON_TOPICS = ("/estimate", "/events", "/tm", "/tc")
-OBJECT_SCHEMA = b'{"type": "object"}'
 _SCHEMAS: dict[str, dict[str, Any]] = {
     "/estimate": {
         "t_ns": "integer",
@@ -203,6 +207,16 @@ def contents(path: Path) -> Contents:
     ------
     ConfigError when the file cannot be read or is no MCAP file.
     """
+    with _open(path) as file:
+        summary = _summary(file)
+        if summary is not None:
+            reader = make_reader(file)
+            return Contents(
+                topics=tuple(channel.topic for channel in summary.channels.values()),
+                attachments={item.name: item.data for item in reader.iter_attachments()},
+                metadata={item.name: item.metadata for item in reader.iter_metadata()},
+                truncated=False,
+            )
     topics: dict[str, None] = {}
     attachments: dict[str, bytes] = {}
     metadata: dict[str, dict[str, str]] = {}
@@ -228,16 +242,12 @@ def messages(path: Path, topics: Sequence[str]) -> Iterator[Record]:
     A whole file is read chunk by chunk through its index. A truncated one has none: it is read up
     to the break into memory and sorted.
     """
-    with _open(path) as file:
-        try:
-            summary = make_reader(file).get_summary()
-        except (McapError, OSError, ValueError, struct.error):
-            summary = None
-        if summary is not None and summary.chunk_indexes:
-            for _, channel, message in make_reader(file).iter_messages(topics=list(topics)):
-                yield Record(channel.topic, message.log_time, message.data)
-            return
     wanted = set(topics)
+    with _open(path) as file:
+        summary = _summary(file)
+        if summary is not None and summary.chunk_indexes:
+            yield from _indexed(path, file, summary, wanted)
+            return
     names: dict[int, str] = {}
     found: list[Record] = []
     for record in _stream(path, _Ended()):
@@ -246,6 +256,55 @@ def messages(path: Path, topics: Sequence[str]) -> Iterator[Record]:
         elif isinstance(record, Message) and names.get(record.channel_id) in wanted:
             found.append(Record(names[record.channel_id], record.log_time, record.data))
     yield from sorted(found, key=lambda record: record.t_ns)
+
+
+def _summary(file: IO[bytes]) -> Summary | None:
+    try:
+        return make_reader(file).get_summary()
+    except _BROKEN:
+        return None
+
+
+def _indexed(path: Path, file: IO[bytes], summary: Summary, wanted: set[str]) -> Iterator[Record]:
+    """Yield the messages of a whole file; holds as many chunks as overlap in time."""
+    topics = {i: c.topic for i, c in summary.channels.items() if c.topic in wanted}
+    chunks = sorted(
+        summary.chunk_indexes, key=lambda c: (c.message_start_time, c.chunk_start_offset)
+    )
+    starts = [chunk.message_start_time for chunk in chunks[1:]]
+    held: list[tuple[int, int, int, str, bytes]] = []  # time, place in the file, topic, data
+    for position, index in enumerate(chunks):
+        offset = index.chunk_start_offset
+        file.seek(offset + 9)
+        try:
+            stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), True)
+            data = stream.read(size)
+            held += _chunk_messages(data, offset, topics)
+        except _BROKEN as error:
+            raise ConfigError(f"{path}: damaged at byte {offset}: {error}") from error
+        held.sort()
+        ready = len(held)
+        if position < len(starts):
+            ready = bisect_left(held, starts[position], key=lambda item: item[0])
+        for t_ns, _, _, topic, payload in held[:ready]:
+            yield Record(topic, t_ns, payload)
+        del held[:ready]
+
+
+def _chunk_messages(
+    data: bytes, chunk: int, topics: Mapping[int, str]
+) -> list[tuple[int, int, int, str, bytes]]:
+    found = []
+    at = 0
+    while at < len(data):
+        opcode, length = _RECORD_HEAD.unpack_from(data, at)
+        start, at = at + _RECORD_HEAD.size, at + _RECORD_HEAD.size + length
+        if opcode == Opcode.MESSAGE:
+            channel, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(data, start)
+            topic = topics.get(channel)
+            if topic is not None:
+                found.append((t_ns, chunk, start, topic, data[start + _MESSAGE_HEAD.size : at]))
+    return found
 
 
 @dataclass(slots=True)

@@ -1,0 +1,50 @@
+from pathlib import Path
+
+import pytest
+
+from fsw.messages import Event
+from fsw.recorder import RecorderSink, next_path, open_recording, recorded_config
+from fsw.recording import RecordingWriter, contents
+from tests.conftest import ArmProject
+from tests.fsw.loop_cases import arm_config, make_estimate
+
+
+def test_a_recording_carries_a_configuration_that_reads_back(arm: ArmProject, tmp_path: Path):
+    config = arm_config(arm)
+    open_recording(config, tmp_path / "rec" / "a.mcap").close()
+    folder = tmp_path / "unpacked"
+    folder.mkdir()
+    again = recorded_config(tmp_path / "rec" / "a.mcap", folder)
+    assert again.joints == config.joints
+    assert again.bodies == config.bodies
+    urdf = again.resolve(again.robot.urdf)
+    assert urdf.read_bytes() == config.resolve(config.robot.urdf).read_bytes()
+
+
+def test_file_names_are_numbered_and_never_reused(tmp_path: Path):
+    assert next_path(tmp_path).name == "recording_0001.mcap"
+    (tmp_path / "recording_0001.mcap").touch()
+    assert next_path(tmp_path).name == "recording_0002.mcap"
+
+
+def test_a_full_disk_is_told_once_counted_and_never_raised(tmp_path: Path):
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    told: list[tuple[str, str, str]] = []
+    writer = RecordingWriter(tmp_path / "a.mcap", chunk_bytes=4096)
+    sink = RecorderSink(writer, lambda *text: told.append(text))
+    writer._file.close()
+    writer._file = writer._writer._Writer__stream = Path("/dev/full").open("wb")  # noqa: SIM115
+    for k in range(2000):
+        sink.estimate(make_estimate(k))
+    sink.event(Event(1, "info", "X", "y"))
+    sink.close()
+    assert [code for _, code, _ in told] == ["RECORDER_FAILED"]
+    assert sink.lost > 1000
+
+
+def test_the_drop_count_is_written(tmp_path: Path):
+    sink = RecorderSink(RecordingWriter(tmp_path / "a.mcap"), lambda *_: None)
+    sink.dropped = 7
+    sink.close()
+    assert contents(tmp_path / "a.mcap").metadata == {"recorder": {"dropped": "7"}}
