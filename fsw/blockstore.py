@@ -24,7 +24,7 @@ _NAMES = tuple(item.name for item in fields(Block))
 
 def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
     """Return name, type and shape of every field of a stored row."""
-    rows = [("serial", "<i8", [])]
+    rows: list[tuple[str, str, list[int]]] = [("serial", "<i8", [])]
     for name in _NAMES:
         value = np.asarray(getattr(block, name))
         rows.append((name, value.dtype.str, list(value.shape)))

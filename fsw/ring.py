@@ -2,7 +2,7 @@
 
 The ring lives in a memory file (memfd) handed to the other process as an inherited descriptor: it
 has no name and vanishes with its last user, however they end. A record that does not fit is dropped
-and counted; the writer never waits. Every record carries its sequence number and CRC-32, so one that
+and counted; the writer never waits. Every record carries its sequence number and CRC-32: one that
 is not visible in whole yet (weakly ordered memory) is left for the next look.
 
 Layout: 64 bytes of header (u64 each: capacity, bytes written, bytes read, records written, records

@@ -92,10 +92,10 @@ class KeepSink(NullSink):
         self.replies: list = []
         self.closed = False
 
-    def can(self, bus, frames):
+    def can(self, bus, frames):  # noqa: ARG002
         self.frames += frames
 
-    def serial(self, device, chunks):
+    def serial(self, device, chunks):  # noqa: ARG002
         self.chunks += chunks
 
     def block(self, block):
@@ -107,10 +107,10 @@ class KeepSink(NullSink):
     def event(self, event):
         self.events.append(event)
 
-    def status(self, t_ns, status):
+    def status(self, t_ns, status):  # noqa: ARG002
         self.statuses.append(dict(status))
 
-    def command(self, t_ns, record):
+    def command(self, t_ns, record):  # noqa: ARG002
         self.commands.append(dict(record))
 
     def reply(self, reply):

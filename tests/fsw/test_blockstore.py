@@ -36,7 +36,7 @@ def test_a_row_that_is_being_written_is_left_out(tmp_path: Path):
     assert [b.index for b in read_blocks(tmp_path / "b")] == [0, 2]
 
 
-def test_a_span_takes_the_newest_seconds(tmp_path: Path):
+def test_a_span_takes_the_newest_seconds():
     blocks = [make_block(k) for k in range(10)]  # 0.4 s apart, 0.3 s from first to last node
     assert [b.index for b in newest(blocks, 1.0)] == [8, 9]
     assert len(newest(blocks, None)) == 10

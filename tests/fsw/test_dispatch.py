@@ -16,13 +16,13 @@ class FakeJobs:
     def store(self, block) -> None:
         self.submitted.append(block)
 
-    def submit(self, request, now_ns) -> None:
+    def submit(self, request, now_ns) -> None:  # noqa: ARG002
         self.submitted.append(request)
 
     def abort(self) -> None:
         self.aborted += 1
 
-    def poll(self, now_ns) -> list[JobReport]:
+    def poll(self, now_ns) -> list[JobReport]:  # noqa: ARG002
         taken, self.reports = self.reports, []
         return taken
 

@@ -112,7 +112,7 @@ def test_a_foreign_recording_in_unix_time_gives_the_same_numbers(live, tmp_path:
     config, _, keep, _ = live
     again = KeepSink()
     replay(foreign(live, tmp_path / "f.mcap", 1_790_000_000_000_000_000), config, sink=again)
-    first = [e for e in keep.estimates][:2]  # before the reset, which is not in the foreign file
+    first = keep.estimates[:2]  # before the reset, which is not in the foreign file
     for x, y in zip(first, again.estimates, strict=False):
         assert np.allclose(x.mean, y.mean, rtol=1e-9, atol=1e-12)
 

@@ -19,7 +19,7 @@ def request(number: int = 1, last_s: float | None = None) -> BatchRequest:
     return BatchRequest(id=number, method="mrnea", unknown=(), last_s=last_s)
 
 
-def fake_run(config, blocks, method, unknown, progress):
+def fake_run(config, blocks, method, unknown, progress):  # noqa: ARG001
     progress(0.5, "half")
     return {"method": method, "unknown": list(unknown), "blocks": [b.index for b in blocks]}
 

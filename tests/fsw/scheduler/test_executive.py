@@ -68,7 +68,7 @@ def test_an_early_wake_only_drains_and_the_tick_stays_on_the_grid():
     ran: list[int] = []
     executive, _ = run(
         clock,
-        [Task("tick", 1, lambda t: ran.append(clock.now))],
+        [Task("tick", 1, lambda _: ran.append(clock.now))],
         3,
         wake_fds=lambda: (1,),
         drain=lambda: drained.append(clock.now),
