@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from fsw.estimators.impulse import Impulse, external_wrench
 from fsw.estimators.inertia import skew
-from fsw.estimators.problem import Problem
+from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
 
@@ -23,6 +24,7 @@ class Rows:
 
     A: FloatArray
     b: FloatArray
+    after: Impulse | None = None  # momentum gained up to the block's end; see `impulse`
 
 
 def base_acceleration(
@@ -30,7 +32,8 @@ def base_acceleration(
 ) -> tuple[FloatArray, FloatArray]:
     """Return w_NB_B (m, 3) less its bias, and the classical base acceleration (m, 6) in B.
 
-    a_b = f_S - wd x r - w x (w x r) - bias, in free fall. Source: rigid-body kinematics.
+    a_b = f_S - wd x r - w x (w x r) - bias, in free fall. Source: rigid-body kinematics. The
+    gravity gradient between sensor and base origin (1e-6 m/s^2) is left out here.
     """
     w = (
         block.w_NB_B_rad_s - x[problem.gyro_bias]
@@ -42,6 +45,13 @@ def base_acceleration(
     if present(problem.acc_bias):
         a = a - x[problem.acc_bias]
     return w, np.concatenate([a, wd], axis=1)
+
+
+def field(block: Block, problem: Problem) -> FloatArray:
+    """Return the gravity-gradient field (m, 3, 3) in base axes; zero where none is configured."""
+    if problem.orbit is None:
+        return np.zeros((len(block.t_ns), 3, 3))
+    return problem.orbit.field(block, problem.window_s)
 
 
 def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) -> Rows:
@@ -64,44 +74,51 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
     y[:, 6:] = block.tau_nm
     if present(problem.torque_offset):
         y[:, 6:] -= x[problem.torque_offset]
+    gain = 1.0 + x[problem.torque_scale] if present(problem.torque_scale) else np.ones(n)
+    y[:, 6:] /= gain
+    G = field(block, problem)
+    if present(problem.wrench):
+        wrench, J_wrench = external_wrench(block, x, problem)
+        y[:, :6] += wrench
     r = np.empty((m, 6 + n))
     H, C = np.empty((2, m, 6 + n, 6 + n))
     Y = np.empty((m, 6 + n, pi.size))
     for i in range(m):
         q, qd = block.q_rad[i], block.qd_rad_s[i]
-        Y[i] = model.regressor(q, w[i], qd, acceleration[i])
+        Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else 0.0
+        Y[i] = model.regressor(q, w[i], qd, acceleration[i]) - Y_field
         r[i] = y[i] - Y[i] @ pi
         H[i] = model.mass_matrix(q)
         C[i] = model.bias_derivative(q, w[i], qd, acceleration[i])
-    D_w = -skew(np.cross(w, problem.p_BS_m)) - skew(w) @ skew(problem.p_BS_m)
+    D_w = skew(np.cross(w, problem.p_BS_m)) + skew(w) @ skew(problem.p_BS_m)
     G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
     G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(problem.p_BS_m)
     if weighting == "ols":
         L = np.sqrt(np.mean(np.einsum("nii->ni", block.cov_tau))) * np.eye(r.size)
     else:
-        G = _input_gains(block, H, C, G_w, G_wd).reshape(r.size, -1)
-        L = np.linalg.cholesky(G @ G.T + _output_covariance(block, problem))
+        gains = _input_gains(block, H, C, G_w, G_wd).reshape(r.size, -1)
+        L = np.linalg.cholesky(gains @ gains.T + _output_covariance(block, problem))
     white = solve_triangular(L, r.ravel(), lower=True)
     if weighting == "eiv":
-        smoothed = G.T @ solve_triangular(L, white, lower=True, trans=1)
+        smoothed = gains.T @ solve_triangular(L, white, lower=True, trans=1)
         w, acceleration, qd = _smooth(block, smoothed, w, acceleration, problem)
         for i in range(m):
-            Y[i] = model.regressor(block.q_rad[i], w[i], qd[i], acceleration[i])
+            Y_field = model.field_regressor(block.q_rad[i], G[i]) if problem.orbit else 0.0
+            Y[i] = model.regressor(block.q_rad[i], w[i], qd[i], acceleration[i]) - Y_field
     X = np.zeros((m, 6 + n, len(x)))
     X[:, :, problem.bodies] = Y @ problem.U
     if present(problem.torque_offset):
-        X[:, 6:, problem.torque_offset] = np.eye(n)
+        X[:, 6:, problem.torque_offset] = np.diag(1.0 / gain)
+    if present(problem.torque_scale):
+        X[:, 6:, problem.torque_scale] = (y[:, 6:] / gain)[:, :, None] * np.eye(n)
+    if present(problem.wrench):
+        X[:, :6, problem.wrench] = -J_wrench
     if present(problem.acc_bias):
         X[:, :, problem.acc_bias] = -H[:, :, :3]
     if present(problem.gyro_bias):
         X[:, :, problem.gyro_bias] = -G_w
     X = X.reshape(m * (6 + n), len(x))
     return Rows(solve_triangular(L, X, lower=True), white)
-
-
-def present(states: slice) -> bool:
-    """Tell whether a nuisance is part of the state."""
-    return bool(states.stop > states.start)
 
 
 def _input_gains(

@@ -129,7 +129,7 @@ def motion(kind: str) -> TruthHistory:
     spline = JointSpline.load(HIL / "trajectories" / f"{MOTION[kind]}.yaml")
     target = TARGET if kind == "target" else None
     robot = Robot.load(URDF, "tool", base=BASE, target=target)
-    return simulate(robot, spline, -3.0, spline.duration_s + 1.0, dt_s=0.02)
+    return simulate(robot, spline, -3.0, spline.duration_s + 1.0, dt_s=0.005)
 
 
 @lru_cache(maxsize=1)
