@@ -62,7 +62,7 @@ def _list(_arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hil import bench, live, report
+    from hil import bench, judgement, live, report
     from hil.progress import meter
     from hil.scenario import load
 
@@ -83,12 +83,12 @@ def _run(arguments: argparse.Namespace) -> int:
                 recorded = bench.run_virtual(setup, bar, record=arguments.out is not None)
             else:
                 recorded = bench.run_live(setup, bar)
-        case = bench.make_case(setup)
-        outcome = bench.judge(setup, case, recorded)
+        case = judgement.make_case(setup)
+        outcome = judgement.judge(setup, case, recorded)
         (folder / "result.json").write_text(json.dumps(outcome, indent=1), encoding="utf-8")
         picture = None
         if arguments.out is not None or not arguments.json:
-            story = bench.make_story(setup, case, recorded, outcome)
+            story = judgement.make_story(setup, case, recorded, outcome)
             picture = report.save(story, folder / "report.png")
         if arguments.json:
             print(json.dumps(outcome))

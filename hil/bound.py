@@ -69,7 +69,8 @@ def sensitivity(
     J_twist = -np.linalg.solve(H_bb, momentum_rows @ robot.select)
     w, J_w = twist[3:], J_twist[3:]
     nu = np.concatenate((np.zeros(3), w, qd))
-    a = -np.linalg.solve(H_bb, (robot.regressor(q, nu, np.concatenate((np.zeros(6), qdd))) @ pi)[:6])
+    held = np.concatenate((np.zeros(6), qdd))
+    a = -np.linalg.solve(H_bb, (robot.regressor(q, nu, held) @ pi)[:6])
     full = np.concatenate((a, qdd))
     Y = robot.regressor(q, nu, full)
     D = robot.bias_derivative(q, nu, full, pi)[:, 3:6]
@@ -134,9 +135,7 @@ def information(
     if keep.size == 0:
         return np.asarray(total[:p, :p])
     cross = total[:p][:, keep]
-    return np.asarray(
-        total[:p, :p] - cross @ np.linalg.solve(total[np.ix_(keep, keep)], cross.T)
-    )
+    return np.asarray(total[:p, :p] - cross @ np.linalg.solve(total[np.ix_(keep, keep)], cross.T))
 
 
 def _cross_matrix(v: FloatArray) -> FloatArray:

@@ -127,7 +127,7 @@ def rotation_angle(R: FloatArray) -> FloatArray:
 
 
 def exponential(twist: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rotation (..., 3, 3) and translation (..., 3) of exp of body twists [v, w] (..., 6)."""
+    """Return rotation (..., 3, 3) and translation (..., 3) of exp of twists [v, w] (..., 6)."""
     v, w = twist[..., :3], twist[..., 3:]
     angle2 = np.sum(w * w, axis=-1)[..., None, None]
     angle = np.sqrt(angle2)

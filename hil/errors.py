@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> int:
-    """Run the action; turn the errors that are somebody's to correct into a line and an exit code."""
+    """Run the action; an error that is somebody's to correct is one line and an exit code."""
     from fsw.errors import ConfigError, FswError
     from hil.live import LiveError
     from hil.scenario import ScenarioError

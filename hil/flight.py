@@ -59,7 +59,7 @@ def flight_document(
 ) -> dict[str, Any]:
     """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
 
-    The real-time plant makes its serial lines in `folder`; `overrides` go into the estimator section.
+    The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight

@@ -47,7 +47,8 @@ class FloatingRobot:
         links = [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
         links[0] = np.zeros(COUNT)
         self.known: FloatArray = np.concatenate(links)
-        maps = {"base": np.eye(COUNT), "target": frame_map(placement.rotation, placement.translation)}
+        grasp = frame_map(placement.rotation, placement.translation)
+        maps = {"base": np.eye(COUNT), "target": grasp}
         spots = {"base": slice(0, COUNT), "target": slice(self.known.size - COUNT, self.known.size)}
         for body in bodies:
             if body not in unknown:
@@ -69,15 +70,18 @@ class FloatingRobot:
 
     def mass_columns(self, q: FloatArray) -> FloatArray:
         """Return (6 + n, 6, 10 (n + 1)): the first six columns of H as a linear map of pi."""
-        return np.stack([self.regressor(q, self._zero, unit) for unit in np.eye(self.model.nv)[:6]], 1)
+        units = np.eye(self.model.nv)[:6]
+        return np.stack([self.regressor(q, self._zero, unit) for unit in units], 1)
 
     def momentum(self, q: FloatArray, qd: FloatArray) -> FloatArray:
         """Return (6, 10 (n + 1)): base momentum with the base held, H_bm qd, as a map of pi."""
         nu = np.concatenate((np.zeros(6), qd))
         return self.regressor(q, self._zero, nu)[:6]
 
-    def bias_derivative(self, q: FloatArray, nu: FloatArray, a: FloatArray, pi: FloatArray) -> FloatArray:
-        """Return d(generalised force)/d nu (6 + n, 6 + n) at parameters pi and fixed acceleration."""
+    def bias_derivative(
+        self, q: FloatArray, nu: FloatArray, a: FloatArray, pi: FloatArray
+    ) -> FloatArray:
+        """Return d(generalised force)/d nu (6 + n, 6 + n) at parameters pi, fixed acceleration."""
         for joint in range(1, self.model.njoints):
             own = pi[COUNT * (joint - 1) : COUNT * joint]
             self.model.inertias[joint] = pin.Inertia.FromDynamicParameters(own)

@@ -1,8 +1,8 @@
 """Inertial parameters on the bench's side, written independently of the flight software's.
 
 pi = [m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz] about the body-frame origin (Pinocchio's
-order); a report is [m, cx, cy, cz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz] with the inertia about the centre of
-mass. SI units, body axes.
+order); a report is [m, cx, cy, cz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz] with the inertia about the centre
+of mass. SI units, body axes.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def report_covariance(pi: FloatArray, covariance: FloatArray) -> FloatArray:
 def is_physical(report: FloatArray, margin_ratio: float = 0.0) -> bool:
     """Tell whether a body of positive density can have these parameters.
 
-    Positive mass, and each principal moment below the sum of the other two by `margin_ratio` of that
-    sum: the same as a positive definite pseudo-inertia.
+    Positive mass, and each principal moment below the sum of the other two by `margin_ratio` of
+    that sum: the same as a positive definite pseudo-inertia.
     """
     moments = np.linalg.eigvalsh(symmetric(report[4:]))
     apart = (1.0 - margin_ratio) * (moments[0] + moments[1])

@@ -88,7 +88,7 @@ def run(config: Path, plant_file: Path, total_s: float, meter: Meter) -> Outcome
 
 @contextmanager
 def _process(name: str, arguments: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start a Python process with its errors in a log file; kill it if it still lives at the end."""
+    """Start a Python process with its errors in a log file; kill it if it outlives the block."""
     with (folder / f"{name}.log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
             [sys.executable, *arguments],
@@ -126,7 +126,8 @@ def _watch(
     while True:
         for name, process in (("plant", plant), ("daemon", daemon)):
             if process.poll() is not None:
-                raise LiveError(f"the {name} ended early ({process.returncode}); {_tail(folder, name)}")
+                code = process.returncode
+                raise LiveError(f"the {name} ended early ({code}); {_tail(folder, name)}")
         status = read_status(state)
         if status is not None and first is None:
             first = (int(status["t_ns"]), time.monotonic_ns())

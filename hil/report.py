@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -64,8 +64,9 @@ def draw(story: Story) -> Figure:
             _convergence(figure.add_subplot(spot), story, body, j)
     _residuals(figure.add_subplot(grid[-2, :3]), story.residuals)
     _information(figure.add_subplot(grid[-2, 3:]), story.points)
-    _tool(figure.add_subplot(grid[-1, :3]), story.tool_errors, "position_m", "tool position error [m]")
-    _tool(figure.add_subplot(grid[-1, 3:]), story.tool_errors, "angle_rad", "tool angle error [rad]")
+    left, right = figure.add_subplot(grid[-1, :3]), figure.add_subplot(grid[-1, 3:])
+    _tool(left, story.tool_errors, "position_m", "tool position error [m]")
+    _tool(right, story.tool_errors, "angle_rad", "tool angle error [rad]")
     return figure
 
 
@@ -75,7 +76,7 @@ def save(story: Story, path: Path) -> Path:
     return path
 
 
-def _convergence(axes: Any, story: Story, body: str, index: int) -> None:
+def _convergence(axes: Axes, story: Story, body: str, index: int) -> None:
     t = np.array([point.t_s for point in story.points])
     values = np.array([point.reports[body][index] for point in story.points])
     sigma = np.array([point.sigmas[body][index] for point in story.points])
@@ -88,7 +89,7 @@ def _convergence(axes: Any, story: Story, body: str, index: int) -> None:
         half = _half_range(t, np.abs(values - truth) + BAND_SIGMAS * sigma)
         axes.set_ylim(truth - half, truth + half)
     unit = "kg" if index == 0 else "m" if index < 4 else "kg m²"
-    axes.set_title(f"{body} {LABELS[index]} [{unit}], ±{BAND_SIGMAS:.0f}σ", fontsize=8)
+    axes.set_title(f"{body} {LABELS[index]} [{unit}], ±{BAND_SIGMAS:.0f} sigma", fontsize=8)
     axes.tick_params(labelsize=7)
 
 
@@ -99,7 +100,7 @@ def _half_range(t: FloatArray, distance: FloatArray) -> float:
     return 1.1 * half or 1.0
 
 
-def _residuals(axes: Any, residuals: Residuals) -> None:
+def _residuals(axes: Axes, residuals: Residuals) -> None:
     for joint in range(residuals.torque_nm.shape[1]):
         axes.plot(
             residuals.t_s, residuals.torque_nm[:, joint], ".", markersize=2, label=f"J{joint + 1}"
@@ -109,13 +110,13 @@ def _residuals(axes: Any, residuals: Residuals) -> None:
     axes.legend(fontsize=6, ncols=4)
 
 
-def _information(axes: Any, points: Sequence[Point]) -> None:
+def _information(axes: Axes, points: Sequence[Point]) -> None:
     axes.plot([p.t_s for p in points], [p.information_nats for p in points], color=ESTIMATE)
     axes.set_title("information gained [nats]", fontsize=9)
     axes.set_xlabel("time [s]")
 
 
-def _tool(axes: Any, errors: Mapping[str, ToolError], key: str, title: str) -> None:
+def _tool(axes: Axes, errors: Mapping[str, ToolError], key: str, title: str) -> None:
     styles = {"prior": PRIOR, "estimate": ESTIMATE}
     for name, error in errors.items():
         values = np.maximum(getattr(error, key)[0], 1e-9)

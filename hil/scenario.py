@@ -160,10 +160,10 @@ def mapping_from(report: FloatArray) -> dict[str, Any]:
 def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
     """Draw a prior 30-50 % off in every value, physically consistent, with its sigma.
 
-    Every value errs by a random sign times 30-50 % of its own size; where it is small beside the
-    body's other values (a component of the centre of mass, a product of inertia) of its floor. Draws
-    that no body of positive density could have are drawn again. The sigma is taken from the prior
-    alone by the same rule, so that it says how large the error may be and nothing of the truth.
+    Every value errs by a random sign times 30-50 % of its own size, or of its floor where it is
+    small beside the body's other values (a component of the centre of mass, a product of inertia).
+    Draws that no body of positive density could have are drawn again. The sigma is taken from the
+    prior alone by the same rule: it says how large the error may be and nothing of the truth.
     """
     key = (PRIOR_STREAM, BODY_NAMES.index(body))
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
@@ -182,7 +182,7 @@ def replace_base(urdf: Path, root_report: FloatArray) -> str:
     """
     tree = ElementTree.parse(urdf)
     root = tree.getroot()
-    children = {j.find("child").get("link") for j in root.iter("joint")}  # type: ignore[union-attr]
+    children = {child.get("link") for child in root.iter("child")}
     link = next(e for e in root.iter("link") if e.get("name") not in children)
     for old in link.findall("inertial"):
         link.remove(old)

@@ -95,7 +95,8 @@ def bound_sigmas(
     total = information(robot, sensors, x, motion, rate_hz)
     total += block_diag(*(prior_information(priors[body]) for body in unknown))
     scale = 1.0 / np.sqrt(np.diag(total))
-    bound = np.linalg.inv(total * np.outer(scale, scale)) * np.outer(scale, scale)
+    correlation = np.linalg.solve(total * np.outer(scale, scale), np.eye(scale.size))
+    bound = correlation * np.outer(scale, scale)
     sigmas = {}
     for k, body in enumerate(unknown):
         own = slice(COUNT * k, COUNT * (k + 1))
@@ -147,8 +148,7 @@ def score(case: Case, result: Result) -> dict[str, Any]:
 def comparison(case: Case, result: Result) -> dict[str, Any]:
     """Return the short judgement of another method's result on the same data."""
     bias = {
-        b: float((result.reports[b][0] - case.truth[b][0]) / case.truth[b][0])
-        for b in case.unknown
+        b: float((result.reports[b][0] - case.truth[b][0]) / case.truth[b][0]) for b in case.unknown
     }
     return {
         "estimate": {b: mapping_from(result.reports[b]) for b in case.unknown},
@@ -186,12 +186,12 @@ def result_from(
 
 
 def rows(body: Mapping[str, Any]) -> FloatArray:
-    """Return the ten values of a mapping with mass_kg, com_m, inertia_kg_m2 in the table's order."""
+    """Return the ten values of a mapping with mass_kg, com_m, inertia_kg_m2."""
     return np.array([body["mass_kg"], *body["com_m"], *body["inertia_kg_m2"]], dtype=np.float64)
 
 
 def table(outcome: Mapping[str, Any], body: str) -> list[tuple[str, ...]]:
-    """Return the table of one body: value, truth, prior, estimate, 1 sigma, error, error/sigma, OLS."""
+    """Return the table of one body; `table_header` names the columns."""
     truth, prior = rows(outcome["truth"][body]), rows(outcome["prior"][body])
     estimate, sigma = rows(outcome["estimate"][body]), rows(outcome["sigma"][body])
     bound = rows(outcome["crb"][body])
@@ -210,7 +210,7 @@ def table(outcome: Mapping[str, Any], body: str) -> list[tuple[str, ...]]:
 
 def table_header(outcome: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the column titles of `table`."""
-    titles = ("", "truth", "prior", "estimate", "1σ", "bound 1σ", "error", "error/σ")
+    titles = ("", "truth", "prior", "estimate", "1 sigma", "bound", "error", "in sigma")
     return (*titles, "raw OLS") if outcome.get("ols") else titles
 
 

@@ -22,7 +22,8 @@ def write_urdf(folder: Path) -> Path:
     for k, axis in enumerate(AXES):
         links += (
             f'<link name="l{k}"><inertial><origin xyz="0.02 0.01 0.25"/><mass value="{5 - k}"/>'
-            '<inertia ixx="0.1" ixy="0.01" ixz="0" iyy="0.12" iyz="0" izz="0.05"/></inertial></link>'
+            '<inertia ixx="0.1" ixy="0.01" ixz="0" iyy="0.12" iyz="0" izz="0.05"/></inertial>'
+            "</link>"
             f'<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>'
             f'<origin xyz="0 0 0.5" rpy="0.1 0 0.2"/><axis xyz="{axis}"/>'
             '<limit lower="-3" upper="3" effort="40" velocity="1"/></joint>'

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from hil import bench
+from hil import bench, judgement
 from hil.__main__ import main
 from hil.progress import describe
 from hil.scenario import load
@@ -40,8 +40,8 @@ def run(tmp_path_factory):
     setup = short("target_leo", tmp_path_factory.mktemp("run"))
     meter = Silent()
     recorded = bench.run_virtual(setup, meter, record=True)
-    case = bench.make_case(setup)
-    return setup, case, recorded, bench.judge(setup, case, recorded), meter
+    case = judgement.make_case(setup)
+    return setup, case, recorded, judgement.judge(setup, case, recorded), meter
 
 
 def test_the_target_is_found_within_its_own_uncertainty(run):
@@ -91,7 +91,7 @@ def test_the_meter_reaches_the_end(run):
 
 def test_the_picture_is_drawn_and_the_torque_residuals_are_noise(run):
     setup, case, recorded, outcome, _ = run
-    story = bench.make_story(setup, case, recorded, outcome)
+    story = judgement.make_story(setup, case, recorded, outcome)
     assert len(story.points) == len(recorded.estimates)
     residual = story.residuals.torque_nm
     # torque noise of a window, sqrt(4/200) 0.05 N m, and the acceleration noise of 24-bit encoders

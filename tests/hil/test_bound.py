@@ -1,4 +1,4 @@
-"""The bound's predictions against an independent forward path, its Jacobians against differences."""
+"""The bound's predictions against forward dynamics, its Jacobians against differences."""
 
 import numpy as np
 import pinocchio as pin
@@ -72,7 +72,7 @@ def test_predictions_match_forward_dynamics_with_a_moving_base(small_robot, trut
     np.testing.assert_allclose(s.w_NS_S_rad_s, R.T @ w, atol=1e-12)
 
 
-def test_information_equals_the_dense_sum_with_nuisances_eliminated(small_robot, small_bodies, swing):
+def test_information_equals_the_dense_sum_without_nuisances(small_robot, small_bodies, swing):
     robot = small_robot("target")
     x = small_bodies["target"]
     motion = swing(np.linspace(0.0, 3.0, 30))

@@ -64,13 +64,10 @@ def test_sigma_is_a_function_of_the_prior_alone():
 
 def test_seeds_and_bodies_draw_differently_and_repeatably():
     truth = load("target_leo").truth["target"]
-    assert np.array_equal(draw_prior(truth, 1, "target").report, draw_prior(truth, 1, "target").report)
-    assert not np.array_equal(
-        draw_prior(truth, 1, "target").report, draw_prior(truth, 2, "target").report
-    )
-    assert not np.array_equal(
-        draw_prior(truth, 1, "target").report, draw_prior(truth, 1, "base").report
-    )
+    first = draw_prior(truth, 1, "target").report
+    assert np.array_equal(first, draw_prior(truth, 1, "target").report)
+    assert not np.array_equal(first, draw_prior(truth, 2, "target").report)
+    assert not np.array_equal(first, draw_prior(truth, 1, "base").report)
 
 
 def test_the_flight_robot_file_has_the_given_base():

@@ -87,7 +87,7 @@ def test_prior_information_inverts_the_propagated_covariance():
     np.testing.assert_allclose(prior_information(prior) @ covariance, np.eye(10), atol=1e-8)
 
 
-def test_without_data_the_bound_is_the_prior(small_robot, small_bodies, swing):
+def test_without_data_the_bound_is_the_prior(small_robot, small_bodies):
     truth = {body: report_of(pi) for body, pi in small_bodies.items()}
     priors = {"target": Prior(report=truth["target"], sigma=0.1 * np.abs(truth["target"]))}
     still = tuple(np.zeros((1, 3)) for _ in range(3))
@@ -123,7 +123,7 @@ def test_the_table_shows_truth_prior_estimate_sigma_and_error(case):
     lines = table(outcome, "target")
     assert len(lines) == 10
     assert all(len(line) == len(table_header(outcome)) for line in lines)
-    assert lines[0][1] == "60" and lines[0][2] == "78"
+    assert lines[0][1:3] == ("60", "78")
     outcome["ols"] = {"estimate": {"target": mapping_from(case.truth["target"])}}
     assert all(len(line) == len(table_header(outcome)) for line in table(outcome, "target"))
 
