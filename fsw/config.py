@@ -22,6 +22,7 @@ from pydantic import (
 )
 
 from fsw.config_text import explain, read_yaml
+from fsw.constants import EARTH_GRAVITY_PARAMETER_M3_S2
 from fsw.errors import ConfigError
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -111,6 +112,7 @@ class JointConfig(Section):
     speed_limit_rad_s: Positive  # faster jumps between samples are rejected as out of range
     torque_noise_nm: Positive  # 1 sigma of one sample, white
     torque_offset_sigma_nm: NonNegative  # prior of the unknown offset; 0: none estimated
+    torque_scale_sigma_ratio: NonNegative = 0.0  # prior of the scale error; 0: none estimated
     position_noise_rad: Positive  # 1 sigma of one sample, quantisation included
 
 
@@ -187,8 +189,35 @@ class EstimatorConfig(Section):
     wrench_force_sigma_n: Positive = 1e-3  # unmodelled external force
     wrench_torque_sigma_nm: Positive = 1e-3
     momentum_sigma_nms: NonNegative = 0.0  # prior of a residual angular momentum; 0: none estimated
+    external_force_sigma_n: NonNegative = 0.0  # prior of a constant external wrench at the base's
+    external_torque_sigma_nm: NonNegative = 0.0  # origin, inertial axes; 0: none estimated
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
+
+
+class OrbitConfig(Section):
+    """A circular orbit: turns on gravity-gradient force and torque. Needs a star tracker.
+
+    State of the system's centre of mass from the Earth's centre, in inertial axes, at the epoch.
+    """
+
+    position_m: Vector3
+    velocity_m_s: Vector3
+    epoch_ns: int | None = None  # on the daemon's clock; null: the first SYNC
+    gravity_parameter_m3_s2: Positive = EARTH_GRAVITY_PARAMETER_M3_S2
+
+    @model_validator(mode="after")
+    def _circular(self) -> Self:
+        radius = sum(x * x for x in self.position_m) ** 0.5
+        speed = sum(v * v for v in self.velocity_m_s) ** 0.5
+        circular = (self.gravity_parameter_m3_s2 / radius) ** 0.5 if radius > 0 else 0.0
+        along = sum(x * v for x, v in zip(self.position_m, self.velocity_m_s, strict=True))
+        if not (abs(speed - circular) <= 0.02 * circular and abs(along) <= 0.02 * radius * speed):
+            raise ValueError(
+                f"velocity_m_s {list(self.velocity_m_s)} must be across position_m and within 2 % "
+                f"of the circular {circular:.1f} m/s"
+            )
+        return self
 
 
 class RecorderConfig(Section):
@@ -216,6 +245,7 @@ class Config(Section):
     joints: Annotated[tuple[JointConfig, ...], Field(min_length=1)]
     imu: ImuConfig
     star_tracker: StarTrackerConfig | None = None
+    orbit: OrbitConfig | None = None
     scheduler: SchedulerConfig
     estimator: EstimatorConfig = EstimatorConfig()
     recorder: RecorderConfig = RecorderConfig()
@@ -276,6 +306,10 @@ class Config(Section):
             ports[f"buses.{i}.channel"] = f"{bus.interface}:{link}"
         _one_device_each(ports)
         _unique(list(self.unknown), "unknown")
+        if self.orbit is not None and self.star_tracker is None:
+            raise ValueError(
+                "orbit: needs a star_tracker; the gravity gradient turns with attitude"
+            )
         names = {b.name: b for b in self.buses}
         for i, joint in enumerate(self.joints):
             if joint.bus not in names:

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fsw.config import Config
 from fsw.errors import EstimatorError
-from fsw.estimators.energy import energy_rows
-from fsw.estimators.fused import fused_rows
+from fsw.estimators.impulse import Impulse
 from fsw.estimators.inertia import (
     from_log_cholesky,
     is_consistent,
@@ -25,9 +23,10 @@ from fsw.estimators.inertia import (
     to_log_cholesky,
 )
 from fsw.estimators.model import RobotModel
-from fsw.estimators.mrnea import Rows, mrnea_rows
+from fsw.estimators.mrnea import Rows
 from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.publish import body_estimate
+from fsw.estimators.row_functions import RowsFunction, row_function
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, BodyEstimate, FloatArray
 
@@ -37,7 +36,6 @@ WEAKEST_GAIN = (
     0.5  # prior variance over posterior variance, minus one, of the least known direction
 )
 
-RowsFunction = Callable[[Block, FloatArray], Rows]
 Progress = Callable[[float, str], bool]  # fraction and text; False aborts
 
 
@@ -51,26 +49,6 @@ class BatchSolution:
     iterations: int
     cost: float  # sum of squared whitened residuals, prior included
     rows: int
-
-
-def method_rows(method: str, weighting: str, problem: Problem) -> RowsFunction:
-    """Return the rows function of a method: mrnea, rda, cm, ce or fused.
-
-    Raises
-    ------
-    EstimatorError for an unknown method.
-    """
-    if method == "mrnea":
-        return partial(mrnea_rows, problem=problem, weighting=weighting)
-    if method == "rda":
-        return partial(fused_rows, problem=problem, channels=("torque",), rate="measured")
-    if method == "cm":
-        return partial(fused_rows, problem=problem, channels=("gyro",))
-    if method == "ce":
-        return partial(energy_rows, problem=problem)
-    if method == "fused":
-        return partial(fused_rows, problem=problem)
-    raise EstimatorError(f"method {method!r} is none of mrnea, rda, cm, ce, fused")
 
 
 def solve(
@@ -152,9 +130,9 @@ def run_batch(
     problem = build_problem(chosen, model)
     start = None
     if method in ("rda", "ce"):  # nonlinear from a poor start: begin at the linear method's result
-        warm = method_rows("mrnea", "eiv", problem)
+        warm = row_function("mrnea", "eiv", problem)
         start = solve(problem, warm, blocks).mean
-    rows = method_rows(method, config.estimator.weighting, problem)
+    rows = row_function(method, config.estimator.weighting, problem)
     solution = solve(problem, rows, blocks, progress, start)
     covariance = solution.information.covariance()
     bodies = {
@@ -188,7 +166,11 @@ def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:
 def _stack(
     rows: RowsFunction, blocks: Sequence[Block], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    parts = [rows(block, x) for block in blocks]
+    parts: list[Rows] = []
+    before: Impulse | None = None
+    for block in blocks:
+        parts.append(rows(block, x, before))
+        before = parts[-1].after
     return np.vstack([part.A for part in parts]), np.concatenate([part.b for part in parts])
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.linalg import solve_triangular
 
-from fsw.estimators.mrnea import Rows, present
-from fsw.estimators.problem import Problem
+from fsw.estimators.mrnea import Rows, field
+from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
 
@@ -54,6 +54,8 @@ def energy_rows(block: Block, x: FloatArray, problem: Problem) -> Rows:
     T = np.empty(m)
     J_T = np.zeros((m, len(x)))
     p_qd = np.empty((m, n))
+    P, J_P = np.zeros(m), np.zeros((m, len(x)))  # power of the gravity gradient
+    G = field(block, problem)
     for i in range(m):
         q, qd = block.q_rad[i], block.qd_rad_s[i]
         H = model.mass_matrix(q)
@@ -63,14 +65,17 @@ def energy_rows(block: Block, x: FloatArray, problem: Problem) -> Rows:
         p_qd[i] = reduced @ qd
         cov_qd = block.cov_joint[:, i, i]
         T[i] = 0.5 * qd @ p_qd[i] - 0.5 * np.diag(reduced) @ cov_qd
+        if problem.orbit is not None:
+            by_pi = nu @ model.field_regressor(q, G[i])
+            P[i], J_P[i, problem.bodies] = by_pi @ pi, by_pi @ problem.U
         J_T[i, problem.bodies] = 0.5 * nu @ model.momentum_regressor(q, nu) @ problem.U
     tau = block.tau_nm
     work = half_s * value
-    J = -slope @ J_T
+    J = -slope @ J_T - work @ J_P
     if present(problem.torque_offset):
         tau = tau - x[problem.torque_offset]
         J[:, problem.torque_offset] += work @ block.qd_rad_s
-    residual = work @ np.einsum("ij,ij->i", tau, block.qd_rad_s) + slope @ T
+    residual = work @ (np.einsum("ij,ij->i", tau, block.qd_rad_s) + P) + slope @ T
     S = np.zeros((m - 2, m - 2))
     for j in range(n):
         by_tau = work * block.qd_rad_s[:, j]

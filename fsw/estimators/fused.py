@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from fsw.estimators.impulse import Impulse, external_wrench, momentum_at_nodes, needed
 from fsw.estimators.inertia import skew
-from fsw.estimators.mrnea import Rows, covariance_root, present
-from fsw.estimators.problem import Problem
+from fsw.estimators.mrnea import Rows, covariance_root, field
+from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
 CHANNELS = ("torque", "accelerometer", "gyro")
@@ -43,7 +44,8 @@ class Prediction:
     J_w: FloatArray  # (m, 3, p)
     D_qdd: FloatArray  # (m, n + 3, n): d[tau; f]/d qdd
     D_qd: FloatArray  # (m, n + 6, n): d[tau; f; w]/d qd
-    D_w: FloatArray  # (m, n + 3, 3): d[tau; f]/d measured w; zero where w is predicted
+    D_w: FloatArray  # (m, n + 3, 3): d[tau; f]/dw
+    after: Impulse | None  # momentum gained up to the block's end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +61,10 @@ class _Dynamics:
     force: FloatArray  # (m, n) joint torque
 
 
-def _dynamics(block: Block, x: FloatArray, problem: Problem, rate: Rate) -> _Dynamics:
+def _dynamics(
+    block: Block, x: FloatArray, problem: Problem, rate: Rate, L_B: FloatArray, G: FloatArray
+) -> _Dynamics:
+    """Evaluate the model at the nodes; L_B (m, 3) is the angular momentum, G the field."""
     model, n, m = problem.model, problem.model.n, len(block.t_ns)
     pi = problem.pi(x)
     model.set_parameters(pi)
@@ -67,9 +72,8 @@ def _dynamics(block: Block, x: FloatArray, problem: Problem, rate: Rate) -> _Dyn
     Y, Y_h = np.empty((2, m, 6 + n, pi.size))
     nu, a = np.zeros((2, m, 6 + n))
     nu[:, 6:], a[:, 6:] = block.qd_rad_s, block.qdd_rad_s2
-    momentum = np.zeros((m, 6))
-    if present(problem.momentum):
-        momentum[:, 3:] = x[problem.momentum] @ block.R_NB
+    momentum = np.concatenate([np.zeros((m, 3)), L_B], axis=1)
+    force = external_wrench(block, x, problem)[0] if present(problem.wrench) else np.zeros((m, 6))
     w_measured = block.w_NB_B_rad_s
     if present(problem.gyro_bias):
         w_measured = w_measured - x[problem.gyro_bias]
@@ -81,54 +85,97 @@ def _dynamics(block: Block, x: FloatArray, problem: Problem, rate: Rate) -> _Dyn
             nu[i, 3:6] = w_measured[i]
         Y_h[i] = model.momentum_regressor(q, nu[i])
         w = nu[i, 3:6]
-        bias = model.regressor(q, w, qd, a[i])[:6] @ pi
-        a[i, :6] = -np.linalg.solve(H[i, :6, :6], bias)
-        Y[i] = model.regressor(q, w, qd, a[i])
+        Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else 0.0
+        bias = (model.regressor(q, w, qd, a[i]) - Y_field)[:6] @ pi
+        a[i, :6] = np.linalg.solve(H[i, :6, :6], force[i] - bias)
+        Y[i] = model.regressor(q, w, qd, a[i]) - Y_field
         C[i] = model.bias_derivative(q, w, qd, a[i])
     return _Dynamics(
         H, C, Y @ problem.U, Y_h[:, :6] @ problem.U, nu[:, :6], a[:, :6], Y[:, 6:] @ pi
     )
 
 
-def predict(block: Block, x: FloatArray, problem: Problem, rate: Rate = "momentum") -> Prediction:
+def predict(
+    block: Block,
+    x: FloatArray,
+    problem: Problem,
+    rate: Rate = "momentum",
+    before: Impulse | None = None,
+) -> Prediction:
     """Predict every channel at the nodes of a block from joint motion, with exact Jacobians.
 
     `rate` says where the base's angular velocity comes from: `momentum` predicts it (fused, CM),
-    `measured` takes the gyro less its bias (RDA as the paper has it).
+    `measured` takes the gyro less its bias (RDA as the paper has it). `before` is the momentum
+    gained from external moments up to the block.
     """
     m, n = block.q_rad.shape
     p, k, r = len(x), problem.bodies, problem.p_BS_m
-    d = _dynamics(block, x, problem, rate)
+    G = field(block, problem)
+    L_B, J_L, after = _momentum(block, x, problem, G, before)
+    d = _dynamics(block, x, problem, rate, L_B, G)
     H_bb, H_bm, C_w = d.H[:, :6, :6], d.H[:, :6, 6:], d.C[:, :, 3:6]
-    J_nu = np.zeros((m, 6, p))
+    J_w = np.zeros((m, 3, p))
     if rate == "momentum":
-        J_nu[:, :, k] = -np.linalg.solve(H_bb, d.Y_h)
+        gained = np.concatenate([np.zeros((m, 3, p)), J_L], axis=1)
+        gained[:, :, k] -= d.Y_h
+        J_w = np.linalg.solve(H_bb, gained)[:, 3:]
     elif present(problem.gyro_bias):
-        J_nu[:, 3:, problem.gyro_bias] = -np.eye(3)
-    if rate == "momentum" and present(problem.momentum):
-        moment = np.concatenate([np.zeros((m, 3, 3)), block.R_NB.transpose(0, 2, 1)], axis=1)
-        J_nu[:, :, problem.momentum] = np.linalg.solve(H_bb, moment)
-    J_w = J_nu[:, 3:].copy()
+        J_w[:, :, problem.gyro_bias] = -np.eye(3)
     reaction = C_w[:, :6] @ J_w
     reaction[:, :, k] += d.Y[:, :6]
+    if present(problem.wrench):
+        reaction[:, :, problem.wrench] -= external_wrench(block, x, problem)[1]
     J_a = -np.linalg.solve(H_bb, reaction)
     tau, J_tau = d.force, H_bm.transpose(0, 2, 1) @ J_a + C_w[:, 6:] @ J_w
     J_tau[:, :, k] += d.Y[:, 6:]
     w, wd = d.nu[:, 3:], d.a[:, 3:]
-    f = d.a[:, :3] + np.cross(wd, r) + np.cross(w, np.cross(w, r))
+    f = d.a[:, :3] + np.cross(wd, r) + np.cross(w, np.cross(w, r)) - G @ r
     centripetal = -skew(np.cross(w, r)) - skew(w) @ skew(r)
     J_f = J_a[:, :3] - skew(r) @ J_a[:, 3:] + centripetal @ J_w
-    if present(problem.torque_offset):
-        tau = tau + x[problem.torque_offset]
-        J_tau[:, :, problem.torque_offset] += np.eye(n)
+    D_qdd, D_qd, D_w = _motion_gains(d.H, d.C, centripetal, r, rate)
+    if present(problem.torque_scale):
+        for gain in (D_qdd, D_qd, D_w):
+            gain[:, :n] *= 1.0 + x[problem.torque_scale][:, None]
+    tau, J_tau = _torque_errors(tau, J_tau, x, problem)
     if present(problem.acc_bias):
         f = f + x[problem.acc_bias]
         J_f[:, :, problem.acc_bias] += np.eye(3)
     if present(problem.gyro_bias):
         w = w + x[problem.gyro_bias]
+        J_w = J_w.copy()
         J_w[:, :, problem.gyro_bias] += np.eye(3)
-    D_qdd, D_qd, D_w = _motion_gains(d.H, d.C, centripetal, r, rate)
-    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w)
+    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w, after)
+
+
+def _momentum(
+    block: Block, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
+) -> tuple[FloatArray, FloatArray, Impulse | None]:
+    """Return the angular momentum in base axes (m, 3), its Jacobian (m, 3, p), and what follows."""
+    m = len(block.t_ns)
+    L_N, J, after = np.zeros((m, 3)), np.zeros((m, 3, len(x))), None
+    if needed(problem):
+        L_N, J, after = momentum_at_nodes(block, x, problem, G, before)
+    if present(problem.momentum):
+        L_N = L_N + x[problem.momentum]
+        J[:, :, problem.momentum] += np.eye(3)
+    R_BN = block.R_NB.transpose(0, 2, 1)
+    return np.einsum("mij,mj->mi", R_BN, L_N), R_BN @ J, after
+
+
+def _torque_errors(
+    tau: FloatArray, J_tau: FloatArray, x: FloatArray, problem: Problem
+) -> tuple[FloatArray, FloatArray]:
+    """Apply the sensors' scale errors and offsets: (1 + s) tau + o."""
+    n = tau.shape[1]
+    if present(problem.torque_scale):
+        gain = 1.0 + x[problem.torque_scale]
+        J_tau = J_tau * gain[:, None]
+        J_tau[:, :, problem.torque_scale] += tau[:, :, None] * np.eye(n)
+        tau = tau * gain
+    if present(problem.torque_offset):
+        tau = tau + x[problem.torque_offset]
+        J_tau[:, :, problem.torque_offset] += np.eye(n)
+    return tau, J_tau
 
 
 def fused_rows(
@@ -137,13 +184,14 @@ def fused_rows(
     problem: Problem,
     channels: tuple[str, ...] = CHANNELS,
     rate: Rate = "momentum",
+    before: Impulse | None = None,
 ) -> Rows:
     """Return the whitened rows of one block for the chosen channels.
 
     The noise of the joints' own derivatives, and of a measured base rate, enters through the exact
     sensitivities, correlated over the nodes of the block and over the channels.
     """
-    prediction = predict(block, x, problem, rate)
+    prediction = predict(block, x, problem, rate, before)
     use = np.concatenate(
         [
             block.has_joint & ("torque" in channels),
@@ -165,6 +213,7 @@ def fused_rows(
     return Rows(
         solve_triangular(L, X.reshape(size, len(x)), lower=True),
         solve_triangular(L, r.ravel(), lower=True),
+        prediction.after,
     )
 
 

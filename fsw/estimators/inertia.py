@@ -8,6 +8,8 @@ as xx xy xz yy yz zz).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.linalg import solve_triangular
 
@@ -93,16 +95,39 @@ def is_consistent(pi: FloatArray) -> bool:
     return bool(np.linalg.eigvalsh(pseudo_inertia(pi))[0] > 0)
 
 
+@lru_cache(maxsize=1)
+def parameter_basis() -> FloatArray:
+    """Return (10, 4, 4): the pseudo-inertia of each unit parameter; `pseudo_inertia` is linear."""
+    basis = np.stack([pseudo_inertia(e) for e in np.eye(PARAMETERS)])
+    basis.setflags(write=False)
+    return basis
+
+
+@lru_cache(maxsize=1)
+def _parameters_of_pseudo_inertia() -> FloatArray:
+    """Return (10, 16): `from_pseudo_inertia` as a matrix on the flattened pseudo-inertia."""
+    return np.stack([from_pseudo_inertia(e.reshape(4, 4)) for e in np.eye(16)], axis=1)
+
+
+def frame_changes(X_AB: FloatArray) -> FloatArray:
+    """Return T (k, 10, 10) with pi_A = T pi_B for homogeneous transforms X_AB (k, 4, 4).
+
+    The pseudo-inertia transforms as X P X^T. Source: Wensing et al. (2018), sec. II.
+    """
+    P = np.einsum("bij,kjl,bml->bkim", X_AB, parameter_basis(), X_AB, optimize=False)
+    columns: FloatArray = P.reshape(len(X_AB), PARAMETERS, 16) @ _parameters_of_pseudo_inertia().T
+    return columns.transpose(0, 2, 1)
+
+
 def frame_change(R_AB: FloatArray, p_AB_m: FloatArray) -> FloatArray:
     """Return T (10, 10) with pi_A = T pi_B for one body seen from frames A and B.
 
-    `R_AB` takes B components to A; `p_AB_m` is B's origin in A. The pseudo-inertia transforms as
-    X P X^T with X the homogeneous transform. Source: Wensing et al. (2018), sec. II.
+    `R_AB` takes B components to A; `p_AB_m` is B's origin in A.
     """
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = R_AB, p_AB_m
-    columns = [from_pseudo_inertia(X @ pseudo_inertia(e) @ X.T) for e in np.eye(10)]
-    return np.stack(columns, axis=1)
+    change: FloatArray = frame_changes(X[None])[0]
+    return change
 
 
 _LOWER = ((0, 1, 2, 3, 1, 2, 3, 2, 3, 3), (0, 1, 2, 3, 0, 1, 2, 0, 1, 0))

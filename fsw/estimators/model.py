@@ -14,7 +14,13 @@ import numpy as np
 import pinocchio as pin
 
 from fsw.errors import ConfigError
-from fsw.estimators.inertia import PARAMETERS, frame_change, pseudo_inertia
+from fsw.estimators.inertia import (
+    PARAMETERS,
+    frame_change,
+    frame_changes,
+    parameter_basis,
+    pseudo_inertia,
+)
 from fsw.messages import FloatArray
 
 # one coordinate each; a URDF's `continuous` joint (RUB*, a point on the circle) has two
@@ -127,14 +133,31 @@ class RobotModel:
 
     def composite(self, q: FloatArray) -> FloatArray:
         """Return (10, 10 (n+1)): parameters of the whole in the base frame = composite @ pi."""
+        return np.hstack(list(self._maps_to_base(q)))
+
+    def field_regressor(self, q: FloatArray, G: FloatArray) -> FloatArray:
+        """Return (6+n, 10 (n+1)): generalised force = regressor @ pi of the field G s, G (3, 3).
+
+        Every mass element at s from the base's origin feels the acceleration G s, in base axes. The
+        uniform part by which this differs from the field about the centre of mass moves no joint.
+        """
+        maps = self._maps_to_base(q)
+        wrenches = _field_wrench(G) @ maps  # (n+1, 6, 10), about the base's origin
+        rows = np.empty((self.n + 1, 6 + self.n, PARAMETERS))
+        rows[:, :6] = wrenches
+        J = pin.computeJointJacobians(self.model, self.data, self._q)[:, 6:]
+        rows[:, 6:] = np.einsum("sj,bsp->bjp", J, wrenches)
+        for body in range(self.n):  # a joint carries only the bodies beyond it
+            rows[body, 6 + body :] = 0.0
+        regressor: FloatArray = rows.transpose(1, 0, 2).reshape(6 + self.n, -1)
+        return regressor
+
+    def _maps_to_base(self, q: FloatArray) -> FloatArray:
+        """Return (n+1, 10, 10): parameters of base and links as seen in the base frame."""
         self._q[7:] = q
         pin.forwardKinematics(self.model, self.data, self._q)
-        base = self.data.oMi[1]
-        blocks = []
-        for index in range(1, self.model.njoints):
-            placement = base.actInv(self.data.oMi[index])
-            blocks.append(frame_change(placement.rotation, placement.translation))
-        return np.hstack(blocks)
+        X = np.stack([np.array(placement) for placement in list(self.data.oMi)[1:]])
+        return frame_changes(X)
 
 
 def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
@@ -142,3 +165,13 @@ def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
         P = pseudo_inertia(pi)
         return pin.Inertia(0.0, np.zeros(3), np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3])
     return pin.Inertia.FromDynamicParameters(pi)
+
+
+def _field_wrench(G: FloatArray) -> FloatArray:
+    """Return (6, 10): force and moment about the origin of the field G s on a body pi."""
+    W = np.zeros((6, PARAMETERS))
+    W[:3, 1:4] = G
+    for k, P in enumerate(parameter_basis()):
+        M = G @ P[:3, :3]
+        W[3:, k] += (M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1])
+    return W

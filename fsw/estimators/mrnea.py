@@ -107,18 +107,26 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
             Y[i] = model.regressor(block.q_rad[i], w[i], qd[i], acceleration[i]) - Y_field
     X = np.zeros((m, 6 + n, len(x)))
     X[:, :, problem.bodies] = Y @ problem.U
+    _nuisance_columns(X, y, gain, H, G_w, problem)
+    if present(problem.wrench):
+        X[:, :6, problem.wrench] = -J_wrench
+    X = X.reshape(m * (6 + n), len(x))
+    return Rows(solve_triangular(L, X, lower=True), white)
+
+
+def _nuisance_columns(
+    X: FloatArray, y: FloatArray, gain: FloatArray, H: FloatArray, G_w: FloatArray, problem: Problem
+) -> None:
+    """Fill the sensors' columns of X (m, 6+n, p)."""
+    n = len(gain)
     if present(problem.torque_offset):
         X[:, 6:, problem.torque_offset] = np.diag(1.0 / gain)
     if present(problem.torque_scale):
         X[:, 6:, problem.torque_scale] = (y[:, 6:] / gain)[:, :, None] * np.eye(n)
-    if present(problem.wrench):
-        X[:, :6, problem.wrench] = -J_wrench
     if present(problem.acc_bias):
         X[:, :, problem.acc_bias] = -H[:, :, :3]
     if present(problem.gyro_bias):
         X[:, :, problem.gyro_bias] = -G_w
-    X = X.reshape(m * (6 + n), len(x))
-    return Rows(solve_triangular(L, X, lower=True), white)
 
 
 def _input_gains(

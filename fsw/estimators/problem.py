@@ -1,7 +1,8 @@
 """The estimation problem: which parameters are unknown, their prior, and the state's layout.
 
 State x = [10 parameters per unknown body (base first), torque offsets (n), accelerometer bias (3),
-gyro bias (3), residual angular momentum (3)]; a nuisance whose prior sigma is zero is no state.
+gyro bias (3), residual angular momentum (3), torque scale errors (n), external wrench (6)]; a
+nuisance whose prior sigma is zero is no state.
 """
 
 from __future__ import annotations
@@ -19,9 +20,15 @@ from fsw.estimators.inertia import (
     to_parameters,
 )
 from fsw.estimators.model import RobotModel
+from fsw.estimators.orbit import CircularOrbit
 from fsw.messages import FloatArray
 
 NO_STATES = slice(0, 0)
+
+
+def present(states: slice) -> bool:
+    """Tell whether a nuisance is part of the state."""
+    return bool(states.stop > states.start)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,7 +51,11 @@ class Problem:
     acc_bias: slice
     gyro_bias: slice
     momentum: slice
+    torque_scale: slice
+    wrench: slice  # force [N] and moment [N m] at the base's origin, inertial axes
     p_BS_m: FloatArray  # accelerometer's place
+    orbit: CircularOrbit | None  # None: no gravity gradient
+    window_s: float
     wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
 
     @property
@@ -121,12 +132,18 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         covariances.append(covariance)
         names += [f"{name}.{parameter}" for parameter in NAMES]
     slices = []
-    imu = config.imu
+    imu, estimator = config.imu, config.estimator
     nuisances = (
         ("torque_offset", model.joint_names, [j.torque_offset_sigma_nm for j in joints]),
         ("acc_bias", "xyz", [imu.acc_bias_sigma_m_s2] * 3),
         ("gyro_bias", "xyz", [imu.gyro_bias_sigma_rad_s] * 3),
-        ("momentum", "xyz", [config.estimator.momentum_sigma_nms] * 3),
+        ("momentum", "xyz", [estimator.momentum_sigma_nms] * 3),
+        ("torque_scale", model.joint_names, [j.torque_scale_sigma_ratio for j in joints]),
+        (
+            "wrench",
+            ("fx", "fy", "fz", "tx", "ty", "tz"),
+            [estimator.external_force_sigma_n] * 3 + [estimator.external_torque_sigma_nm] * 3,
+        ),
     )
     for kind, labels, sigmas in nuisances:
         if not any(sigmas):
@@ -142,7 +159,6 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         stop = start + len(block)
         prior_covariance[start:stop, start:stop] = block
         start = stop
-    estimator = config.estimator
     return Problem(
         model=model,
         unknown=unknown,
@@ -155,7 +171,11 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         acc_bias=slices[1],
         gyro_bias=slices[2],
         momentum=slices[3],
+        torque_scale=slices[4],
+        wrench=slices[5],
         p_BS_m=np.array(imu.mounting.p_BS_m),
+        orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
+        window_s=estimator.window_s,
         wrench_sigma=np.repeat(
             [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3
         ),

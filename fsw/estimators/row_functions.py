@@ -1,0 +1,56 @@
+"""The methods as row functions: what recursive and batch solutions share."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from fsw.errors import EstimatorError
+from fsw.estimators.energy import energy_rows
+from fsw.estimators.fused import fused_rows
+from fsw.estimators.impulse import Impulse
+from fsw.estimators.mrnea import Rows, mrnea_rows
+from fsw.estimators.problem import Problem
+from fsw.messages import Block, FloatArray
+
+
+class RowsFunction(Protocol):
+    """Whitened rows of one block at a state, given the momentum gained before it."""
+
+    def __call__(self, block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
+        """Return A and b with A delta = b, and the momentum gained after the block."""
+        ...
+
+
+def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
+    """Return the rows of a method: mrnea, rda, cm, ce or fused.
+
+    Raises
+    ------
+    EstimatorError for an unknown method.
+    """
+
+    def mrnea(block: Block, x: FloatArray, _before: Impulse | None = None, /) -> Rows:
+        return mrnea_rows(block, x, problem, weighting)
+
+    def rda(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
+        return fused_rows(block, x, problem, ("torque",), "measured", before)
+
+    def momentum(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
+        return fused_rows(block, x, problem, ("gyro",), "momentum", before)
+
+    def energy(block: Block, x: FloatArray, _before: Impulse | None = None, /) -> Rows:
+        return energy_rows(block, x, problem)
+
+    def fused(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
+        return fused_rows(block, x, problem, before=before)
+
+    functions: dict[str, RowsFunction] = {
+        "mrnea": mrnea,
+        "rda": rda,
+        "cm": momentum,
+        "ce": energy,
+        "fused": fused,
+    }
+    if method not in functions:
+        raise EstimatorError(f"method {method!r} is none of {', '.join(functions)}")
+    return functions[method]
