@@ -62,7 +62,7 @@ def _list(_arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hil import bench, judgement, live, report
+    from hil import bench, judgement, report
     from hil.progress import meter
     from hil.scenario import load
 
@@ -76,8 +76,13 @@ def _run(arguments: argparse.Namespace) -> int:
         elif folder is None:
             folder = Path("runs") / f"{scenario.name}-{arguments.seed}"
         folder = folder.absolute()
-        port = None if arguments.fast else live.free_udp_port()
-        setup = bench.prepare(scenario, arguments.seed, folder, bus_port=port, overrides=overrides)
+        setup = bench.prepare(
+            scenario,
+            arguments.seed,
+            folder,
+            real_time=not arguments.fast,
+            overrides=overrides,
+        )
         with meter(scenario.name, setup.total_s, Console(stderr=True)) as bar:
             if arguments.fast:
                 recorded = bench.run_virtual(setup, bar, record=arguments.out is not None)

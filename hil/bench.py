@@ -118,10 +118,13 @@ def prepare(
     seed: int,
     folder: Path,
     *,
-    bus_port: int | None = None,
+    real_time: bool = False,
     overrides: Mapping[str, Any] | None = None,
 ) -> Setup:
     """Draw the priors, write the flight configuration, simulate the truth.
+
+    In real time the bus gets a port nobody uses, and the position noise what the jitter of a SYNC
+    stamp adds at the motion's speed.
 
     Raises
     ------
@@ -131,8 +134,19 @@ def prepare(
     robot = Robot.load(scenario.urdf, scenario.tool_frame, bodies.get("base"), bodies.get("target"))
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
-    port = bus_port if bus_port is not None else int(scenario.flight["bus"]["port"])
-    document = flight_document(scenario, priors, robot.joint_names, folder, port, overrides or {})
+    port = live.free_udp_port() if real_time else int(scenario.flight["bus"]["port"])
+    speeds = spline.evaluate(np.arange(0.0, spline.duration_s, 0.01))[1]
+    fastest_rad_s = float(np.sqrt(np.mean(speeds**2, axis=0)).max())
+    jitter_s = float(scenario.flight["sync_jitter_s"]) if real_time else 0.0
+    document = flight_document(
+        scenario,
+        priors,
+        robot.joint_names,
+        folder,
+        port,
+        overrides or {},
+        stamp_noise_rad=jitter_s * fastest_rad_s,
+    )
     path = write_flight(folder, scenario, priors, document)
     history = simulate(robot, spline, -EDGE_S, spline.duration_s + EDGE_S)
     return Setup(

@@ -43,10 +43,11 @@ def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig) -> float:
     return math.hypot(joints.torque_noise_nm, TORQUE_STEP_NM[node.format] / math.sqrt(12))
 
 
-def position_noise_rad(joints: JointSensorConfig) -> float:
-    """Return 1 sigma of one position sample: noise, encoder step, and the wire's step."""
+def position_noise_rad(joints: JointSensorConfig, stamp_noise_rad: float = 0.0) -> float:
+    """Return 1 sigma of one position sample: noise, encoder step, wire step, uncertain stamp."""
     encoder = 2 * math.pi / 2**joints.encoder_bits
-    return math.hypot(joints.encoder_noise_rad, math.hypot(encoder, POSITION_STEP_RAD) / 12**0.5)
+    step = math.hypot(encoder, POSITION_STEP_RAD) / math.sqrt(12)
+    return math.hypot(joints.encoder_noise_rad, step, stamp_noise_rad)
 
 
 def flight_document(
@@ -56,10 +57,13 @@ def flight_document(
     folder: Path,
     bus_port: int,
     overrides: Mapping[str, Any],
+    *,
+    stamp_noise_rad: float = 0.0,
 ) -> dict[str, Any]:
     """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
 
-    The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator.
+    The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
+    `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -82,7 +86,7 @@ def flight_document(
             "speed_limit_rad_s": flight["speed_limit_rad_s"],
             "torque_noise_nm": torque_noise_nm(sensors.joints, node),
             "torque_offset_sigma_nm": sensors.joints.torque_offset_sigma_nm,
-            "position_noise_rad": position_noise_rad(sensors.joints),
+            "position_noise_rad": position_noise_rad(sensors.joints, stamp_noise_rad),
         }
         for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
     ]

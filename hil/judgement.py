@@ -158,7 +158,7 @@ def torque_residuals(setup: Setup, case: Case, recorded: Recorded) -> Residuals:
     times: list[FloatArray] = [np.empty(0)]
     rows_nm: list[FloatArray] = [np.empty((0, case.robot.n))]
     for block in recorded.blocks:
-        times.append((block.t_ns - recorded.origin_ns) * 1e-9)
+        times.append(np.asarray((block.t_ns - recorded.origin_ns) * 1e-9, dtype=np.float64))
         states = zip(block.q_rad, block.qd_rad_s, block.qdd_rad_s2, strict=True)
         predicted = [
             sensitivity(case.robot, sensors, recorded.final.x, *state).tau_nm for state in states

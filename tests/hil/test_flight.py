@@ -94,3 +94,9 @@ def test_the_plant_file_is_accepted_by_the_plant(tmp_path):
     assert file.seed == 5
     assert (tmp_path / file.trajectory).is_file()
     assert file.bodies.target is not None
+
+
+def test_an_uncertain_stamp_adds_to_the_position_noise():
+    joints = SensorConfig.from_dict(load("target_leo").sensors).joints
+    plain = position_noise_rad(joints)
+    assert position_noise_rad(joints, 1e-6) == pytest.approx(math.hypot(plain, 1e-6))
