@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 WRONG_EXIT = 2
 FAILED_EXIT = 1
+PLAIN_WIDTH = 120  # of output that goes to a file or a pipe
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,7 +84,7 @@ def _run(arguments: argparse.Namespace) -> int:
             real_time=not arguments.fast,
             overrides=overrides,
         )
-        with meter(scenario.name, setup.total_s, Console(stderr=True)) as bar:
+        with meter(scenario.name, setup.total_s, _wide(Console(stderr=True))) as bar:
             if arguments.fast:
                 recorded = bench.run_virtual(setup, bar, record=arguments.out is not None)
             else:
@@ -98,8 +99,14 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.json:
             print(json.dumps(outcome))
         else:
-            _print(outcome, picture, Console())
+            _print(outcome, picture, _wide(Console()))
     return 0 if outcome["valid"] else FAILED_EXIT
+
+
+def _wide(console: Console) -> Console:
+    """Return the console, wide enough for the table where nothing says how wide it is."""
+    console.width = console.width if console.is_terminal else max(console.width, PLAIN_WIDTH)
+    return console
 
 
 def _print(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> None:

@@ -50,7 +50,7 @@ def meter(title: str, total_s: float, console: Console) -> Iterator[Meter]:
     """Show a bar on the console while the run goes on."""
     columns = (
         TextColumn(title),
-        BarColumn(bar_width=30),
+        BarColumn(bar_width=20),
         TextColumn("{task.completed:.0f}/{task.total:.0f} s"),
         TextColumn("{task.fields[text]}"),
         TimeElapsedColumn(),
