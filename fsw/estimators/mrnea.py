@@ -28,20 +28,18 @@ class Rows:
 
 
 def base_acceleration(
-    block: Block, x: FloatArray, problem: Problem
+    block: Block, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return w_NB_B (m, 3) less its bias, and the classical base acceleration (m, 6) in B.
 
-    a_b = f_S - wd x r - w x (w x r) - bias, in free fall. Source: rigid-body kinematics. The
-    gravity gradient between sensor and base origin (1e-6 m/s^2) is left out here.
+    a_b = f_S - wd x r - w x (w x r) - bias + G r, in free fall, relative to the gravity field G s
+    about the base's origin. Source: rigid-body kinematics.
     """
-    w = (
-        block.w_NB_B_rad_s - x[problem.gyro_bias]
-        if present(problem.gyro_bias)
-        else block.w_NB_B_rad_s
-    )
     r, wd = problem.p_BS_m, block.wd_NB_B_rad_s2
-    a = block.f_NS_B_m_s2 - np.cross(wd, r) - np.cross(w, np.cross(w, r))
+    w = block.w_NB_B_rad_s
+    if present(problem.gyro_bias):
+        w = w - x[problem.gyro_bias]
+    a = block.f_NS_B_m_s2 - np.cross(wd, r) - np.cross(w, np.cross(w, r)) + G @ r
     if present(problem.acc_bias):
         a = a - x[problem.acc_bias]
     return w, np.concatenate([a, wd], axis=1)
@@ -68,7 +66,8 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
     model, n, m = problem.model, problem.model.n, len(block.t_ns)
     pi = problem.pi(x)
     model.set_parameters(pi if weighting == "eiv" else problem.pi(problem.prior_mean))
-    w, a_base = base_acceleration(block, x, problem)
+    G = field(block, problem)
+    w, a_base = base_acceleration(block, x, problem, G)
     acceleration = np.concatenate([a_base, block.qdd_rad_s2], axis=1)
     y = np.zeros((m, 6 + n))
     y[:, 6:] = block.tau_nm
@@ -76,7 +75,6 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
         y[:, 6:] -= x[problem.torque_offset]
     gain = 1.0 + x[problem.torque_scale] if present(problem.torque_scale) else np.ones(n)
     y[:, 6:] /= gain
-    G = field(block, problem)
     if present(problem.wrench):
         wrench, J_wrench = external_wrench(block, x, problem)
         y[:, :6] += wrench

@@ -14,9 +14,9 @@ from fsw.messages import Block
 from hil.truth import Body
 from tests.fsw.estimators.cases import (
     BASE,
-    N,
     NODES,
     TARGET,
+    N,
     draw_biases,
     make_problem,
     motion,
@@ -50,7 +50,8 @@ def solve(
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 @pytest.mark.parametrize(
-    ("kind", "unknown"), [("base", ("base",)), ("target", ("target",)), ("target", ("base", "target"))]
+    ("kind", "unknown"),
+    [("base", ("base",)), ("target", ("target",)), ("target", ("base", "target"))],
 )
 def test_clean_data_returns_the_truth(kind: str, unknown: tuple[str, ...], weighting: str) -> None:
     """From 5 % wrong masses; the bound is the truth's integration error, 1e-7, times 3000.
@@ -79,7 +80,9 @@ def test_base_acceleration_is_the_truth_of_another_engine() -> None:
     history = motion("target")
     block = true_block(history, 22.0)
     problem = make_problem()
-    w, a = base_acceleration(block, np.zeros_like(problem.prior_mean), problem)
+    w, a = base_acceleration(
+        block, np.zeros_like(problem.prior_mean), problem, np.zeros((len(block.t_ns), 3, 3))
+    )
     true = history.at(block.t_ns * 1e-9)
     np.testing.assert_allclose(a[:, :3], true.a_NB_B, atol=1e-12)
     np.testing.assert_allclose(a[:, 3:], true.wd_NB_B, atol=1e-12)
@@ -99,7 +102,10 @@ def test_whitened_residual_at_the_truth_has_unit_covariance(weighting: str) -> N
     rng = np.random.default_rng(0)
     zero = {key: 0 * value for key, value in draw_biases(rng).items()}
     draws = np.stack(
-        [mrnea_rows(noisy(block, rng, zero), problem.prior_mean, problem, weighting).b for _ in range(300)]
+        [
+            mrnea_rows(noisy(block, rng, zero), problem.prior_mean, problem, weighting).b
+            for _ in range(300)
+        ]
     )
     assert draws.shape[1] == NODES * (N + 6)
     assert abs(np.mean(draws**2) - 1) < 4 * np.sqrt(2 / draws.size)
