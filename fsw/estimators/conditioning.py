@@ -8,6 +8,7 @@ window's own polynomial and counted.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.config import Config
 from fsw.estimators.model import RobotModel
@@ -47,6 +48,9 @@ class Conditioner:
         self._sigma_acc = imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5
         self.outliers = 0
         self.unusable_windows = 0
+        self._R_NB = np.eye(3)
+        self._attitude_ns = 0
+        self._attitude_known = False
 
     def condition(self, window: Window) -> Block | None:
         """Return the block of a window, or None when the arm's motion cannot be known in it.
@@ -89,7 +93,7 @@ class Conditioner:
             window.accelerometer, centre_ns, half_s, self._sigma_acc, (0,)
         )
         t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
-        R_NB, has_attitude = _attitude(window.attitude, t_ns)
+        R_NB = self._attitude(window.attitude, t_ns, (gyro[:m] @ self._R_BS.T).mean(axis=0))
         return Block(
             index=window.index,
             t_ns=t_ns,
@@ -108,8 +112,29 @@ class Conditioner:
             has_joint=np.ones(n, dtype=bool),
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
-            has_attitude=has_attitude,
+            has_attitude=self._attitude_known,
         )
+
+    def _attitude(
+        self, channel: ChannelWindow, t_ns: NDArray[np.int64], w_NB_B: FloatArray
+    ) -> FloatArray:
+        """Return R_NB (m, 3, 3) at the nodes: the nearest solution, turned on by the window's rate.
+
+        Without a solution in the window the last one is propagated by the gyro; before the first
+        one the attitude is not known and the identity stands for it.
+        """
+        known_ns, known = channel.t_ns, rotation_from_xyzw(channel.values)
+        if channel.missing or len(known_ns) == 0:
+            known_ns, known = np.array([self._attitude_ns]), self._R_NB[None]
+        else:
+            self._attitude_known = True
+        if not self._attitude_known:
+            return np.broadcast_to(np.eye(3), (len(t_ns), 3, 3)).copy()
+        nearest = np.abs(known_ns[None, :] - t_ns[:, None]).argmin(axis=1)
+        since_s = np.asarray(t_ns - known_ns[nearest], dtype=np.float64) * 1e-9
+        R_NB: FloatArray = known[nearest] @ rotation_from_xyzw(_turn(since_s[:, None] * w_NB_B))
+        self._R_NB, self._attitude_ns = R_NB[-1], int(t_ns[-1])
+        return R_NB
 
     def _inertial(
         self,
@@ -189,12 +214,10 @@ def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:
     return good
 
 
-def _attitude(channel: ChannelWindow, t_ns: np.ndarray) -> tuple[FloatArray, bool]:
-    """Return R_NB at the nodes (nearest solution of the window), and whether there is one."""
-    if channel.missing or len(channel.t_ns) == 0:
-        return np.broadcast_to(np.eye(3), (len(t_ns), 3, 3)).copy(), False
-    nearest = np.abs(channel.t_ns[None, :] - t_ns[:, None]).argmin(axis=1)
-    return rotation_from_xyzw(channel.values[nearest]), True
+def _turn(angle_rad: FloatArray) -> FloatArray:
+    """Return the quaternions (..., 4) xyzw of rotation vectors (..., 3)."""
+    half = 0.5 * np.linalg.norm(angle_rad, axis=-1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(half / np.pi) * angle_rad, np.cos(half)], axis=-1)
 
 
 def build_conditioner(config: Config, model: RobotModel) -> Conditioner:

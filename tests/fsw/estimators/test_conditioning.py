@@ -6,12 +6,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from fsw.estimators.conditioning import Conditioner, build_conditioner, rotation_from_xyzw
 from fsw.messages import Block, ChannelWindow, Window
 from hil.history import rotation_matrices
 from tests.fsw.estimators.cases import (
+    WINDOW_S,
     N,
     channel,
     make_config,
@@ -106,9 +108,7 @@ def test_sensor_axes_are_turned_to_the_base() -> None:
     config = make_config()
     half = 0.5**0.5
     mounting = config.imu.mounting.model_copy(update={"q_BS_xyzw": (0.0, 0.0, half, half)})
-    turned = config.model_copy(
-        update={"imu": config.imu.model_copy(update={"mounting": mounting})}
-    )
+    turned = config.model_copy(update={"imu": config.imu.model_copy(update={"mounting": mounting})})
     block = Conditioner(turned, tuple(range(N))).condition(window())
     plain = condition(window())
     assert block is not None
@@ -194,16 +194,23 @@ def test_a_window_of_nothing_but_junk_is_unusable_not_wrong() -> None:
     assert np.all(np.isfinite(block.w_NB_B_rad_s))
 
 
-def test_attitude_is_the_nearest_solution() -> None:
-    w = window()
-    half = 0.5**0.5
-    t = START_S + np.array([0.05, 0.35])
-    q = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, half, half]])
-    block = condition(replace(w, attitude=channel(t, q)))
-    assert block.has_attitude
-    R = rotation_from_xyzw(q)
-    np.testing.assert_allclose(block.R_NB, R[[0, 0, 1, 1]], atol=1e-15)
-    assert not condition(w).has_attitude
+def test_attitude_is_the_nearest_solution_turned_on_by_the_gyro() -> None:
+    """One solution at the window's start, the truth's motion after it; then none in a window."""
+    history = motion("target")
+    unit = conditioner()
+    first = window()
+    solution_s = START_S + 0.02
+    R = history.at(solution_s).R_NB
+    q = Rotation.from_matrix(R).as_quat()[None]
+    assert not unit.condition(first).has_attitude  # none has come yet
+    seen = unit.condition(replace(first, attitude=channel(np.array([solution_s]), q)))
+    rng = np.random.default_rng(1)
+    after = unit.condition(sampled_window(history, rng, START_S + WINDOW_S, 1))
+    for block in (seen, after):
+        assert block.has_attitude
+        true = history.at(block.t_ns * 1e-9).R_NB
+        turn = Rotation.from_matrix(np.swapaxes(true, 1, 2) @ block.R_NB).magnitude()
+        assert turn.max() <= 1e-3  # the rate changes by 1e-3 rad/s within a window
 
 
 def test_rotation_is_that_of_the_quaternion() -> None:
