@@ -26,9 +26,23 @@ F = TypeVar("F", bound=Callable[..., object])
 
 def compiled(function: F) -> F:
     """Compile to machine code at the first call, cached on disk; releases the interpreter lock."""
-    return cast(
-        F, numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})(function)
+    return _compile(function, into_callers=False)
+
+
+def inlined(function: F) -> F:
+    """Compile as `compiled` does, copied into the callers: passing many arrays costs more."""
+    return _compile(function, into_callers=True)
+
+
+def _compile(function: F, *, into_callers: bool) -> F:
+    jit = numba.njit(
+        cache=True,
+        nogil=True,
+        error_model="numpy",
+        forceinline=into_callers,
+        fastmath={"contract", "reassoc", "nsz"},
     )
+    return cast(F, jit(function))
 
 
 class Arm(NamedTuple):
@@ -55,6 +69,7 @@ class Work(NamedTuple):
     H_m: FloatArray  # (n, n)
     C: FloatArray  # (6+n, 3) d(generalised force)/dw
     base: FloatArray  # (10,) 1/m, centre of mass, inverse central inertia of the whole
+    scratch: FloatArray  # (4, 6)
     move: FloatArray  # (2, 9) acceleration, angular acceleration, rate: base in B, tool in E
 
 
@@ -107,6 +122,7 @@ def new_work(n: int) -> Work:
         np.zeros((n, n)),
         np.zeros((6 + n, 3)),
         np.zeros(10),
+        np.zeros((4, 6)),
         np.zeros((2, 9)),
     )
 
@@ -203,7 +219,7 @@ def configure(arm: Arm, bodies: FloatArray, q: FloatArray, k: Work) -> None:
             k.N[j, i] = -k.N[j, i]
 
 
-@compiled
+@inlined
 def _store_inertia(
     to: FloatArray, b: int, xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
 ) -> None:
@@ -211,7 +227,7 @@ def _store_inertia(
     to[b, 7], to[b, 8], to[b, 9] = yy, yz, zz
 
 
-@compiled
+@inlined
 def _momentum(J: FloatArray, V: FloatArray, out: FloatArray) -> None:
     """Momentum of inertia J (10,) at velocity V (6,), about the base origin."""
     m, hx, hy, hz = J[0], J[1], J[2], J[3]
@@ -224,7 +240,7 @@ def _momentum(J: FloatArray, V: FloatArray, out: FloatArray) -> None:
     out[5] = hx * vy - hy * vx + J[6] * wx + J[8] * wy + J[9] * wz
 
 
-@compiled
+@inlined
 def _factor_base(J: FloatArray, f: FloatArray) -> None:
     """Factor H_bb: mass, centre of mass and the inverse of the 3 x 3 central inertia."""
     m = J[0]
@@ -241,7 +257,7 @@ def _factor_base(J: FloatArray, f: FloatArray) -> None:
     f[9] = (xx * yy - xy * xy) / det
 
 
-@compiled
+@inlined
 def solve_base(k: Work, g: FloatArray, out: FloatArray) -> None:
     """Set out = H_bb^-1 g, by way of the centre of mass; g and out (6,)."""
     f = k.base
@@ -258,7 +274,7 @@ def solve_base(k: Work, g: FloatArray, out: FloatArray) -> None:
     out[3], out[4], out[5] = wx, wy, wz
 
 
-@compiled
+@inlined
 def dot6(a: FloatArray, b: FloatArray) -> float:
     """Return a . b of two (6,)."""
     product: float = (
@@ -333,7 +349,7 @@ def balance(k: Work, tau: FloatArray) -> None:
             tau[b - 1] = dot6(k.S[b - 1], o)
 
 
-@compiled
+@inlined
 def shift_base(k: Work, a: FloatArray) -> None:
     """Add a base acceleration a (6,) to every body's."""
     for b in range(k.A.shape[0]):
@@ -349,10 +365,10 @@ def rate_gradient(k: Work) -> None:
     J (e x V_rel) + e x* J V + V x* J e.
     """
     n = k.S.shape[0]
+    rel, P, d, g = k.scratch[0], k.scratch[1], k.scratch[2], k.scratch[3]
     for e in range(3):
         i1, i2 = (e + 1) % 3, (e + 2) % 3
         t0 = t1 = t2 = t3 = t4 = t5 = 0.0
-        rel, P, d, g = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
         for b in range(n, -1, -1):
             J, V = k.own[b], k.V[b]
             for i in range(2):

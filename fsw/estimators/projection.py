@@ -5,11 +5,11 @@ Needs numba, like fsw.estimators.kernel, whose scratch arrays it uses.
 
 from __future__ import annotations
 
-from fsw.estimators.kernel import Work, compiled
+from fsw.estimators.kernel import Work, inlined
 from fsw.messages import FloatArray
 
 
-@compiled
+@inlined
 def observe_motion(k: Work, momentum: bool) -> None:
     """Fill move: classical acceleration of the origin, angular acceleration, rate of both bodies.
 
@@ -40,7 +40,7 @@ def observe_motion(k: Work, momentum: bool) -> None:
         k.move[1, 6 + i] = E[0, i] * V[3] + E[1, i] * V[4] + E[2, i] * V[5]
 
 
-@compiled
+@inlined
 def project(
     move: FloatArray, fx: float, fy: float, fz: float, nx: float, ny: float, nz: float,
     out: FloatArray,
@@ -66,13 +66,13 @@ def project(
     out[9] = nz * dz + gz * wz
 
 
-@compiled
+@inlined
 def project_base(k: Work, u: FloatArray, out: FloatArray) -> None:
     """Set out (10,) = u (6,) . regressor of the base body."""
     project(k.move[0], u[0], u[1], u[2], u[3], u[4], u[5], out)
 
 
-@compiled
+@inlined
 def project_tool(k: Work, u: FloatArray, v: FloatArray, out: FloatArray) -> None:
     """Set out (10,) = (u + v) . regressor of a body at the tool frame, pi in its axes."""
     E = k.E

@@ -1,0 +1,79 @@
+"""Maximum likelihood over torque, accelerometer and gyro, and its projections.
+
+RDA (paper eqs. 22-27) is the torque channel at the measured base rate, without base acceleration
+and without v_b; CM (eqs. 30-31) the gyro channel, in the study with the base velocity too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.estimators.methods.levenberg import minimise
+from fsw.estimators.methods.prediction_pass import Channels, prediction_pass
+from fsw.estimators.methods.result import BatchResult, build_result
+from fsw.estimators.methods.system import Options, System, build_system, kernel_data
+from fsw.estimators.problem import Problem
+from fsw.estimators.samples import SampleSet
+from fsw.messages import FloatArray
+
+FUSED = Channels(torque=True, accelerometer=True, gyro=True, velocity=False, measured_rate=False)
+EARLY_SAMPLES = 1500  # spread over the set, for the first approach; all samples enter after it
+EARLY_DECREMENT = 1e-1
+EARLY_FROM = 4 * EARLY_SAMPLES
+
+
+def solve_fused(
+    samples: SampleSet, problem: Problem, options: Options, use: Channels = FUSED
+) -> BatchResult:
+    """Estimate from all channels at once: the most the data allows."""
+    return solve_channels(samples, problem, options, use, "fused")
+
+
+def solve_channels(
+    samples: SampleSet, problem: Problem, options: Options, use: Channels, method: str
+) -> BatchResult:
+    """Minimise the whitened residuals of the chosen channels over consistent bodies.
+
+    A start far off is first brought close on an even subset of the samples, which the solution over
+    all of them then replaces; the result is that of all samples alone.
+    """
+    system = build_system(problem, options)
+    start = system.with_bodies(options.start)
+    iterations = 0
+    stride = len(samples) // EARLY_SAMPLES
+    if len(samples) >= EARLY_FROM and system.at.wrench < 0:
+        early = samples.take(slice(stride // 2, None, stride))
+        first = minimise(
+            _Pass(early, system, use), system, start, options.max_iterations, EARLY_DECREMENT
+        )
+        iterations += first.iterations
+        start = first.x
+    found = minimise(_Pass(samples, system, use), system, start, options.max_iterations)
+    width = problem.model.n * use.torque + 3 * (use.accelerometer + use.gyro + use.velocity)
+    return build_result(
+        system,
+        options,
+        method=method,
+        x=found.x,
+        information=found.information,
+        cost=found.cost,
+        rows=width * len(samples),
+        duration_s=float(samples.t_s[-1] - samples.t_s[0]),
+        iterations=iterations + found.iterations,
+        converged=found.converged,
+    )
+
+
+class _Pass:
+    """The pass over one sample set as a function of the state."""
+
+    def __init__(self, samples: SampleSet, system: System, use: Channels) -> None:
+        self._data = kernel_data(samples)
+        self._system = system
+        self._use = use
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        system = self._system
+        return prediction_pass(
+            system.arm, system.bodies(x), np.ascontiguousarray(x), system.at, self._data, self._use
+        )

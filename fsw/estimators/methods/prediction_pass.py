@@ -1,0 +1,466 @@
+"""One pass over the samples predicting torque, accelerometer, gyro and base velocity.
+
+The fused model and its projections: RDA is the torque channel at the measured base rate, CM the
+gyro (and, in the study, velocity) channel. Equations as in fsw.estimators.fused; here with the
+accelerometer at the base origin, joint accelerations noisy, rates exact.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fsw.estimators.kernel import (
+    Arm,
+    Work,
+    accelerate,
+    balance,
+    compiled,
+    configure,
+    dot6,
+    inlined,
+    joint_inertia,
+    new_work,
+    rate_gradient,
+    shift_base,
+    solve_base,
+)
+from fsw.estimators.methods.linear import factor, solve_both, whiten
+from fsw.estimators.projection import observe_motion, project_base, project_tool
+from fsw.messages import FloatArray
+
+CHUNK = 32  # samples whose rows are gathered for one matrix product
+
+
+class Columns(NamedTuple):
+    """First state of each kind, -1 where it is none."""
+
+    base: int
+    target: int
+    torque_offset: int
+    acc_bias: int
+    gyro_bias: int
+    momentum: int
+    torque_scale: int
+    wrench: int
+
+
+class Data(NamedTuple):
+    """The arrays of a sample set and its sigmas."""
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    tau: FloatArray
+    w: FloatArray
+    wd: FloatArray
+    a: FloatArray
+    v: FloatArray
+    R: FloatArray
+    s_tau: FloatArray
+    s_qdd: FloatArray
+    s_w: FloatArray
+    s_wd: FloatArray
+    s_a: FloatArray
+    s_v: FloatArray
+
+
+class Channels(NamedTuple):
+    """What is compared; `measured_rate`: torque at the gyro's rate instead of the predicted."""
+
+    torque: bool
+    accelerometer: bool
+    gyro: bool
+    velocity: bool
+    measured_rate: bool
+
+
+class Prediction(NamedTuple):
+    """Scratch of one sample: predictions and rows."""
+
+    tau: FloatArray  # (n,)
+    nu: FloatArray  # (6,) base velocity
+    a: FloatArray  # (6,) base acceleration
+    inverse: FloatArray  # (6, 6) -H_bb^-1
+    J_nu: FloatArray  # (6, p)
+    L: FloatArray  # (3,) angular momentum in B
+    F: FloatArray  # (6,) external wrench in B
+    lever: FloatArray  # (3,) integral of -R_NB c
+    g: FloatArray  # (6,)
+    S: FloatArray  # (m, m) covariance of the residuals, then its factor
+    fixed: FloatArray  # (m,) variances of the outputs themselves
+    gain: FloatArray  # (m, n+3) sensitivity to unit-variance errors of the inputs
+    z: FloatArray  # (m,)
+    qdd: FloatArray  # (n,) smoothed
+    noisy: tuple[bool, bool]  # joint accelerations, measured rate
+
+
+@compiled
+def prediction_pass(
+    arm: Arm, bodies: FloatArray, x: FloatArray, at: Columns, data: Data, use: Channels
+) -> FloatArray:
+    """Return the Gram (p+1, p+1) of the whitened rows [J | residual] of all samples.
+
+    The last diagonal entry is the sum of squared whitened residuals; NaN where a sample's
+    covariance is not positive definite.
+    """
+    n, p = data.q.shape[1], x.shape[0]
+    m = n * use.torque + 3 * use.accelerometer + 3 * use.gyro + 3 * use.velocity
+    k, s = new_work(n), _new_prediction(data, use, p, m)
+    gram = np.zeros((p + 1, p + 1))
+    buffer = np.zeros((CHUNK * m, p + 1))
+    fill = 0
+    for i in range(data.q.shape[0]):
+        rows = buffer[fill : fill + m]
+        rows[:] = 0.0
+        predict_sample(arm, bodies, x, at, data, use, i, k, s)
+        fill_residual(x, at, data, use, i, s, rows, n, p)
+        if not weigh(data, use, i, k, s, rows):
+            gram[p, p] = np.nan
+            return gram
+        fill_jacobian(x, at, data, use, i, k, s, rows)
+        if s.noisy[0] or s.noisy[1]:
+            whiten(s.S, rows, m)
+        else:
+            for c in range(m):
+                scale = 1.0 / np.sqrt(s.fixed[c])
+                for b in range(p + 1):
+                    rows[c, b] *= scale
+        fill += m
+        if fill == CHUNK * m:
+            gram += np.dot(buffer.T, buffer)
+            fill = 0
+    if fill:
+        buffer[fill:] = 0.0
+        gram += np.dot(buffer.T, buffer)
+    return gram
+
+
+@compiled
+def residual_pass(
+    arm: Arm, bodies: FloatArray, x: FloatArray, at: Columns, data: Data, use: Channels
+) -> FloatArray:
+    """Return the whitened residuals (N, m) alone, for input channels without noise."""
+    n, p = data.q.shape[1], x.shape[0]
+    m = n * use.torque + 3 * use.accelerometer + 3 * use.gyro + 3 * use.velocity
+    k, s = new_work(n), _new_prediction(data, use, p, m)
+    out = np.zeros((data.q.shape[0], m))
+    rows = np.zeros((m, p + 1))
+    for i in range(data.q.shape[0]):
+        predict_sample(arm, bodies, x, at, data, use, i, k, s)
+        fill_residual(x, at, data, use, i, s, rows, n, p)
+        for c in range(m):
+            out[i, c] = rows[c, p] / np.sqrt(s.fixed[c])
+    return out
+
+
+@inlined
+def predict_sample(
+    arm: Arm, bodies: FloatArray, x: FloatArray, at: Columns, data: Data, use: Channels,
+    i: int, k: Work, s: Prediction,
+) -> None:  # fmt: skip
+    """Fill k and s for sample i: base velocity, base acceleration, torques."""
+    configure(arm, bodies, data.q[i], k)
+    _external(x, at, data, i, k, s)
+    if use.measured_rate:
+        for c in range(3):
+            s.nu[c], s.nu[3 + c] = 0.0, data.w[i, c]
+    else:
+        n = data.q.shape[1]
+        g = s.a  # scratch
+        for c in range(6):
+            g[c] = 0.0 if c < 3 else s.L[c - 3]
+            for j in range(n):
+                g[c] -= k.H_bm[j, c] * data.qd[i, j]
+        solve_base(k, g, s.nu)
+    solve_motion(data.qd[i], data.qdd[i], k, s)
+
+
+@inlined
+def solve_motion(qd: FloatArray, qdd: FloatArray, k: Work, s: Prediction) -> None:
+    """Fill base acceleration, accelerations of all bodies and torques at base rate s.nu."""
+    g = s.g
+    g[:] = 0.0
+    accelerate(s.nu[3:], qd, g, qdd, k)
+    balance(k, s.tau)
+    for c in range(6):
+        g[c] = s.F[c] - k.force[0, c]
+    solve_base(k, g, s.a)
+    shift_base(k, s.a)
+    for j in range(qd.shape[0]):
+        s.tau[j] += dot6(k.H_bm[j], s.a)
+
+
+@inlined
+def _external(x: FloatArray, at: Columns, data: Data, i: int, k: Work, s: Prediction) -> None:
+    """Fill external wrench and angular momentum in base axes; both constant in N but for torque.
+
+    dL/dt = n - (c x f) about the centre of mass, f at the base origin; time from the first sample.
+    """
+    if at.momentum < 0 and at.wrench < 0:
+        return
+    R = data.R[i]
+    L = s.g
+    for c in range(3):
+        L[c] = x[at.momentum + c] if at.momentum >= 0 else 0.0
+    if at.wrench >= 0:
+        f, moment = x[at.wrench : at.wrench + 3], x[at.wrench + 3 : at.wrench + 6]
+        if i == 0:
+            s.lever[:] = 0.0
+        else:
+            dt = data.t[i] - data.t[i - 1]
+            for c in range(3):
+                s.lever[c] -= dt * (R[c, 0] * k.base[1] + R[c, 1] * k.base[2] + R[c, 2] * k.base[3])
+        t = data.t[i] - data.t[0]
+        for c in range(3):
+            c1, c2 = (c + 1) % 3, (c + 2) % 3
+            L[c] += t * moment[c] + s.lever[c1] * f[c2] - s.lever[c2] * f[c1]
+            s.F[c] = R[0, c] * f[0] + R[1, c] * f[1] + R[2, c] * f[2]
+            s.F[3 + c] = R[0, c] * moment[0] + R[1, c] * moment[1] + R[2, c] * moment[2]
+    for c in range(3):
+        s.L[c] = R[0, c] * L[0] + R[1, c] * L[1] + R[2, c] * L[2]
+
+
+@inlined
+def fill_residual(
+    x: FloatArray, at: Columns, data: Data, use: Channels, i: int, s: Prediction,
+    rows: FloatArray, n: int, p: int,
+) -> None:  # fmt: skip
+    """Set the last column of rows to measured less predicted."""
+    row = 0
+    if use.torque:
+        for j in range(n):
+            predicted = s.tau[j]
+            if at.torque_scale >= 0:
+                predicted *= 1.0 + x[at.torque_scale + j]
+            if at.torque_offset >= 0:
+                predicted += x[at.torque_offset + j]
+            rows[j, p] = data.tau[i, j] - predicted
+        row = n
+    if use.accelerometer:
+        for c in range(3):
+            bias = x[at.acc_bias + c] if at.acc_bias >= 0 else 0.0
+            rows[row + c, p] = data.a[i, c] - s.a[c] - bias
+        row += 3
+    if use.gyro:
+        for c in range(3):
+            bias = x[at.gyro_bias + c] if at.gyro_bias >= 0 else 0.0
+            rows[row + c, p] = data.w[i, c] - s.nu[3 + c] - bias
+        row += 3
+    if use.velocity:
+        for c in range(3):
+            rows[row + c, p] = data.v[i, c] - s.nu[c]
+
+
+@compiled
+def _new_prediction(data: Data, use: Channels, p: int, m: int) -> Prediction:
+    """Return scratch arrays, the outputs' variances and which inputs are noisy filled in."""
+    n = data.q.shape[1]
+    fixed = np.zeros(m)
+    row = 0
+    if use.torque:
+        fixed[:n] = data.s_tau**2
+        row = n
+    if use.accelerometer:
+        fixed[row : row + 3] = data.s_a**2
+        row += 3
+    if use.gyro:
+        fixed[row : row + 3] = data.s_w**2
+        row += 3
+    if use.velocity:
+        fixed[row : row + 3] = data.s_v**2
+    joints = bool(np.any(data.s_qdd > 0.0)) and (use.torque or use.accelerometer)
+    rate = bool(np.any(data.s_w > 0.0)) and use.measured_rate
+    return Prediction(
+        np.zeros(n), np.zeros(6), np.zeros(6), np.zeros((6, 6)), np.zeros((6, p)), np.zeros(3),
+        np.zeros(6), np.zeros(3), np.zeros(6), np.zeros((m, m)), fixed, np.zeros((m, n + 3)),
+        np.zeros(m), np.zeros(n), (joints, rate),
+    )  # fmt: skip
+
+
+@inlined
+def weigh(data: Data, use: Channels, i: int, k: Work, s: Prediction, rows: FloatArray) -> bool:
+    """Leave the covariance's factor in s.S; move k and s to the smoothed inputs if any is noisy.
+
+    S = output noise + D Sigma D^T over joint acceleration (and the measured rate); the Jacobian is
+    taken at input + Sigma D^T S^-1 r, which makes the gradient exact over the latent inputs. False
+    if S is not positive definite.
+    """
+    n, m, p = data.q.shape[1], s.fixed.shape[0], rows.shape[1] - 1
+    S, gain, z = s.S, s.gain, s.z
+    joints, rate = s.noisy
+    if not (joints or rate):
+        for c in range(m):
+            if not s.fixed[c] > 0.0:
+                return False
+        return True
+    joint_inertia(k)
+    first = n if use.torque else 0
+    if joints:
+        for j in range(n):
+            if use.torque:
+                for c in range(n):
+                    gain[c, j] = data.s_qdd[j] * (k.H_m[c, j] + dot6(k.H_bm[c], k.N[j]))
+            if use.accelerometer:
+                for c in range(3):
+                    gain[first + c, j] = data.s_qdd[j] * k.N[j, c]
+    if rate:
+        rate_gradient(k)
+        for c in range(n):
+            for e in range(3):
+                gain[c, n + e] = data.s_w[e] * rate_sensitivity(k, c, e)
+    start, stop = 0 if joints else n, n + 3 if rate else n
+    for a in range(m):
+        for b in range(a + 1):
+            total = s.fixed[a] if a == b else 0.0
+            for c in range(start, stop):
+                total += gain[a, c] * gain[b, c]
+            S[a, b] = total
+    if not factor(S, m):
+        return False
+    for c in range(m):
+        z[c] = rows[c, p]
+    solve_both(S, z, m)
+    for j in range(n):
+        s.qdd[j] = data.qdd[i, j]
+        for c in range(m):
+            s.qdd[j] += data.s_qdd[j] * gain[c, j] * z[c]
+    if rate:
+        for e in range(3):
+            for c in range(m):
+                s.nu[3 + e] += data.s_w[e] * gain[c, n + e] * z[c]
+    solve_motion(data.qd[i], s.qdd, k, s)
+    return True
+
+
+@inlined
+def rate_sensitivity(k: Work, j: int, e: int) -> float:
+    """Return d tau_j / d w_e at zero external wrench, base acceleration eliminated."""
+    total: float = k.C[6 + j, e]
+    for c in range(6):
+        total += k.N[j, c] * k.C[c, e]
+    return total
+
+
+@inlined
+def fill_jacobian(
+    x: FloatArray, at: Columns, data: Data, use: Channels, i: int, k: Work, s: Prediction,
+    rows: FloatArray,
+) -> None:  # fmt: skip
+    """Set the first p columns of rows to the Jacobian at the motion in k and s."""
+    n, p = data.q.shape[1], x.shape[0]
+    chained = not use.measured_rate
+    if chained or use.accelerometer:
+        unit = s.g
+        for c in range(6):
+            unit[:] = 0.0
+            unit[c] = -1.0
+            solve_base(k, unit, s.inverse[c])
+    if chained:
+        _rate_jacobian(at, data, i, k, s)
+        if use.torque or use.accelerometer:
+            rate_gradient(k)
+    observe_motion(k, False)
+    row = 0
+    if use.torque:
+        for j in range(n):
+            out = rows[j]
+            if at.base >= 0:
+                project_base(k, k.N[j], out[at.base : at.base + 10])
+            if at.target >= 0:
+                project_tool(k, k.N[j], k.S[j], out[at.target : at.target + 10])
+            if at.wrench >= 0:
+                _turn(data.R[i], k.N[j], out[at.wrench : at.wrench + 6], -1.0)
+            if chained:
+                for e in range(3):
+                    scale = rate_sensitivity(k, j, e)
+                    for c in range(p):
+                        out[c] += scale * s.J_nu[3 + e, c]
+            if at.torque_scale >= 0:
+                for c in range(p):
+                    out[c] *= 1.0 + x[at.torque_scale + j]
+                out[at.torque_scale + j] = s.tau[j]
+            if at.torque_offset >= 0:
+                out[at.torque_offset + j] = 1.0
+        row = n
+    if use.accelerometer:
+        still = s.g
+        still[:] = 0.0
+        for f in range(3):
+            out = rows[row + f]
+            u = s.inverse[f]
+            if at.base >= 0:
+                project_base(k, u, out[at.base : at.base + 10])
+            if at.target >= 0:
+                project_tool(k, u, still, out[at.target : at.target + 10])
+            if at.wrench >= 0:
+                _turn(data.R[i], u, out[at.wrench : at.wrench + 6], -1.0)
+            for e in range(3):
+                scale = 0.0
+                for c in range(6):
+                    scale += u[c] * k.C[c, e]
+                for c in range(p):
+                    out[c] += scale * s.J_nu[3 + e, c]
+            if at.acc_bias >= 0:
+                out[at.acc_bias + f] = 1.0
+        row += 3
+    if use.gyro:
+        for f in range(3):
+            rows[row + f, :p] = s.J_nu[3 + f]
+            if at.gyro_bias >= 0:
+                rows[row + f, at.gyro_bias + f] += 1.0
+        row += 3
+    if use.velocity:
+        for f in range(3):
+            rows[row + f, :p] = s.J_nu[f]
+
+
+@inlined
+def _turn(R: FloatArray, u: FloatArray, out: FloatArray, sign: float) -> None:
+    """Set out (6,) = sign * u . d(wrench in B)/d(wrench in N)."""
+    for c in range(3):
+        out[c] = sign * (R[c, 0] * u[0] + R[c, 1] * u[1] + R[c, 2] * u[2])
+        out[3 + c] = sign * (R[c, 0] * u[3] + R[c, 1] * u[4] + R[c, 2] * u[5])
+
+
+@inlined
+def _rate_jacobian(at: Columns, data: Data, i: int, k: Work, s: Prediction) -> None:
+    """Fill J_nu = -H_bb^-1 Y(q, 0, nu)_b and the columns of momentum and wrench.
+
+    nu is the full predicted velocity: v_b is put back into V for the projection, then removed.
+    """
+    n = data.q.shape[1]
+    for c in range(3):
+        k.V[0, c] += s.nu[c]
+        k.V[n, c] += s.nu[c]
+    observe_motion(k, True)
+    for c in range(3):
+        k.V[0, c] -= s.nu[c]
+        k.V[n, c] -= s.nu[c]
+    still, R, lever = s.g, data.R[i], s.lever
+    still[:] = 0.0
+    t = data.t[i] - data.t[0]
+    for f in range(6):
+        u = s.inverse[f]
+        if at.base >= 0:
+            project_base(k, u, s.J_nu[f, at.base : at.base + 10])
+        if at.target >= 0:
+            project_tool(k, u, still, s.J_nu[f, at.target : at.target + 10])
+        if at.momentum < 0 and at.wrench < 0:
+            continue
+        y0 = -(R[0, 0] * u[3] + R[0, 1] * u[4] + R[0, 2] * u[5])
+        y1 = -(R[1, 0] * u[3] + R[1, 1] * u[4] + R[1, 2] * u[5])
+        y2 = -(R[2, 0] * u[3] + R[2, 1] * u[4] + R[2, 2] * u[5])
+        if at.momentum >= 0:
+            s.J_nu[f, at.momentum] = y0
+            s.J_nu[f, at.momentum + 1] = y1
+            s.J_nu[f, at.momentum + 2] = y2
+        if at.wrench >= 0:
+            # y . (lever x f) = f . (y x lever)
+            out = s.J_nu[f, at.wrench : at.wrench + 6]
+            out[0] = y1 * lever[2] - y2 * lever[1]
+            out[1] = y2 * lever[0] - y0 * lever[2]
+            out[2] = y0 * lever[1] - y1 * lever[0]
+            out[3], out[4], out[5] = t * y0, t * y1, t * y2

@@ -1,0 +1,138 @@
+"""What the batch methods solve for: the problem's states and more nuisances, ready for the kernels.
+
+States: the problem's (bodies, torque offset, biases, momentum), then on demand torque scale per
+joint (tau_measured = (1 + s) tau) and a constant external wrench [f; n] (6), in inertial axes, at
+the base origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fsw.estimators.inertia import PARAMETERS
+from fsw.estimators.kernel import Arm, build_arm
+from fsw.estimators.methods.prediction_pass import Columns, Data
+from fsw.estimators.problem import Problem
+from fsw.estimators.samples import SampleSet
+from fsw.messages import FloatArray
+
+Weighting = Literal["ols", "wls", "compensated", "eiv"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Options:
+    """How a batch method runs. Sigmas of zero: that nuisance is not estimated."""
+
+    weighting: Weighting = "eiv"  # MRNEA only
+    body_prior: bool = True  # False: the bodies' prior is a start, not information
+    start: FloatArray | None = None  # bodies' parameters to start from; None: the prior
+    torque_scale_sigma: float = 0.0
+    wrench_force_sigma_n: float = 0.0
+    wrench_torque_sigma_nm: float = 0.0
+    max_iterations: int = 60
+    condition_limit: float = 1e8
+    energy_interval: int = 10  # samples per energy balance (CE)
+    wanted_accuracy: float = 0.02  # 1 sigma of the masses, relative, for the verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class System:
+    """Constants of one batch run."""
+
+    problem: Problem
+    arm: Arm
+    change: FloatArray  # (n+1, 10, 10)
+    at: Columns
+    names: tuple[str, ...]
+    prior_mean: FloatArray
+    prior_information: FloatArray  # zero for the bodies without a prior
+    prior_covariance: FloatArray  # with the bodies' prior, always
+
+    def bodies(self, x: FloatArray) -> FloatArray:
+        """Return pi of base and links (n+1, 10) in the kernel's frames for the state x."""
+        pi = self.problem.pi(x).reshape(-1, PARAMETERS)
+        turned: FloatArray = np.einsum("bij,bj->bi", self.change, pi)
+        return turned
+
+    def with_bodies(self, values: FloatArray | None) -> FloatArray:
+        """Return the prior mean with other body parameters."""
+        x = self.prior_mean.copy()
+        if values is not None:
+            x[self.problem.bodies] = values[self.problem.bodies]
+        return x
+
+
+def build_system(problem: Problem, options: Options) -> System:
+    """Lay out states and prior of a batch run."""
+    model = problem.model
+    arm, change = build_arm(model)
+    names, means = list(problem.names), [problem.prior_mean]
+    sigmas: list[float] = []
+    starts = {"torque_scale": -1, "wrench": -1}
+    if options.torque_scale_sigma > 0:
+        starts["torque_scale"] = len(names)
+        names += [f"torque_scale.{joint}" for joint in model.joint_names]
+        sigmas += [options.torque_scale_sigma] * model.n
+    if options.wrench_force_sigma_n > 0 and options.wrench_torque_sigma_nm > 0:
+        starts["wrench"] = len(names)
+        names += [f"wrench.{label}" for label in ("fx", "fy", "fz", "nx", "ny", "nz")]
+        sigmas += [options.wrench_force_sigma_n] * 3 + [options.wrench_torque_sigma_nm] * 3
+    means.append(np.zeros(len(sigmas)))
+    p, first = len(names), len(problem.names)
+    covariance = np.zeros((p, p))
+    covariance[:first, :first] = problem.prior_covariance
+    covariance[np.arange(first, p), np.arange(first, p)] = np.square(sigmas)
+    information = np.zeros((p, p))
+    free = slice(0 if options.body_prior else problem.bodies.stop, p)
+    information[free, free] = np.linalg.solve(covariance[free, free], np.eye(p)[free, free])
+    at = Columns(
+        base=_first(problem.body("base")) if "base" in problem.unknown else -1,
+        target=_first(problem.body("target")) if "target" in problem.unknown else -1,
+        torque_offset=_first(problem.torque_offset),
+        acc_bias=_first(problem.acc_bias),
+        gyro_bias=_first(problem.gyro_bias),
+        momentum=_first(problem.momentum),
+        torque_scale=starts["torque_scale"],
+        wrench=starts["wrench"],
+    )
+    return System(
+        problem=problem,
+        arm=arm,
+        change=change,
+        at=at,
+        names=tuple(names),
+        prior_mean=np.concatenate(means),
+        prior_information=0.5 * (information + information.T),
+        prior_covariance=covariance,
+    )
+
+
+def _first(states: slice) -> int:
+    return int(states.start) if states.stop > states.start else -1
+
+
+def kernel_data(samples: SampleSet) -> Data:
+    """Return the arrays of a sample set as the kernels take them."""
+    noise = samples.noise
+    v = np.zeros((0, 3)) if samples.v_NB_B is None else samples.v_NB_B
+    return Data(
+        samples.t_s,
+        samples.q,
+        samples.qd,
+        samples.qdd,
+        samples.tau,
+        samples.w_NB_B,
+        samples.wd_NB_B,
+        samples.a_NB_B,
+        v,
+        samples.R_NB,
+        noise.tau_nm,
+        noise.qdd_rad_s2,
+        noise.w_rad_s,
+        noise.wd_rad_s2,
+        noise.a_m_s2,
+        noise.v_m_s,
+    )
