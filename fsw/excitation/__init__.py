@@ -1,0 +1,1 @@
+"""Excitation: joint trajectories that make the fused estimate good, within every limit."""

@@ -1,0 +1,164 @@
+"""The free-floating arm as CasADi expressions: every quantity at the base origin, in base axes.
+
+Spatial vectors are [linear; angular] as in Pinocchio. With everything expressed at one point each
+joint is one projection axis S_i (6,), composite inertias are plain sums and the base needs no
+transformation. The geometry is read from the Pinocchio model, which is also the tests' oracle.
+
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), chs. 5, 6 and 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from fsw.estimators.inertia import PARAMETERS
+from fsw.estimators.model import RobotModel
+from fsw.messages import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Geometry:
+    """What the expressions need of the arm: placements, axes and the tool."""
+
+    R: tuple[FloatArray, ...]  # joint i in its parent at zero, (3, 3)
+    p: tuple[FloatArray, ...]  # (3,)
+    axis: tuple[FloatArray, ...]  # (3,) in the joint's own frame
+    R_tool: FloatArray  # tool frame in the last joint's frame
+    p_tool: FloatArray
+    pi_links: FloatArray  # (10 (n + 1),) base and links alone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pose:
+    """The arm at one joint position: frames, axes and all bodies' spatial inertias in B."""
+
+    R: list[ca.SX]  # of joint frames, base first
+    p: list[ca.SX]
+    R_tool: ca.SX
+    p_tool: ca.SX
+    S: list[ca.SX]  # (6,) each
+
+
+def geometry(model: RobotModel, tool_frame: str) -> Geometry:
+    """Read placements, axes and the tool frame from a robot model."""
+    data = model.model.createData()
+    pin.computeJointJacobians(model.model, data, pin.neutral(model.model))
+    axes = []
+    for index in range(2, model.model.njoints):
+        J = pin.getJointJacobian(model.model, data, index, pin.ReferenceFrame.LOCAL)
+        axes.append(np.array(J[3:, 4 + index]))
+    placements = list(model.model.jointPlacements)[2:]
+    tool = model.model.frames[model.model.getFrameId(tool_frame)].placement
+    return Geometry(
+        R=tuple(np.array(x.rotation) for x in placements),
+        p=tuple(np.array(x.translation) for x in placements),
+        axis=tuple(axes),
+        R_tool=np.array(tool.rotation),
+        p_tool=np.array(tool.translation),
+        pi_links=model.pi_links,
+    )
+
+
+def pose(arm: Geometry, q: ca.SX) -> Pose:
+    """Return all frames of the arm in the base frame at joint positions q (n,)."""
+    R, p, S = [ca.SX.eye(3)], [ca.SX.zeros(3)], []
+    for k, axis in enumerate(arm.axis):
+        A = ca.skew(axis)
+        turn = ca.SX.eye(3) + ca.sin(q[k]) * A + (1 - ca.cos(q[k])) * ca.mtimes(A, A)
+        p.append(p[k] + R[k] @ arm.p[k])
+        R.append(R[k] @ (ca.sparsify(ca.SX(_clean(arm.R[k]))) @ turn))
+        direction = R[-1] @ axis
+        S.append(ca.vertcat(ca.cross(p[-1], direction), direction))
+    p_tool = p[-1] + R[-1] @ arm.p_tool
+    return Pose(R=R, p=p, R_tool=R[-1] @ _clean(arm.R_tool), p_tool=p_tool, S=S)
+
+
+def spatial_inertia(pi: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
+    """Return the 6 x 6 inertia about B's origin of a body with parameters pi (10,) in frame R, p.
+
+    I_B = R I R^T - [p x][h x] - [h x][p x] - m [p x][p x] with h = R (m c); first mass moment
+    h + m p.
+    """
+    m, h = pi[0], R @ pi[1:4]
+    own = ca.blockcat(
+        [[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]]
+    )
+    P, Hx = ca.skew(p), ca.skew(h)
+    moment = R @ own @ R.T - P @ Hx - Hx @ P - m * (P @ P)
+    first = ca.skew(h + m * p)
+    return ca.blockcat([[m * ca.SX.eye(3), -first], [first, moment]])
+
+
+def motion_cross(V: ca.SX, S: ca.SX) -> ca.SX:
+    """Return V x S of two motion vectors."""
+    v, w = V[:3], V[3:]
+    return ca.vertcat(ca.cross(v, S[3:]) + ca.cross(w, S[:3]), ca.cross(w, S[3:]))
+
+
+def force_cross(V: ca.SX, F: ca.SX) -> ca.SX:
+    """Return V x* F of a motion and a force vector (columns of F one by one)."""
+    v, w = ca.skew(V[:3]), ca.skew(V[3:])
+    return ca.vertcat(w @ F[:3, :], v @ F[:3, :] + w @ F[3:, :])
+
+
+def momentum_columns(V: ca.SX) -> ca.SX:
+    """Return L (6, 10) with I V = L pi for a body whose frame is the one V is given in."""
+    v, w = V[:3], V[3:]
+    x, y, z = w[0], w[1], w[2]
+    zero = ca.SX(1, 1)
+    rotary = ca.blockcat(
+        [[x, y, zero, z, zero, zero], [zero, x, y, zero, z, zero], [zero, zero, zero, x, y, z]]
+    )
+    linear = ca.horzcat(v, ca.skew(w), ca.SX(3, 6))
+    return ca.vertcat(linear, ca.horzcat(ca.SX(3, 1), -ca.skew(v), rotary))
+
+
+def body_columns(V: ca.SX, A: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
+    """Return (6, 10): force at B's origin that moves a body of frame (R, p) with V, A (in B)."""
+    Ve, Ae = _into(V, R, p), _into(A, R, p)
+    return _back(momentum_columns(Ae) + force_cross(Ve, momentum_columns(Ve)), R, p)
+
+
+def carried_momentum(V: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
+    """Return (6, 10): momentum about B's origin of a body of frame (R, p) moving with V (in B)."""
+    return _back(momentum_columns(_into(V, R, p)), R, p)
+
+
+def _into(V: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
+    """Motion vector at B's origin to the one at p, in the axes of R."""
+    return ca.vertcat(R.T @ (V[:3] + ca.cross(V[3:], p)), R.T @ V[3:])
+
+
+def _back(F: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
+    """Force columns at p in the axes of R to B's origin and axes."""
+    force = R @ F[:3, :]
+    return ca.vertcat(force, R @ F[3:, :] + ca.skew(p) @ force)
+
+
+def velocities(arm: Pose, w: ca.SX, qd: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Return every body's velocity and velocity-product acceleration, base at [0; w]."""
+    V, A = [ca.vertcat(ca.SX(3, 1), w)], [ca.SX(6, 1)]
+    for k, S in enumerate(arm.S):
+        V.append(V[k] + S * qd[k])
+        A.append(A[k] + motion_cross(V[-1], S * qd[k]))
+    return V, A
+
+
+def all_parameters(arm: Geometry, base: ca.SX | None, target: ca.SX | None) -> list[ca.SX]:
+    """Return parameters (10,) of base and links; `base` (when given) replaces the URDF's."""
+    links = arm.pi_links.reshape(-1, PARAMETERS)
+    bodies = [ca.SX(row) for row in links]
+    if base is not None:
+        bodies[0] = base
+    if target is not None:
+        bodies.append(target)
+    return bodies
+
+
+def _clean(R: FloatArray) -> FloatArray:
+    """Drop rounding in a constant rotation so that exact zeros stay out of the expressions."""
+    return np.where(np.abs(R) < 1e-15, 0.0, R)

@@ -1,0 +1,103 @@
+"""Distances between bodies with collision geometry, and their derivatives by joint positions.
+
+Geometry is the URDF's, with a box for the grasped target if the limits give one; distances come
+from Pinocchio and coal. Pairs on one link or on neighbouring links, which touch by design, are left
+out.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from fsw.errors import ConfigError
+from fsw.estimators.model import RobotModel
+from fsw.excitation.limits import TargetBox
+from fsw.messages import FloatArray
+
+
+class Collisions:
+    """The pairs of bodies that may collide; `names` says which."""
+
+    def __init__(self, geometry: pin.GeometryModel, model: RobotModel) -> None:
+        self._model, self._geometry = model.model, geometry
+        self._data, self._distances = model.model.createData(), pin.GeometryData(geometry)
+        objects = list(geometry.geometryObjects)
+        self._pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+        self.names = tuple(f"{objects[a].name} to {objects[b].name}" for a, b in self._pairs)
+        self._parents = [int(item.parentJoint) for item in objects]
+
+    def distances(
+        self, q_rad: FloatArray, *, derivatives: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return distances (m, k) [m], negative inside each other, and d/dq (m, k, n).
+
+        The derivative is that of the pair's nearest points along the line between them; zeros when
+        not asked for.
+        """
+        n = self._model.nv - 6
+        values = np.empty((len(q_rad), len(self._pairs)))
+        slopes = np.zeros((len(q_rad), len(self._pairs), n))
+        pose = pin.neutral(self._model)
+        for i, q in enumerate(q_rad):
+            pose[7:] = q
+            if derivatives:
+                pin.computeJointJacobians(self._model, self._data, pose)
+            pin.updateGeometryPlacements(
+                self._model, self._data, self._geometry, self._distances, pose
+            )
+            for k, (a, b) in enumerate(self._pairs):
+                found = pin.computeDistance(self._geometry, self._distances, k)
+                values[i, k] = found.min_distance
+                if derivatives:
+                    slopes[i, k] = self._slope(found, a, b)
+        return values, slopes
+
+    def _slope(self, found: coal.DistanceResult, a: int, b: int) -> FloatArray:
+        first, second = found.getNearestPoint1(), found.getNearestPoint2()
+        apart = second - first
+        length = float(np.linalg.norm(apart))
+        if length < 1e-9:
+            return np.zeros(self._model.nv - 6)
+        normal = apart / length * np.sign(found.min_distance)
+        motion = self._point_jacobian(b, second) - self._point_jacobian(a, first)
+        return np.asarray(normal @ motion[:, 6:])
+
+    def _point_jacobian(self, item: int, point: FloatArray) -> FloatArray:
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        joint = self._parents[item]
+        J = pin.getJointJacobian(self._model, self._data, joint, frame)
+        arm = point - self._data.oMi[joint].translation
+        return np.asarray(J[:3] - pin.skew(arm) @ J[3:])
+
+
+def build_collisions(
+    model: RobotModel, urdf: Path, tool_frame: str, target: TargetBox | None
+) -> Collisions | None:
+    """Return the pairs to check, or None when the URDF has no collision geometry.
+
+    Raises
+    ------
+    ConfigError if a mesh cannot be read.
+    """
+    try:
+        geometry = pin.buildGeomFromUrdf(
+            model.model, str(urdf), pin.GeometryType.COLLISION, package_dirs=[str(urdf.parent)]
+        )
+    except (ValueError, RuntimeError) as error:
+        raise ConfigError(f"robot.urdf: {urdf}: collision geometry: {error}") from error
+    if target is not None:
+        frame = model.model.frames[model.model.getFrameId(tool_frame)]
+        place = frame.placement * pin.SE3(np.eye(3), np.array(target.center_m))
+        box = coal.Box(*target.size_m)
+        geometry.addGeometryObject(pin.GeometryObject("target", frame.parentJoint, place, box))
+    objects = list(geometry.geometryObjects)
+    for a, first in enumerate(objects):
+        for b in range(a + 1, len(objects)):
+            second = objects[b]
+            if abs(int(first.parentJoint) - int(second.parentJoint)) > 1:
+                geometry.addCollisionPair(pin.CollisionPair(a, b))
+    return Collisions(geometry, model) if len(geometry.collisionPairs) else None

@@ -1,0 +1,305 @@
+"""One design problem: criterion and limits as functions of a trajectory's free control points.
+
+Samples lie at the middle of equal steps. Criterion and limits are differentiated exactly: the
+criterion in reverse (one sweep of the per-sample functions, whatever the number of variables), the
+limits forward, sample by sample, where each row depends on few control points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.excitation import attitude, criteria
+from fsw.excitation.collision import Collisions
+from fsw.excitation.limits import JointLimits, Limits
+from fsw.excitation.spline import Layout
+from fsw.excitation.subject import Subject
+from fsw.messages import FloatArray
+
+EFFORT_SMOOTHING_NM = 1e-3  # |tau| as sqrt(tau^2 + this^2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """Limit rows lower <= value <= upper of one kind, over all samples, and their Jacobian.
+
+    `power` 1: value times `size` is in `unit`; 2: its square root is. Values of shares are 1 at the
+    bound.
+    """
+
+    kind: str
+    unit: str
+    size: float
+    power: int
+    value: FloatArray  # (m,)
+    lower: FloatArray
+    upper: FloatArray
+    by_z: FloatArray | None  # (m, rows * n)
+
+
+class Grid:
+    """A motion's samples at the middle of equal steps, as linear functions of the variables."""
+
+    def __init__(self, layout: Layout, rate_hz: float) -> None:
+        self.count = int(np.ceil(layout.duration_s * rate_hz))
+        self.step_s = layout.duration_s / self.count
+        self.t_s: FloatArray = (np.arange(self.count) + 0.5) * self.step_s
+        self.layout = layout
+        self.weights = layout.weights(self.t_s)
+
+    def motion(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, qd, qdd as (n, m) columns."""
+        points = z.reshape(self.layout.rows, self.layout.n)
+        q, qd, qdd = (np.ascontiguousarray((w @ points).T) for w in self.weights[:3])
+        return q, qd, qdd
+
+    def pulled_back(self, seeds: FloatArray) -> FloatArray:
+        """Return the gradient by z of a function with seeds (3 n, m) of [q; qd; qdd]."""
+        n = self.layout.n
+        parts = [self.weights[d].T @ seeds[d * n : (d + 1) * n].T for d in range(3)]
+        return np.asarray(sum(parts).ravel())  # type: ignore[union-attr]
+
+
+class Criterion:
+    """A criterion averaged over a set of parameter vectors, with its gradient."""
+
+    def __init__(
+        self,
+        subject: Subject,
+        grid: Grid,
+        name: criteria.Name,
+        gamma: criteria.Gamma,
+        members: Sequence[FloatArray] = (),
+    ) -> None:
+        self.subject, self.grid, self.name, self.gamma = subject, grid, name, gamma
+        self.members = [subject.x, *members]
+        self.evaluations = 0
+
+    def value(self, z: FloatArray) -> float:
+        """Return what is minimised (mostly a logarithm of the criterion)."""
+        self.evaluations += 1
+        return float(np.mean([self._forward(z, x)[0].value for x in self.members]))
+
+    def gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
+        """Return value and gradient (v,)."""
+        total, gradient = 0.0, np.zeros(z.size)
+        for x in self.members:
+            found, *outputs = self._forward(z, x)
+            total += found.value
+            gradient += self._reverse(z, x, found, outputs)
+        return total / len(self.members), gradient / len(self.members)
+
+    def _columns(self, z: FloatArray, x: FloatArray) -> list[FloatArray]:
+        return [*self.grid.motion(z), np.tile(x[:, None], (1, self.grid.count))]
+
+    def _forward(
+        self, z: FloatArray, x: FloatArray
+    ) -> tuple[criteria.Value, FloatArray, FloatArray]:
+        kernel, grid = self.subject.kernel, self.grid
+        inputs = self._columns(z, x)
+        if self.name in criteria.REGRESSOR_CRITERIA:
+            J, tau = (np.asarray(out.full()) for out in kernel.regressor(*inputs))
+            J = J.reshape(kernel.n, grid.count, -1)
+            root = np.linalg.qr(grid.step_s**0.5 * J.reshape(-1, J.shape[2]), mode="r")
+            effort = grid.step_s * float(np.sqrt(tau**2 + EFFORT_SMOOTHING_NM**2).sum())
+            return criteria.regressor(self.name, root, effort, self.gamma), J, tau
+        X = np.asarray(kernel.information(*inputs).full())
+        X = X.reshape(len(X), grid.count, kernel.states)
+        flat = X.reshape(-1, kernel.states)
+        stacked = np.vstack([self.subject.prior_root, grid.step_s**0.5 * flat])
+        return criteria.fused(self.name, np.linalg.qr(stacked, mode="r"), self.subject.scale), X, np.empty(0)
+
+    def _reverse(
+        self, z: FloatArray, x: FloatArray, found: criteria.Value, outputs: list[FloatArray]
+    ) -> FloatArray:
+        kernel, grid = self.subject.kernel, self.grid
+        inputs = self._columns(z, x)
+        if found.by_M is not None:
+            J, tau = outputs
+            seed = 2 * grid.step_s * (J @ found.by_M).reshape(kernel.n, -1)
+            slope = tau / np.sqrt(tau**2 + EFFORT_SMOOTHING_NM**2)
+            back = kernel.regressor_adjoint(*inputs, seed, found.by_effort * grid.step_s * slope)
+        else:
+            X = outputs[0]
+            seed = 2 * grid.step_s * (X @ found.by_F).reshape(len(X), -1)
+            back = kernel.information_adjoint(*inputs, seed)
+        return grid.pulled_back(np.asarray(back.full()))
+
+
+class LimitRows:
+    """All limits of a motion as rows, for one or several parameter vectors."""
+
+    def __init__(
+        self,
+        subject: Subject,
+        grid: Grid,
+        limits: Limits,
+        collisions: Collisions | None,
+    ) -> None:
+        self.subject, self.grid, self.limits, self.collisions = subject, grid, limits, collisions
+        self.joints = JointLimits(limits, subject.model)
+        self.names = subject.model.joint_names
+
+    def rows(
+        self, z: FloatArray, members: Sequence[FloatArray], *, derivatives: bool = False
+    ) -> list[Rows]:
+        """Return every limit's rows; parameters matter only for those of the dynamics."""
+        found = self._joint_rows(z, derivatives)
+        for k, x in enumerate(members):
+            found += self._dynamic_rows(z, x, derivatives, geometric=k == 0)
+        if self.collisions is not None:
+            found += self._collision_rows(z, self.collisions, derivatives)
+        return found
+
+    def _joint_rows(self, z: FloatArray, derivatives: bool) -> list[Rows]:
+        grid, own = self.grid, self.joints
+        points = z.reshape(grid.layout.rows, grid.layout.n)
+        speed, bounds = own.speed_rad_s, self.limits
+        middle, half = 0.5 * (own.upper_rad + own.lower_rad), 0.5 * (own.upper_rad - own.lower_rad)
+        ones = np.ones_like(speed)
+        kinds = [
+            ("joint_range", half, middle),
+            ("joint_speed", speed, 0.0 * ones),
+            ("joint_acceleration", bounds.joint_acceleration_rad_s2 * ones, 0.0 * ones),
+        ]
+        if bounds.joint_jerk_rad_s3 is not None:
+            kinds.append(("joint_jerk", bounds.joint_jerk_rad_s3 * ones, 0.0 * ones))
+        found = []
+        for d, (kind, bound, offset) in enumerate(kinds):
+            for j, name in enumerate(self.names):
+                if not np.isfinite(bound[j]):
+                    continue
+                W = grid.weights[d] / bound[j]
+                by_z = None
+                if derivatives:
+                    by_z = np.zeros((grid.count, grid.layout.rows, grid.layout.n))
+                    by_z[:, :, j] = W
+                    by_z = by_z.reshape(grid.count, -1)
+                value = W @ points[:, j] - offset[j] / bound[j]
+                unit = ("rad", "rad/s", "rad/s^2", "rad/s^3")[d]
+                found.append(_both(f"{kind} {name}", unit, float(bound[j]), value, by_z))
+        return found
+
+    def _dynamic_rows(
+        self, z: FloatArray, x: FloatArray, derivatives: bool, *, geometric: bool
+    ) -> list[Rows]:
+        kernel, grid, bounds, n = self.subject.kernel, self.grid, self.limits, self.subject.kernel.n
+        inputs = [*grid.motion(z), np.tile(x[:, None], (1, grid.count))]
+        J: FloatArray | None = None
+        if derivatives:
+            out, D = (np.asarray(part.full()) for part in kernel.motion_jacobian(*inputs))
+            D = D.reshape(n + 9, grid.count, 3, n)
+            J = np.einsum("ckdj,dkr->ckrj", D, grid.weights[:3]).reshape(n + 9, grid.count, -1)
+        else:
+            out = np.asarray(kernel.motion(*inputs).full())
+        tau, w, wd, p_BE = out[:n], out[n : n + 3].T, out[n + 3 : n + 6].T, out[n + 6 :].T
+        found = []
+        for j, name in enumerate(self.names):
+            bound = self.joints.torque_nm[j]
+            by_z = None if J is None else J[j] / bound
+            found.append(_both(f"torque {name}", "N m", float(bound), tau[j] / bound, by_z))
+        J_w = None if J is None else J[n : n + 3].transpose(1, 0, 2)
+        J_wd = None if J is None else J[n + 3 : n + 6].transpose(1, 0, 2)
+        found.append(_square("base_rate", "rad/s", w, J_w, bounds.base_rate_rad_s))
+        bound_wd = bounds.base_acceleration_rad_s2
+        found.append(_square("base_acceleration", "rad/s^2", wd, J_wd, bound_wd))
+        found.append(self._attitude_rows(w, J_w))
+        if geometric:
+            J_p = None if J is None else J[n + 6 :].transpose(1, 0, 2)
+            found += self._tool_rows(p_BE, J_p)
+        return found
+
+    def _attitude_rows(self, w: FloatArray, J_w: FloatArray | None) -> Rows:
+        grid, bound = self.grid, self.limits.base_attitude_rad
+        R = attitude.attitudes(w, grid.step_s)
+        phi = attitude.excursions(R)
+        by_z = None
+        if J_w is not None:
+            by_z = attitude.half_square_gradient(w, R, phi, grid.step_s, J_w) * 2 / bound**2
+        square = np.sum(phi**2, axis=1) / bound**2
+        return _squared("base_attitude", "rad", bound, square, by_z)
+
+    def _tool_rows(self, p_BE: FloatArray, J_p: FloatArray | None) -> list[Rows]:
+        R, origin = self.subject.arm.R[0], self.subject.arm.p[0]
+        tool = (p_BE - origin) @ R
+        J = None if J_p is None else np.einsum("ij,kiv->kjv", R, J_p)
+        found = []
+        for axis, (low, high) in enumerate(self.limits.tool_box_m):
+            if low is None and high is None:
+                continue
+            lower = np.full(len(tool), -np.inf if low is None else low)
+            upper = np.full(len(tool), np.inf if high is None else high)
+            by_z = None if J is None else J[:, axis]
+            found.append(
+_metres(f"tool_box_{'xyz'[axis]}", tool[:, axis], by_z, lower, upper)
+            )
+        least = self.limits.tool_distance_m
+        if least > 0:
+            distance = np.linalg.norm(tool, axis=1)
+            by_z = None if J is None else np.einsum("ki,kiv->kv", tool / distance[:, None], J)
+            ones = np.ones(len(tool))
+            found.append(
+_metres("tool_distance", distance, by_z, least * ones, np.inf * ones)
+            )
+        return found
+
+    def _collision_rows(
+        self, z: FloatArray, collisions: Collisions, derivatives: bool
+    ) -> list[Rows]:
+        q = self.grid.motion(z)[0].T
+        distance, by_q = collisions.distances(q, derivatives=derivatives)
+        clearance = self.limits.clearance_m or 0.0
+        found, ones = [], np.ones(len(q))
+        for k, name in enumerate(collisions.names):
+            by_z = None
+            if derivatives:
+                W = self.grid.weights[0]
+                by_z = np.einsum("mj,mr->mrj", by_q[:, k], W).reshape(len(q), -1)
+            found.append(
+_metres(f"clearance {name}", distance[:, k], by_z, clearance * ones, np.inf * ones)
+            )
+        return found
+
+
+def _both(
+    kind: str, unit: str, size: float, share: FloatArray, by_z: FloatArray | None
+) -> Rows:
+    ones = np.ones(len(share))
+    return Rows(
+        kind=kind, unit=unit, size=size, power=1, value=share, lower=-ones, upper=ones, by_z=by_z
+    )
+
+
+def _squared(
+    kind: str, unit: str, size: float, square: FloatArray, by_z: FloatArray | None
+) -> Rows:
+    ones = np.ones(len(square))
+    return Rows(
+        kind=kind,
+        unit=unit,
+        size=size,
+        power=2,
+        value=square,
+        lower=-np.inf * ones,
+        upper=ones,
+        by_z=by_z,
+    )
+
+
+def _square(
+    kind: str, unit: str, vectors: FloatArray, J: FloatArray | None, bound: float
+) -> Rows:
+    share = vectors / bound
+    by_z = None if J is None else 2 / bound * np.einsum("ki,kiv->kv", share, J)
+    return _squared(kind, unit, bound, np.sum(share**2, axis=1), by_z)
+
+
+def _metres(
+    kind: str, value: FloatArray, by_z: FloatArray | None, lower: FloatArray, upper: FloatArray
+) -> Rows:
+    return Rows(
+        kind=kind, unit="m", size=1.0, power=1, value=value, lower=lower, upper=upper, by_z=by_z
+    )

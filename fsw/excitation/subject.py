@@ -1,0 +1,182 @@
+"""What is to be identified, and what is already known of it: the fixed part of one request."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from fsw.config import Config
+from fsw.errors import ConfigError
+from fsw.estimators.inertia import (
+    PARAMETERS,
+    from_parameters,
+    is_consistent,
+    report_jacobian,
+    to_parameters,
+)
+from fsw.estimators.model import RobotModel
+from fsw.estimators.problem import Problem, build_problem
+from fsw.excitation.chain import Geometry, geometry
+from fsw.excitation.criteria import Scale
+from fsw.excitation.kernel import Kernel, build_kernel
+from fsw.excitation.noise import NoiseModel, noise_model
+from fsw.messages import FloatArray
+
+QUANTITIES = (
+    "mass_kg",
+    *(f"com_{axis}_m" for axis in "xyz"),
+    *(f"inertia_{axes}_kg_m2" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")),
+)
+CONSISTENT_DRAWS = 1000  # tries per drawn body
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Subject:
+    """Robot, unknown bodies, prior and noise, with the CasADi functions of one sample.
+
+    Attributes
+    ----------
+    x : (p,) nominal parameters of the unknown bodies
+    prior_root : (s, s) with prior_root^T prior_root the prior's information of the whole state
+    scale : reported quantities, their prior sigmas and weights
+    draws : (k, p) further members of the prior set; none when the spread is zero
+    names : (p,) reported quantities, `target.mass_kg` ...
+    """
+
+    config: Config
+    model: RobotModel
+    problem: Problem
+    arm: Geometry
+    noise: NoiseModel
+    kernel: Kernel
+    x: FloatArray
+    prior_root: FloatArray
+    scale: Scale
+    draws: FloatArray
+    names: tuple[str, ...]
+
+
+def build_subject(
+    config: Config,
+    *,
+    after: Path | None = None,
+    weights: dict[str, float] | None = None,
+    spread: float = 0.0,
+    draws: int = 0,
+    seed: int = 0,
+) -> Subject:
+    """Lay out a request.
+
+    Parameters
+    ----------
+    after : result of `fsw identify --json` whose estimate and covariance take the prior's place
+    weights : of reported quantities by name; a body's name weighs all of its quantities
+    spread : sigma of the drawn bodies in units of the prior's
+    draws : how many bodies are drawn
+
+    Raises
+    ------
+    ConfigError if a name or a file is wrong.
+    """
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    problem = build_problem(config, model)
+    noise = noise_model(config, model)
+    p = PARAMETERS * len(problem.unknown)
+    x, covariance = problem.prior_mean[:p], problem.prior_covariance.copy()
+    if after is not None:
+        x, covariance[:p, :p] = read_result(after, problem)
+    arm = geometry(model, config.robot.tool_frame)
+    known = {
+        name: to_parameters(b.mass_kg, np.array(b.com_m), np.array(b.inertia_kg_m2))
+        for name, b in config.bodies.items()
+    }
+    kernel = build_kernel(
+        arm,
+        problem.unknown,
+        known.get("base", model.pi_links[:PARAMETERS]),
+        known.get("target"),
+        noise,
+    )
+    names = tuple(f"{body}.{quantity}" for body in problem.unknown for quantity in QUANTITIES)
+    T = np.zeros((p, p))
+    for body in problem.unknown:
+        k = problem.body(body)
+        T[k, k] = report_jacobian(x[k])
+    sigma = np.sqrt(np.diag(T @ covariance[:p, :p] @ T.T))
+    scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
+    return Subject(
+        config=config,
+        model=model,
+        problem=problem,
+        arm=arm,
+        noise=noise,
+        kernel=kernel,
+        x=x,
+        prior_root=solve_triangular(np.linalg.cholesky(covariance), np.eye(len(covariance)), lower=True),
+        scale=scale,
+        draws=_draw(problem, x, sigma, spread, draws if spread > 0 else 0, seed),
+        names=names,
+    )
+
+
+def read_result(path: Path, problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return mean (p,) and covariance (p, p) of the unknown bodies from a result file.
+
+    Its biases are not taken over: they belong to the data it came from.
+
+    Raises
+    ------
+    ConfigError if the file holds no result for these bodies.
+    """
+    wanted = problem.names[problem.bodies]
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        index = [result["names"].index(name) for name in wanted]
+        mean = np.array(result["mean"], dtype=np.float64)[index]
+        covariance = np.array(result["covariance"], dtype=np.float64)[np.ix_(index, index)]
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ConfigError(
+            f"{path}: must be a result with names, mean and covariance of "
+            f"{' and '.join(problem.unknown)} ({error})"
+        ) from error
+    return mean, covariance
+
+
+def _weights(names: tuple[str, ...], chosen: dict[str, float]) -> FloatArray:
+    weights = np.ones(len(names))
+    for key in sorted(chosen, key=len):  # a body first, then its quantities
+        hit = [name == key or name.startswith(f"{key}.") for name in names]
+        if not any(hit):
+            raise ConfigError(f"weight {key!r}: none of {', '.join(names)}")
+        if not chosen[key] >= 0:
+            raise ConfigError(f"weight {key!r}: {chosen[key]} must not be negative")
+        weights[np.array(hit)] = chosen[key]
+    if not weights.any():
+        raise ConfigError("weights: all are zero")
+    return weights
+
+
+def _draw(
+    problem: Problem, x: FloatArray, sigma: FloatArray, spread: float, count: int, seed: int
+) -> FloatArray:
+    """Return (count, p) physically possible bodies drawn about x."""
+    rng = np.random.default_rng(seed)
+    drawn = np.tile(x, (count, 1))
+    for row in drawn:
+        for body in problem.unknown:
+            k = problem.body(body)
+            mass, com, inertia = from_parameters(x[k])
+            report = np.concatenate(([mass], com, inertia))
+            for _ in range(CONSISTENT_DRAWS):
+                trial = report + spread * sigma[k] * rng.standard_normal(PARAMETERS)
+                pi = to_parameters(float(trial[0]), trial[1:4], trial[4:])
+                if is_consistent(pi):
+                    row[k] = pi
+                    break
+    return drawn

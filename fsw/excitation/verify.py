@@ -1,0 +1,91 @@
+"""Every limit on a dense grid, for all members of the prior set: what a success must pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.excitation.collision import Collisions
+from fsw.excitation.design import Grid, LimitRows, Rows
+from fsw.excitation.limits import Limits
+from fsw.excitation.spline import DEGREE, REST_POINTS, Layout, Trajectory
+from fsw.excitation.subject import Subject
+from fsw.messages import FloatArray
+
+SHARE_MARGIN = 0.002  # a success keeps this share of every limit to itself
+SQUARE = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Use:
+    """How far one limit is used by a motion, at the worst sample of the worst member."""
+
+    kind: str
+    value: float
+    bound: float
+    unit: str
+    time_s: float
+    excess: float  # as a share of the bound (metres for distances); positive beyond it
+    member: int  # of the prior set; 0 is the nominal one
+
+    def text(self) -> str:
+        """Return which limit, by how much, and when."""
+        side = "over" if self.value > self.bound else "under"
+        member = f", body {self.member} of the prior set" if self.member else ""
+        return (
+            f"{self.kind}: {self.value:.5g} {self.unit}, {abs(self.value - self.bound):.3g} {side} "
+            f"the bound {self.bound:.5g}, at {self.time_s:.2f} s{member}"
+        )
+
+
+def every_limit(
+    subject: Subject,
+    limits: Limits,
+    collisions: Collisions | None,
+    trajectory: Trajectory,
+    rate_hz: float,
+    members: Sequence[FloatArray],
+) -> list[Use]:
+    """Return the worst use of every limit, the most used first."""
+    layout, z = free_layout(trajectory)
+    grid = Grid(layout, rate_hz)
+    worst: dict[str, Use] = {}
+    for k, x in enumerate(members):
+        rows = LimitRows(subject, grid, limits, collisions if k == 0 else None)
+        for row in rows.rows(z, [x]):
+            use = _worst(row, grid.t_s, k)
+            if row.kind not in worst or use.excess > worst[row.kind].excess:
+                worst[row.kind] = use
+    return sorted(worst.values(), key=lambda use: -use.excess)
+
+
+def free_layout(trajectory: Trajectory) -> tuple[Layout, FloatArray]:
+    """Return a layout and the variables (flat) that make this trajectory."""
+    points = trajectory.points_rad
+    layout = Layout(
+        duration_s=trajectory.duration_s,
+        intervals=len(points) - DEGREE,
+        n=trajectory.n,
+        closed=False,
+    )
+    inner = points[REST_POINTS - 1 : len(points) - REST_POINTS + 1]
+    return layout, np.asarray(inner.ravel())
+
+
+def _worst(row: Rows, t_s: FloatArray, member: int) -> Use:
+    value = np.sqrt(row.value) if row.power == SQUARE else row.value
+    below, above = row.lower - value, value - row.upper
+    excess = np.maximum(below, above)
+    k = int(excess.argmax())
+    bound = row.lower[k] if below[k] > above[k] else row.upper[k]
+    return Use(
+        kind=row.kind,
+        value=float(value[k] * row.size),
+        bound=float(bound * row.size),
+        unit=row.unit,
+        time_s=float(t_s[k]),
+        excess=float(excess[k]),
+        member=member,
+    )
