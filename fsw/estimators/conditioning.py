@@ -17,6 +17,7 @@ from fsw.estimators.problem import joint_order
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
+MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is junk
 EXTRA_POSITION_DEGREE = 3  # the position's polynomial must still have a good second derivative
 
 
@@ -150,7 +151,7 @@ class Conditioner:
         if not channel.missing:
             t_s, values = _seconds(channel, centre_ns), channel.values
             keep = np.ones(len(t_s), dtype=bool)
-            for _ in range(3):
+            for _ in range(MAX_PASSES):
                 fit = NodeFit(t_s[keep], half_s, m - 1, m)
                 coefficients = fit.coefficients(values[keep])
                 good = _inliers(fit.residuals(values[keep], coefficients), sigma)
@@ -182,7 +183,7 @@ class _JointFits:
     ) -> tuple[_JointFits | None, tuple[FloatArray, FloatArray], int]:
         """Return the fits without outliers, both coefficients, how many outliers."""
         fits, removed = self, 0
-        for _ in range(3):
+        for _ in range(MAX_PASSES):
             position = fits.position.coefficients(values[:, 0])
             torque = fits.torque.coefficients(values[:, 1])
             good = _inliers(

@@ -21,10 +21,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from fsw.estimators.impulse import Impulse, external_wrench, momentum_at_nodes, needed
-from fsw.estimators.inertia import skew
-from fsw.estimators.mrnea import Rows, covariance_root, field
+from fsw.estimators.inertia import cross, skew
+from fsw.estimators.mrnea import Rows, covariance_root, field, joint_gains
 from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
@@ -64,7 +65,12 @@ class _Dynamics:
 def _dynamics(
     block: Block, x: FloatArray, problem: Problem, rate: Rate, L_B: FloatArray, G: FloatArray
 ) -> _Dynamics:
-    """Evaluate the model at the nodes; L_B (m, 3) is the angular momentum, G the field."""
+    """Evaluate the model at the nodes; L_B (m, 3) is the angular momentum, G the field.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the base's inertia is not positive definite at these parameters.
+    """
     model, n, m = problem.model, problem.model.n, len(block.t_ns)
     pi = problem.pi(x)
     model.set_parameters(pi)
@@ -80,14 +86,17 @@ def _dynamics(
     for i in range(m):
         q, qd = block.q_rad[i], block.qd_rad_s[i]
         H[i] = model.mass_matrix(q)
-        nu[i, :6] = np.linalg.solve(H[i, :6, :6], momentum[i] - H[i, :6, 6:] @ qd)
+        L, info = dpotrf(H[i, :6, :6], lower=1)
+        if info != 0:
+            raise np.linalg.LinAlgError("base inertia is not positive definite")
+        nu[i, :6] = dpotrs(L, momentum[i] - H[i, :6, 6:] @ qd, lower=1)[0]
         if rate == "measured":
             nu[i, 3:6] = w_measured[i]
         Y_h[i] = model.momentum_regressor(q, nu[i])
         w = nu[i, 3:6]
         Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else 0.0
         bias = (model.regressor(q, w, qd, a[i]) - Y_field)[:6] @ pi
-        a[i, :6] = np.linalg.solve(H[i, :6, :6], force[i] - bias)
+        a[i, :6] = dpotrs(L, force[i] - bias, lower=1)[0]
         Y[i] = model.regressor(q, w, qd, a[i]) - Y_field
         C[i] = model.bias_derivative(q, w, qd, a[i])
     return _Dynamics(
@@ -129,8 +138,8 @@ def predict(
     tau, J_tau = d.force, H_bm.transpose(0, 2, 1) @ J_a + C_w[:, 6:] @ J_w
     J_tau[:, :, k] += d.Y[:, 6:]
     w, wd = d.nu[:, 3:], d.a[:, 3:]
-    f = d.a[:, :3] + np.cross(wd, r) + np.cross(w, np.cross(w, r)) - G @ r
-    centripetal = -skew(np.cross(w, r)) - skew(w) @ skew(r)
+    f = d.a[:, :3] + cross(wd, r) + cross(w, cross(w, r)) - G @ r
+    centripetal = -skew(cross(w, r)) - skew(w) @ skew(r)
     J_f = J_a[:, :3] - skew(r) @ J_a[:, 3:] + centripetal @ J_w
     D_qdd, D_qd, D_w = _motion_gains(d.H, d.C, centripetal, r, rate)
     if present(problem.torque_scale):
@@ -231,12 +240,7 @@ def _covariance(
     size = m * int(use.sum())
     S = S[:, use][:, :, :, use].reshape(size, size)
     D_qdd = np.concatenate([prediction.D_qdd, np.zeros((m, 3, n))], axis=1)[:, use]
-    D_qd = prediction.D_qd[:, use]
-    gains = []
-    for j in range(n):
-        root = covariance_root(block.cov_joint[j])
-        G = np.einsum("ir,if->irf", D_qd[:, :, j], root[:m])
-        gains.append(G + np.einsum("ir,if->irf", D_qdd[:, :, j], root[m:]))
+    gains = [joint_gains(prediction.D_qd[:, use], D_qdd, covariance_root(block.cov_joint))]
     if rate == "measured":
         root = covariance_root(block.cov_gyro[:m, :m])
         D_w = np.concatenate([prediction.D_w, np.zeros((m, 3, 3))], axis=1)[:, use]

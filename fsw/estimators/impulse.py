@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.inertia import skew
+from fsw.estimators.inertia import cross, skew
 from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
@@ -95,7 +95,7 @@ def _moment(
             moment = moment + R.T @ wrench[3:]
             J_force[:, problem.wrench.start : problem.wrench.start + 3] = R.T
             J_moment[:, problem.wrench.start + 3 : problem.wrench.stop] = R.T
-        T[i] = R @ (moment - np.cross(c, force))
+        T[i] = R @ (moment - cross(c, force))
         J_moment -= skew(c) @ J_force
         J_moment[:, problem.bodies] += skew(force) @ J_c
         J[i] = R @ J_moment

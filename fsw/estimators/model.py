@@ -71,6 +71,7 @@ class RobotModel:
         self._q = pin.neutral(self.model)
         self._v = np.zeros(self.model.nv)
         self._zero = np.zeros(self.model.nv)
+        self._lower = np.tril_indices(self.model.nv, -1)
         self._set = np.full(self.pi_links.size, np.nan)
 
     def total_parameters(self, base: FloatArray, target: FloatArray | None) -> FloatArray:
@@ -115,8 +116,8 @@ class RobotModel:
     def mass_matrix(self, q: FloatArray) -> FloatArray:
         """Return H(q) (6+n, 6+n) of the parameters set, full and symmetric."""
         self._q[7:] = q
-        H: FloatArray = np.triu(pin.crba(self.model, self.data, self._q))
-        H += np.triu(H, 1).T
+        H: FloatArray = pin.crba(self.model, self.data, self._q).copy()
+        H[self._lower] = H.T[self._lower]  # crba fills the upper triangle
         return H
 
     def bias_derivative(

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.estimators.impulse import Impulse, external_wrench
-from fsw.estimators.inertia import skew
+from fsw.estimators.inertia import cross, skew
 from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
@@ -39,7 +39,7 @@ def base_acceleration(
     w = block.w_NB_B_rad_s
     if present(problem.gyro_bias):
         w = w - x[problem.gyro_bias]
-    a = block.f_NS_B_m_s2 - np.cross(wd, r) - np.cross(w, np.cross(w, r)) + G @ r
+    a = block.f_NS_B_m_s2 - cross(wd, r) - cross(w, cross(w, r)) + G @ r
     if present(problem.acc_bias):
         a = a - x[problem.acc_bias]
     return w, np.concatenate([a, wd], axis=1)
@@ -88,7 +88,7 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
         r[i] = y[i] - Y[i] @ pi
         H[i] = model.mass_matrix(q)
         C[i] = model.bias_derivative(q, w[i], qd, acceleration[i])
-    D_w = skew(np.cross(w, problem.p_BS_m)) + skew(w) @ skew(problem.p_BS_m)
+    D_w = skew(cross(w, problem.p_BS_m)) + skew(w) @ skew(problem.p_BS_m)
     G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
     G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(problem.p_BS_m)
     if weighting == "ols":
@@ -140,22 +140,27 @@ def _input_gains(
     # columns ordered (axis, factor)
     G_f = np.einsum("irk,if->irkf", H[:, :, :3], acc)
     G_g = np.einsum("irk,if->irkf", G_w, gyro[:m]) + np.einsum("irk,if->irkf", G_wd, gyro[m:])
-    parts = [G_f.reshape(m, 6 + n, -1), G_g.reshape(m, 6 + n, -1)]
-    for j in range(n):
-        root = covariance_root(block.cov_joint[j])
-        parts.append(
-            np.einsum("ir,if->irf", C[:, :, 6 + j], root[:m])
-            + np.einsum("ir,if->irf", H[:, :, 6 + j], root[m:])
-        )
-    return np.concatenate(parts, axis=2)
+    G_q = joint_gains(C[:, :, 6:], H[:, :, 6:], covariance_root(block.cov_joint))
+    return np.concatenate([G_f.reshape(m, 6 + n, -1), G_g.reshape(m, 6 + n, -1), G_q], axis=2)
 
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
-    """Return F with F F^T = covariance, also for a singular one."""
+    """Return F (..., k, k) with F F^T = covariance (..., k, k), also for singular ones."""
     values, vectors = np.linalg.eigh(covariance)
-    keep = values > 1e-14 * values[-1]
-    root: FloatArray = vectors[:, keep] * np.sqrt(values[keep])
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     return root
+
+
+def joint_gains(by_qd: FloatArray, by_qdd: FloatArray, root: FloatArray) -> FloatArray:
+    """Return (m, rows, n 2m): rows by the joints' unit-variance errors of [qd, qdd] at the nodes.
+
+    `by_qd`, `by_qdd` (m, rows, n) are sensitivities, `root` (n, 2m, 2m) the covariances' roots.
+    """
+    m = by_qd.shape[0]
+    gains = np.einsum("irj,jif->irjf", by_qd, root[:, :m])
+    gains += np.einsum("irj,jif->irjf", by_qdd, root[:, m:])
+    stacked: FloatArray = gains.reshape(m, by_qd.shape[1], -1)
+    return stacked
 
 
 def _output_covariance(block: Block, problem: Problem) -> FloatArray:
@@ -184,15 +189,10 @@ def _smooth(
     r = problem.p_BS_m
     smoothed = acceleration.copy()
     w_new = w + dw
-    smoothed[:, :3] += f - np.cross(dwd, r) - np.cross(w_new, np.cross(w_new, r))
-    smoothed[:, :3] += np.cross(w, np.cross(w, r))
+    smoothed[:, :3] += f - cross(dwd, r) - cross(w_new, cross(w_new, r))
+    smoothed[:, :3] += cross(w, cross(w, r))
     smoothed[:, 3:6] += dwd
-    qd = block.qd_rad_s.copy()
-    start = 0
-    for j in range(n):
-        root = covariance_root(block.cov_joint[j])
-        step = root @ rest[start : start + root.shape[1]]
-        start += root.shape[1]
-        qd[:, j] += step[:m]
-        smoothed[:, 6 + j] += step[m:]
+    step = np.einsum("jaf,jf->aj", covariance_root(block.cov_joint), rest.reshape(n, -1))
+    qd = block.qd_rad_s + step[:m]
+    smoothed[:, 6:] += step[m:]
     return w_new, smoothed, qd
