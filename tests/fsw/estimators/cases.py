@@ -93,9 +93,7 @@ def make_config(
             "bodies": bodies,
             "unknown": list(unknown),
             "buses": [{"name": "arm", "interface": "virtual", "channel": "a", "rate_hz": RATE_HZ}],
-            "joints": [
-                {"name": f"joint{k + 1}", "node_id": 0x11 + k, **joint} for k in range(N)
-            ],
+            "joints": [{"name": f"joint{k + 1}", "node_id": 0x11 + k, **joint} for k in range(N)],
             "imu": {
                 "port": "/dev/imu",
                 "rate_hz": RATE_HZ,
@@ -265,7 +263,7 @@ def windows(history: TruthHistory, seed: int, start_s: float, stop_s: float) -> 
 def sampled_window(
     history: TruthHistory, rng: np.random.Generator, start_s: float, index: int = 0
 ) -> Window:
-    count = int(round(WINDOW_S * RATE_HZ))
+    count = round(WINDOW_S * RATE_HZ)
     t = start_s + (np.arange(count) + 0.3) / RATE_HZ
     ti = start_s + (np.arange(count) + 0.6) / RATE_HZ
     s, i = history.at(t), history.at(ti)

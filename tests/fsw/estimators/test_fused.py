@@ -14,9 +14,9 @@ from fsw.estimators.inertia import from_parameters
 from fsw.estimators.problem import Problem
 from fsw.messages import Block
 from tests.fsw.estimators.cases import (
-    N,
     NODES,
     TARGET,
+    N,
     draw_biases,
     make_problem,
     motion,
@@ -87,7 +87,8 @@ def test_input_gains_are_the_derivatives(field: str, gain: str, rows: int, rate:
 
 
 @pytest.mark.parametrize(
-    ("kind", "unknown"), [("base", ("base",)), ("target", ("target",)), ("target", ("base", "target"))]
+    ("kind", "unknown"),
+    [("base", ("base",)), ("target", ("target",)), ("target", ("base", "target"))],
 )
 def test_prediction_at_the_true_parameters_is_the_other_engines_truth(
     kind: str, unknown: tuple[str, ...]
@@ -150,8 +151,8 @@ def test_residual_momentum_turns_the_whole_at_rest() -> None:
     )
     w = predict(still, x, problem).w_rad_s
     for i in range(NODES):
-        _, _, I = from_parameters(problem.model.composite(still.q_rad[i]) @ problem.pi(x))
-        central = I[np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
+        _, _, six = from_parameters(problem.model.composite(still.q_rad[i]) @ problem.pi(x))
+        central = six[np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
         np.testing.assert_allclose(central @ w[i], still.R_NB[i].T @ L, rtol=1e-9, atol=1e-12)
 
 

@@ -44,8 +44,8 @@ def distance(x: np.ndarray, pi: np.ndarray, covariance: np.ndarray) -> float:
 @given(SEEDS)
 def test_parameters_are_those_of_pinocchio(seed: int) -> None:
     body = random_inertia(seed)
-    I = body.inertia
-    central = np.array([I[0, 0], I[0, 1], I[0, 2], I[1, 1], I[1, 2], I[2, 2]])
+    M = body.inertia
+    central = np.array([M[0, 0], M[0, 1], M[0, 2], M[1, 1], M[1, 2], M[2, 2]])
     pi = inertia.to_parameters(body.mass, body.lever, central)
     np.testing.assert_allclose(pi, body.toDynamicParameters(), rtol=1e-12, atol=1e-12)
     mass, com, back = inertia.from_parameters(pi)

@@ -24,7 +24,7 @@ def model(request: pytest.FixtureRequest, tmp_path: Path) -> RobotModel:
     return RobotModel(path, "gripper")
 
 
-def loaded(model: RobotModel, seed: int = 0) -> tuple[np.ndarray, pin.Model]:
+def loaded(model: RobotModel) -> tuple[np.ndarray, pin.Model]:
     """Return parameters with base and target, set in the model, and an own Pinocchio model."""
     pi = model.total_parameters(parameters(BASE), parameters(TARGET))
     model.set_parameters(pi)
@@ -63,7 +63,7 @@ def test_mass_matrix_is_full_symmetric_and_the_regressors(model: RobotModel, see
 
 
 def test_bias_derivative_is_the_derivative_of_the_force(model: RobotModel) -> None:
-    pi, own = loaded(model)
+    _, own = loaded(model)
     q, w, qd, a = motion(model, 4)
     C = model.bias_derivative(q, w, qd, a).copy()
     full = np.concatenate([pin.neutral(own)[:7], q])
@@ -88,9 +88,9 @@ def test_composite_is_mass_and_centre_of_mass_of_the_whole(model: RobotModel, se
     np.testing.assert_allclose(mass, pin.computeTotalMass(own), rtol=1e-12)
     np.testing.assert_allclose(com, pin.centerOfMass(own, data, full), rtol=1e-10, atol=1e-12)
     pin.ccrba(own, data, full, np.zeros(own.nv))
-    I = data.Ig.inertia
-    expected = [I[0, 0], I[0, 1], I[0, 2], I[1, 1], I[1, 2], I[2, 2]]
-    np.testing.assert_allclose(central, expected, rtol=1e-9, atol=1e-9 * np.abs(I).max())
+    M = data.Ig.inertia
+    expected = [M[0, 0], M[0, 1], M[0, 2], M[1, 1], M[1, 2], M[2, 2]]
+    np.testing.assert_allclose(central, expected, rtol=1e-9, atol=1e-9 * np.abs(M).max())
 
 
 def test_target_is_placed_at_the_tool_frame(model: RobotModel) -> None:
@@ -126,10 +126,16 @@ BRANCH = (
 @pytest.mark.parametrize(
     ("urdf", "frame", "word"),
     [
-        (arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="prismatic"'),
-         "gripper", "axis2"),
-        (arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="continuous"'),
-         "gripper", "axis2"),
+        (
+            arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="prismatic"'),
+            "gripper",
+            "axis2",
+        ),
+        (
+            arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="continuous"'),
+            "gripper",
+            "axis2",
+        ),
         (arm_urdf(3).replace("</robot>", BRANCH + "</robot>"), "gripper", "serial"),
         (arm_urdf(3), "claw", "claw"),
         (arm_urdf(3), "link1", "link1"),
