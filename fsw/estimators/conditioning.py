@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from fsw.config import Config
 from fsw.estimators.model import RobotModel
@@ -17,6 +18,7 @@ from fsw.estimators.problem import joint_order
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
+STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
 MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is junk
 EXTRA_POSITION_DEGREE = 3  # the position's polynomial must still have a good second derivative
 
@@ -87,6 +89,8 @@ class Conditioner:
             tau[:, k] = fits.torque.operator(0) @ torque
             cov_joint[k] = fits.position.covariance((1, 2), joint.position_noise_rad)
             cov_tau[k] = fits.torque.covariance((0,), joint.torque_noise_nm)
+        still = _still(qd, qdd, cov_joint)
+        qd[:, still] = qdd[:, still] = 0.0
         gyro, cov_gyro, has_gyro = self._inertial(
             window.gyro, centre_ns, half_s, self._sigma_gyro, (0, 1)
         )
@@ -198,6 +202,20 @@ class _JointFits:
             values = values[good]
             fits = _JointFits(fits._t_s[good], self._half_s, self._nodes)
         return None, (np.empty(0), np.empty(0)), removed
+
+
+def _still(qd: FloatArray, qdd: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:
+    """Return (n,) which joints' motion is nothing but the noise of [qd, qdd], (n, 2m, 2m).
+
+    A joint at rest is taken at rest. Otherwise the regressor would be made of noise, which looks
+    like information and shrinks whatever it is about (errors in variables).
+    """
+    motion = np.concatenate([qd, qdd]).T
+    # the covariance's rank is the polynomial's degree; the pseudo-inverse leaves the rest out
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > 1e-9 * values[:, -1:]
+    parts = np.einsum("jki,jk->ji", vectors, motion) ** 2 / np.where(kept, values, np.inf)
+    return np.asarray(parts.sum(axis=1) <= chdtri(kept.sum(axis=1), STILL_PROBABILITY))
 
 
 def _seconds(channel: ChannelWindow, centre_ns: int) -> FloatArray:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from fsw.errors import EstimatorError
 from fsw.estimators.energy import energy_rows
-from fsw.estimators.fused import fused_rows
+from fsw.estimators.fused import Rate, fused_rows
 from fsw.estimators.impulse import Impulse
 from fsw.estimators.mrnea import Rows, mrnea_rows
 from fsw.estimators.problem import Problem
@@ -24,16 +24,22 @@ class RowsFunction(Protocol):
 def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     """Return the rows of a method: mrnea, rda, cm, ce or fused.
 
+    A block without accelerometer or gyro leaves MRNEA's base rows without their measurement: its
+    torques are then used as RDA's, with the rate that the momentum gives where the gyro is missing.
+
     Raises
     ------
     EstimatorError for an unknown method.
     """
 
-    def mrnea(block: Block, x: FloatArray, _before: Impulse | None = None, /) -> Rows:
-        return mrnea_rows(block, x, problem, weighting)
+    def mrnea(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
+        if block.has_gyro and block.has_accelerometer:
+            return mrnea_rows(block, x, problem, weighting)
+        return rda(block, x, before)
 
     def rda(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        return fused_rows(block, x, problem, ("torque",), "measured", before)
+        rate: Rate = "measured" if block.has_gyro else "momentum"
+        return fused_rows(block, x, problem, ("torque",), rate, before)
 
     def momentum(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
         return fused_rows(block, x, problem, ("gyro",), "momentum", before)
