@@ -27,6 +27,7 @@ class Noise:
     wd_rad_s2: FloatArray = field(default_factory=_none)
     a_m_s2: FloatArray = field(default_factory=_none)
     v_m_s: FloatArray = field(default_factory=_none)  # of v_NB_B, where there is one
+    qd_rad_s: FloatArray | None = None  # (n,) None: exact; CE alone heeds it
 
     @staticmethod
     def of(
@@ -54,7 +55,7 @@ class Noise:
 class SampleSet:
     """N samples of an arm with n joints, in time order.
 
-    Joint positions and rates are taken as exact; w, wd and a less known biases only.
+    Joint positions and rates are taken as exact (the rates not by CE).
     """
 
     t_s: FloatArray  # (N,)
@@ -124,6 +125,7 @@ def with_noise(exact: SampleSet, noise: Noise, rng: np.random.Generator) -> Samp
     return replace(
         exact,
         tau=add(exact.tau, noise.tau_nm),
+        qd=exact.qd if noise.qd_rad_s is None else add(exact.qd, noise.qd_rad_s),
         qdd=add(exact.qdd, noise.qdd_rad_s2),
         w_NB_B=add(exact.w_NB_B, noise.w_rad_s),
         wd_NB_B=add(exact.wd_NB_B, noise.wd_rad_s2),

@@ -1,4 +1,4 @@
-"""What a batch method returns: the estimate, what the data said, and in plain words how good it is."""
+"""What a batch method returns: estimate, what the data said, and in plain words how good it is."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """What the batch methods solve for: the problem's states and more nuisances, ready for the kernels.
 
-States: the problem's (bodies, torque offset, biases, momentum), then on demand torque scale per
-joint (tau_measured = (1 + s) tau) and a constant external wrench [f; n] (6), in inertial axes, at
-the base origin.
+The states are the problem's: bodies, then the nuisances it has.
 """
 
 from __future__ import annotations
@@ -24,14 +22,11 @@ Weighting = Literal["ols", "wls", "compensated", "eiv"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Options:
-    """How a batch method runs. Sigmas of zero: that nuisance is not estimated."""
+    """How a batch method runs."""
 
     weighting: Weighting = "eiv"  # MRNEA only
     body_prior: bool = True  # False: the bodies' prior is a start, not information
     start: FloatArray | None = None  # bodies' parameters to start from; None: the prior
-    torque_scale_sigma: float = 0.0
-    wrench_force_sigma_n: float = 0.0
-    wrench_torque_sigma_nm: float = 0.0
     max_iterations: int = 60
     condition_limit: float = 1e8
     energy_interval: int = 10  # samples per energy balance (CE)
@@ -69,22 +64,7 @@ def build_system(problem: Problem, options: Options) -> System:
     """Lay out states and prior of a batch run."""
     model = problem.model
     arm, change = build_arm(model)
-    names, means = list(problem.names), [problem.prior_mean]
-    sigmas: list[float] = []
-    starts = {"torque_scale": -1, "wrench": -1}
-    if options.torque_scale_sigma > 0:
-        starts["torque_scale"] = len(names)
-        names += [f"torque_scale.{joint}" for joint in model.joint_names]
-        sigmas += [options.torque_scale_sigma] * model.n
-    if options.wrench_force_sigma_n > 0 and options.wrench_torque_sigma_nm > 0:
-        starts["wrench"] = len(names)
-        names += [f"wrench.{label}" for label in ("fx", "fy", "fz", "nx", "ny", "nz")]
-        sigmas += [options.wrench_force_sigma_n] * 3 + [options.wrench_torque_sigma_nm] * 3
-    means.append(np.zeros(len(sigmas)))
-    p, first = len(names), len(problem.names)
-    covariance = np.zeros((p, p))
-    covariance[:first, :first] = problem.prior_covariance
-    covariance[np.arange(first, p), np.arange(first, p)] = np.square(sigmas)
+    p, covariance = len(problem.names), problem.prior_covariance
     information = np.zeros((p, p))
     free = slice(0 if options.body_prior else problem.bodies.stop, p)
     information[free, free] = np.linalg.solve(covariance[free, free], np.eye(p)[free, free])
@@ -95,16 +75,16 @@ def build_system(problem: Problem, options: Options) -> System:
         acc_bias=_first(problem.acc_bias),
         gyro_bias=_first(problem.gyro_bias),
         momentum=_first(problem.momentum),
-        torque_scale=starts["torque_scale"],
-        wrench=starts["wrench"],
+        torque_scale=_first(problem.torque_scale),
+        wrench=_first(problem.wrench),
     )
     return System(
         problem=problem,
         arm=arm,
         change=change,
         at=at,
-        names=tuple(names),
-        prior_mean=np.concatenate(means),
+        names=problem.names,
+        prior_mean=problem.prior_mean,
         prior_information=0.5 * (information + information.T),
         prior_covariance=covariance,
     )

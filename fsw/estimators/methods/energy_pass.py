@@ -1,0 +1,71 @@
+"""One pass over the samples of the kinetic energy and its gradient at zero momentum."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fsw.estimators.kernel import (
+    Arm,
+    compiled,
+    configure,
+    dot6,
+    joint_inertia,
+    new_work,
+    solve_base,
+)
+from fsw.estimators.methods.prediction_pass import Columns
+from fsw.estimators.projection import observe_motion, project_base, project_tool
+from fsw.messages import FloatArray
+
+
+class Energy(NamedTuple):
+    """Kinetic energy of N samples."""
+
+    T: FloatArray  # (N,) 1/2 qd^T H^ qd
+    J: FloatArray  # (N, p) dT/dx: 1/2 nu^T Y(q, 0, nu), nu the whole predicted velocity
+    momentum: FloatArray  # (N, n) H^ qd
+    diagonal: FloatArray  # (N, n) of H^
+
+
+@compiled
+def energy_pass(
+    arm: Arm, bodies: FloatArray, p: int, at: Columns, q: FloatArray, qd: FloatArray
+) -> Energy:
+    """Return energy, gradient and what the rates' noise does to it."""
+    N, n = q.shape
+    k = new_work(n)
+    out = Energy(np.zeros(N), np.zeros((N, p)), np.zeros((N, n)), np.zeros((N, n)))
+    g, nu, half, still = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+    for i in range(N):
+        configure(arm, bodies, q[i], k)
+        joint_inertia(k)
+        for c in range(6):
+            g[c] = 0.0
+            for j in range(n):
+                g[c] -= k.H_bm[j, c] * qd[i, j]
+        solve_base(k, g, nu)
+        for c in range(6):
+            k.V[0, c] = nu[c]
+            total = nu[c]
+            for j in range(n):
+                total += k.S[j, c] * qd[i, j]
+            k.V[n, c] = total
+        observe_motion(k, True)
+        if at.base >= 0:
+            for c in range(6):
+                half[c] = 0.5 * k.V[0, c]
+            project_base(k, half, out.J[i, at.base : at.base + 10])
+        if at.target >= 0:
+            for c in range(6):
+                half[c] = 0.5 * k.V[n, c]
+            project_tool(k, half, still, out.J[i, at.target : at.target + 10])
+        for j in range(n):
+            total = dot6(k.H_bm[j], nu)
+            for c in range(n):
+                total += k.H_m[j, c] * qd[i, c]
+            out.momentum[i, j] = total
+            out.diagonal[i, j] = k.H_m[j, j] + dot6(k.H_bm[j], k.N[j])
+            out.T[i] += 0.5 * total * qd[i, j]
+    return out

@@ -1,0 +1,197 @@
+"""MRNEA on a sample set: paper's least squares, weighted, compensated, errors in variables.
+
+`ols` and `wls` shrink because the base acceleration's noise stands in the regressor: their sigma
+includes the bias that the compensated solution reveals. `compensated` subtracts what the noise adds
+to the normal equations. `eiv` is iterated: its score X^T S^-1 r (X at the smoothed input, r at the
+measured) has mean zero at the truth, but its variance G = sum X^T S^-1 X exceeds its slope G - C by
+the noise C left in X; the two are combined with the prior by the Godambe information
+(G - C) G^-1 (G - C) rather than by G, which would overstate what is known.
+
+Source: paper eqs. (8)-(16); Stefanski, Carroll, Biometrika 74 (1987), for the score;
+Godambe (1960).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.errors import EstimatorError
+from fsw.estimators.methods.levenberg import consistent_start, minimise
+from fsw.estimators.methods.regression_pass import EIV, OLS, WLS, Regression, regression_pass
+from fsw.estimators.methods.result import BatchResult, build_result, invert
+from fsw.estimators.methods.system import Options, System, build_system, kernel_data
+from fsw.estimators.problem import Problem
+from fsw.estimators.samples import SampleSet
+from fsw.messages import FloatArray
+
+SETTLED = 1e-5  # squared whitened length of the last step
+BIAS_NOTE = "shrunk by the base acceleration's noise in the regressor; sigma includes the bias"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pass:
+    """The regression over one sample set as a function of the state."""
+
+    samples: SampleSet
+    system: System
+
+    def __call__(self, x: FloatArray, mode: int, inflate: bool = False) -> Regression:
+        system = self.system
+        return regression_pass(
+            system.arm,
+            system.bodies(x),
+            np.ascontiguousarray(x),
+            system.at,
+            kernel_data(self.samples),
+            system.problem.wrench_sigma,
+            mode,
+            inflate,
+        )
+
+    def eiv_gram(self, x: FloatArray) -> FloatArray:
+        """Return the Gram of the errors-in-variables rows."""
+        return self(x, EIV).gram
+
+
+def solve_mrnea(samples: SampleSet, problem: Problem, options: Options) -> BatchResult:
+    """Estimate from torques, joint motion and the measured base motion, `options.weighting`."""
+    system = build_system(problem, options)
+    run = _Pass(samples, system)
+    if options.weighting == "eiv":
+        return _errors_in_variables(run, options)
+    return _linear(run, options)
+
+
+def _linear(run: _Pass, options: Options) -> BatchResult:
+    """One weighted least squares; weights and linearisation at the start, exact for the bodies."""
+    system, p = run.system, len(run.system.names)
+    x0 = consistent_start(system.with_bodies(options.start), system)
+    mode = OLS if options.weighting == "ols" else WLS
+    noisy = bool(
+        np.any(run.samples.noise.a_m_s2 > 0)
+        or np.any(run.samples.noise.wd_rad_s2 > 0)
+        or np.any(run.samples.noise.qdd_rad_s2 > 0)
+    )
+    raw = run(x0, mode, inflate=noisy)
+    plain = raw.gram[:p, :p] + system.prior_information
+    pull = raw.gram[:p, p] - system.prior_information @ (x0 - system.prior_mean)
+    x = x0 + _solve(plain, pull)
+    compensated, singular = x, not np.all(np.isfinite(x))
+    slope = plain - raw.inflation
+    if noisy:
+        compensated = x0 + _solve(slope, pull + raw.shrinkage)
+        singular = singular or np.linalg.eigvalsh(_scaled(slope, plain))[0] <= 0
+    information = raw.gram[:p, :p] - raw.inflation
+    covariance, bias, note = None, None, ""
+    if singular:
+        information = np.zeros((p, p))
+    elif options.weighting == "compensated":
+        x = compensated
+        if noisy:
+            at = run(x, mode, inflate=True) if _usable(x) else raw
+            scores = at.scores + system.prior_information
+            covariance = _sandwich(slope, scores)
+    else:
+        bias = x - compensated
+        note = BIAS_NOTE if noisy else ""
+        if mode == OLS and noisy:
+            # the weights are not the inverse covariance: take the scores' own
+            covariance = _sandwich(plain, raw.scores + system.prior_information)
+    return build_result(
+        system,
+        options,
+        method=f"mrnea-{options.weighting}",
+        x=x,
+        information=information,
+        cost=float(raw.gram[p, p]),
+        rows=(6 + run.samples.n) * len(run.samples),
+        duration_s=float(run.samples.t_s[-1] - run.samples.t_s[0]),
+        covariance=covariance,
+        bias=bias,
+        bias_note=note,
+    )
+
+
+def _errors_in_variables(run: _Pass, options: Options) -> BatchResult:
+    """Iterate to the root of the score, then to that of score and prior in the right proportion."""
+    system, p = run.system, len(run.system.names)
+    start = consistent_start(system.with_bodies(options.start), system)
+    found = minimise(run.eiv_gram, system, start, options.max_iterations)
+    x, converged = found.x, found.converged
+    G = found.information
+    godambe = slope = G
+    for _ in range(options.max_iterations if converged else 0):
+        sums = run(x, EIV, inflate=True)
+        G = sums.gram[:p, :p]
+        slope = G - sums.inflation
+        godambe, pull = _godambe(slope, G, sums.gram[:p, p])
+        total = godambe + system.prior_information
+        step = _solve(total, pull - system.prior_information @ (x - system.prior_mean))
+        if not np.all(np.isfinite(step)):
+            converged = False
+            break
+        x = x + step
+        if step @ total @ step < SETTLED:
+            break
+        if not _usable(x):
+            x = consistent_start(x, system)
+    return build_result(
+        system,
+        options,
+        method="mrnea-eiv",
+        x=x,
+        information=godambe,
+        cost=found.cost,
+        rows=(6 + run.samples.n) * len(run.samples),
+        duration_s=float(run.samples.t_s[-1] - run.samples.t_s[0]),
+        iterations=found.iterations,
+        converged=converged,
+    )
+
+
+def _godambe(slope: FloatArray, G: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return slope G^-1 slope and slope G^-1 score; directions of no slope carry no information."""
+    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    values, vectors = np.linalg.eigh(G / np.outer(scale, scale))
+    keep = values > 1e-14 * values[-1]
+    root = (vectors[:, keep] / np.sqrt(values[keep])).T / scale[None, :]  # root^T root = G^-1
+    # in whitened coordinates the slope is 1 - (share of noise); clip at zero information
+    shares, turned = np.linalg.eigh(root @ slope @ root.T)
+    shares = np.clip(shares, 0.0, 1.0)
+    white = turned.T @ root
+    back = np.linalg.pinv(white)
+    information = back @ np.diag(shares**2) @ back.T
+    pull: FloatArray = back @ (shares * (white @ score))
+    return 0.5 * (information + information.T), pull
+
+
+def _usable(x: FloatArray) -> bool:
+    return bool(np.all(np.isfinite(x)))
+
+
+def _scaled(A: FloatArray, by: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diag(by), 1e-300))
+    scaled: FloatArray = A / np.outer(scale, scale)
+    return scaled
+
+
+def _solve(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Return A^-1 b, scaled; NaN where A is singular."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(A)), 1e-300))
+    try:
+        solution: FloatArray = np.linalg.solve(A / np.outer(scale, scale), b / scale) / scale
+    except np.linalg.LinAlgError:
+        return np.full_like(b, np.nan)
+    return solution
+
+
+def _sandwich(slope: FloatArray, scores: FloatArray) -> FloatArray:
+    """Return slope^-1 scores slope^-T, symmetric."""
+    try:
+        inverse = invert(slope)
+    except EstimatorError:
+        return np.full_like(slope, np.nan)
+    covariance = inverse @ scores @ inverse
+    return 0.5 * (covariance + covariance.T)
