@@ -178,8 +178,8 @@ class SchedulerConfig(Section):
 class EstimatorConfig(Section):
     """Method, windows and gates."""
 
-    method: Literal["mrnea", "fused"] = "fused"
-    weighting: Literal["ols", "wls", "eiv"] = "eiv"
+    method: Literal["mrnea", "rda", "cm", "fused"] = "fused"
+    weighting: Literal["ols", "wls", "bc", "eiv"] = "eiv"  # of mrnea
     window_s: Positive = 0.4
     nodes: int = Field(default=4, ge=2, le=8)
     lag_s: NonNegative = 0.15  # a window closes this long after its end: the slowest sensor's delay
@@ -193,6 +193,7 @@ class EstimatorConfig(Section):
     external_torque_sigma_nm: NonNegative = 0.0  # origin, inertial axes; 0: none estimated
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
+    forgetting_time_s: Positive | None = None  # data's information decays with it; null: never
 
 
 class OrbitConfig(Section):

@@ -2,53 +2,47 @@
 
 A new block is folded into the square-root information at once. Because the rows depend on the
 unknowns, one pass linearised at a wrong start is not the batch; so the blocks are kept, and a
-background pass re-linearises them all at the current estimate, one block per unit of work. While
-the estimate moves by more than a tolerance per pass nothing is published as valid; afterwards
-passes run only when it has drifted. A block that leaves the full store stays in the information
-with its newest linearisation, so memory is bounded and nothing is counted twice.
+background pass re-linearises them all at the current estimate, one block per unit of work. Passes
+run while they are expected to move the estimate; what moves it otherwise is data. A run of blocks
+that noise does not explain re-opens the estimate to the prior's spread; a prior that the data
+contradict is widened. Both are told as events.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from fsw.config import Config, EstimatorConfig
 from fsw.errors import EstimatorError
+from fsw.estimators.bias_compensated import BiasCompensatedEstimator
+from fsw.estimators.change import InnovationMonitor
+from fsw.estimators.diagnosis import conflict_limit, diagnose, plain, prior_conflict
 from fsw.estimators.fused import fused_rows
-from fsw.estimators.inertia import (
-    PARAMETERS,
-    is_consistent,
-    nearest_consistent,
-)
+from fsw.estimators.inertia import is_consistent, nearest_consistent
+from fsw.estimators.memory import Memory, data_within
 from fsw.estimators.model import RobotModel
 from fsw.estimators.mrnea import Rows, mrnea_rows
+from fsw.estimators.outcome import outcome
 from fsw.estimators.problem import Problem, build_problem
-from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, Estimate, FloatArray
 
-SETTLED = 0.02  # whitened rms step of a whole pass below which the estimate has settled
+SETTLED = 0.02  # whitened rms step by re-linearising alone below which the estimate has settled
+WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
+FAR = 0.5  # whitened rms distance from the last point at which a pass is made anyway
 WORK_PER_BLOCK = 16  # units of background work due between two blocks
-INCONSISTENT = 1e-3  # probability of so large a projection onto the consistent bodies by noise
+LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
 FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
+ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
+EVENT_LIMIT = 64
 
 RowsFunction = Callable[[Block, FloatArray], Rows]
-
-
-@dataclass(slots=True, eq=False)
-class _Stored:
-    """A block with its newest whitened rows, as A x = c."""
-
-    block: Block
-    A: FloatArray
-    c: FloatArray
+EventWords = tuple[str, str, str]  # severity, code, text
 
 
 class OnlineEstimator:
@@ -66,208 +60,345 @@ class OnlineEstimator:
         self._settings = settings
         self._rows = rows
         self._linear = linear
+        self._events: deque[EventWords] = deque(maxlen=EVENT_LIMIT)
         self.reset()
 
     def reset(self) -> None:
         """Forget all blocks; return to the prior."""
-        problem = self._problem
-        prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
-        self._retired = prior
-        self._information = prior
-        self._x = problem.prior_mean.copy()
-        self._store: deque[_Stored] = deque()
-        self._pass: SquareRootInformation | None = None
-        self._pass_x = self._x
-        self._pass_total = 0
-        self._visited = 0
-        self._due = 0
-        self._settled = self._linear
-        self._passes = 0
-        self._blocks = 0
-        self._gated = 0
-        self._nis = (0.0, 0)
+        self._changes = self._blocks = self._gated = self._ignored = 0
+        self._monitor = InnovationMonitor(self._settings.gate_probability)
         self._q_rad: FloatArray | None = None
         self._after = -1
+        self._span_ns: tuple[int, int] | None = None  # of the blocks since the prior
+        self._start(self._problem.prior_mean, self._spread())
+
+    def _start(self, mean: FloatArray, covariance: FloatArray) -> None:
+        """Begin again at a prior; counters and what is known of the sensors stay."""
+        self._start_mean, self._start_covariance = mean, covariance
+        prior = SquareRootInformation.from_prior(mean, covariance)
+        self._store = Memory(prior, self._settings.store_blocks)
+        self._x = mean.copy()
+        self._since = 0  # blocks folded in since this start
+        self._settled = self._linear
+        self._armed = False  # whether blocks are gated: from the first valid estimate on
+        self._conflict = False
+        self._check_due = False
+        self._due = 0
+        self._rss = 0.0
+        self._last_move = self._last_step = np.inf
+        self._last_since = 1
+        self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
+        self._span_ns = None
+
+    def _spread(self) -> FloatArray:
+        covariance = self._problem.prior_covariance
+        return FLAT_PRIOR**2 * covariance if self._linear else covariance
 
     def adopt(self, result: Mapping[str, Any]) -> None:
         """Start again from a batch result: its mean and covariance become the prior.
 
         Blocks up to the batch's last one are ignored from now on; they are in its result already.
+        With forgetting, what the batch's data said is forgotten like any other data.
 
         Raises
         ------
         EstimatorError if the result is for other states or not a proper estimate.
         """
-        if tuple(result["names"]) != self._problem.names:
+        problem = self._problem
+        if tuple(result["names"]) != problem.names:
             raise EstimatorError("the batch result is for other unknowns than the online estimator")
         if result["status"] != "OK":
             raise EstimatorError(f"the batch ended with {result['status']}; nothing adopted")
         mean, covariance = np.array(result["mean"]), np.array(result["covariance"])
         try:
-            prior = SquareRootInformation.from_prior(mean, covariance)
+            SquareRootInformation.from_prior(mean, covariance)
         except np.linalg.LinAlgError as error:
             raise EstimatorError("the batch covariance is not positive definite") from error
         self.reset()
-        self._retired = self._information = prior
-        self._x = self._pass_x = mean
+        if self._settings.forgetting_time_s is None:
+            self._start(mean, covariance)
+        else:
+            prior = self._store.prior
+            self._store.restart(prior, data_within(prior, mean, covariance))
+            self._x = mean
+        self._store.at = mean
         self._after = int(result["last_block"])
-        self._blocks = self._after - int(result["first_block"]) + 1
+        self._blocks = self._since = self._after - int(result["first_block"]) + 1
         self._settled = True
 
     def push(self, block: Block) -> Estimate:
         """Fold in one block and return the estimate after it.
 
         Background work that is due is finished first, so that the result does not depend on how
-        often `work` was called in between.
+        often `work` was called in between. A block not newer than the newest is ignored.
         """
         while self.work():
             pass
         if block.index > self._after:
-            self._q_rad = block.q_rad[-1]
             self._fold(block)
+        else:
+            self._ignored += 1
         self._due = 0 if self._linear else WORK_PER_BLOCK
-        return self.estimate(int(block.t_ns[-1]))
+        estimate = self.estimate(int(block.t_ns[-1]))
+        self._armed = self._armed or (estimate.valid and not self._linear)
+        return estimate
 
     def work(self) -> bool:
         """Re-linearise at most one stored block; True while more is due before the next block."""
-        if self._due <= 0 or not self._store:
+        if self._due <= 0 or not len(self._store):
             return False
-        if self._pass is None and self._settled and self._drift() < SETTLED:
+        if self._check_due:
+            self._check_prior()
+        elif self._store.in_pass or self._worth_a_pass():
+            self._advance_pass()
+        else:
             self._due = 0
             return False
-        self._advance_pass()
         self._due -= 1
         return self._due > 0
 
     def finish(self, max_passes: int = 30) -> Estimate:
         """Re-linearise everything until it has settled; for the end of a run or a replay."""
-        if not self._linear and self._store:
-            start = self._passes
-            while self._passes - start < max_passes:
-                if self._pass is None and self._settled and self._drift() < SETTLED / 10:
+        if not self._linear and len(self._store):
+            limit = self._store.passes + max_passes
+            while self._store.passes < limit:
+                if self._check_due:
+                    self._check_prior()
+                if self._settled and not self._store.in_pass and self._drift() < SETTLED / 10:
                     break
                 self._advance_pass()
-        t_ns = int(self._store[-1].block.t_ns[-1]) if self._store else 0
-        return self.estimate(t_ns)
+            if self._check_due:
+                self._check_prior()
+        return self.estimate(self._span_ns[1] if self._span_ns else 0)
+
+    def events(self) -> list[EventWords]:
+        """Return what an operator should know since the last call: severity, code, text."""
+        drained = list(self._events)
+        self._events.clear()
+        return drained
+
+    def report(self) -> dict[str, Any]:
+        """Diagnose the current estimate on demand; plain values.
+
+        Raises
+        ------
+        EstimatorError if there is no proper covariance.
+        """
+        try:
+            estimate = self.estimate(self._span_ns[1] if self._span_ns else 0)
+            diagnosis = diagnose(
+                names=self._problem.names,
+                prior_mean=self._start_mean,
+                prior_covariance=self._start_covariance,
+                mean=self._x,
+                covariance=estimate.covariance,
+                bodies=estimate.bodies,
+                duration_s=self._duration_s(),
+            )
+        except np.linalg.LinAlgError as error:
+            raise EstimatorError("the covariance is not positive definite") from error
+        correlation, bound = self._monitor.whiteness()
+        return {
+            "valid": estimate.valid,
+            "reason": estimate.reason,
+            "duration_s": self._duration_s(),
+            "blocks": self._blocks,
+            "innovation_lag1": {"correlation": correlation, "bound": bound},
+            "noise_ratio": float(np.sqrt(self._monitor.level)),
+            **plain(diagnosis, self._problem.names),
+        }
 
     def estimate(self, t_ns: int) -> Estimate:
-        """Return the published view of the current state."""
-        problem = self._problem
+        """Return the published view of the current state; start over if it is not proper."""
         try:
-            covariance = self._information.covariance()
-            condition = self._information.scaled_condition_number()
-        except EstimatorError:
-            self.reset()
-            covariance, condition = problem.prior_covariance, float("inf")
-        reason = self._reason(condition)
-        bodies = {}
-        for name in problem.unknown:
-            bodies[name], distance = body_estimate(problem, name, self._x, covariance)
-            if not reason and distance > chdtri(PARAMETERS, INCONSISTENT):
-                reason = "NOT_CONSISTENT"
-        whole = None
-        if self._q_rad is not None:
-            whole = whole_estimate(problem, self._x, covariance, self._q_rad)
-        k = problem.bodies
-        gained = 0.5 * (
-            np.linalg.slogdet(problem.prior_covariance[k, k])[1]
-            - np.linalg.slogdet(covariance[k, k])[1]
-        )
-        return Estimate(
+            return self._outcome(t_ns)
+        except (EstimatorError, np.linalg.LinAlgError) as error:
+            self._begin_again(f"the estimate was not proper ({error})")
+            return self._outcome(t_ns)
+
+    def _outcome(self, t_ns: int) -> Estimate:
+        monitor = self._monitor
+        information = self._store.tempered(monitor.level)
+        covariance = information.covariance()
+        if self._linear:
+            covariance = covariance * self._residual_variance()
+        condition = information.scaled_condition_number()
+        lag, bound = monitor.whiteness()
+        extra = {
+            "ignored": float(self._ignored),
+            "changes": float(self._changes),
+            "noise_ratio": float(np.sqrt(monitor.level)),
+            "innovation_lag1": lag,
+            "innovation_lag1_bound": bound,
+        }
+        if self._linear:
+            extra["biased"] = 1.0
+        return outcome(
+            self._problem,
+            self._settings.method,
+            self._x,
+            covariance,
+            reason=self._reason(condition),
             t_ns=t_ns,
-            valid=not reason,
-            reason=reason,
-            method=self._settings.method,
-            names=problem.names,
-            mean=self._x.copy(),
-            covariance=covariance,
-            bodies=bodies,
+            q_rad=self._q_rad,
             blocks=self._blocks,
             gated=self._gated,
-            nis=self._nis[0],
-            nis_dof=self._nis[1],
+            nis=monitor.nis,
+            nis_dof=monitor.nis_dof,
             condition_number=condition,
-            information_gained_nats=float(gained),
-            whole=whole,
+            extra=extra,
         )
 
     def _reason(self, condition: float) -> str:
-        if self._blocks < self._settings.settle_blocks:
-            return "TOO_FEW_BLOCKS"
+        if self._since < self._settings.settle_blocks:
+            return "REOPENED" if self._changes else "TOO_FEW_BLOCKS"
         if not self._settled:
             return "NOT_CONVERGED"
+        if self._conflict:
+            return "PRIOR_CONFLICT"
         if condition > self._settings.condition_limit:
             return "INSUFFICIENT_EXCITATION"
         return ""
 
     def _fold(self, block: Block) -> None:
+        self._after = block.index
         at = self._linearisation_point()
-        rows = self._rows(block, at)
-        if not (np.all(np.isfinite(rows.A)) and np.all(np.isfinite(rows.b))):
+        rows = self._usable_rows(block, at)
+        if rows is None:
             self._gated += 1
             return
-        innovation = rows.b - rows.A @ (self._x - at)
-        self._nis = self._innovation(rows.A, innovation)
-        if self._settled and not self._linear and self._blocks >= self._settings.settle_blocks:
-            limit = chdtri(self._nis[1], self._settings.gate_probability)
-            if self._nis[0] > limit:
-                self._gated += 1
-                return
-        stored = _Stored(block, rows.A, rows.b + rows.A @ at)
-        self._blocks += 1
-        self._information = self._information.update(stored.A, stored.c)
-        if self._pass is not None:
-            self._pass = self._pass.update(stored.A, stored.c)
-        if self._linear:
-            self._retired = self._information
+        end_ns = int(block.t_ns[-1])
+        self._age(end_ns)
+        white = self._whitened(rows.A, rows.b - rows.A @ (self._x - at))
+        judgement = self._monitor.judge(white, armed=self._armed)
+        if self._monitor.nis > ABSURD * len(white):
+            self._gated += 1
+            return
+        self._q_rad = block.q_rad[-1]
+        if not judgement.accepted:
+            self._gated += 1
         else:
-            self._store.append(stored)
-            if len(self._store) > self._settings.store_blocks:
-                self._retire()
-        self._solve()
+            self._absorb(block, rows, at, end_ns)
+        if judgement.changed:
+            self._reopen()
 
-    def _retire(self) -> None:
-        oldest = self._store.popleft()
-        self._retired = self._retired.update(oldest.A, oldest.c)
-        if self._pass is not None:
-            if self._visited > 0:
-                self._visited -= 1
-            else:
-                self._pass = self._pass.update(oldest.A, oldest.c)
-                self._pass_total -= 1
+    def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> None:
+        c = rows.b + rows.A @ at
+        before, R = self._x, self._store.information.R
+        self._store.add(block, rows.A, c, keep=not self._linear)
+        self._blocks += 1
+        self._since += 1
+        self._span_ns = (self._span_ns[0] if self._span_ns else int(block.t_ns[0]), end_ns)
+        self._solve()
+        residual, step = c - rows.A @ self._x, R @ (self._x - before)
+        self._rss += float(residual @ residual + step @ step)
+
+    def _age(self, end_ns: int) -> None:
+        time_s = self._settings.forgetting_time_s
+        if time_s is not None and self._span_ns is not None:
+            elapsed_s = max(0, end_ns - self._span_ns[1]) * 1e-9
+            self._store.age(float(np.exp(-0.5 * elapsed_s / time_s)))
+
+    def _usable_rows(self, block: Block, at: FloatArray) -> Rows | None:
+        """Return the rows, or None where they are not finite or the base has no inertia there."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            try:
+                rows = self._rows(block, at)
+            except ValueError:  # LinAlgError, or scipy's check of what it is given
+                return None
+        if not (np.all(np.isfinite(rows.A)) and np.all(np.isfinite(rows.b))):
+            return None
+        return rows
 
     def _solve(self) -> None:
         try:
-            self._x = self._information.mean()
-        except EstimatorError:
-            self.reset()
+            self._x = self._store.information.mean()
+        except EstimatorError as error:
+            self._begin_again(str(error))
 
-    def _begin_pass(self) -> SquareRootInformation:
-        self._pass = self._retired
-        self._pass_x = self._linearisation_point()
-        self._visited = 0
-        self._pass_total = len(self._store)
-        return self._pass
+    def _begin_again(self, why: str) -> None:
+        self._start(self._problem.prior_mean, self._spread())
+        self._monitor.restart()
+        self._events.append(("high", "ESTIMATOR_RESET", why))
+
+    def _reopen(self) -> None:
+        mean, blocks = self._linearisation_point(), self._since
+        self._changes += 1
+        self._start(mean, self._spread())
+        self._monitor.restart()
+        text = f"the innovations no longer fit the {blocks} blocks before; estimate re-opened"
+        self._events.append(("medium", "CHANGE_DETECTED", text))
+
+    def _worth_a_pass(self) -> bool:
+        """Tell whether re-linearising now is expected to move the estimate.
+
+        The last pass's effect, scaled linearly or quadratically with how far the point would move.
+        """
+        if not self._settled or not np.isfinite(self._last_move):
+            return True
+        drift = self._drift()
+        ratio = drift / max(self._last_move, 1e-9) * self._since / self._last_since
+        return drift > FAR or self._last_step * ratio * max(1.0, ratio) > WORTH
 
     def _advance_pass(self) -> None:
-        """Re-linearise the next stored block; blocks come since are in the pass already."""
-        information = self._begin_pass() if self._pass is None else self._pass
-        stored = self._store[self._visited]
-        rows = self._rows(stored.block, self._pass_x)
-        if np.all(np.isfinite(rows.A)) and np.all(np.isfinite(rows.b)):
-            stored.A, stored.c = rows.A, rows.b + rows.A @ self._pass_x
-        self._pass = information.update(stored.A, stored.c)
-        self._visited += 1
-        if self._visited >= self._pass_total:
-            self._information, self._pass = self._pass, None
-            self._passes += 1
-            self._solve()
-            self._settled = self._drift() < SETTLED
+        store = self._store
+        if not store.in_pass:
+            point, previous = self._linearisation_point(), store.at
+            if self._pull < 1:
+                point = previous + self._pull * (point - previous)
+            self._last_move = _rms(store.information.R @ (point - previous))
+            self._last_since = self._since
+            store.begin(point)
+        x, R = self._x, store.information.R
+        if not store.advance(self._usable_rows):
+            return
+        self._solve()
+        if store is not self._store:  # started over
+            return
+        step = max(_rms(R @ (self._x - x)), _rms(store.information.R @ (self._x - x)))
+        self._pull = max(self._pull / 2, 1 / 16) if store.failed else min(1.0, self._pull * 2)
+        self._last_step = step
+        self._settled = step < SETTLED and store.failed == 0
+        self._check_due = self._settled
+        self._learn_level()
+
+    def _learn_level(self) -> None:
+        known = self._monitor.level
+        levels, dof = self._store.residual_levels(self._x, LEVEL_BLOCKS)
+        self._monitor.learn_level(levels, dof, len(self._x) if self._since <= LEVEL_BLOCKS else 0)
+        if self._settled and self._monitor.level > 1.0 and known == 1.0:
+            ratio = np.sqrt(self._monitor.level)
+            text = (
+                f"residuals are {ratio:.2f} times the declared noise; sigmas follow the residuals"
+            )
+            self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
+
+    def _check_prior(self) -> None:
+        """Widen a prior that the data contradict, and have the estimate settle anew."""
+        self._check_due = False
+        covariance = self._store.tempered(self._monitor.level).covariance()
+        distance, dof = prior_conflict(
+            self._start_mean, self._start_covariance, self._x, covariance
+        )
+        self._conflict = distance > conflict_limit(dof)
+        if not self._conflict:
+            return
+        factor = distance / dof
+        self._start_covariance = factor * self._start_covariance
+        self._store.replace_prior(
+            SquareRootInformation.from_prior(self._start_mean, self._start_covariance)
+        )
+        self._solve()
+        self._settled = False
+        text = (
+            f"the data lie {np.sqrt(factor):.1f} sigma (rms) from the prior; "
+            f"its sigmas are widened by that factor"
+        )
+        self._events.append(("medium", "PRIOR_CONFLICT", text))
 
     def _drift(self) -> float:
         """Whitened rms distance of the estimate from the point of the last pass."""
-        step = self._information.R @ (self._x - self._pass_x)
-        return float(np.sqrt(step @ step / len(step)))
+        return _rms(self._store.information.R @ (self._x - self._store.at))
 
     def _linearisation_point(self) -> FloatArray:
         """Return the estimate with every body moved to the nearest physically consistent one."""
@@ -279,21 +410,36 @@ class OnlineEstimator:
             if not is_consistent(x[k]):
                 if x is self._x:
                     x = self._x.copy()
-                covariance = self._information.covariance()[k, k]
+                covariance = self._store.information.covariance()[k, k]
                 x[k] = nearest_consistent(x[k], covariance)
         return x
 
-    def _innovation(self, A: FloatArray, innovation: FloatArray) -> tuple[float, int]:
-        """Return the normalised innovation squared and its degrees of freedom."""
-        AS = A @ self._information.covariance_root()
-        S = np.eye(len(innovation)) + AS @ AS.T
-        return float(innovation @ np.linalg.solve(S, innovation)), len(innovation)
+    def _whitened(self, A: FloatArray, innovation: FloatArray) -> FloatArray:
+        """Return the innovation whitened by its own covariance."""
+        AS = A @ self._store.information.covariance_root()
+        L = np.linalg.cholesky(np.eye(len(innovation)) + AS @ AS.T)
+        white: FloatArray = np.linalg.solve(L, innovation)
+        return white
+
+    def _residual_variance(self) -> float:
+        """Return the residual variance of the linear regression, at least its degrees allow."""
+        spare = self._store.rows - len(self._x)
+        return self._rss / spare if spare > 0 else 1.0
+
+    def _duration_s(self) -> float:
+        return (self._span_ns[1] - self._span_ns[0]) * 1e-9 if self._span_ns else 0.0
 
 
-def build_online(config: Config, model: RobotModel | None = None) -> OnlineEstimator:
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(values @ values / len(values)))
+
+
+def build_online(
+    config: Config, model: RobotModel | None = None
+) -> OnlineEstimator | BiasCompensatedEstimator:
     """Build the recursive estimator of a configuration.
 
-    The linear weightings are the paper's regression, which has no prior: theirs is made flat.
+    The weightings ols and wls are the paper's regression, which has no prior: theirs is made flat.
 
     Raises
     ------
@@ -303,13 +449,16 @@ def build_online(config: Config, model: RobotModel | None = None) -> OnlineEstim
         model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem = build_problem(config, model)
     settings = config.estimator
-    if settings.method == "fused":
-        return OnlineEstimator(
-            problem, settings, partial(fused_rows, problem=problem), linear=False
-        )
-    linear = settings.weighting != "eiv"
-    if linear:
-        flat = FLAT_PRIOR**2 * problem.prior_covariance
-        problem = replace(problem, prior_covariance=flat)
+    rows: RowsFunction
+    if settings.method != "mrnea":
+        if settings.method == "rda":
+            rows = partial(fused_rows, problem=problem, channels=("torque",), rate="measured")
+        elif settings.method == "cm":
+            rows = partial(fused_rows, problem=problem, channels=("gyro",))
+        else:
+            rows = partial(fused_rows, problem=problem)
+        return OnlineEstimator(problem, settings, rows, linear=False)
+    if settings.weighting == "bc":
+        return BiasCompensatedEstimator(problem, settings)
     rows = partial(mrnea_rows, problem=problem, weighting=settings.weighting)
-    return OnlineEstimator(problem, settings, rows, linear=linear)
+    return OnlineEstimator(problem, settings, rows, linear=settings.weighting != "eiv")

@@ -1,0 +1,300 @@
+"""MRNEA compensated for its bias: the linear regression less what noise adds to its normal matrix.
+
+Noisy accelerations stand in the regressor, which is affine in them: Y(a) = Y(0) + sum_k a_k Y_k
+with Y_k = Y(q, 0, e_k). So the expected normal matrix F = sum Y^T W Y is too large by
+
+    C = sum_kl (Sigma_a)_kl Y_k^T W Y_l
+
+and (F - C)_uu x = g_u - (F - C)_uk pi_k is free of the bias, C taken over all columns and all noisy
+accelerations of all nodes. Only the sums are kept. With D_f = dY/dz_f for unit-variance errors z_f,
+C = sum_f D_f^T W D_f, and D_f contracted with the known parameters is all that is needed of them.
+Source: Fuller, Measurement Error Models (1987), sec. 3.1.
+
+What is left of the bias is as uncertain as the declared noise: its share is judged from the
+residuals' variance, and the published covariance contains it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from fsw.config import EstimatorConfig
+from fsw.errors import EstimatorError
+from fsw.estimators.diagnosis import diagnose, plain
+from fsw.estimators.inertia import skew
+from fsw.estimators.mrnea import base_acceleration, covariance_root
+from fsw.estimators.outcome import outcome
+from fsw.estimators.problem import Problem, present
+from fsw.messages import Block, Estimate, FloatArray
+
+FLAT_PRIOR = 1e4  # factor on the bodies' prior sigma: the regression has no prior
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompensatedSums:
+    """Sums over blocks; index -1 stands for the known side, sums act on [x, -1]."""
+
+    F: FloatArray  # (p + 1, p + 1) of [X, y]^T W [X, y], y the measured less the known bodies' part
+    C: FloatArray  # (p + 1, p + 1) what noise adds to F on average
+    T: FloatArray  # (p, p) covariance of the noise's product with the residual, beyond F
+    rows: int
+
+    def __add__(self, other: CompensatedSums) -> CompensatedSums:
+        """Return the sums of both."""
+        return CompensatedSums(
+            self.F + other.F, self.C + other.C, self.T + other.T, self.rows + other.rows
+        )
+
+
+def no_sums(p: int) -> CompensatedSums:
+    """Return the sums over no block."""
+    return CompensatedSums(np.zeros((p + 1, p + 1)), np.zeros((p + 1, p + 1)), np.zeros((p, p)), 0)
+
+
+def acceleration_root(block: Block, problem: Problem) -> FloatArray:
+    """Return K (m, 6+n, f): errors of [a_b, wd, qdd] at the nodes per unit-variance error.
+
+    Accelerometer and gyro derivative per axis, a_b = f - wd x r; joint accelerations.
+    """
+    m, n = block.q_rad.shape
+    acc = covariance_root(block.cov_acc)
+    gyro = covariance_root(block.cov_gyro[m:, m:])
+    joints = [covariance_root(block.cov_joint[j][m:, m:]) for j in range(n)]
+    widths = [acc.shape[1]] * 3 + [gyro.shape[1]] * 3 + [root.shape[1] for root in joints]
+    K = np.zeros((m, 6 + n, sum(widths)))
+    start = np.concatenate([[0], np.cumsum(widths)])
+    lever = skew(problem.p_BS_m)
+    for axis in range(3):
+        K[:, axis, start[axis] : start[axis + 1]] = acc
+        columns = slice(start[3 + axis], start[4 + axis])
+        K[:, 3 + axis, columns] = gyro
+        K[:, :3, columns] += lever[:, axis, None] * gyro[:, None, :]
+    for j, root in enumerate(joints):
+        K[:, 6 + j, start[6 + j] : start[7 + j]] = root
+    return K
+
+
+def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums:
+    """Return the sums of one block.
+
+    Weights W are the inverse covariance of the rows at the prior's parameters; the columns of the
+    sensors' biases, bilinear with the bodies, are taken at the state x.
+    """
+    model, n, m = problem.model, problem.model.n, len(block.t_ns)
+    p, k = len(x), problem.bodies
+    at_prior = np.append(problem.prior_mean[k], 1.0)
+    at_x = np.append(x[k], 1.0)
+    columns = np.column_stack([problem.U, problem.pi_known])  # of [unknown bodies, known part]
+    w, a_base = base_acceleration(block, problem.prior_mean, problem)
+    acceleration = np.concatenate([a_base, block.qdd_rad_s2], axis=1)
+    Y = np.empty((m, 6 + n, columns.shape[1]))
+    Y_k = np.empty((m, 6 + n, 6 + n, columns.shape[1]))  # by node, acceleration, row, column
+    unit = np.eye(6 + n)
+    for i in range(m):
+        q = block.q_rad[i]
+        Y[i] = model.regressor(q, w[i], block.qd_rad_s[i], acceleration[i]) @ columns
+        for a in range(6 + n):
+            Y_k[i, a] = model.momentum_regressor(q, unit[a]) @ columns
+    K = acceleration_root(block, problem)
+    D = np.einsum("iaf,iarc->irfc", K, Y_k)  # (m, 6+n, f, c)
+    size, f = m * (6 + n), K.shape[2]
+    G = (D @ at_prior).reshape(size, f)
+    S = G @ G.T + _output_covariance(block, problem)
+    L = np.linalg.cholesky(S)
+    X = np.zeros((m, 6 + n, p + 1))
+    X[:, :, k] = Y[:, :, :-1]
+    X[:, :, p] = -Y[:, :, -1]
+    X[:, 6:, p] += block.tau_nm
+    if present(problem.torque_offset):
+        X[:, 6:, problem.torque_offset] = np.eye(n)
+    if present(problem.acc_bias):
+        H_acc = Y_k[:, :3].transpose(0, 2, 1, 3) @ at_x  # (m, 6+n, 3)
+        X[:, :, problem.acc_bias] = -H_acc
+    white = solve_triangular(L, X.reshape(size, p + 1), lower=True)
+    body = [*range(k.stop), p]
+    D[..., -1] *= -1.0  # the known part stands on the measured side
+    noise = solve_triangular(L, D.reshape(size, -1), lower=True).reshape(size * f, -1)
+    C = np.zeros((p + 1, p + 1))
+    C[np.ix_(body, body)] = noise.T @ noise
+    # sum over pairs (f, g) of D_f^T W G_g (D_g^T W G_f)^T, the second Isserlis term
+    white_G = solve_triangular(L, G, lower=True)
+    E = np.einsum("rfc,rg->fgc", noise.reshape(size, f, -1), white_G)[:, :, : k.stop]
+    T = np.zeros((p, p))
+    T[k, k] = np.einsum("fgc,gfd->cd", E, E)
+    return CompensatedSums(white.T @ white, C, 0.5 * (T + T.T), size)
+
+
+def _output_covariance(block: Block, problem: Problem) -> FloatArray:
+    m, n = block.q_rad.shape
+    S = np.zeros((m, 6 + n, m, 6 + n))
+    i = np.arange(m)
+    for row in range(6):
+        S[i, row, i, row] = problem.wrench_sigma[row] ** 2
+    for j in range(n):
+        S[:, 6 + j, :, 6 + j] = block.cov_tau[j]
+    return S.reshape(m * (6 + n), m * (6 + n))
+
+
+def compensated_solution(
+    sums: CompensatedSums, prior_mean: FloatArray, prior_precision: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return state, covariance and the bias taken off (p,).
+
+    Covariance: the sandwich M^-1 (F - C + C + T) M^-1 of the compensated equations, plus the bias
+    taken off times the relative uncertainty of the noise's variance.
+
+    Raises
+    ------
+    EstimatorError while noise explains the data's excitation: M is not positive definite.
+    """
+    p = len(prior_mean)
+    M = sums.F[:p, :p] - sums.C[:p, :p] + prior_precision
+    try:
+        root = np.linalg.cholesky(M)
+    except np.linalg.LinAlgError as error:
+        raise EstimatorError("noise explains the excitation so far") from error
+    g = sums.F[:p, p] - sums.C[:p, p] + prior_precision @ prior_mean
+
+    def solve(b: FloatArray) -> FloatArray:
+        y: FloatArray = solve_triangular(root, b, lower=True)
+        z: FloatArray = solve_triangular(root, y, lower=True, trans=1)
+        return z
+
+    x = solve(g)
+    score = sums.F[:p, :p] + prior_precision + sums.T
+    covariance = solve(solve(score).T)
+    extended = np.append(x, -1.0)
+    # residuals hold the noise of Y at these parameters too, which the weights count already
+    squares = float(extended @ sums.F @ extended)
+    variance = squares / max(1, sums.rows - p)
+    doubt = abs(variance - 1.0) + np.sqrt(2.0 / max(1, sums.rows))
+    bias = solve(sums.C[:p] @ extended)
+    covariance = max(1.0, variance) * covariance + doubt**2 * np.outer(bias, bias)
+    return x, 0.5 * (covariance + covariance.T), bias
+
+
+class BiasCompensatedEstimator:
+    """Recursive bias-compensated MRNEA: constant memory and work, no iteration, no change gate."""
+
+    def __init__(self, problem: Problem, settings: EstimatorConfig) -> None:
+        self._problem = problem
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all blocks; return to the prior."""
+        problem = self._problem
+        p, k = len(problem.prior_mean), problem.bodies
+        scale = np.ones(p)
+        scale[k] = FLAT_PRIOR
+        covariance = problem.prior_covariance * np.outer(scale, scale)
+        self._precision = np.linalg.solve(covariance, np.eye(p))
+        self._flat = covariance
+        self._sums = no_sums(p)
+        self._x, self._covariance = problem.prior_mean.copy(), problem.prior_covariance
+        self._bias = np.zeros(p)
+        self._solved = False
+        self._blocks = self._gated = self._ignored = 0
+        self._after = -1
+        self._span_ns: tuple[int, int] | None = None
+        self._q_rad: FloatArray | None = None
+
+    def adopt(self, _result: Mapping[str, Any]) -> None:
+        """Refuse: the compensated regression has no prior to put a result into.
+
+        Raises
+        ------
+        EstimatorError always.
+        """
+        raise EstimatorError("the bias-compensated regression adopts no batch result")
+
+    def push(self, block: Block) -> Estimate:
+        """Fold in one block and return the estimate after it."""
+        if block.index <= self._after:
+            self._ignored += 1
+        else:
+            self._after = block.index
+            self._fold(block)
+        return self.estimate(int(block.t_ns[-1]))
+
+    def work(self) -> bool:
+        """Return False: there is no background work."""
+        return False
+
+    def finish(self) -> Estimate:
+        """Return the estimate; there is nothing to settle."""
+        return self.estimate(self._span_ns[1] if self._span_ns else 0)
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return no events: nothing is decided here."""
+        return []
+
+    def report(self) -> dict[str, Any]:
+        """Diagnose the current estimate on demand; plain values."""
+        estimate = self.finish()
+        span = self._span_ns or (0, 0)
+        diagnosis = diagnose(
+            names=self._problem.names,
+            prior_mean=self._problem.prior_mean,
+            prior_covariance=self._flat,
+            mean=self._x,
+            covariance=estimate.covariance,
+            bodies=estimate.bodies,
+            duration_s=(span[1] - span[0]) * 1e-9,
+        )
+        words = {"valid": estimate.valid, "reason": estimate.reason, "blocks": self._blocks}
+        return words | plain(diagnosis, self._problem.names)
+
+    def estimate(self, t_ns: int) -> Estimate:
+        """Return the published view; its sigma contains what may be left of the bias."""
+        scale = np.sqrt(np.diag(self._covariance))
+        condition = float(np.sqrt(np.linalg.cond(self._covariance / np.outer(scale, scale))))
+        reason = ""
+        if self._blocks < self._settings.settle_blocks:
+            reason = "TOO_FEW_BLOCKS"
+        elif not self._solved or condition > self._settings.condition_limit:
+            reason = "INSUFFICIENT_EXCITATION"
+        removed = float(np.sqrt(np.mean((self._bias / scale) ** 2)))
+        return outcome(
+            self._problem,
+            self._settings.method,
+            self._x,
+            self._covariance,
+            reason=reason,
+            t_ns=t_ns,
+            q_rad=self._q_rad,
+            blocks=self._blocks,
+            gated=self._gated,
+            nis=0.0,
+            nis_dof=0,
+            condition_number=condition,
+            extra={"biased": 1.0, "bias_removed_sigma": removed, "ignored": float(self._ignored)},
+        )
+
+    def _fold(self, block: Block) -> None:
+        sums = None
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            try:
+                sums = block_sums(block, self._x, self._problem)
+            except ValueError:  # LinAlgError, or scipy's check of what it is given
+                sums = None
+        if sums is None or not np.all(np.isfinite(sums.F)) or not np.all(np.isfinite(sums.T)):
+            self._gated += 1
+            return
+        self._sums = self._sums + sums
+        self._blocks += 1
+        self._q_rad = block.q_rad[-1]
+        first = self._span_ns[0] if self._span_ns else int(block.t_ns[0])
+        self._span_ns = (first, int(block.t_ns[-1]))
+        try:
+            self._x, self._covariance, self._bias = compensated_solution(
+                self._sums, self._problem.prior_mean, self._precision
+            )
+            self._solved = True
+        except EstimatorError:
+            self._solved = False

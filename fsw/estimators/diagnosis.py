@@ -1,0 +1,220 @@
+"""How good an estimate is, in numbers and words: pure functions of prior, covariance and duration.
+
+With P0 the prior's covariance, P the estimate's and F = P^-1 - P0^-1 what the data add, the
+generalised eigenvectors of F against P0^-1 are the combinations of unknowns that data know apart
+from each other; the eigenvalue (gain) is the data's information over the prior's.
+
+Efficiency is the Cramer-Rao bound over the covariance claimed. For a recursion that maximises the
+likelihood of its own channels the two coincide by construction (its factor is the root of the
+Fisher information at its estimate); against the bound of all channels it says what a method wastes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from fsw.messages import BodyEstimate, FloatArray
+
+DATA_GAIN = 1.0  # above: the data know the combination better than the prior did
+CONFLICT_GAIN = 0.1  # combinations with less data cannot contradict the prior
+CONFLICT_PROBABILITY = 1e-4
+TERMS = 3  # unknowns named per combination
+GOAL_RATIO = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Combination:
+    """One generalised eigenvector: unknowns in units of their prior sigma, unit length."""
+
+    gain: float
+    source: str  # "data" or "prior"
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Diagnosis:
+    """What is known, how well, and from where."""
+
+    correlation: FloatArray  # (p, p)
+    crb_sigma: FloatArray  # (p,) root of the bound's diagonal, prior included
+    efficiency_trace: float  # tr(CRB P0^-1) / tr(P P0^-1); at most 1 for an honest covariance
+    efficiency_volume: float  # (det CRB / det P)^(1/p)
+    combinations: tuple[Combination, ...]  # weakest first
+    known: int  # combinations known by data
+    conflict: float  # squared whitened distance of data from prior
+    conflict_limit: float  # its 99.99 % point
+    verdicts: dict[str, str]  # per body
+
+
+def gains(prior_covariance: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return data-over-prior gains, ascending, and the whitening W (p, p) of their combinations.
+
+    W (x - mean) has unit covariance under the prior and 1 / (1 + gain) under the estimate.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the prior covariance is not positive definite.
+    """
+    L = np.linalg.cholesky(prior_covariance)
+    half = np.linalg.solve(L, covariance)
+    values, vectors = np.linalg.eigh(np.linalg.solve(L, half.T))
+    shrink = np.clip(values[::-1], 1e-300, 1.0)
+    W = np.linalg.solve(L.T, vectors[:, ::-1]).T
+    return 1.0 / shrink - 1.0, W
+
+
+def prior_conflict(
+    prior_mean: FloatArray, prior_covariance: FloatArray, mean: FloatArray, covariance: FloatArray
+) -> tuple[float, int]:
+    """Return the squared whitened distance of the data's estimate from the prior, and its dof.
+
+    Of the combinations that data bear on; d^T (F^-1 + P0)^-1 d, written with the estimate's own
+    step from the prior, whose covariance is P0 - P when the two agree.
+    """
+    gain, W = gains(prior_covariance, covariance)
+    step = W @ (mean - prior_mean)
+    use = gain > CONFLICT_GAIN
+    return float(np.sum(step[use] ** 2 * (1.0 + 1.0 / gain[use]))), int(use.sum())
+
+
+def conflict_limit(dof: int) -> float:
+    """Return the distance that a correct prior exceeds once in ten thousand."""
+    return float(chdtri(dof, CONFLICT_PROBABILITY)) if dof else 0.0
+
+
+def correlation_of(covariance: FloatArray) -> FloatArray:
+    """Return the correlation matrix."""
+    sigma = np.sqrt(np.diag(covariance))
+    R: FloatArray = covariance / np.outer(sigma, sigma)
+    return R
+
+
+def diagnose(
+    *,
+    names: Sequence[str],
+    prior_mean: FloatArray,
+    prior_covariance: FloatArray,
+    mean: FloatArray,
+    covariance: FloatArray,
+    bodies: dict[str, BodyEstimate],
+    duration_s: float,
+    fisher: FloatArray | None = None,
+    goal_ratio: float = GOAL_RATIO,
+) -> Diagnosis:
+    """Diagnose one estimate.
+
+    Parameters
+    ----------
+    duration_s : of the data since the prior
+    fisher : (p, p) Fisher information of all the data at the estimate, without prior; None: the
+        estimate's own, for which the efficiency is one
+    goal_ratio : relative 1-sigma of the mass that the verdict asks for
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if a covariance is not positive definite.
+    """
+    p = len(names)
+    gain, W = gains(prior_covariance, covariance)
+    bound = covariance
+    if fisher is not None:
+        precision = fisher + np.linalg.solve(prior_covariance, np.eye(p))
+        bound = np.linalg.solve(precision, np.eye(p))
+    prior_L = np.linalg.cholesky(prior_covariance)
+    traces = [
+        np.sum(np.linalg.solve(prior_L, np.linalg.cholesky(P)) ** 2) for P in (bound, covariance)
+    ]
+    volumes = [np.linalg.slogdet(P)[1] for P in (bound, covariance)]
+    distance, dof = prior_conflict(prior_mean, prior_covariance, mean, covariance)
+    # row k of W acts on x; in prior sigmas its weights are W P0 diag(1/sigma), as loadings
+    loadings = W @ prior_covariance / np.sqrt(np.diag(prior_covariance))
+    return Diagnosis(
+        correlation=correlation_of(covariance),
+        crb_sigma=np.sqrt(np.diag(bound)),
+        efficiency_trace=float(traces[0] / traces[1]),
+        efficiency_volume=float(np.exp((volumes[0] - volumes[1]) / p)),
+        combinations=tuple(
+            Combination(
+                gain=float(g),
+                source="data" if g > DATA_GAIN else "prior",
+                text=_combination(names, row),
+            )
+            for g, row in zip(gain, loadings, strict=True)
+        ),
+        known=int(np.sum(gain > DATA_GAIN)),
+        conflict=distance,
+        conflict_limit=conflict_limit(dof),
+        verdicts={
+            name: verdict(
+                name,
+                body.mass_kg,
+                float(np.sqrt(covariance[k, k])),
+                float(np.sqrt(prior_covariance[k, k])),
+                duration_s,
+                goal_ratio,
+            )
+            for name, body in bodies.items()
+            for k in [list(names).index(f"{name}.m")]
+        },
+    )
+
+
+def verdict(
+    body: str,
+    mass_kg: float,
+    sigma_kg: float,
+    prior_sigma_kg: float,
+    duration_s: float,
+    goal_ratio: float = GOAL_RATIO,
+) -> str:
+    """Say in a sentence how well a body's mass is known and how much longer a goal needs.
+
+    The data's information is taken to go on growing at its mean rate so far.
+    """
+    ratio = sigma_kg / abs(mass_kg) if mass_kg else float("inf")
+    rate = (sigma_kg**-2 - prior_sigma_kg**-2) / duration_s if duration_s > 0 else 0.0
+    goal_kg = goal_ratio * abs(mass_kg)
+    if rate * duration_s <= DATA_GAIN * prior_sigma_kg**-2:
+        known = f"+-{100 * ratio:.3g} % (1 sigma)"
+        return f"{body} mass not identified: the data add little to the prior, {known}"
+    text = f"{body} mass identified to +-{100 * ratio:.3g} % (1 sigma)"
+    if ratio <= goal_ratio:
+        return f"{text}, within {100 * goal_ratio:g} %"
+    needed_s = (goal_kg**-2 - sigma_kg**-2) / rate
+    return f"{text}, needs {needed_s:.0f} s more of such motion for {100 * goal_ratio:g} %"
+
+
+def plain(diagnosis: Diagnosis, names: Sequence[str], strongest: int = 5) -> dict[str, Any]:
+    """Return a diagnosis as plain JSON values."""
+    rows, columns = np.triu_indices(len(names), 1)
+    values = diagnosis.correlation[rows, columns]
+    order = np.argsort(-np.abs(values))[:strongest]
+    return {
+        "verdict": diagnosis.verdicts,
+        "names": list(names),
+        "correlation": diagnosis.correlation.tolist(),
+        "strongest_correlations": [
+            {"between": [names[rows[i]], names[columns[i]]], "correlation": float(values[i])}
+            for i in order
+        ],
+        "crb_sigma": diagnosis.crb_sigma.tolist(),
+        "efficiency_trace": diagnosis.efficiency_trace,
+        "efficiency_volume": diagnosis.efficiency_volume,
+        "known_combinations": diagnosis.known,
+        "combinations": [
+            {"gain": c.gain, "known_by": c.source, "combination": c.text}
+            for c in diagnosis.combinations
+        ],
+        "prior_conflict": {"distance": diagnosis.conflict, "limit": diagnosis.conflict_limit},
+    }
+
+
+def _combination(names: Sequence[str], row: FloatArray) -> str:
+    order = np.argsort(-np.abs(row))[:TERMS]
+    sign = np.sign(row[order[0]]) or 1.0
+    return " ".join(f"{sign * row[i]:+.2f} {names[i]}" for i in order)
