@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fsw.errors import ConfigError, FswError
+from fsw.excite_arguments import add_arguments as excite_arguments
 
 if TYPE_CHECKING:
     from fsw.config import Config
@@ -65,6 +66,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=_identify)
+
+    excite = commands.add_parser("excite", help="plan or judge a motion that identifies well")
+    excite_arguments(excite)
+    excite.set_defaults(command=_excite)
 
     ctl = commands.add_parser("ctl", help="command a running daemon over its local socket")
     ctl.add_argument("config", type=Path, metavar="CONFIG", help="of the running daemon")
@@ -137,6 +142,13 @@ def _identify(arguments: argparse.Namespace) -> int:
     )
     print(json.dumps(result) if arguments.json else to_text(result))
     return 0 if result["status"] == "OK" else FAILED_EXIT
+
+
+def _excite(arguments: argparse.Namespace) -> int:
+    from fsw.config import load
+    from fsw.excite import excite
+
+    return excite(arguments, _checked(load(arguments.config)))
 
 
 def _ctl(arguments: argparse.Namespace) -> int:

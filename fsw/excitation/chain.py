@@ -84,9 +84,7 @@ def spatial_inertia(pi: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
     h + m p.
     """
     m, h = pi[0], R @ pi[1:4]
-    own = ca.blockcat(
-        [[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]]
-    )
+    own = ca.blockcat([[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]])
     P, Hx = ca.skew(p), ca.skew(h)
     moment = R @ own @ R.T - P @ Hx - Hx @ P - m * (P @ P)
     first = ca.skew(h + m * p)

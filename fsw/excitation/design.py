@@ -76,21 +76,25 @@ class Criterion:
     ) -> None:
         self.subject, self.grid, self.name, self.gamma = subject, grid, name, gamma
         self.members = [subject.x, *members]
-        self.evaluations = 0
+        self._last: tuple[bytes, list[tuple[criteria.Value, FloatArray, FloatArray]]] = (b"", [])
 
     def value(self, z: FloatArray) -> float:
         """Return what is minimised (mostly a logarithm of the criterion)."""
-        self.evaluations += 1
-        return float(np.mean([self._forward(z, x)[0].value for x in self.members]))
+        return float(np.mean([found.value for found, _, _ in self._all(z)]))
 
     def gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Return value and gradient (v,)."""
-        total, gradient = 0.0, np.zeros(z.size)
-        for x in self.members:
-            found, *outputs = self._forward(z, x)
-            total += found.value
+        gradient = np.zeros(z.size)
+        for x, (found, *outputs) in zip(self.members, self._all(z), strict=True):
             gradient += self._reverse(z, x, found, outputs)
-        return total / len(self.members), gradient / len(self.members)
+        return self.value(z), gradient / len(self.members)
+
+    def _all(self, z: FloatArray) -> list[tuple[criteria.Value, FloatArray, FloatArray]]:
+        """Return every member's forward sweep; the last one is kept for its gradient."""
+        key = z.tobytes()
+        if self._last[0] != key:
+            self._last = (key, [self._forward(z, x) for x in self.members])
+        return self._last[1]
 
     def _columns(self, z: FloatArray, x: FloatArray) -> list[FloatArray]:
         return [*self.grid.motion(z), np.tile(x[:, None], (1, self.grid.count))]
@@ -110,7 +114,11 @@ class Criterion:
         X = X.reshape(len(X), grid.count, kernel.states)
         flat = X.reshape(-1, kernel.states)
         stacked = np.vstack([self.subject.prior_root, grid.step_s**0.5 * flat])
-        return criteria.fused(self.name, np.linalg.qr(stacked, mode="r"), self.subject.scale), X, np.empty(0)
+        return (
+            criteria.fused(self.name, np.linalg.qr(stacked, mode="r"), self.subject.scale),
+            X,
+            np.empty(0),
+        )
 
     def _reverse(
         self, z: FloatArray, x: FloatArray, found: criteria.Value, outputs: list[FloatArray]
@@ -233,17 +241,13 @@ class LimitRows:
             lower = np.full(len(tool), -np.inf if low is None else low)
             upper = np.full(len(tool), np.inf if high is None else high)
             by_z = None if J is None else J[:, axis]
-            found.append(
-_metres(f"tool_box_{'xyz'[axis]}", tool[:, axis], by_z, lower, upper)
-            )
+            found.append(_metres(f"tool_box_{'xyz'[axis]}", tool[:, axis], by_z, lower, upper))
         least = self.limits.tool_distance_m
         if least > 0:
             distance = np.linalg.norm(tool, axis=1)
             by_z = None if J is None else np.einsum("ki,kiv->kv", tool / distance[:, None], J)
             ones = np.ones(len(tool))
-            found.append(
-_metres("tool_distance", distance, by_z, least * ones, np.inf * ones)
-            )
+            found.append(_metres("tool_distance", distance, by_z, least * ones, np.inf * ones))
         return found
 
     def _collision_rows(
@@ -259,14 +263,12 @@ _metres("tool_distance", distance, by_z, least * ones, np.inf * ones)
                 W = self.grid.weights[0]
                 by_z = np.einsum("mj,mr->mrj", by_q[:, k], W).reshape(len(q), -1)
             found.append(
-_metres(f"clearance {name}", distance[:, k], by_z, clearance * ones, np.inf * ones)
+                _metres(f"clearance {name}", distance[:, k], by_z, clearance * ones, np.inf * ones)
             )
         return found
 
 
-def _both(
-    kind: str, unit: str, size: float, share: FloatArray, by_z: FloatArray | None
-) -> Rows:
+def _both(kind: str, unit: str, size: float, share: FloatArray, by_z: FloatArray | None) -> Rows:
     ones = np.ones(len(share))
     return Rows(
         kind=kind, unit=unit, size=size, power=1, value=share, lower=-ones, upper=ones, by_z=by_z
@@ -289,9 +291,7 @@ def _squared(
     )
 
 
-def _square(
-    kind: str, unit: str, vectors: FloatArray, J: FloatArray | None, bound: float
-) -> Rows:
+def _square(kind: str, unit: str, vectors: FloatArray, J: FloatArray | None, bound: float) -> Rows:
     share = vectors / bound
     by_z = None if J is None else 2 / bound * np.einsum("ki,kiv->kv", share, J)
     return _squared(kind, unit, bound, np.sum(share**2, axis=1), by_z)

@@ -104,6 +104,7 @@ class _Problem:
         self._progress = progress
         self.gradients = 0
         self._worst = ("", 0.0)
+        self._last: tuple[bytes, FloatArray] = (b"", np.empty(0))
         rows = limits.rows(start, members, derivatives=True)
         self.lower, self.upper = _bounds(rows, margins)
         mask = np.vstack([self._pattern(row) for row in rows])
@@ -135,13 +136,16 @@ class _Problem:
         return np.repeat(support, n, axis=1)
 
     def _values(self, z: FloatArray) -> list[object]:
-        rows = self._limits.rows(z, self._members)
-        g = np.concatenate([row.value for row in rows])
-        excess = np.maximum(g - self.upper, self.lower - g)
-        k = int(excess.argmax())
-        sizes = np.cumsum([len(row.value) for row in rows])
-        self._worst = (rows[int(np.searchsorted(sizes, k, side="right"))].kind, float(excess[k]))
-        return [self._criterion.value(z), g]
+        key = z.tobytes()
+        if self._last[0] != key:
+            rows = self._limits.rows(z, self._members)
+            g = np.concatenate([row.value for row in rows])
+            excess = np.maximum(g - self.upper, self.lower - g)
+            k = int(excess.argmax())
+            ends = np.cumsum([len(row.value) for row in rows])
+            self._worst = (rows[int(np.searchsorted(ends, k, side="right"))].kind, float(excess[k]))
+            self._last = (key, g)
+        return [self._criterion.value(z), self._last[1]]
 
     def _gradient(self, z: FloatArray) -> list[object]:
         self.gradients += 1
@@ -154,8 +158,7 @@ class _Problem:
         rows = self._limits.rows(z, self._members, derivatives=True)
         stacked = np.vstack([row.by_z for row in rows if row.by_z is not None])
         values = stacked[self._index[1], self._index[0]]
-        g = np.concatenate([row.value for row in rows])
-        return [g, ca.DM(self._sparsity, values)]
+        return [np.concatenate([row.value for row in rows]), ca.DM(self._sparsity, values)]
 
 
 class _Function(ca.Callback):

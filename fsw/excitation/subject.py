@@ -116,7 +116,9 @@ def build_subject(
         noise=noise,
         kernel=kernel,
         x=x,
-        prior_root=solve_triangular(np.linalg.cholesky(covariance), np.eye(len(covariance)), lower=True),
+        prior_root=solve_triangular(
+            np.linalg.cholesky(covariance), np.eye(len(covariance)), lower=True
+        ),
         scale=scale,
         draws=_draw(problem, x, sigma, spread, draws if spread > 0 else 0, seed),
         names=names,

@@ -32,7 +32,7 @@ class Use:
 
     def text(self) -> str:
         """Return which limit, by how much, and when."""
-        side = "over" if self.value > self.bound else "under"
+        side = "beyond" if self.excess > 0 else "inside"
         member = f", body {self.member} of the prior set" if self.member else ""
         return (
             f"{self.kind}: {self.value:.5g} {self.unit}, {abs(self.value - self.bound):.3g} {side} "

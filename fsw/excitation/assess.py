@@ -1,0 +1,93 @@
+"""What a trajectory, or data already recorded, tells about the unknown bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.estimators.fused import fused_rows
+from fsw.excitation import criteria
+from fsw.excitation.design import Grid
+from fsw.excitation.spline import Trajectory
+from fsw.excitation.subject import Subject
+from fsw.excitation.verify import free_layout
+from fsw.messages import Block, FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Growth:
+    """Predicted sigmas of the reported quantities while a motion goes on."""
+
+    t_s: FloatArray  # (m,)
+    sigma: FloatArray  # (m, p)
+
+
+def information_rows(subject: Subject, trajectory: Trajectory, rate_hz: float) -> FloatArray:
+    """Return (m, r, s): the whitened rows of every sample, scaled by the root of its length."""
+    layout, z = free_layout(trajectory)
+    grid = Grid(layout, rate_hz)
+    inputs = [*grid.motion(z), np.tile(subject.x[:, None], (1, grid.count))]
+    X = np.asarray(subject.kernel.information(*inputs).full())
+    X = X.reshape(len(X), grid.count, subject.kernel.states).transpose(1, 0, 2)
+    return np.asarray(grid.step_s**0.5 * X)
+
+
+def information_root(subject: Subject, trajectory: Trajectory, rate_hz: float) -> FloatArray:
+    """Return R with R^T R the information after a motion, prior included."""
+    X = information_rows(subject, trajectory, rate_hz)
+    stacked = np.vstack([subject.prior_root, X.reshape(-1, X.shape[2])])
+    return np.asarray(np.linalg.qr(stacked, mode="r"))
+
+
+def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
+    """Return R with R^T R the information of recorded blocks, prior included.
+
+    The estimator's own rows, linearised at the nominal body with zero biases.
+    """
+    state = subject.problem.prior_mean.copy()
+    state[: len(subject.x)] = subject.x
+    root = subject.prior_root
+    for block in blocks:
+        rows = fused_rows(block, state, subject.problem)
+        root = np.linalg.qr(np.vstack([root, rows.A]), mode="r")
+    return np.asarray(root)
+
+
+def growth(subject: Subject, trajectory: Trajectory, rate_hz: float, step: int = 5) -> Growth:
+    """Return the predicted sigmas after every `step` samples."""
+    X = information_rows(subject, trajectory, rate_hz)
+    root, times, sigmas = subject.prior_root, [0.0], [subject.scale.prior_sigma]
+    for k in range(0, len(X), step):
+        part = X[k : k + step]
+        root = np.linalg.qr(np.vstack([root, part.reshape(-1, X.shape[2])]), mode="r")
+        times.append(trajectory.duration_s * min(k + step, len(X)) / len(X))
+        sigmas.append(np.sqrt(np.diag(criteria.report_covariance(root, subject.scale))))
+    return Growth(t_s=np.array(times), sigma=np.array(sigmas))
+
+
+def all_criteria(
+    subject: Subject, trajectory: Trajectory, rate_hz: float, gamma: criteria.Gamma
+) -> dict[str, float]:
+    """Return every criterion as it is reported (conditions and extremes exact)."""
+    values = fused_criteria(subject, information_root(subject, trajectory, rate_hz))
+    layout, z = free_layout(trajectory)
+    grid = Grid(layout, rate_hz)
+    inputs = [*grid.motion(z), np.tile(subject.x[:, None], (1, grid.count))]
+    J, tau = (np.asarray(out.full()) for out in subject.kernel.regressor(*inputs))
+    stacked = J.reshape(-1, len(subject.x))
+    values["cond"] = criteria.exact_condition(np.linalg.qr(stacked, mode="r"))
+    effort = grid.step_s * float(np.abs(tau).sum())
+    values["gamma"] = gamma.xi1 * values["cond"] + gamma.xi2 / effort
+    return values
+
+
+def fused_criteria(subject: Subject, root: FloatArray) -> dict[str, float]:
+    """Return the fused criteria of an information root."""
+    values = {
+        name: float(np.exp(criteria.fused(name, root, subject.scale).value))
+        for name in ("sigma", "d", "a")
+    }
+    values["e"] = criteria.largest_sigma(root, subject.scale)
+    return values

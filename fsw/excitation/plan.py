@@ -1,0 +1,340 @@
+"""From a request to a checked trajectory: starts, optimisation, dense check, tightening, verdict.
+
+A trajectory is a success only when every limit holds on a grid ten times denser than the
+optimiser's, for every member of the prior set, and when it teaches something. Members that break a
+limit join the optimiser's set, limits that are exceeded between samples are tightened by as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from fsw.errors import FswError
+from fsw.excitation import criteria
+from fsw.excitation.collision import Collisions
+from fsw.excitation.design import Criterion, Grid, LimitRows
+from fsw.excitation.limits import Limits
+from fsw.excitation.solver import Effort, optimise
+from fsw.excitation.spline import Layout, Trajectory
+from fsw.excitation.subject import Subject
+from fsw.excitation.verify import SHARE_MARGIN, Use, every_limit
+from fsw.messages import FloatArray
+
+DENSER = 10
+FIRST_MARGIN = 0.01  # shares of a bound (cm for distances) kept free in the first round
+ROUNDS = 4
+REPAIRABLE = 0.05  # excess up to which another round may help
+START_RANGE = 0.6  # of a joint's range, for random start poses
+START_TRIES = 200
+NOTHING_LEARNT = 0.9  # geometric mean of sigma over prior sigma
+
+Report = Callable[[str], None]
+
+
+class InfeasibleError(FswError):
+    """No trajectory keeps the limits; `uses` are the limits of the nearest one found."""
+
+    def __init__(self, message: str, uses: list[Use]) -> None:
+        super().__init__(message)
+        self.uses = uses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What is asked for, besides the subject and the limits."""
+
+    criterion: criteria.Name = "sigma"
+    gamma: criteria.Gamma = criteria.Gamma(xi1=1.0, xi2=1e4)
+    duration_s: float = 60.0
+    knot_s: float = 2.5
+    closed: bool = False
+    starts: int = 1
+    candidates: int = 20  # random feasible motions per start, the best one is optimised
+    iterations: int = 60
+    rate_hz: float = 2.5
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plan:
+    """A trajectory that passed; limits from the dense grid, the criterion as minimised."""
+
+    trajectory: Trajectory
+    value: float
+    uses: list[Use]
+    rounds: int
+    gradients: int
+
+
+class Planner:
+    """One request with all that is computed once for it."""
+
+    def __init__(
+        self,
+        subject: Subject,
+        limits: Limits,
+        collisions: Collisions | None,
+        request: Request,
+        report: Report = lambda _text: None,
+    ) -> None:
+        intervals = max(int(round(request.duration_s / request.knot_s)), 4)
+        self.layout = Layout(
+            duration_s=request.duration_s,
+            intervals=intervals,
+            n=subject.model.n,
+            closed=request.closed,
+        )
+        self.subject, self.limits, self.request, self.report = subject, limits, request, report
+        self.collisions = collisions
+        self.grid = Grid(self.layout, request.rate_hz)
+        self.rows = LimitRows(subject, self.grid, limits, collisions)
+        self.criterion = Criterion(
+            subject, self.grid, request.criterion, request.gamma, tuple(subject.draws[:2])
+        )
+        self.members = [subject.x, *subject.draws]
+        self.fixed = self._fixed()
+
+    def plan(self) -> Plan:
+        """Return the best trajectory of all starts.
+
+        Raises
+        ------
+        InfeasibleError with the limit, the amount and the time when none passes.
+        """
+        self._check_start_pose()
+        rng = np.random.default_rng(self.request.seed)
+        best: Plan | None = None
+        nearest: list[Use] = []
+        for start in range(self.request.starts):
+            self.report(f"start {start + 1} of {self.request.starts}")
+            found = self._one(self.first_guess(rng))
+            if isinstance(found, Plan):
+                if best is None or found.value < best.value:
+                    best = found
+            elif not nearest or found[0].excess < nearest[0].excess:
+                nearest = found
+        if best is None:
+            raise _infeasible("no trajectory found keeps every limit; the nearest one has", nearest)
+        self._require_learning(best)
+        return best
+
+    def first_guess(self, rng: np.random.Generator) -> FloatArray:
+        """Return the best of some random feasible motions, or the least bad of the rest."""
+        found: list[FloatArray] = []
+        for _ in range(self.request.candidates):
+            z = self.random_feasible(rng)
+            if z is not None:
+                found.append(z)
+        if found:
+            return min(found, key=self.criterion.value)
+        return self.nearest_feasible(self._random_pose_motion(rng))
+
+    def random_feasible(self, rng: np.random.Generator) -> FloatArray | None:
+        """Return random coefficients with their amplitude bisected up to the first active limit.
+
+        None when no motionless start pose keeps the limits, or the end pose is given too.
+        """
+        if self.limits.end_rad is not None:
+            return None
+        for _ in range(START_TRIES):
+            start = self._random_pose(rng)
+            rest = np.tile(start, (self.layout.rows, 1))
+            if self.feasible(rest.ravel()):
+                break
+            if self.limits.start_rad is not None:
+                return None
+        else:
+            return None
+        direction = rng.uniform(-1.0, 1.0, rest.shape)
+        direction[0] = 0.0
+        low, high = 0.0, 1.0
+        for _ in range(12):
+            middle = 0.5 * (low + high)
+            if self.feasible((rest + middle * direction).ravel()):
+                low = middle
+            else:
+                high = middle
+        return np.asarray((rest + low * direction).ravel())
+
+    def feasible(self, z: FloatArray) -> bool:
+        """Tell whether all limits hold on the optimiser's grid for the nominal body."""
+        rows = self.rows.rows(z, [self.subject.x])
+        return all(bool(np.all(r.value <= r.upper) and np.all(r.value >= r.lower)) for r in rows)
+
+    def nearest_feasible(self, z: FloatArray) -> FloatArray:
+        """Return variables with a locally smallest sum of squared violations."""
+        free = np.array([k for k in range(z.size) if k not in self.fixed])
+
+        def violation(part: FloatArray) -> tuple[float, FloatArray]:
+            whole = z.copy()
+            whole[free] = part
+            total, gradient = 0.0, np.zeros(z.size)
+            for row in self.rows.rows(whole, self.members[:1], derivatives=True):
+                above = np.maximum(row.value - row.upper + FIRST_MARGIN, 0.0)
+                below = np.maximum(row.lower - row.value + FIRST_MARGIN, 0.0)
+                total += float(above @ above + below @ below)
+                if row.by_z is not None:
+                    gradient += 2 * (above - below) @ row.by_z
+            return total, gradient[free]
+
+        found = minimize(violation, z[free], jac=True, method="L-BFGS-B", options={"maxiter": 150})
+        nearest = z.copy()
+        nearest[free] = found.x
+        return nearest
+
+    def check(self, z: FloatArray) -> list[Use]:
+        """Return the use of every limit on the dense grid, for all members, the worst first."""
+        return every_limit(
+            self.subject,
+            self.limits,
+            self.collisions,
+            self.layout.trajectory(z),
+            DENSER * self.request.rate_hz,
+            self.members,
+        )
+
+    def _one(self, z: FloatArray) -> Plan | list[Use]:
+        """Optimise from one start; return the plan, or the limits of the nearest motion."""
+        in_set: list[int] = [0]
+        margins: dict[str, float] = {use.kind: FIRST_MARGIN for use in self.check(z)}
+        iterations, gradients = self.request.iterations, 0
+        uses: list[Use] = []
+        for turn in range(1, ROUNDS + 1):
+            members = [self.members[k] for k in in_set]
+            solution = optimise(
+                self.criterion,
+                self.rows,
+                members,
+                z,
+                self.fixed,
+                margins,
+                Effort(iterations=iterations),
+                self._progress(turn),
+            )
+            z, gradients = solution.z, gradients + solution.gradients
+            uses = self.check(z)
+            if uses[0].excess <= -SHARE_MARGIN:
+                return self._passed(z, uses, turn, gradients)
+            z = self._shrunk(z, uses)
+            uses = self.check(z)
+            if uses[0].excess <= -SHARE_MARGIN:
+                return self._passed(z, uses, turn, gradients)
+            if uses[0].excess > REPAIRABLE:
+                z = self.nearest_feasible(z)
+                uses = self.check(z)
+                if uses[0].excess > REPAIRABLE:
+                    return uses
+            self.report(f"round {turn}: {uses[0].text()}; tightened")
+            for use in uses:
+                if use.excess > -SHARE_MARGIN:
+                    margins[use.kind] += max(use.excess, 0.0) + 2 * SHARE_MARGIN
+                    if use.member not in in_set:
+                        in_set.append(use.member)
+            iterations = max(20, self.request.iterations // 2)
+        return self.check(self.nearest_feasible(z))
+
+    def _passed(self, z: FloatArray, uses: list[Use], turn: int, gradients: int) -> Plan:
+        return Plan(
+            trajectory=self.layout.trajectory(z),
+            value=self.criterion.value(z),
+            uses=uses,
+            rounds=turn,
+            gradients=gradients,
+        )
+
+    def _shrunk(self, z: FloatArray, uses: list[Use]) -> FloatArray:
+        """Return the motion with its excursions a little smaller if that alone repairs it."""
+        if self.limits.end_rad is not None or uses[0].excess > 0.05:
+            return z
+        points = z.reshape(self.layout.rows, self.layout.n)
+        for factor in (0.999, 0.997, 0.994, 0.99, 0.985, 0.98, 0.97):
+            smaller = (points[0] + factor * (points - points[0])).ravel()
+            if self.check(smaller)[0].excess <= -SHARE_MARGIN:
+                return np.asarray(smaller)
+        return z
+
+    def _progress(self, turn: int) -> Callable[[int, float, str, float], None]:
+        def show(iteration: int, value: float, kind: str, excess: float) -> None:
+            self.report(
+                f"round {turn}, iteration {iteration}: {self.request.criterion} "
+                f"{shown(self.request.criterion, value):.6g}, worst {kind} "
+                f"{'+' if excess > 0 else '-'}{abs(excess):.2e} of its bound"
+            )
+
+        return show
+
+    def _fixed(self) -> dict[int, float]:
+        n, fixed = self.layout.n, {}
+        if self.limits.start_rad is not None:
+            fixed |= dict(enumerate(self.limits.start_rad))
+        if self.limits.end_rad is not None and not self.layout.closed:
+            last = (self.layout.rows - 1) * n
+            fixed |= {last + k: value for k, value in enumerate(self.limits.end_rad)}
+        return fixed
+
+    def _random_pose(self, rng: np.random.Generator) -> FloatArray:
+        if self.limits.start_rad is not None:
+            return np.array(self.limits.start_rad)
+        low, high = self.rows.joints.lower_rad, self.rows.joints.upper_rad
+        low = np.where(np.isfinite(low), low, -np.pi)
+        high = np.where(np.isfinite(high), high, np.pi)
+        reach = START_RANGE * rng.uniform(-1.0, 1.0, len(low))
+        return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * reach)
+
+    def _random_pose_motion(self, rng: np.random.Generator) -> FloatArray:
+        """Return a smooth way from the start pose to the end pose, or a small random motion."""
+        start = self._random_pose(rng)
+        if self.limits.end_rad is None:
+            points = start + 0.05 * rng.uniform(-1.0, 1.0, (self.layout.rows, self.layout.n))
+            points[0] = start
+            return np.asarray(points.ravel())
+        share = np.linspace(0.0, 1.0, self.layout.rows)[:, None]
+        share = share**3 * (10 - 15 * share + 6 * share**2)
+        way = start + share * (np.array(self.limits.end_rad) - start)
+        way[1:-1] += 0.02 * rng.uniform(-1.0, 1.0, way[1:-1].shape)
+        return np.asarray(way.ravel())
+
+    def _check_start_pose(self) -> None:
+        for key in ("start_rad", "end_rad"):
+            pose = getattr(self.limits, key)
+            if pose is None:
+                continue
+            uses = self.check(np.tile(np.array(pose), (self.layout.rows, 1)).ravel())
+            if uses[0].excess > 0:
+                at_s = 0.0 if key == "start_rad" else self.layout.duration_s
+                uses = [replace(use, time_s=at_s) for use in uses]
+                raise _infeasible(f"{key} breaks", uses)
+
+    def _require_learning(self, plan: Plan) -> None:
+        """Refuse a motion that leaves the unknowns where they were."""
+        ratio = sigma_ratio(self.subject, plan.trajectory, self.request.rate_hz)
+        if ratio > NOTHING_LEARNT:
+            raise _infeasible(
+                f"within the limits nothing is learnt: the sigmas stay at {ratio:.3f} of the "
+                f"prior's (at most {NOTHING_LEARNT} is asked); what holds the motion back is",
+                plan.uses,
+            )
+
+
+def sigma_ratio(subject: Subject, trajectory: Trajectory, rate_hz: float) -> float:
+    """Return the geometric mean of the unknowns' sigma over their prior sigma after a motion."""
+    from fsw.excitation.assess import information_root
+
+    R = information_root(subject, trajectory, rate_hz)
+    sigma = np.sqrt(np.diag(criteria.report_covariance(R, subject.scale)))
+    keep = subject.scale.weights > 0
+    return float(np.exp(np.mean(np.log(sigma[keep] / subject.scale.prior_sigma[keep]))))
+
+
+def shown(name: criteria.Name, value: float) -> float:
+    """Return a minimised value as the criterion itself."""
+    return value if name == "gamma" else float(np.exp(value))
+
+
+def _infeasible(text: str, uses: list[Use]) -> InfeasibleError:
+    lines = [use.text() for use in uses if use.excess > 0] or [uses[0].text()]
+    return InfeasibleError("\n  ".join([text, *lines]), uses)
