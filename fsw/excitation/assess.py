@@ -38,7 +38,7 @@ def information_root(subject: Subject, trajectory: Trajectory, rate_hz: float) -
     """Return R with R^T R the information after a motion, prior included."""
     X = information_rows(subject, trajectory, rate_hz)
     stacked = np.vstack([subject.prior_root, X.reshape(-1, X.shape[2])])
-    return np.asarray(np.linalg.qr(stacked, mode="r"))
+    return criteria.triangular_root(stacked)
 
 
 def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
@@ -51,8 +51,8 @@ def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
     root = subject.prior_root
     for block in blocks:
         rows = fused_rows(block, state, subject.problem)
-        root = np.linalg.qr(np.vstack([root, rows.A]), mode="r")
-    return np.asarray(root)
+        root = criteria.triangular_root(np.vstack([root, rows.A]))
+    return root
 
 
 def growth(subject: Subject, trajectory: Trajectory, rate_hz: float, step: int = 5) -> Growth:
@@ -61,7 +61,7 @@ def growth(subject: Subject, trajectory: Trajectory, rate_hz: float, step: int =
     root, times, sigmas = subject.prior_root, [0.0], [subject.scale.prior_sigma]
     for k in range(0, len(X), step):
         part = X[k : k + step]
-        root = np.linalg.qr(np.vstack([root, part.reshape(-1, X.shape[2])]), mode="r")
+        root = criteria.triangular_root(np.vstack([root, part.reshape(-1, X.shape[2])]))
         times.append(trajectory.duration_s * min(k + step, len(X)) / len(X))
         sigmas.append(np.sqrt(np.diag(criteria.report_covariance(root, subject.scale))))
     return Growth(t_s=np.array(times), sigma=np.array(sigmas))
@@ -77,7 +77,7 @@ def all_criteria(
     inputs = [*grid.motion(z), np.tile(subject.x[:, None], (1, grid.count))]
     J, tau = (np.asarray(out.full()) for out in subject.kernel.regressor(*inputs))
     stacked = J.reshape(-1, len(subject.x))
-    values["cond"] = criteria.exact_condition(np.linalg.qr(stacked, mode="r"))
+    values["cond"] = criteria.exact_condition(criteria.triangular_root(stacked))
     effort = grid.step_s * float(np.abs(tau).sum())
     values["gamma"] = gamma.xi1 * values["cond"] + gamma.xi2 / effort
     return values

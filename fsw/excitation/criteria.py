@@ -2,9 +2,9 @@
 
 All are functions of the triangular root of the information F = R^T R of the full state, prior
 included, of the root of the torque regressor's Gram matrix M, and of the sum of |torque|; the
-smaller, the better. (Roots, because F and M themselves would lose half of the digits.) Fused criteria look
-at the covariance C of the reported quantities (mass, centre of mass, central inertia), nuisances
-marginalised, divided by their prior sigmas where units must not matter:
+smaller, the better. (Roots, because F and M themselves would lose half of the digits.) Fused
+criteria look at the covariance C of the reported quantities (mass, centre of mass, central
+inertia), nuisances marginalised, divided by their prior sigmas where units must not matter:
 
     sigma  mean of log sigma (weighted): the geometric mean of the sigmas
     d      log det C / 2 of the quantities with weight        a  trace of W C W
@@ -57,6 +57,11 @@ class Value:
     by_F: FloatArray | None = None
     by_M: FloatArray | None = None
     by_effort: float = 0.0
+
+
+def triangular_root(rows: FloatArray) -> FloatArray:
+    """Return R with R^T R = rows^T rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
 def covariance(R: FloatArray, p: int) -> FloatArray:

@@ -46,21 +46,21 @@ class Grid:
     def __init__(self, layout: Layout, rate_hz: float) -> None:
         self.count = int(np.ceil(layout.duration_s * rate_hz))
         self.step_s = layout.duration_s / self.count
-        self.t_s: FloatArray = (np.arange(self.count) + 0.5) * self.step_s
+        self.t_s: FloatArray = self.step_s * np.arange(0.5, self.count)
         self.layout = layout
         self.weights = layout.weights(self.t_s)
 
     def motion(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return q, qd, qdd as (n, m) columns."""
         points = z.reshape(self.layout.rows, self.layout.n)
-        q, qd, qdd = (np.ascontiguousarray((w @ points).T) for w in self.weights[:3])
-        return q, qd, qdd
+        q, qd, qdd = (self.weights[d] @ points for d in range(3))
+        return q.T.copy(), qd.T.copy(), qdd.T.copy()
 
     def pulled_back(self, seeds: FloatArray) -> FloatArray:
         """Return the gradient by z of a function with seeds (3 n, m) of [q; qd; qdd]."""
         n = self.layout.n
         parts = [self.weights[d].T @ seeds[d * n : (d + 1) * n].T for d in range(3)]
-        return np.asarray(sum(parts).ravel())  # type: ignore[union-attr]
+        return np.asarray(np.sum(parts, axis=0).ravel())
 
 
 class Criterion:
@@ -107,18 +107,15 @@ class Criterion:
         if self.name in criteria.REGRESSOR_CRITERIA:
             J, tau = (np.asarray(out.full()) for out in kernel.regressor(*inputs))
             J = J.reshape(kernel.n, grid.count, -1)
-            root = np.linalg.qr(grid.step_s**0.5 * J.reshape(-1, J.shape[2]), mode="r")
+            root = criteria.triangular_root(grid.step_s**0.5 * J.reshape(-1, J.shape[2]))
             effort = grid.step_s * float(np.sqrt(tau**2 + EFFORT_SMOOTHING_NM**2).sum())
             return criteria.regressor(self.name, root, effort, self.gamma), J, tau
         X = np.asarray(kernel.information(*inputs).full())
         X = X.reshape(len(X), grid.count, kernel.states)
         flat = X.reshape(-1, kernel.states)
         stacked = np.vstack([self.subject.prior_root, grid.step_s**0.5 * flat])
-        return (
-            criteria.fused(self.name, np.linalg.qr(stacked, mode="r"), self.subject.scale),
-            X,
-            np.empty(0),
-        )
+        found = criteria.fused(self.name, criteria.triangular_root(stacked), self.subject.scale)
+        return found, X, np.empty(0)
 
     def _reverse(
         self, z: FloatArray, x: FloatArray, found: criteria.Value, outputs: list[FloatArray]
@@ -130,10 +127,12 @@ class Criterion:
             seed = 2 * grid.step_s * (J @ found.by_M).reshape(kernel.n, -1)
             slope = tau / np.sqrt(tau**2 + EFFORT_SMOOTHING_NM**2)
             back = kernel.regressor_adjoint(*inputs, seed, found.by_effort * grid.step_s * slope)
-        else:
+        elif found.by_F is not None:
             X = outputs[0]
             seed = 2 * grid.step_s * (X @ found.by_F).reshape(len(X), -1)
             back = kernel.information_adjoint(*inputs, seed)
+        else:
+            raise ValueError("a criterion without derivatives")
         return grid.pulled_back(np.asarray(back.full()))
 
 
@@ -166,7 +165,8 @@ class LimitRows:
         grid, own = self.grid, self.joints
         points = z.reshape(grid.layout.rows, grid.layout.n)
         speed, bounds = own.speed_rad_s, self.limits
-        middle, half = 0.5 * (own.upper_rad + own.lower_rad), 0.5 * (own.upper_rad - own.lower_rad)
+        half = 0.5 * (own.upper_rad - own.lower_rad)
+        middle = np.where(np.isfinite(half), own.upper_rad - half, 0.0)
         ones = np.ones_like(speed)
         kinds = [
             ("joint_range", half, middle),
@@ -183,9 +183,9 @@ class LimitRows:
                 W = grid.weights[d] / bound[j]
                 by_z = None
                 if derivatives:
-                    by_z = np.zeros((grid.count, grid.layout.rows, grid.layout.n))
-                    by_z[:, :, j] = W
-                    by_z = by_z.reshape(grid.count, -1)
+                    full = np.zeros((grid.count, grid.layout.rows, grid.layout.n))
+                    full[:, :, j] = W
+                    by_z = full.reshape(grid.count, -1)
                 value = W @ points[:, j] - offset[j] / bound[j]
                 unit = ("rad", "rad/s", "rad/s^2", "rad/s^3")[d]
                 found.append(_both(f"{kind} {name}", unit, float(bound[j]), value, by_z))

@@ -41,10 +41,8 @@ class Limits(Section):
     base_rate_rad_s: Positive
     base_acceleration_rad_s2: Positive
     tool_box_m: tuple[Bound, Bound, Bound]  # x, y, z: lower and upper, null where unbounded
-    tool_distance_m: NonNegative  # radius of the sphere about the arm's base the tool keeps out of
-    clearance_m: NonNegative | None = (
-        None  # between bodies with collision geometry; null: unchecked
-    )
+    tool_distance_m: NonNegative  # the tool keeps out of this sphere about the arm's base
+    clearance_m: NonNegative | None = None  # of collision geometry; null: unchecked
     target_box: TargetBox | None = None
     start_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None

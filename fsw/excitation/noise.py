@@ -14,12 +14,12 @@ import numpy as np
 from scipy.linalg import eigh
 
 from fsw.config import Config
+from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
 from fsw.estimators.model import RobotModel
 from fsw.estimators.polynomial import NodeFit
 from fsw.estimators.problem import joint_order
 from fsw.messages import FloatArray
 
-POSITION_DEGREE_EXCESS = 3  # of the estimator's position polynomial over the other channels'
 SMALLEST_SHARE = 1e-6
 
 
@@ -73,10 +73,10 @@ def _joint_modes(config: Config, rate_hz: float) -> tuple[FloatArray, FloatArray
     """
     estimator = config.estimator
     half_s, m = 0.5 * estimator.window_s, estimator.nodes
-    count = max(int(round(estimator.window_s * rate_hz)), m + POSITION_DEGREE_EXCESS + 1)
+    count = max(round(estimator.window_s * rate_hz), m + EXTRA_POSITION_DEGREE + 1)
     t_s = ((np.arange(count) + 0.5) / count * 2 - 1) * half_s
     channel = NodeFit(t_s, half_s, m - 1, m).covariance((0,), 1.0)
-    position = NodeFit(t_s, half_s, m - 1 + POSITION_DEGREE_EXCESS, m)
+    position = NodeFit(t_s, half_s, m - 1 + EXTRA_POSITION_DEGREE, m)
     gains, modes = eigh(position.covariance((2,), 1.0), channel)
     shares = modes.sum(axis=0) ** 2
     shares /= shares.sum()

@@ -32,6 +32,8 @@ START_RANGE = 0.6  # of a joint's range, for random start poses
 START_TRIES = 200
 NOTHING_LEARNT = 0.9  # geometric mean of sigma over prior sigma
 
+PAPER_GAMMA = criteria.Gamma(xi1=1.0, xi2=1e4)  # the paper gives no figures
+
 Report = Callable[[str], None]
 
 
@@ -48,7 +50,7 @@ class Request:
     """What is asked for, besides the subject and the limits."""
 
     criterion: criteria.Name = "sigma"
-    gamma: criteria.Gamma = criteria.Gamma(xi1=1.0, xi2=1e4)
+    gamma: criteria.Gamma = PAPER_GAMMA
     duration_s: float = 60.0
     knot_s: float = 2.5
     closed: bool = False
@@ -81,7 +83,7 @@ class Planner:
         request: Request,
         report: Report = lambda _text: None,
     ) -> None:
-        intervals = max(int(round(request.duration_s / request.knot_s)), 4)
+        intervals = max(round(request.duration_s / request.knot_s), 4)
         self.layout = Layout(
             duration_s=request.duration_s,
             intervals=intervals,
@@ -268,7 +270,8 @@ class Planner:
         return show
 
     def _fixed(self) -> dict[int, float]:
-        n, fixed = self.layout.n, {}
+        n = self.layout.n
+        fixed: dict[int, float] = {}
         if self.limits.start_rad is not None:
             fixed |= dict(enumerate(self.limits.start_rad))
         if self.limits.end_rad is not None and not self.layout.closed:

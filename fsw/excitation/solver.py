@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -58,7 +59,7 @@ def optimise(
     lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
     for index, value in fixed.items():
         lower[index] = upper[index] = value
-    options = {
+    options: Any = {
         "print_time": False,
         "error_on_fail": False,
         "calc_lam_x": False,
@@ -110,7 +111,7 @@ class _Problem:
         mask = np.vstack([self._pattern(row) for row in rows])
         self._index = np.nonzero(mask.T)  # column by column, as CasADi stores
         sparsity = ca.Sparsity.triplet(
-            *mask.shape, self._index[1].tolist(), self._index[0].tolist()
+            mask.shape[0], mask.shape[1], self._index[1].tolist(), self._index[0].tolist()
         )
         v, m = start.size, len(self.lower)
         column, scalar = ca.Sparsity.dense(v, 1), ca.Sparsity.dense(1, 1)
@@ -135,7 +136,7 @@ class _Problem:
             return pattern.reshape(len(support), -1)
         return np.repeat(support, n, axis=1)
 
-    def _values(self, z: FloatArray) -> list[object]:
+    def _values(self, z: FloatArray) -> list[Any]:
         key = z.tobytes()
         if self._last[0] != key:
             rows = self._limits.rows(z, self._members)
@@ -147,14 +148,14 @@ class _Problem:
             self._last = (key, g)
         return [self._criterion.value(z), self._last[1]]
 
-    def _gradient(self, z: FloatArray) -> list[object]:
+    def _gradient(self, z: FloatArray) -> list[Any]:
         self.gradients += 1
         value, gradient = self._criterion.gradient(z)
         if self._progress is not None:
             self._progress(self.gradients, value, *self._worst)
         return [value, gradient]
 
-    def _jacobian(self, z: FloatArray) -> list[object]:
+    def _jacobian(self, z: FloatArray) -> list[Any]:
         rows = self._limits.rows(z, self._members, derivatives=True)
         stacked = np.vstack([row.by_z for row in rows if row.by_z is not None])
         values = stacked[self._index[1], self._index[0]]
@@ -169,7 +170,7 @@ class _Function(ca.Callback):
         name: str,
         size: int,
         outputs: list[ca.Sparsity],
-        call: Callable[[FloatArray], list[object]],
+        call: Callable[[FloatArray], list[Any]],
         names: tuple[str, ...] = (),
     ) -> None:
         ca.Callback.__init__(self)
@@ -194,7 +195,7 @@ class _Function(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return self._outputs[i]
 
-    def eval(self, arguments: list[ca.DM]) -> list[object]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[Any]:
         return self._call(np.asarray(arguments[0].full()).ravel())
 
 
