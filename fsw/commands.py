@@ -22,6 +22,7 @@ class CommandName(StrEnum):
     STATUS = "status"  # answered by the service from the newest summary
     RESET = "reset"  # estimator back to its prior
     FINISH = "finish"  # settle completely and publish
+    REPORT = "report"  # diagnosis of the current estimate, in numbers and words
     RUN_BATCH = "run_batch"  # start a batch job on recorded blocks
     ABORT_BATCH = "abort_batch"
     ADOPT = "adopt"  # make the last batch result the online estimator's prior

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from fsw.acquisition import BusInput, ChunkSource, LineInput, LinkKeeper
 from fsw.clock import Clock
@@ -71,6 +71,15 @@ class Estimator(Protocol):
 
     def reset(self) -> None:
         """Return to the prior."""
+        ...
+
+
+@runtime_checkable
+class Eventful(Protocol):
+    """An estimator that has something to tell an operator now and then."""
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return severity, code and text of what happened since the last call."""
         ...
 
 
@@ -276,6 +285,9 @@ class Daemon:
     def _publish(self, estimate: Estimate) -> None:
         self.latest = estimate
         self._sink.estimate(estimate)
+        if isinstance(self._pipeline.estimator, Eventful):
+            for severity, code, text in self._pipeline.estimator.events():
+                self._report(severity, code, text)
 
     def _commands(self, tick: Tick) -> None:
         for estimate in self.dispatcher.run(tick.now_ns, self.aligner.next_index):

@@ -47,6 +47,15 @@ class Adopting(Protocol):
         ...
 
 
+@runtime_checkable
+class Reporting(Protocol):
+    """An estimator that can diagnose its estimate."""
+
+    def report(self) -> Mapping[str, Any]:
+        """Return plain values. Raises EstimatorError when there is no proper estimate."""
+        ...
+
+
 def settle(estimator: Resettable) -> Estimate:
     """Finish what is due, then settle: the result must not depend on how many ticks went by."""
     while estimator.work():
@@ -118,7 +127,10 @@ class Dispatcher:
         return summary | {"text": report.text, "result": report.result}
 
     def _apply(self, command: Command, now_ns: int, next_window: int) -> Estimate | None:
+        data: Mapping[str, Any] = {}
         try:
+            if command.name is CommandName.REPORT:
+                data = self._diagnose()
             args, estimate = self._execute(command, now_ns)
         except CommandError as error:
             self._answer(command, Code(error.code), str(error))
@@ -128,8 +140,13 @@ class Dispatcher:
             return None
         record = {"command": str(command.name), "id": command.id, "args": args}
         self._sink.command(now_ns, record | {"next_window": next_window})
-        self._answer(command, Code.ACCEPTED, "")
+        self._answer(command, Code.ACCEPTED, "", data)
         return estimate
+
+    def _diagnose(self) -> Mapping[str, Any]:
+        if not isinstance(self._estimator, Reporting):
+            raise CommandError(Code.NOT_SUPPORTED, "this estimator gives no report")
+        return self._estimator.report()
 
     def _execute(self, command: Command, now_ns: int) -> tuple[Mapping[str, Any], Estimate | None]:
         name = command.name
@@ -192,7 +209,9 @@ class Dispatcher:
         text = f"batch job {report.id} {report.state}" + (f": {report.text}" if report.text else "")
         self._sink.event(Event(now_ns, severity, "BATCH_" + report.state.upper(), text))
 
-    def _answer(self, command: Command, code: Code, text: str) -> None:
+    def _answer(
+        self, command: Command, code: Code, text: str, data: Mapping[str, Any] | None = None
+    ) -> None:
         self._sink.reply(
             Reply(
                 id=command.id,
@@ -200,5 +219,6 @@ class Dispatcher:
                 accepted=code is Code.ACCEPTED,
                 code=code,
                 text=text,
+                data=data or {},
             )
         )

@@ -27,12 +27,12 @@ from fsw.config import EstimatorConfig
 from fsw.errors import EstimatorError
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.inertia import skew
-from fsw.estimators.mrnea import base_acceleration, covariance_root
+from fsw.estimators.mrnea import base_acceleration, covariance_root, field
 from fsw.estimators.outcome import outcome
 from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, Estimate, FloatArray
 
-FLAT_PRIOR = 1e4  # factor on the bodies' prior sigma: the regression has no prior
+FLAT_PRIOR = 1e2  # factor on the bodies' prior sigma: the regression has hardly a prior
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,14 +90,18 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     at_prior = np.append(problem.prior_mean[k], 1.0)
     at_x = np.append(x[k], 1.0)
     columns = np.column_stack([problem.U, problem.pi_known])  # of [unknown bodies, known part]
-    w, a_base = base_acceleration(block, problem.prior_mean, problem)
+    G_field = field(block, problem)
+    w, a_base = base_acceleration(block, problem.prior_mean, problem, G_field)
     acceleration = np.concatenate([a_base, block.qdd_rad_s2], axis=1)
     Y = np.empty((m, 6 + n, columns.shape[1]))
     Y_k = np.empty((m, 6 + n, 6 + n, columns.shape[1]))  # by node, acceleration, row, column
     unit = np.eye(6 + n)
     for i in range(m):
         q = block.q_rad[i]
-        Y[i] = model.regressor(q, w[i], block.qd_rad_s[i], acceleration[i]) @ columns
+        Y_i = model.regressor(q, w[i], block.qd_rad_s[i], acceleration[i])
+        if problem.orbit is not None:
+            Y_i = Y_i - model.field_regressor(q, G_field[i])
+        Y[i] = Y_i @ columns
         for a in range(6 + n):
             Y_k[i, a] = model.momentum_regressor(q, unit[a]) @ columns
     K = acceleration_root(block, problem)
@@ -175,7 +179,11 @@ def compensated_solution(
     doubt = abs(variance - 1.0) + np.sqrt(2.0 / max(1, sums.rows))
     bias = solve(sums.C[:p] @ extended)
     covariance = max(1.0, variance) * covariance + doubt**2 * np.outer(bias, bias)
-    return x, 0.5 * (covariance + covariance.T), bias
+    covariance = 0.5 * (covariance + covariance.T)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-13:
+        raise EstimatorError("the covariance is singular to working precision")
+    return x, covariance, bias
 
 
 class BiasCompensatedEstimator:
@@ -193,7 +201,8 @@ class BiasCompensatedEstimator:
         scale = np.ones(p)
         scale[k] = FLAT_PRIOR
         covariance = problem.prior_covariance * np.outer(scale, scale)
-        self._precision = np.linalg.solve(covariance, np.eye(p))
+        inverse: FloatArray = np.asarray(np.linalg.solve(covariance, np.eye(p)), np.float64)
+        self._precision = inverse
         self._flat = covariance
         self._sums = no_sums(p)
         self._x, self._covariance = problem.prior_mean.copy(), problem.prior_covariance

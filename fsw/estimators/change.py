@@ -66,12 +66,12 @@ class InnovationMonitor:
         nis = self.nis / self.level
         excess = min((nis - dof) / np.sqrt(2.0 * dof), EXCESS_LIMIT)
         self._sum = max(0.0, self._sum + excess - DRIFT)
-        accepted = nis <= chdtri(dof, self._gate_probability)
+        accepted = bool(nis <= chdtri(dof, self._gate_probability))
         if accepted:
             self._correlate(white)
         else:
             self._previous = None
-        return Judgement(accepted, self._sum > THRESHOLD)
+        return Judgement(accepted, bool(self._sum > THRESHOLD))
 
     def learn_level(self, levels: FloatArray, dof: int, parameters: int) -> None:
         """Set the noise level from the mean squared residuals of the newest blocks.

@@ -121,10 +121,10 @@ def diagnose(
     """
     p = len(names)
     gain, W = gains(prior_covariance, covariance)
-    bound = covariance
+    bound: FloatArray = covariance
     if fisher is not None:
         precision = fisher + np.linalg.solve(prior_covariance, np.eye(p))
-        bound = np.linalg.solve(precision, np.eye(p))
+        bound = np.asarray(np.linalg.solve(precision, np.eye(p)), np.float64)
     prior_L = np.linalg.cholesky(prior_covariance)
     traces = [
         np.sum(np.linalg.solve(prior_L, np.linalg.cholesky(P)) ** 2) for P in (bound, covariance)
@@ -197,7 +197,7 @@ def plain(diagnosis: Diagnosis, names: Sequence[str], strongest: int = 5) -> dic
     return {
         "verdict": diagnosis.verdicts,
         "names": list(names),
-        "correlation": diagnosis.correlation.tolist(),
+        "correlation": diagnosis.correlation.round(4).tolist(),
         "strongest_correlations": [
             {"between": [names[rows[i]], names[columns[i]]], "correlation": float(values[i])}
             for i in order
