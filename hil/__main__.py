@@ -49,7 +49,45 @@ def _parser() -> argparse.ArgumentParser:
     run.set_defaults(command=_run)
     listing = commands.add_parser("list", help="list the scenarios")
     listing.set_defaults(command=_list)
+    _study_parser(commands)
     return parser
+
+
+def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the studies; what they need is imported when one is run."""
+    study = commands.add_parser("study", help="studies over many seeds")
+    kinds = study.add_subparsers(required=True, metavar="STUDY")
+    methods = kinds.add_parser(
+        "methods", help="every identification method against the Cramer-Rao bound"
+    )
+    methods.add_argument("--quick", action="store_true", help="few seeds of one case")
+    methods.add_argument(
+        "--out", type=Path, metavar="DIR", help="keep results and resume from them"
+    )
+    methods.add_argument("--seeds", type=int, metavar="N", help="of the sample level, 200")
+    methods.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 30")
+    methods.add_argument("--jobs", type=int, default=2, metavar="N", help="processes, 2")
+    methods.set_defaults(command=_study_methods)
+    energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
+    energy.set_defaults(command=_study_energy)
+
+
+def _study_methods(arguments: argparse.Namespace) -> int:
+    from hil.study.command import methods
+
+    return methods(
+        quick=arguments.quick,
+        out=arguments.out,
+        seeds=arguments.seeds,
+        device_seeds=arguments.device_seeds,
+        jobs=arguments.jobs,
+    )
+
+
+def _study_energy(_arguments: argparse.Namespace) -> int:
+    from hil.study.command import energy
+
+    return energy()
 
 
 def _list(_arguments: argparse.Namespace) -> int:

@@ -1,0 +1,126 @@
+"""Device bytes: the whole chain in virtual time, then every method on the blocks it recorded."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.errors import EstimatorError
+from fsw.messages import Block
+from hil.bench import EDGE_S, Setup, run_virtual
+from hil.bound import Sensors, information
+from hil.flight import bound_sensors
+from hil.floating import FloatingRobot
+from hil.history import TruthHistory
+from hil.inertia import FloatArray, pi_of
+from hil.robot import Robot
+from hil.score import BOUND_RATE_HZ
+from hil.spline import JointSpline
+from hil.study.cases import DEVICE, Key, Record, scenario_of, truth_of
+from hil.study.exact import true_robot
+from hil.study.fisher import ALL
+from hil.study.flight_side import priors_of, problem_of, write_config
+from hil.study.methods import on_blocks
+from hil.study.sample_level import failed, judged
+from hil.truth import simulate
+
+SENSORS = "data sheet"  # the scenarios' devices
+SILENT = 1e12  # times the noise of a channel that is not used
+
+
+def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[Record]:
+    """Return the results of some methods on the blocks of one run of plant and daemon."""
+    with tempfile.TemporaryDirectory(prefix="study-") as folder:
+        config, blocks = _run(case, seed, Path(folder))
+        problem = problem_of(config)
+    records = []
+    for method in methods:
+        key = Key(level=DEVICE, case=case, sensors=SENSORS, method=method, seed=seed)
+        try:
+            outcome = on_blocks(method, blocks, problem)
+        except (EstimatorError, np.linalg.LinAlgError) as error:
+            records.append(failed(key, str(error)))
+            continue
+        records.append(judged(key, outcome, truth_of(case)))
+    return records
+
+
+@lru_cache(maxsize=32)
+def native_information(case: str, channels: str) -> FloatArray:
+    """Return the Fisher information of the raw sensors' white noise, biases marginalised.
+
+    Native rates, the whole recording with its rests; `channels` is one of the methods' own: all and
+    mrnea (every sensor), torque and rda (torque), cm (gyro). Without the bodies' prior.
+    """
+    scenario = scenario_of(case)
+    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
+    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
+    spline, history = _motion(case)
+    end_s = spline.duration_s + scenario.after_s
+    t_s = np.arange(-scenario.before_s, end_s, 1.0 / BOUND_RATE_HZ)
+    state = history.at(np.clip(t_s, history.start_s, history.end_s))
+    sensors = _only(bound_sensors(scenario, robot.n), channels)
+    motion = (state.q, state.qd, state.qdd)
+    return information(robot, sensors, truth_of(case), motion, BOUND_RATE_HZ)
+
+
+def _only(sensors: Sensors, channels: str) -> Sensors:
+    """Return the sensors with the channels that are not used drowned in noise."""
+    from dataclasses import replace
+
+    if channels in (ALL, "fused", "mrnea"):
+        return sensors
+    acc = sensors.acc_noise_m_s2 * SILENT
+    if channels == "cm":
+        torque = sensors.torque_noise_nm * SILENT
+        return replace(sensors, torque_noise_nm=torque, acc_noise_m_s2=acc)
+    gyro = sensors.gyro_noise_rad_s * SILENT
+    return replace(sensors, gyro_noise_rad_s=gyro, acc_noise_m_s2=acc)
+
+
+def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
+    """Run plant and daemon; the truth's motion, the same for every seed, is simulated once.
+
+    The daemon's own online estimator does not touch the blocks.
+    """
+    scenario = scenario_of(case)
+    spline, history = _motion(case)
+    config = write_config(scenario, seed, folder)
+    setup = Setup(
+        scenario=scenario,
+        seed=seed,
+        folder=folder,
+        config_path=folder / "flight.yaml",
+        config=config,
+        priors=priors_of(scenario, seed),
+        robot=_robot(case),
+        spline=spline,
+        history=history,
+        bus_port=int(scenario.flight["bus"]["port"]),
+    )
+    recorded = run_virtual(setup, _Silent(), record=False)
+    return config, recorded.blocks
+
+
+class _Silent:
+    """A meter nobody looks at."""
+
+    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
+        """Show nothing."""
+
+
+@lru_cache(maxsize=3)
+def _robot(case: str) -> Robot:
+    return true_robot(scenario_of(case))
+
+
+@lru_cache(maxsize=3)
+def _motion(case: str) -> tuple[JointSpline, TruthHistory]:
+    spline = JointSpline.load(scenario_of(case).identification)
+    return spline, simulate(_robot(case), spline, -EDGE_S, spline.duration_s + EDGE_S)

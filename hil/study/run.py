@@ -1,0 +1,151 @@
+"""Runs what is missing of the study, over processes; a result depends on its key alone."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from hil.study import device_bytes, sample_level
+from hil.study.cases import CASES, DEVICE, SAMPLE, SENSOR_SETS, Key, Record
+from hil.study.methods import names
+from hil.study.store import Store
+
+QUICK_SENSORS = "data sheet"
+QUICK_CASE = "target"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How much of the study is wanted."""
+
+    sample_seeds: int = 200
+    device_seeds: int = 30
+    cases: tuple[str, ...] = tuple(CASES)
+    sensor_sets: tuple[str, ...] = tuple(SENSOR_SETS)
+    device_cases: tuple[str, ...] = tuple(CASES)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """Work of one process at a time: some methods on the data of one seed."""
+
+    level: str
+    case: str
+    sensors: str
+    seed: int
+    methods: tuple[str, ...]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """What the unit gives."""
+        return tuple(
+            Key(
+                level=self.level,
+                case=self.case,
+                sensors=self.sensors,
+                method=method,
+                seed=self.seed,
+            )
+            for method in self.methods
+        )
+
+
+def quick_plan() -> Plan:
+    """Return the short form: every part of the code once or twice, in well under a minute."""
+    return Plan(
+        sample_seeds=3,
+        device_seeds=1,
+        cases=(QUICK_CASE,),
+        sensor_sets=(QUICK_SENSORS,),
+        device_cases=(QUICK_CASE,),
+    )
+
+
+def wanted(plan: Plan) -> list[Unit]:
+    """Return all units, seed by seed, so that an interrupted study is even over its parts."""
+    units = []
+    for seed in range(max(plan.sample_seeds, plan.device_seeds)):
+        if seed < plan.device_seeds:
+            units += [
+                _unit(DEVICE, case, device_bytes.SENSORS, seed) for case in plan.device_cases
+            ]
+        if seed < plan.sample_seeds:
+            units += [
+                _unit(SAMPLE, case, sensors, seed)
+                for case in plan.cases
+                for sensors in plan.sensor_sets
+            ]
+    return units
+
+
+def missing(units: Sequence[Unit], done: set[Key]) -> list[Unit]:
+    """Return the units without what is done; empty ones left out."""
+    rest = []
+    for unit in units:
+        methods = tuple(key.method for key in unit.keys if key not in done)
+        if methods:
+            rest.append(
+                Unit(
+                    level=unit.level,
+                    case=unit.case,
+                    sensors=unit.sensors,
+                    seed=unit.seed,
+                    methods=methods,
+                )
+            )
+    return rest
+
+
+def run_unit(unit: Unit) -> list[Record]:
+    """Return the unit's results."""
+    if unit.level == DEVICE:
+        return device_bytes.run_seed(unit.case, unit.seed, unit.methods)
+    return sample_level.run_seed(unit.case, unit.sensors, unit.seed, unit.methods)
+
+
+def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key, Record]:
+    """Run what the store lacks, showing progress; return the records of the plan."""
+    units = wanted(plan)
+    rest = missing(units, set(store.records()))
+    columns = (
+        TextColumn("study"),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[text]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, refresh_per_second=2) as progress:
+        task = progress.add_task("", total=len(units), completed=len(units) - len(rest), text="")
+        for records in _results(rest, jobs):
+            store.append(records)
+            key = records[0].key
+            text = f"{key.level} {key.case}, {key.sensors}, seed {key.seed}"
+            progress.update(task, advance=1, text=text)
+    keys = {key for unit in units for key in unit.keys}
+    return {key: record for key, record in store.records().items() if key in keys}
+
+
+def _results(units: Sequence[Unit], jobs: int) -> Iterator[list[Record]]:
+    """Yield results as they come; each process is new, so its libraries see the pinned threads."""
+    if jobs <= 1 or len(units) <= 1:
+        yield from map(run_unit, units)
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield from pool.imap_unordered(run_unit, units)
+
+
+def _unit(level: str, case: str, sensors: str, seed: int) -> Unit:
+    methods = names("device" if level == DEVICE else "sample")
+    return Unit(level=level, case=case, sensors=sensors, seed=seed, methods=methods)

@@ -1,0 +1,104 @@
+"""Results on disk: one JSON line each, appended and flushed as they come, read again on a rerun."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.inertia import FloatArray
+from hil.scenario import ScenarioError
+from hil.study.cases import Key, Record, settings
+
+RESULTS = "results.jsonl"
+SETTINGS = "settings.json"
+
+
+class StoreError(ScenarioError):
+    """The folder holds results of another study."""
+
+
+class Store:
+    """The results of one folder. A line cut off by a crash is dropped at the next start."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / RESULTS
+        _same_settings(folder / SETTINGS)
+        if self.path.exists():
+            whole = self.path.read_bytes()
+            end = whole.rfind(b"\n") + 1
+            if end != len(whole):
+                self.path.write_bytes(whole[:end])
+
+    def records(self) -> dict[Key, Record]:
+        """Return all stored records."""
+        if not self.path.exists():
+            return {}
+        with self.path.open(encoding="utf-8") as lines:
+            found = [_record(json.loads(line)) for line in lines]
+        return {record.key: record for record in found}
+
+    def append(self, records: Iterable[Record]) -> None:
+        """Add records and flush."""
+        with self.path.open("a", encoding="utf-8") as file:
+            for record in records:
+                file.write(json.dumps(_plain(record)) + "\n")
+            file.flush()
+
+
+def _same_settings(path: Path) -> None:
+    """Write the settings into a new folder; in an old one they must be the same.
+
+    Raises
+    ------
+    StoreError otherwise.
+    """
+    wanted = json.loads(json.dumps(settings()))
+    if path.exists():
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found != wanted:
+            raise StoreError(f"{path}: results of other settings; choose another --out")
+        return
+    path.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
+
+
+def _plain(record: Record) -> dict[str, Any]:
+    key = record.key
+    return {
+        "level": key.level,
+        "case": key.case,
+        "sensors": key.sensors,
+        "method": key.method,
+        "seed": key.seed,
+        "status": record.status,
+        "iterations": record.iterations,
+        "nees": record.nees if np.isfinite(record.nees) else None,
+        "bias_note": record.bias_note,
+        "error": _list(record.error),
+        "sigma": _list(record.sigma),
+    }
+
+
+def _record(line: dict[str, Any]) -> Record:
+    names = ("level", "case", "sensors", "method", "seed")
+    return Record(
+        key=Key(**{name: line[name] for name in names}),
+        status=line["status"],
+        error=_array(line["error"]),
+        sigma=_array(line["sigma"]),
+        nees=float("inf") if line["nees"] is None else float(line["nees"]),
+        iterations=line["iterations"],
+        bias_note=line["bias_note"],
+    )
+
+
+def _list(values: FloatArray | None) -> list[float] | None:
+    return None if values is None else [float(x) for x in values]
+
+
+def _array(values: list[float] | None) -> FloatArray | None:
+    return None if values is None else np.array(values)
