@@ -11,7 +11,7 @@ from fsw.estimators.fused import fused_rows
 from fsw.excitation import criteria
 from fsw.excitation.design import Grid
 from fsw.excitation.spline import Trajectory
-from fsw.excitation.subject import Subject
+from fsw.excitation.subject import Subject, prior_root
 from fsw.excitation.verify import free_layout
 from fsw.messages import Block, FloatArray
 
@@ -48,7 +48,7 @@ def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
     """
     state = subject.problem.prior_mean.copy()
     state[: len(subject.x)] = subject.x
-    root = subject.prior_root
+    root = prior_root(subject.state_covariance)
     for block in blocks:
         rows = fused_rows(block, state, subject.problem)
         root = criteria.triangular_root(np.vstack([root, rows.A]))

@@ -245,6 +245,8 @@ def _whitened(J: ca.SX, D: ca.SX, noise: NoiseModel, s: _Sample) -> ca.SX:
         columns.append(ca.vertcat(ca.SX(n + 3, 3), ca.SX.eye(3)))
     if noise.momentum:
         columns.append(_momentum_columns(s, ca.SX(noise.p_BS_m)))
+    if noise.torque_scale:
+        columns.append(ca.vertcat(ca.diag(s.tau), ca.SX(6, n)))
     stacked = ca.horzcat(*columns)
     force, rate = D[: n + 3, :], D[n + 3 :, :]
     white = ca.diag(ca.SX(noise.white[: n + 3]))

@@ -36,6 +36,7 @@ class NoiseModel:
     acc_bias: bool
     gyro_bias: bool
     momentum: bool
+    torque_scale: bool
 
 
 def noise_model(config: Config, model: RobotModel) -> NoiseModel:
@@ -63,6 +64,7 @@ def noise_model(config: Config, model: RobotModel) -> NoiseModel:
         acc_bias=imu.acc_bias_sigma_m_s2 > 0,
         gyro_bias=imu.gyro_bias_sigma_rad_s > 0,
         momentum=config.estimator.momentum_sigma_nms > 0,
+        torque_scale=any(joint.torque_scale_sigma_ratio for joint in joints),
     )
 
 

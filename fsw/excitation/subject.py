@@ -41,7 +41,9 @@ class Subject:
     Attributes
     ----------
     x : (p,) nominal parameters of the unknown bodies
-    prior_root : (s, s) with prior_root^T prior_root the prior's information of the whole state
+    state_covariance : (all, all) prior of the estimator's whole state
+    prior_root : (s, s) with prior_root^T prior_root the prior's information of the states that a
+        plan accounts for: all but a constant external wrench
     scale : reported quantities, their prior sigmas and weights
     draws : (k, p) further members of the prior set; none when the spread is zero
     names : (p,) reported quantities, `target.mass_kg` ...
@@ -54,6 +56,7 @@ class Subject:
     noise: NoiseModel
     kernel: Kernel
     x: FloatArray
+    state_covariance: FloatArray
     prior_root: FloatArray
     scale: Scale
     draws: FloatArray
@@ -108,6 +111,7 @@ def build_subject(
         T[k, k] = report_jacobian(x[k])
     sigma = np.sqrt(np.diag(T @ covariance[:p, :p] @ T.T))
     scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
+    w = np.arange(problem.wrench.start, problem.wrench.stop)
     return Subject(
         config=config,
         model=model,
@@ -116,13 +120,18 @@ def build_subject(
         noise=noise,
         kernel=kernel,
         x=x,
-        prior_root=solve_triangular(
-            np.linalg.cholesky(covariance), np.eye(len(covariance)), lower=True
-        ),
+        state_covariance=covariance,
+        prior_root=prior_root(np.delete(np.delete(covariance, w, 0), w, 1)),
         scale=scale,
         draws=_draw(problem, x, sigma, spread, draws if spread > 0 else 0, seed),
         names=names,
     )
+
+
+def prior_root(covariance: FloatArray) -> FloatArray:
+    """Return R with R^T R the inverse of a covariance."""
+    L = np.linalg.cholesky(covariance)
+    return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
 
 
 def read_result(path: Path, problem: Problem) -> tuple[FloatArray, FloatArray]:

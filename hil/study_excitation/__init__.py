@@ -1,0 +1,1 @@
+"""Evidence for the excitation planner: every figure from one command."""
