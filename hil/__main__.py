@@ -67,6 +67,9 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     methods.add_argument("--seeds", type=int, metavar="N", help="of the sample level, 200")
     methods.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 30")
     methods.add_argument("--jobs", type=int, default=2, metavar="N", help="processes, 2")
+    methods.add_argument(
+        "--redo", action="append", default=[], metavar="METHOD", help="drop its stored results"
+    )
     methods.set_defaults(command=_study_methods)
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
     energy.set_defaults(command=_study_energy)
@@ -81,6 +84,7 @@ def _study_methods(arguments: argparse.Namespace) -> int:
         seeds=arguments.seeds,
         device_seeds=arguments.device_seeds,
         jobs=arguments.jobs,
+        redo=arguments.redo,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from collections.abc import Collection
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -20,9 +21,18 @@ FAILED_EXIT = 1
 
 
 def methods(
-    *, quick: bool, out: Path | None, seeds: int | None, device_seeds: int | None, jobs: int
+    *,
+    quick: bool,
+    out: Path | None,
+    seeds: int | None,
+    device_seeds: int | None,
+    jobs: int,
+    redo: Collection[str] = (),
 ) -> int:
-    """Run or resume the study of the methods, print its report; 1 if something required fails."""
+    """Run or resume the study of the methods, print its report; 1 if something required fails.
+
+    `redo` names methods whose stored results are dropped first, after a change of their code.
+    """
     os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes
     plan = run.quick_plan() if quick else run.Plan()
     if seeds is not None:
@@ -36,6 +46,8 @@ def methods(
         elif folder is None:
             folder = Path("runs") / "study-methods"
         store = Store(folder)
+        if redo:
+            store.forget(redo)
         records = run.complete(plan, store, jobs, Console(stderr=True))
         rows = summary.rows(records)
         verdicts = summary.verdicts(rows, quick=quick)

@@ -22,7 +22,9 @@ def exact_samples(case: str) -> TruthState:
     """Return the truth at 100 Hz over the whole motion, (N, ...) arrays."""
     scenario = scenario_of(case)
     spline = JointSpline.load(scenario.identification)
-    history = simulate(true_robot(scenario), spline, 0.0, DURATION_S, 1.0 / (RATE_HZ * STEPS_PER_SAMPLE))
+    history = simulate(
+        true_robot(scenario), spline, 0.0, DURATION_S, 1.0 / (RATE_HZ * STEPS_PER_SAMPLE)
+    )
     return history.at(np.arange(round(DURATION_S * RATE_HZ)) / RATE_HZ)
 
 

@@ -63,10 +63,10 @@ def sweep(case: str) -> Sweep:
         C[i] = robot.bias_derivative(q, nu, full, pi)[:, 3:6]
         H[i] = _mass_matrix(robot, q)
     H_bb, H_bm = H[:, :6, :6], H[:, :6, 6:]
-    J_nu: FloatArray = -np.linalg.solve(H_bb, Y_h)
+    J_nu = -_solve(H_bb, Y_h)
     J_w, J_v = J_nu[:, 3:], J_nu[:, :3]
-    J_a = -np.linalg.solve(H_bb, Y[:, :6] + C[:, :6] @ J_w)
-    J_a_w = -np.linalg.solve(H_bb, Y[:, :6])
+    J_a = -_solve(H_bb, Y[:, :6] + C[:, :6] @ J_w)
+    J_a_w = -_solve(H_bb, Y[:, :6])
     H_mb = H_bm.transpose(0, 2, 1)
     return Sweep(
         Y=Y,
@@ -77,7 +77,7 @@ def sweep(case: str) -> Sweep:
         J_a=J_a,
         J_w=J_w,
         J_v=J_v,
-        N=-np.linalg.solve(H_bb, H_bm),
+        N=-_solve(H_bb, H_bm),
     )
 
 
@@ -113,9 +113,7 @@ def _parts(s: Sweep, noise: SensorSet, channels: str) -> list[tuple[FloatArray, 
     H_hat = s.H[:, 6:, 6:] + H_mb @ s.N
     tau, qdd = noise.torque_nm**2 * np.eye(n), noise.qdd_rad_s2**2
     rate = np.broadcast_to(noise.rate_rad_s**2 * np.eye(3), (count, 3, 3))
-    acceleration = np.repeat(
-        [noise.acceleration_m_s2**2, noise.angular_acceleration_rad_s2**2], 3
-    )
+    acceleration = np.repeat([noise.acceleration_m_s2**2, noise.angular_acceleration_rad_s2**2], 3)
     if channels in (ALL, "fused"):
         width = 6 if channels == ALL else 3
         D = np.concatenate([H_hat, s.N[:, :width]], axis=1)
@@ -142,6 +140,10 @@ def _parts(s: Sweep, noise: SensorSet, channels: str) -> list[tuple[FloatArray, 
         S[:, :6, :6] += UNMODELLED_WRENCH**2 * np.eye(6)
         return [(s.Y, S)]
     raise ValueError(f"channels {channels!r} unknown")
+
+
+def _solve(A: FloatArray, B: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(A, B), dtype=np.float64)
 
 
 def _mass_matrix(robot: FloatingRobot, q: FloatArray) -> FloatArray:

@@ -77,9 +77,7 @@ def wanted(plan: Plan) -> list[Unit]:
     units = []
     for seed in range(max(plan.sample_seeds, plan.device_seeds)):
         if seed < plan.device_seeds:
-            units += [
-                _unit(DEVICE, case, device_bytes.SENSORS, seed) for case in plan.device_cases
-            ]
+            units += [_unit(DEVICE, case, device_bytes.SENSORS, seed) for case in plan.device_cases]
         if seed < plan.sample_seeds:
             units += [
                 _unit(SAMPLE, case, sensors, seed)

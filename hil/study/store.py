@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,13 @@ class Store:
         with self.path.open(encoding="utf-8") as lines:
             found = [_record(json.loads(line)) for line in lines]
         return {record.key: record for record in found}
+
+    def forget(self, methods: Collection[str]) -> None:
+        """Drop the results of some methods, so that they are run again."""
+        kept = [r for r in self.records().values() if r.key.method not in methods]
+        fresh = self.path.with_suffix(".new")
+        fresh.write_text("".join(f"{json.dumps(_plain(r))}\n" for r in kept), encoding="utf-8")
+        fresh.replace(self.path)
 
     def append(self, records: Iterable[Record]) -> None:
         """Add records and flush."""
