@@ -6,18 +6,20 @@ and without v_b; CM (eqs. 30-31) the gyro channel, in the study with the base ve
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fsw.estimators.methods.levenberg import minimise
 from fsw.estimators.methods.prediction_pass import Channels, prediction_pass
-from fsw.estimators.methods.result import BatchResult, build_result
+from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
 from fsw.estimators.problem import Problem
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
 
 FUSED = Channels(torque=True, accelerometer=True, gyro=True, velocity=False, measured_rate=False)
-EARLY_SAMPLES = 1500  # spread over the set, for the first approach; all samples enter after it
+EARLY_SAMPLES = 300  # spread over the set, for the first approach; all samples enter after it
 EARLY_DECREMENT = 1e-1
 EARLY_FROM = 4 * EARLY_SAMPLES
 
@@ -34,8 +36,8 @@ def solve_channels(
 ) -> BatchResult:
     """Minimise the whitened residuals of the chosen channels over consistent bodies.
 
-    A start far off is first brought close on an even subset of the samples, which the solution over
-    all of them then replaces; the result is that of all samples alone.
+    A start far off is first brought close on an even subset of the samples, held by the prior's
+    width around the start; the solution over all of them then replaces it.
     """
     system = build_system(problem, options)
     start = system.with_bodies(options.start)
@@ -43,11 +45,12 @@ def solve_channels(
     stride = len(samples) // EARLY_SAMPLES
     if len(samples) >= EARLY_FROM and system.at.wrench < 0:
         early = samples.take(slice(stride // 2, None, stride))
+        held = replace(system, prior_mean=start, prior_information=invert(system.prior_covariance))
         first = minimise(
-            _Pass(early, system, use), system, start, options.max_iterations, EARLY_DECREMENT
+            _Pass(early, held, use), held, start, options.max_iterations, EARLY_DECREMENT
         )
         iterations += first.iterations
-        start = first.x
+        start = first.x if np.isfinite(first.cost) else start
     found = minimise(_Pass(samples, system, use), system, start, options.max_iterations)
     width = problem.model.n * use.torque + 3 * (use.accelerometer + use.gyro + use.velocity)
     return build_result(

@@ -108,7 +108,10 @@ def _to_coordinates(x: FloatArray, system: System) -> FloatArray:
         pi = x[k]
         if not is_consistent(pi):
             pi = nearest_consistent(pi, system.prior_covariance[k, k])
-        coordinates[k] = to_log_cholesky(pi)
+        try:
+            coordinates[k] = to_log_cholesky(pi)
+        except np.linalg.LinAlgError:  # on the boundary within rounding
+            coordinates[k] = to_log_cholesky(system.prior_mean[k])
     return coordinates
 
 

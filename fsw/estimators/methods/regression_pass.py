@@ -84,15 +84,16 @@ def regression_pass(
         residual(arm, bodies, x, at, data, i, k, s, rows, p)
         if mode != OLS or inflate:
             _mass_matrix(k, s)
-        if not _weigh(data, wrench_sigma, mode, i, k, s, rows):
+        if mode != OLS and not _weigh(data, wrench_sigma, mode, i, k, s, rows):
             out.gram[p, p] = np.nan
             return out
         _fill_rows(x, at, data, i, k, s, rows)
-        whiten(s.S, rows, m)
+        if mode != OLS:
+            whiten(s.S, rows, m)
         if inflate:
             score = np.dot(np.ascontiguousarray(rows[:, :p]).T, np.ascontiguousarray(rows[:, p]))
             count = _noise_factor(mode, s, P)
-            used = _noise_rows(at, k, s, P, count, extra)
+            used = _noise_rows(at, k, s, P, count, extra, mode != OLS)
             body = extra[:used]
             gram = np.dot(body.T, body)
             out.inflation[:] += gram[:p, :p]
@@ -107,6 +108,12 @@ def regression_pass(
     if fill:
         buffer[fill:] = 0.0
         out.gram[:] += np.dot(buffer.T, buffer)
+    if mode == OLS:
+        scale = 1.0 / np.mean(data.s_tau**2)
+        out.gram[:] *= scale
+        out.inflation[:] *= scale
+        out.shrinkage[:] *= scale
+        out.scores[:] *= scale**2
     return out
 
 
@@ -172,16 +179,8 @@ def _weigh(
     s: _Sample, rows: FloatArray,
 ) -> bool:  # fmt: skip
     """Leave the factor of the rows' covariance in s.S; for EIV move s and k to smoothed inputs."""
-    n, m, p = data.q.shape[1], s.z.shape[0], rows.shape[1] - 1
+    m, p = s.z.shape[0], rows.shape[1] - 1
     S = s.S
-    if mode == OLS:
-        S[:] = 0.0
-        total = 0.0
-        for j in range(n):
-            total += data.s_tau[j] ** 2
-        for c in range(m):
-            S[c, c] = np.sqrt(total / n)
-        return total > 0.0
     rate = False
     for e in range(3):
         rate = rate or data.s_w[e] > 0.0
@@ -296,7 +295,7 @@ def _noise_factor(mode: int, s: _Sample, P: FloatArray) -> int:
 @inlined
 def _noise_rows(
     at: Columns, k: Work, s: _Sample, P: FloatArray, count: int,
-    extra: FloatArray,
+    extra: FloatArray, weighted: bool,
 ) -> int:  # fmt: skip
     """Set extra to the whitened rows of the bodies for each noise direction, H P last."""
     n, m, p = k.S.shape[0], s.z.shape[0], extra.shape[1] - 1
@@ -314,6 +313,7 @@ def _noise_rows(
             for b in range(m):
                 total += s.H[c, b] * P[b, f]
             rows[c, p] = total
-        whiten(s.S, rows, m)
+        if weighted:
+            whiten(s.S, rows, m)
     used: int = count * m
     return used
