@@ -29,6 +29,7 @@ from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.inertia import skew
 from fsw.estimators.mrnea import base_acceleration, covariance_root, field
 from fsw.estimators.outcome import outcome
+from fsw.estimators.plausible import plausible
 from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, Estimate, FloatArray
 
@@ -41,19 +42,21 @@ class CompensatedSums:
 
     F: FloatArray  # (p + 1, p + 1) of [X, y]^T W [X, y], y the measured less the known bodies' part
     C: FloatArray  # (p + 1, p + 1) what noise adds to F on average
-    T: FloatArray  # (p, p) covariance of the noise's product with the residual, beyond F
-    rows: int
+    T: FloatArray  # (p, p) covariance of the noise's product with the residual
+    expected: float  # squared whitened residuals that the declared noise gives
 
     def __add__(self, other: CompensatedSums) -> CompensatedSums:
         """Return the sums of both."""
         return CompensatedSums(
-            self.F + other.F, self.C + other.C, self.T + other.T, self.rows + other.rows
+            self.F + other.F, self.C + other.C, self.T + other.T, self.expected + other.expected
         )
 
 
 def no_sums(p: int) -> CompensatedSums:
     """Return the sums over no block."""
-    return CompensatedSums(np.zeros((p + 1, p + 1)), np.zeros((p + 1, p + 1)), np.zeros((p, p)), 0)
+    return CompensatedSums(
+        np.zeros((p + 1, p + 1)), np.zeros((p + 1, p + 1)), np.zeros((p, p)), 0.0
+    )
 
 
 def acceleration_root(block: Block, problem: Problem) -> FloatArray:
@@ -82,13 +85,14 @@ def acceleration_root(block: Block, problem: Problem) -> FloatArray:
 def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums:
     """Return the sums of one block.
 
-    Weights W are the inverse covariance of the rows at the prior's parameters; the columns of the
-    sensors' biases, bilinear with the bodies, are taken at the state x.
+    Weights W are the inverse of a covariance of the rows at the prior's parameters; the columns of
+    the accelerometer's bias, bilinear with the bodies, are taken at the state x.
     """
     model, n, m = problem.model, problem.model.n, len(block.t_ns)
     p, k = len(x), problem.bodies
     at_prior = np.append(problem.prior_mean[k], 1.0)
     at_x = np.append(x[k], 1.0)
+    at_x_known = np.append(x[k], -1.0)  # after the known part has changed sides
     columns = np.column_stack([problem.U, problem.pi_known])  # of [unknown bodies, known part]
     G_field = field(block, problem)
     w, a_base = base_acceleration(block, problem.prior_mean, problem, G_field)
@@ -107,9 +111,8 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     K = acceleration_root(block, problem)
     D = np.einsum("iaf,iarc->irfc", K, Y_k)  # (m, 6+n, f, c)
     size, f = m * (6 + n), K.shape[2]
-    G = (D @ at_prior).reshape(size, f)
-    S = G @ G.T + _output_covariance(block, problem)
-    L = np.linalg.cholesky(S)
+    output = _output_covariance(block, problem)
+    L = np.linalg.cholesky(_weight_covariance(K, Y_k @ at_prior) + output)
     X = np.zeros((m, 6 + n, p + 1))
     X[:, :, k] = Y[:, :, :-1]
     X[:, :, p] = -Y[:, :, -1]
@@ -125,12 +128,26 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     noise = solve_triangular(L, D.reshape(size, -1), lower=True).reshape(size * f, -1)
     C = np.zeros((p + 1, p + 1))
     C[np.ix_(body, body)] = noise.T @ noise
-    # sum over pairs (f, g) of D_f^T W G_g (D_g^T W G_f)^T, the second Isserlis term
-    white_G = solve_triangular(L, G, lower=True)
+    # the score's covariance: X^T W S W X, and over pairs (f, g) D_f^T W G_g (D_g^T W G_f)^T
+    white_G = solve_triangular(L, (D @ at_x_known).reshape(size, f), lower=True)
+    V = white_G @ white_G.T
+    V += solve_triangular(L, solve_triangular(L, output, lower=True).T, lower=True)
     E = np.einsum("rfc,rg->fgc", noise.reshape(size, f, -1), white_G)[:, :, : k.stop]
-    T = np.zeros((p, p))
-    T[k, k] = np.einsum("fgc,gfd->cd", E, E)
-    return CompensatedSums(white.T @ white, C, 0.5 * (T + T.T), size)
+    T = white[:, :p].T @ V @ white[:, :p]
+    T[k, k] += np.einsum("fgc,gfd->cd", E, E)
+    return CompensatedSums(white.T @ white, C, 0.5 * (T + T.T), float(np.trace(V)))
+
+
+def _weight_covariance(K: FloatArray, H: FloatArray) -> FloatArray:
+    """Return the rows' covariance if nodes were uncorrelated, H (m, a, r) by acceleration and row.
+
+    Weights must not trust combinations that are noise-free only at wrong parameters.
+    """
+    m, _, rows = H.shape
+    S = np.zeros((m, rows, m, rows))
+    for i in range(m):
+        S[i, :, i, :] = H[i].T @ (K[i] @ K[i].T) @ H[i]
+    return S.reshape(m * rows, m * rows)
 
 
 def _output_covariance(block: Block, problem: Problem) -> FloatArray:
@@ -149,7 +166,7 @@ def compensated_solution(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return state, covariance and the bias taken off (p,).
 
-    Covariance: the sandwich M^-1 (F - C + C + T) M^-1 of the compensated equations, plus the bias
+    Covariance: the sandwich M^-1 T M^-1 of the compensated equations, plus the bias
     taken off times the relative uncertainty of the noise's variance.
 
     Raises
@@ -170,13 +187,12 @@ def compensated_solution(
         return z
 
     x = solve(g)
-    score = sums.F[:p, :p] + prior_precision + sums.T
+    score = sums.T + prior_precision
     covariance = solve(solve(score).T)
     extended = np.append(x, -1.0)
-    # residuals hold the noise of Y at these parameters too, which the weights count already
     squares = float(extended @ sums.F @ extended)
-    variance = squares / max(1, sums.rows - p)
-    doubt = abs(variance - 1.0) + np.sqrt(2.0 / max(1, sums.rows))
+    variance = squares / max(1.0, sums.expected - p)
+    doubt = abs(variance - 1.0) + np.sqrt(2.0 / max(1.0, sums.expected))
     bias = solve(sums.C[:p] @ extended)
     covariance = max(1.0, variance) * covariance + doubt**2 * np.outer(bias, bias)
     covariance = 0.5 * (covariance + covariance.T)
@@ -286,6 +302,9 @@ class BiasCompensatedEstimator:
         )
 
     def _fold(self, block: Block) -> None:
+        if not plausible(block):
+            self._gated += 1
+            return
         sums = None
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             try:

@@ -2,8 +2,8 @@
 
 An outlier is one block whose normalised innovation squared (NIS) noise does not explain; a change
 is a run of them. The sum over blocks of their excess, less a drift and never below zero, is Page's
-cumulative sum. A block's excess counts at most half the alarm's threshold, so that one block, or
-two, alone never raise it whatever they hold.
+cumulative sum. A block's excess counts at most half the alarm's threshold, so that one block alone
+never raises it, whatever it holds.
 Source: Page, Biometrika 41 (1954); Basseville, Nikiforov, Detection of Abrupt Changes (1993), 2.2.
 """
 

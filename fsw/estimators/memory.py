@@ -15,20 +15,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fsw.estimators.impulse import Impulse
 from fsw.estimators.mrnea import Rows
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 
-SafeRows = Callable[[Block, FloatArray], Rows | None]  # None: not usable at that state
+# rows of a block at a state, given the momentum gained before it; None: not usable there
+SafeRows = Callable[[Block, FloatArray, Impulse | None], Rows | None]
 
 
 @dataclass(slots=True, eq=False)
 class _Stored:
-    """A block with its newest whitened rows, as weight (A x = c)."""
+    """A block with its newest whitened rows, as weight (A x = c), and the momentum after it."""
 
     block: Block
     A: FloatArray
     c: FloatArray
+    after: Impulse | None
     weight: float = 1.0
 
     def into(self, information: SquareRootInformation) -> SquareRootInformation:
@@ -47,6 +50,7 @@ class Memory:
     passes : passes completed
     rows : rows folded in since the restart
     failed : blocks that could not be re-linearised in the last pass, with their old rows kept
+    gained : momentum gained from external moments up to the newest block
     """
 
     def __init__(self, prior: SquareRootInformation, capacity: int) -> None:
@@ -65,6 +69,9 @@ class Memory:
         self._store: deque[_Stored] = deque()
         self._pass: SquareRootInformation | None = None
         self._visited = self._total = self._failures = 0
+        self.gained: Impulse | None = None
+        self._gained_retired: Impulse | None = None
+        self._gained_in_pass: Impulse | None = None
         self.failed = self.rows = 0
         self.at = prior.mean()
         self._combine()
@@ -94,9 +101,11 @@ class Memory:
             stored.weight *= factor
         self._combine()
 
-    def add(self, block: Block, A: FloatArray, c: FloatArray, *, keep: bool) -> None:
-        """Fold in the whitened rows A x = c of a block, and keep it for passes if told so."""
-        stored = _Stored(block, A, c)
+    def add(self, block: Block, rows: Rows, at: FloatArray, *, keep: bool) -> None:
+        """Fold in the whitened rows of a block at a state, and keep it for passes if told so."""
+        c = rows.b + rows.A @ at
+        stored = _Stored(block, rows.A, c, rows.after)
+        self.gained = rows.after
         self.rows += len(c)
         self.data = stored.into(self.data)
         self._combine()
@@ -111,6 +120,7 @@ class Memory:
     def begin(self, at: FloatArray) -> None:
         """Begin a pass that re-linearises every stored block at one point."""
         self._pass, self.at = self._retired, at
+        self._gained_in_pass = self._gained_retired
         self._visited, self._total, self._failures = 0, len(self._store), 0
 
     def advance(self, rows: SafeRows) -> bool:
@@ -122,16 +132,20 @@ class Memory:
             return False
         if self._visited < self._total:
             stored = self._store[self._visited]
-            new = rows(stored.block, self.at)
+            new = rows(stored.block, self.at, self._gained_in_pass)
             if new is None:
                 self._failures += 1
             else:
                 stored.A, stored.c = new.A, new.b + new.A @ self.at
+                stored.after = new.after
+            self._gained_in_pass = stored.after
             self._pass = stored.into(self._pass)
             self._visited += 1
             if self._visited < self._total:
                 return False
         self.data, self._pass = self._pass, None
+        if self._total == len(self._store):  # no block has come since
+            self.gained = self._gained_in_pass
         self.failed = self._failures
         self.passes += 1
         self._combine()
@@ -153,6 +167,7 @@ class Memory:
     def _retire(self) -> None:
         oldest = self._store.popleft()
         self._retired = oldest.into(self._retired)
+        self._gained_retired = oldest.after
         if self._pass is not None:
             if self._visited > 0:
                 self._visited -= 1

@@ -11,8 +11,7 @@ contradict is widened. Both are told as events.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,13 +21,15 @@ from fsw.errors import EstimatorError
 from fsw.estimators.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.change import InnovationMonitor
 from fsw.estimators.diagnosis import conflict_limit, diagnose, plain, prior_conflict
-from fsw.estimators.fused import fused_rows
+from fsw.estimators.impulse import Impulse
 from fsw.estimators.inertia import is_consistent, nearest_consistent
 from fsw.estimators.memory import Memory, data_within
 from fsw.estimators.model import RobotModel
-from fsw.estimators.mrnea import Rows, mrnea_rows
+from fsw.estimators.mrnea import Rows
 from fsw.estimators.outcome import outcome
+from fsw.estimators.plausible import plausible
 from fsw.estimators.problem import Problem, build_problem
+from fsw.estimators.row_functions import RowsFunction, row_function
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, Estimate, FloatArray
 
@@ -41,7 +42,6 @@ FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
 ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
 EVENT_LIMIT = 64
 
-RowsFunction = Callable[[Block, FloatArray], Rows]
 EventWords = tuple[str, str, str]  # severity, code, text
 
 
@@ -136,9 +136,9 @@ class OnlineEstimator:
             pass
         if block.index > self._after:
             self._fold(block)
+            self._due = 0 if self._linear else WORK_PER_BLOCK
         else:
             self._ignored += 1
-        self._due = 0 if self._linear else WORK_PER_BLOCK
         estimate = self.estimate(int(block.t_ns[-1]))
         self._armed = self._armed or (estimate.valid and not self._linear)
         return estimate
@@ -263,7 +263,7 @@ class OnlineEstimator:
     def _fold(self, block: Block) -> None:
         self._after = block.index
         at = self._linearisation_point()
-        rows = self._usable_rows(block, at)
+        rows = self._usable_rows(block, at, self._store.gained)
         if rows is None:
             self._gated += 1
             return
@@ -285,7 +285,7 @@ class OnlineEstimator:
     def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> None:
         c = rows.b + rows.A @ at
         before, R = self._x, self._store.information.R
-        self._store.add(block, rows.A, c, keep=not self._linear)
+        self._store.add(block, rows, at, keep=not self._linear)
         self._blocks += 1
         self._since += 1
         self._span_ns = (self._span_ns[0] if self._span_ns else int(block.t_ns[0]), end_ns)
@@ -299,11 +299,13 @@ class OnlineEstimator:
             elapsed_s = max(0, end_ns - self._span_ns[1]) * 1e-9
             self._store.age(float(np.exp(-0.5 * elapsed_s / time_s)))
 
-    def _usable_rows(self, block: Block, at: FloatArray) -> Rows | None:
-        """Return the rows, or None where they are not finite or the base has no inertia there."""
+    def _usable_rows(self, block: Block, at: FloatArray, before: Impulse | None) -> Rows | None:
+        """Return the rows; None if the block is absurd or the base has no inertia there."""
+        if not plausible(block):
+            return None
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             try:
-                rows = self._rows(block, at)
+                rows = self._rows(block, at, before)
             except ValueError:  # LinAlgError, or scipy's check of what it is given
                 return None
         if not (np.all(np.isfinite(rows.A)) and np.all(np.isfinite(rows.b))):
@@ -449,16 +451,8 @@ def build_online(
         model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem = build_problem(config, model)
     settings = config.estimator
-    rows: RowsFunction
-    if settings.method != "mrnea":
-        if settings.method == "rda":
-            rows = partial(fused_rows, problem=problem, channels=("torque",), rate="measured")
-        elif settings.method == "cm":
-            rows = partial(fused_rows, problem=problem, channels=("gyro",))
-        else:
-            rows = partial(fused_rows, problem=problem)
-        return OnlineEstimator(problem, settings, rows, linear=False)
-    if settings.weighting == "bc":
+    if settings.method == "mrnea" and settings.weighting == "bc":
         return BiasCompensatedEstimator(problem, settings)
-    rows = partial(mrnea_rows, problem=problem, weighting=settings.weighting)
-    return OnlineEstimator(problem, settings, rows, linear=settings.weighting != "eiv")
+    rows = row_function(settings.method, settings.weighting, problem)
+    linear = settings.method == "mrnea" and settings.weighting != "eiv"
+    return OnlineEstimator(problem, settings, rows, linear=linear)
