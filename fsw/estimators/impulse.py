@@ -24,6 +24,12 @@ class Impulse:
     end_ns: int
     L_Nms: FloatArray  # (3,)
     J: FloatArray  # (3, p) its derivative by the state
+    x: FloatArray  # (p,) the state it was evaluated at
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Return the momentum at another state, to first order."""
+        momentum: FloatArray = self.L_Nms + self.J @ (x - self.x)
+        return momentum
 
 
 @lru_cache(maxsize=8)
@@ -57,13 +63,13 @@ def momentum_at_nodes(
     centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
     start_ns, stop_ns = centre_ns - round(half_s * 1e9), centre_ns + round(half_s * 1e9)
     if before is None:
-        before = Impulse(start_ns, np.zeros(3), np.zeros((3, len(x))))
+        before = Impulse(start_ns, np.zeros(3), np.zeros((3, len(x))), x)
     gap_s = max(0, start_ns - before.end_ns) * 1e-9
-    L0, J0 = before.L_Nms + gap_s * T[0], before.J + gap_s * J[0]
+    L0, J0 = before.at(x) + gap_s * T[0], before.J + gap_s * J[0]
     L = L0 + half_s * cumulative @ T
     J_L = J0 + half_s * np.einsum("ij,jkp->ikp", cumulative, J)
     after = Impulse(
-        stop_ns, L0 + half_s * weights @ T, J0 + half_s * np.einsum("j,jkp->kp", weights, J)
+        stop_ns, L0 + half_s * weights @ T, J0 + half_s * np.einsum("j,jkp->kp", weights, J), x
     )
     return L, J_L, after
 

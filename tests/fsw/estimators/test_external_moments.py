@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from fsw.config import OrbitConfig
 from fsw.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+from fsw.estimators.batch import solve
 from fsw.estimators.fused import predict
 from fsw.estimators.impulse import Impulse
 from fsw.estimators.mrnea import mrnea_rows
+from fsw.estimators.online import OnlineEstimator
 from fsw.estimators.orbit import CircularOrbit
-from fsw.estimators.problem import Problem
+from fsw.estimators.problem import Problem, build_problem
+from fsw.estimators.row_functions import row_function
 from fsw.messages import Block, FloatArray
 from hil.history import TruthHistory
 from hil.spline import JointSpline
@@ -27,8 +31,13 @@ from tests.fsw.estimators.cases import (
     TARGET,
     URDF,
     WINDOW_S,
+    draw_biases,
+    make_config,
     make_problem,
+    noisy,
+    parameters,
     random_block,
+    robot_model,
     true_block,
 )
 
@@ -160,7 +169,7 @@ def test_jacobians_with_every_nuisance_match_finite_differences(rate: Any) -> No
     x = problem.prior_mean.copy()
     x[20:] = 0.1 * rng.normal(size=len(x) - 20)
     block = random_block()
-    before = Impulse(0, np.array([0.3, -0.2, 0.5]), np.zeros((3, len(x))))
+    before = Impulse(0, np.array([0.3, -0.2, 0.5]), np.zeros((3, len(x))), x)
     p = predict(block, x, problem, rate, before)
     for name, J in (("tau_nm", p.J_tau), ("f_m_s2", p.J_f), ("w_rad_s", p.J_w)):
         for k in range(len(x)):
@@ -171,3 +180,23 @@ def test_jacobians_with_every_nuisance_match_finite_differences(rate: Any) -> No
             expected = (up - down) / (2 * d[k])
             scale = max(float(np.abs(J[:, :, k]).max()), 1e-6)
             np.testing.assert_allclose(J[:, :, k], expected, atol=2e-6 * scale + 1e-9)
+
+
+def test_the_recursion_carries_the_impulse_as_the_batch_does() -> None:
+    """Base and target unknown under the gradient, noise on, store of 40 of 150 blocks."""
+    rng = np.random.default_rng(5)
+    biases = draw_biases(rng)
+    noisy_run = [noisy(block, rng, biases) for block in blocks(disturbed("gradient"))]
+    config = make_config(("base", "target"), store_blocks=40)
+    problem = replace(build_problem(config, robot_model()), orbit=orbit())
+    rows = row_function("fused", "eiv", problem)
+    online = OnlineEstimator(problem, config.estimator, rows, linear=False)
+    for block in noisy_run:
+        estimate = online.push(block)
+    batch = solve(problem, rows, noisy_run)
+    assert batch.status == "OK"
+    difference = batch.information.R @ (estimate.mean - batch.mean)
+    assert np.sqrt(np.mean(difference**2)) <= 0.2
+    truth = np.concatenate([parameters(BASE), parameters(TARGET)])
+    error, P = estimate.mean[:20] - truth, estimate.covariance[:20, :20]
+    assert error @ np.linalg.solve(P, error) <= chi2.ppf(0.999, 20)

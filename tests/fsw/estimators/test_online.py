@@ -318,16 +318,7 @@ def test_before_any_block_the_estimate_is_the_prior() -> None:
     assert estimate.information_gained_nats == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        "fused",
-        pytest.param(
-            "mrnea",
-            marks=pytest.mark.xfail(strict=True, reason="a missing gyro is read as zero rate"),
-        ),
-    ],
-)
+@pytest.mark.parametrize("method", ["fused", "mrnea", "rda"])
 def test_missing_channels_are_left_out_without_harm(method: str) -> None:
     blocks = noisy_blocks("target", 4, 20.0)
     some = [
