@@ -135,7 +135,7 @@ def test_a_step_of_the_mass_is_found_and_the_estimate_follows(method: str) -> No
 def test_one_corrupt_block_is_gated_and_does_not_reopen() -> None:
     blocks = noisy_blocks("target", 5)
     blocks[60] = replace(blocks[60], tau_nm=blocks[60].tau_nm + 3.0)
-    online, estimates, alarms = run(blocks)
+    _, estimates, alarms = run(blocks)
     assert not alarms
     assert estimates[-1].gated == 1
     assert estimates[-1].valid
@@ -161,7 +161,7 @@ def test_noise_twice_the_declared_is_told_and_sigmas_follow() -> None:
         louder = replace(b, index=k, **{name: 4.0 * getattr(b, name) for name in names})
         declared = {name: getattr(b, name) for name in names}
         blocks.append(replace(noisy(louder, rng, biases), **declared))
-    online, estimates, alarms = run(blocks)
+    online, _, alarms = run(blocks)
     assert not alarms
     last = online.finish()
     assert last.extra["noise_ratio"] == pytest.approx(2.0, abs=0.2)
