@@ -134,7 +134,7 @@ class Mounting(Section):
 class ImuConfig(Section):
     """The inertial unit. Noise is white: angle and velocity random walk (sigma = N sqrt(rate))."""
 
-    driver: Literal["stim300"] = "stim300"
+    driver: Literal["stim300", "mip"] = "stim300"
     port: str
     baud_rate: int = Field(default=921600, gt=0)
     rate_hz: Positive
