@@ -7,7 +7,7 @@ process of its own. What is judged later comes from its estimates, or from its r
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -163,8 +163,17 @@ def prepare(
     )
 
 
-def run_virtual(setup: Setup, meter: Meter, *, record: bool) -> Recorded:
-    """Run plant and daemon in one thread in virtual time; a seed fixes every bit."""
+def run_virtual(
+    setup: Setup,
+    meter: Meter,
+    *,
+    record: bool,
+    disturb: Callable[[VirtualBench], None] | None = None,
+) -> Recorded:
+    """Run plant and daemon in one thread in virtual time; a seed fixes every bit.
+
+    `disturb` may put taps on the links before the run (see `hil.faults`).
+    """
     sensors = SensorConfig.from_dict(setup.scenario.sensors)
     plant = Plant(
         setup.history,
@@ -174,6 +183,8 @@ def run_virtual(setup: Setup, meter: Meter, *, record: bool) -> Recorded:
         t0_ns=T0_NS,
     )
     bench = VirtualBench(plant, T0_NS, seed=setup.seed)
+    if disturb is not None:
+        disturb(bench)
     collector = Collector()
     sink: Sink = collector
     if record:
