@@ -47,6 +47,18 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--method", choices=("mrnea", "fused"), help="instead of the scenario's")
     run.add_argument("--weighting", choices=("ols", "wls", "eiv"), help="instead of the scenario's")
     run.set_defaults(command=_run)
+    seeds = commands.add_parser(
+        "seeds", help="many seeds of a scenario, and what they say together"
+    )
+    seeds.add_argument("scenario", metavar="SCENARIO")
+    seeds.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
+    seeds.add_argument("--count", type=int, default=10, metavar="N", help="consecutive seeds, 10")
+    seeds.add_argument("--jobs", type=int, default=1, metavar="N", help="runs at a time, 1")
+    seeds.add_argument(
+        "--real-time", action="store_true", help="live links instead of virtual time"
+    )
+    seeds.add_argument("--json", action="store_true", help="print outcomes and summary as JSON")
+    seeds.set_defaults(command=_seeds)
     listing = commands.add_parser("list", help="list the scenarios")
     listing.set_defaults(command=_list)
     _study_parser(commands)
@@ -100,6 +112,24 @@ def _list(_arguments: argparse.Namespace) -> int:
     for name in names():
         print(f"{name:12s} {load(name).title}")
     return 0
+
+
+def _seeds(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import track
+
+    from hil.seeds import run_seeds, show, summary
+
+    numbers = range(arguments.first, arguments.first + arguments.count)
+    options = [] if arguments.real_time else ["--fast"]
+    runs = run_seeds(arguments.scenario, numbers, arguments.jobs, options)
+    progress = track(runs, arguments.scenario, len(numbers), console=Console(stderr=True))
+    outcomes = list(progress)
+    if arguments.json:
+        print(json.dumps({"summary": summary(outcomes), "runs": outcomes}))
+    else:
+        show(outcomes, _wide(Console()))
+    return 0 if all(outcome["valid"] for outcome in outcomes) else FAILED_EXIT
 
 
 def _run(arguments: argparse.Namespace) -> int:

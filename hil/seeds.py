@@ -1,0 +1,99 @@
+"""Many seeds of one scenario, each a run of its own process, and what they say together."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import chi2
+
+
+def run_seeds(
+    scenario: str, seeds: Sequence[int], jobs: int, options: Sequence[str]
+) -> Iterator[dict[str, Any]]:
+    """Yield the outcome of `hil run SCENARIO --json` for every seed, in order."""
+
+    def outcome(seed: int) -> dict[str, Any]:
+        command = [sys.executable, "-m", "hil", "run", scenario, "--json", "--seed", str(seed)]
+        done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+        if not done.stdout.strip():
+            raise RuntimeError(f"seed {seed} failed: {done.stderr.strip()[-500:]}")
+        values: dict[str, Any] = json.loads(done.stdout)
+        return values
+
+    with ThreadPoolExecutor(jobs) as pool:
+        yield from pool.map(outcome, seeds)
+
+
+def summary(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return mean NEES with its two-sided 99 % band, and per body the mass errors.
+
+    The band is that of the mean of N chi-square values of `dof` degrees of freedom.
+    """
+    dof, count = outcomes[0]["dof"], len(outcomes)
+    low, high = chi2.ppf([0.005, 0.995], dof * count) / count
+    bodies = {}
+    for body in outcomes[0]["unknown"]:
+        truth = np.array([o["truth"][body]["mass_kg"] for o in outcomes])
+        mass = np.array([o["estimate"][body]["mass_kg"] for o in outcomes])
+        sigma = np.array([o["sigma"][body]["mass_kg"] for o in outcomes])
+        ratios = [o["mass_sigma_to_crb_ratio"][body] for o in outcomes]
+        bodies[body] = {
+            "within_0.3_percent": int(np.sum(np.abs(mass / truth - 1) <= 0.003)),
+            "within_3_sigma": int(np.sum(np.abs(mass - truth) <= 3 * sigma)),
+            "worst_mass_error_ratio": float(np.abs(mass / truth - 1).max()),
+            "worst_sigma_to_crb_ratio": max(ratios),
+        }
+    samples = [counts for o in outcomes for counts in o["samples"].values()]
+    errors = [o["ee_error"]["mean_position_m"] for o in outcomes]
+    return {
+        "seeds": count,
+        "valid": sum(o["valid"] for o in outcomes),
+        "mean_nees": float(np.mean([o["nees"] for o in outcomes])),
+        "nees_band_99": [float(low), float(high)],
+        "dof": dof,
+        "bodies": bodies,
+        "worst_mean_ee_error_m": max(errors),
+        "rejected": sum(c["rejected"] for c in samples),
+        "lost": sum(c["lost"] for c in samples),
+        "late": sum(c["late"] for c in samples),
+        "slips": sum(o["slips"] for o in outcomes),
+        "slowest_speed_ratio": min(o["simulated_s"] / o["wall_s"] for o in outcomes),
+    }
+
+
+def show(outcomes: Sequence[dict[str, Any]], console: Console) -> None:
+    """Print a line per seed and the summary."""
+    lines = Table(title=f"{outcomes[0]['scenario']}, {outcomes[0]['method']}")
+    for title in ("seed", "body", "mass error [%]", "sigmas", "sigma/CRB", "NEES", "mean EE [mm]"):
+        lines.add_column(title, justify="right")
+    for o in outcomes:
+        for body in o["unknown"]:
+            truth, mass = o["truth"][body]["mass_kg"], o["estimate"][body]["mass_kg"]
+            lines.add_row(
+                str(o["seed"]),
+                body,
+                f"{100 * (mass / truth - 1):+.4f}",
+                f"{(mass - truth) / o['sigma'][body]['mass_kg']:+.2f}",
+                f"{o['mass_sigma_to_crb_ratio'][body]:.2f}",
+                f"{o['nees']:.1f}",
+                f"{1e3 * o['ee_error']['mean_position_m']:.4f}",
+            )
+    console.print(lines)
+    total = summary(outcomes)
+    low, high = total["nees_band_99"]
+    console.print(
+        f"mean NEES {total['mean_nees']:.2f} for {total['dof']} parameters; 99 % band "
+        f"[{low:.2f}, {high:.2f}]; {total['valid']} of {total['seeds']} valid"
+    )
+    for body, values in total["bodies"].items():
+        console.print(f"{body}: " + ", ".join(f"{k} {v:.4g}" for k, v in values.items()))
+    rest = ("worst_mean_ee_error_m", "rejected", "lost", "late", "slips", "slowest_speed_ratio")
+    console.print(", ".join(f"{key} {total[key]:.4g}" for key in rest))
