@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw.errors import EstimatorError
+from fsw.estimators.methods.least_squares_pass import least_squares_gram
 from fsw.estimators.methods.levenberg import consistent_start, minimise
 from fsw.estimators.methods.regression_pass import EIV, OLS, WLS, Regression, regression_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
@@ -50,6 +51,13 @@ class _Pass:
             inflate,
         )
 
+    def least_squares(self, x: FloatArray) -> Regression:
+        """Return the plain regression at x where bodies are the only states and inputs exact."""
+        system, samples, p = self.system, self.samples, len(x)
+        gram = least_squares_gram(system.arm, system.bodies(x), system.at, kernel_data(samples))
+        zero = np.zeros((p, p))
+        return Regression(gram / np.mean(samples.noise.tau_nm**2), zero, np.zeros(p), zero)
+
     def eiv_gram(self, x: FloatArray) -> FloatArray:
         """Return the Gram of the errors-in-variables rows."""
         return self(x, EIV).gram
@@ -74,7 +82,10 @@ def _linear(run: _Pass, options: Options) -> BatchResult:
         or np.any(run.samples.noise.wd_rad_s2 > 0)
         or np.any(run.samples.noise.qdd_rad_s2 > 0)
     )
-    raw = run(x0, mode, inflate=noisy)
+    if mode == OLS and not noisy and p == system.problem.bodies.stop:
+        raw = run.least_squares(x0)
+    else:
+        raw = run(x0, mode, inflate=noisy)
     plain = raw.gram[:p, :p] + system.prior_information
     pull = raw.gram[:p, p] - system.prior_information @ (x0 - system.prior_mean)
     x = x0 + _solve(plain, pull)

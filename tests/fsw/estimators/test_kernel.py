@@ -10,6 +10,8 @@ import pytest
 pytest.importorskip("numba")
 
 from fsw.estimators import kernel, projection
+from fsw.estimators.methods.least_squares_pass import least_squares_gram
+from fsw.estimators.methods.prediction_pass import Columns, Data
 from fsw.estimators.model import RobotModel
 from tests.conftest import arm_urdf
 from tests.fsw.estimators.cases import BASE, TARGET, URDF, parameters
@@ -105,3 +107,48 @@ def test_momentum_projections_are_rows_of_the_momentum_regressor(model, seed):
         assert close(row, Y[i, -10:] @ model.tool_map)
         projection.project_base(case.work, np.eye(6)[i], row)
         assert close(row, Y[i, :10])
+
+
+@pytest.mark.parametrize("unknown", ["base", "target", "both"])
+@pytest.mark.parametrize("count", [1, 64, 70])  # less than a chunk, one chunk, and a rest
+def test_least_squares_gram_is_that_of_the_regressor(model, unknown, count):
+    cases = [Case(model, seed) for seed in range(count)]
+    tau = np.random.default_rng(7).normal(size=(count, model.n))
+    pieces = []
+    for case, own in zip(cases, tau, strict=True):
+        columns = []
+        if unknown != "target":
+            columns.append(case.Y[:, :10])
+        if unknown != "base":
+            columns.append(case.Y[:, -10:] @ model.tool_map)
+        r = np.concatenate([np.zeros(6), own]) - case.Y @ case.pi
+        pieces.append(np.column_stack([*columns, r]))
+    rows = np.concatenate(pieces)
+    arm, change = kernel.build_arm(model)
+    bodies = np.einsum("bij,bj->bi", change, cases[0].pi.reshape(-1, 10))
+    place = {"base": (0, -1), "target": (-1, 0), "both": (0, 10)}[unknown]
+    at = Columns(*place, -1, -1, -1, -1, -1, -1)
+    none = np.zeros((count, 3))
+    data = Data(
+        t=np.arange(float(count)),
+        q=np.array([c.q for c in cases]),
+        qd=np.array([c.qd for c in cases]),
+        qdd=np.array([c.qdd for c in cases]),
+        tau=tau,
+        w=np.array([c.w for c in cases]),
+        wd=np.array([c.a[3:] for c in cases]),
+        a=np.array([c.a[:3] for c in cases]),
+        v=none,
+        R=np.zeros((count, 3, 3)),
+        s_tau=np.ones(model.n),
+        s_qdd=np.zeros(model.n),
+        s_w=np.zeros(3),
+        s_wd=np.zeros(3),
+        s_a=np.zeros(3),
+        s_v=np.zeros(3),
+    )
+    G = least_squares_gram(arm, bodies, at, data)
+    wanted = rows.T @ rows
+    scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
+    assert np.abs(G - wanted).max() <= BOUND * np.abs(wanted).max()
+    assert np.all(np.abs(G - wanted) <= BOUND * scale + 1e-12)
