@@ -38,7 +38,7 @@ def summary(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     The band is that of the mean of N chi-square values of `dof` degrees of freedom.
     """
     dof, count = outcomes[0]["dof"], len(outcomes)
-    low, high = chi2.ppf([0.005, 0.995], dof * count) / count
+    low, high = (float(chi2.ppf(p, dof * count)) / count for p in (0.005, 0.995))
     bodies = {}
     for body in outcomes[0]["unknown"]:
         truth = np.array([o["truth"][body]["mass_kg"] for o in outcomes])
@@ -57,7 +57,7 @@ def summary(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "seeds": count,
         "valid": sum(o["valid"] for o in outcomes),
         "mean_nees": float(np.mean([o["nees"] for o in outcomes])),
-        "nees_band_99": [float(low), float(high)],
+        "nees_band_99": [low, high],
         "dof": dof,
         "bodies": bodies,
         "worst_mean_ee_error_m": max(errors),
