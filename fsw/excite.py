@@ -104,8 +104,9 @@ def _plan(
         rate_hz=arguments.rate_hz,
         seed=arguments.seed,
     )
+    guess = None if arguments.start_from is None else spline.load(arguments.start_from)
     try:
-        plan = Planner(subject, limits, collisions, request, _tell).plan()
+        plan = Planner(subject, limits, collisions, request, _tell).plan(guess)
     except InfeasibleError as error:
         _tell(f"infeasible: {error}")
         return FAILED

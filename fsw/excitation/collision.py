@@ -58,11 +58,9 @@ class Collisions:
 
     def _slope(self, found: coal.DistanceResult, a: int, b: int) -> FloatArray:
         first, second = found.getNearestPoint1(), found.getNearestPoint2()
-        apart = second - first
-        length = float(np.linalg.norm(apart))
-        if length < 1e-9:
+        normal = np.asarray(found.normal)  # from the first to the second
+        if not np.all(np.isfinite(normal)):
             return np.zeros(self._model.nv - 6)
-        normal = apart / length * np.sign(found.min_distance)
         motion = self._point_jacobian(b, second) - self._point_jacobian(a, first)
         return np.asarray(normal @ motion[:, 6:])
 

@@ -7,13 +7,13 @@ limit join the optimiser's set, limits that are exceeded between samples are tig
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
-from fsw.errors import FswError
+from fsw.errors import ConfigError, FswError
 from fsw.excitation import criteria
 from fsw.excitation.collision import Collisions
 from fsw.excitation.design import Criterion, Grid, LimitRows
@@ -100,8 +100,8 @@ class Planner:
         self.members = [subject.x, *subject.draws]
         self.fixed = self._fixed()
 
-    def plan(self) -> Plan:
-        """Return the best trajectory of all starts.
+    def plan(self, guess: Trajectory | None = None) -> Plan:
+        """Return the best trajectory of all starts; the first of them from `guess`, if given.
 
         Raises
         ------
@@ -113,7 +113,8 @@ class Planner:
         nearest: list[Use] = []
         for start in range(self.request.starts):
             self.report(f"start {start + 1} of {self.request.starts}")
-            found = self._one(self.first_guess(rng))
+            first = guess is not None and start == 0
+            found = self._one(self._from(guess) if first else self.first_guess(rng))
             if isinstance(found, Plan):
                 if best is None or found.value < best.value:
                     best = found
@@ -124,6 +125,16 @@ class Planner:
         self._require_learning(best)
         return best
 
+    def _from(self, guess: Trajectory | None) -> FloatArray:
+        """Return the variables nearest to a trajectory, sampled where the motion is."""
+        if guess is None or guess.n != self.layout.n:
+            raise ConfigError(f"the start trajectory must have {self.layout.n} joints")
+        t_s = np.linspace(0.0, self.layout.duration_s, 10 * self.layout.points)
+        q = guess.evaluate(t_s * guess.duration_s / self.layout.duration_s)[0]
+        z = np.linalg.lstsq(self.layout.weights(t_s)[0], q, rcond=None)[0].ravel()
+        z[list(self.fixed)] = list(self.fixed.values())
+        return np.asarray(z)
+
     def first_guess(self, rng: np.random.Generator) -> FloatArray:
         """Return the best of some random feasible motions, or the least bad of the rest."""
         found: list[FloatArray] = []
@@ -132,11 +143,13 @@ class Planner:
             if z is not None:
                 found.append(z)
         if found:
-            return min(found, key=self.criterion.value)
+            return self._shrunk(min(found, key=self.criterion.value))
         return self.nearest_feasible(self._random_pose_motion(rng))
 
     def random_feasible(self, rng: np.random.Generator) -> FloatArray | None:
         """Return random coefficients with their amplitude bisected up to the first active limit.
+
+        (A start for the solver is shrunk further, so that it passes the dense check as well.)
 
         None when no motionless start pose keeps the limits, or the end pose is given too.
         """
@@ -163,19 +176,20 @@ class Planner:
         return np.asarray((rest + low * direction).ravel())
 
     def feasible(self, z: FloatArray) -> bool:
-        """Tell whether all limits hold on the optimiser's grid for the nominal body."""
-        rows = self.rows.rows(z, [self.subject.x])
+        """Tell whether all limits hold on the optimiser's grid, a margin kept, for every body."""
+        rows = self.rows.rows(z, self.members)
         return all(bool(np.all(r.value <= r.upper) and np.all(r.value >= r.lower)) for r in rows)
 
-    def nearest_feasible(self, z: FloatArray) -> FloatArray:
+    def nearest_feasible(self, z: FloatArray, in_set: Sequence[int] = (0,)) -> FloatArray:
         """Return variables with a locally smallest sum of squared violations."""
+        members = [self.members[k] for k in in_set]
         free = np.array([k for k in range(z.size) if k not in self.fixed])
 
         def violation(part: FloatArray) -> tuple[float, FloatArray]:
             whole = z.copy()
             whole[free] = part
             total, gradient = 0.0, np.zeros(z.size)
-            for row in self.rows.rows(whole, self.members[:1], derivatives=True):
+            for row in self.rows.rows(whole, members, derivatives=True):
                 above = np.maximum(row.value - row.upper + FIRST_MARGIN, 0.0)
                 below = np.maximum(row.lower - row.value + FIRST_MARGIN, 0.0)
                 total += float(above @ above + below @ below)
@@ -202,42 +216,41 @@ class Planner:
     def _one(self, z: FloatArray) -> Plan | list[Use]:
         """Optimise from one start; return the plan, or the limits of the nearest motion."""
         in_set: list[int] = [0]
-        margins: dict[str, float] = {use.kind: FIRST_MARGIN for use in self.check(z)}
+        uses = self.check(z)
+        start = self._passed(z, uses, 0, 0) if uses[0].excess <= -SHARE_MARGIN else None
+        margins: dict[str, float] = {use.kind: FIRST_MARGIN for use in uses}
         iterations, gradients = self.request.iterations, 0
-        uses: list[Use] = []
         for turn in range(1, ROUNDS + 1):
-            members = [self.members[k] for k in in_set]
             solution = optimise(
                 self.criterion,
                 self.rows,
-                members,
+                [self.members[k] for k in in_set],
                 z,
                 self.fixed,
                 margins,
                 Effort(iterations=iterations),
                 self._progress(turn),
             )
-            z, gradients = solution.z, gradients + solution.gradients
+            gradients += solution.gradients
+            z = self._shrunk(solution.z)
             uses = self.check(z)
             if uses[0].excess <= -SHARE_MARGIN:
-                return self._passed(z, uses, turn, gradients)
-            z = self._shrunk(z, uses)
-            uses = self.check(z)
-            if uses[0].excess <= -SHARE_MARGIN:
-                return self._passed(z, uses, turn, gradients)
-            if uses[0].excess > REPAIRABLE:
-                z = self.nearest_feasible(z)
-                uses = self.check(z)
-                if uses[0].excess > REPAIRABLE:
-                    return uses
-            self.report(f"round {turn}: {uses[0].text()}; tightened")
-            for use in uses:
-                if use.excess > -SHARE_MARGIN:
+                found = self._passed(z, uses, turn, gradients)
+                return found if start is None or found.value <= start.value else start
+            broken = [use for use in uses if use.excess > -SHARE_MARGIN]
+            new = sorted({use.member for use in broken} - set(in_set))
+            in_set += new
+            if not new and uses[0].excess > REPAIRABLE:
+                z = self.nearest_feasible(z, in_set)
+                broken = self.check(z)
+                if broken[0].excess > REPAIRABLE:
+                    return start or broken
+            self.report(f"round {turn}: {broken[0].text()}; tightened")
+            for use in broken:
+                if -SHARE_MARGIN < use.excess <= REPAIRABLE:
                     margins[use.kind] += max(use.excess, 0.0) + 2 * SHARE_MARGIN
-                    if use.member not in in_set:
-                        in_set.append(use.member)
             iterations = max(20, self.request.iterations // 2)
-        return self.check(self.nearest_feasible(z))
+        return start or self.check(self.nearest_feasible(z, in_set))
 
     def _passed(self, z: FloatArray, uses: list[Use], turn: int, gradients: int) -> Plan:
         return Plan(
@@ -248,9 +261,10 @@ class Planner:
             gradients=gradients,
         )
 
-    def _shrunk(self, z: FloatArray, uses: list[Use]) -> FloatArray:
+    def _shrunk(self, z: FloatArray) -> FloatArray:
         """Return the motion with its excursions a little smaller if that alone repairs it."""
-        if self.limits.end_rad is not None or uses[0].excess > 0.05:
+        excess = self.check(z)[0].excess
+        if self.limits.end_rad is not None or not -SHARE_MARGIN < excess < REPAIRABLE:
             return z
         points = z.reshape(self.layout.rows, self.layout.n)
         for factor in (0.999, 0.997, 0.994, 0.99, 0.985, 0.98, 0.97):

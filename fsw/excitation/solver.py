@@ -16,6 +16,8 @@ import numpy as np
 from fsw.excitation.design import Criterion, LimitRows, Rows
 from fsw.messages import FloatArray
 
+FEASIBLE = 1e-4  # violation, in the rows' own scale, that the dense check's margins make up for
+
 Progress = Callable[[int, float, str, float], None]  # iteration, value, worst limit, its excess
 
 
@@ -82,7 +84,7 @@ def optimise(
     found = solver(x0=start, lbx=lower, ubx=upper, lbg=problem.lower, ubg=problem.upper)
     stats = solver.stats()
     return Solution(
-        z=np.asarray(found["x"].full()).ravel(),
+        z=problem.best(np.asarray(found["x"].full()).ravel()),
         status=str(stats["return_status"]),
         iterations=int(stats["iter_count"]),
         gradients=problem.gradients,
@@ -104,7 +106,8 @@ class _Problem:
         self._criterion, self._limits, self._members = criterion, limits, members
         self._progress = progress
         self.gradients = 0
-        self._worst = ("", 0.0)
+        self._worst = ("", np.inf)
+        self._best: tuple[float, FloatArray] = (np.inf, start)
         self._last: tuple[bytes, FloatArray] = (b"", np.empty(0))
         rows = limits.rows(start, members, derivatives=True)
         self.lower, self.upper = _bounds(rows, margins)
@@ -136,6 +139,12 @@ class _Problem:
             return pattern.reshape(len(support), -1)
         return np.repeat(support, n, axis=1)
 
+    def best(self, last: FloatArray) -> FloatArray:
+        """Return the last iterate, or the best feasible one where that is better."""
+        value, _ = self._values(last)
+        worse = self._worst[1] > FEASIBLE or value > self._best[0]
+        return self._best[1] if worse and np.isfinite(self._best[0]) else last
+
     def _values(self, z: FloatArray) -> list[Any]:
         key = z.tobytes()
         if self._last[0] != key:
@@ -151,6 +160,8 @@ class _Problem:
     def _gradient(self, z: FloatArray) -> list[Any]:
         self.gradients += 1
         value, gradient = self._criterion.gradient(z)
+        if self._worst[1] <= FEASIBLE and value < self._best[0]:
+            self._best = (value, z.copy())
         if self._progress is not None:
             self._progress(self.gradients, value, *self._worst)
         return [value, gradient]
