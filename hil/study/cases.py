@@ -36,28 +36,28 @@ class SensorSet:
     velocity_m_s: float  # of v_b, used by the printed reading of CM alone; no sensor gives it
 
 
-def _sensor_set(imu_factor: float) -> SensorSet:
-    """Return torque 0.05 N m at 500 Hz, a STIM300 times the factor, a 24-bit encoder.
+def _sensor_set(gyro_factor: float, acc_factor: float) -> SensorSet:
+    """Return torque 0.05 N m at 500 Hz, a STIM300 times the factors, a 24-bit encoder.
 
     White noise at native rates averaged to 100 Hz; angular acceleration as the slope of a line
     through 0.2 s of gyro, sigma sqrt(12 / (k^3 dt^2)).
     """
-    gyro = 4.4e-5 * RATE_HZ**0.5 * imu_factor
+    gyro = 4.4e-5 * RATE_HZ**0.5 * gyro_factor
     k = DIFFERENTIATION_S * RATE_HZ
     return SensorSet(
         torque_nm=0.05 * (RATE_HZ / 500.0) ** 0.5,
         qdd_rad_s2=2.5e-5,
         rate_rad_s=gyro,
         angular_acceleration_rad_s2=gyro * (12.0 / k**3) ** 0.5 * RATE_HZ,
-        acceleration_m_s2=5.0e-4 * RATE_HZ**0.5 * imu_factor,
+        acceleration_m_s2=5.0e-4 * RATE_HZ**0.5 * acc_factor,
         velocity_m_s=1e-3,
     )
 
 
 SENSOR_SETS: Mapping[str, SensorSet] = {
-    "data sheet": _sensor_set(1.0),
-    "poor IMU": _sensor_set(10.0),
-    "good IMU": _sensor_set(0.01),
+    "data sheet": _sensor_set(1.0, 1.0),
+    "poor IMU": _sensor_set(3.0, 10.0),  # 0.45 deg/sqrt(h), 0.3 m/s/sqrt(h): consumer grade
+    "good IMU": _sensor_set(0.01, 0.01),  # 0.0015 deg/sqrt(h), 0.0003 m/s/sqrt(h): navigation
 }
 
 

@@ -34,6 +34,8 @@ class Plan:
     cases: tuple[str, ...] = tuple(CASES)
     sensor_sets: tuple[str, ...] = tuple(SENSOR_SETS)
     device_cases: tuple[str, ...] = tuple(CASES)
+    sample_methods: tuple[str, ...] = names("sample")
+    device_methods: tuple[str, ...] = names("device")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,11 +66,13 @@ class Unit:
 def quick_plan() -> Plan:
     """Return the short form: every part of the code once or twice, in well under a minute."""
     return Plan(
-        sample_seeds=3,
+        sample_seeds=2,
         device_seeds=1,
         cases=(QUICK_CASE,),
         sensor_sets=(QUICK_SENSORS,),
         device_cases=(QUICK_CASE,),
+        sample_methods=tuple(name for name in names("sample") if name != "cm with v_b"),
+        device_methods=("mrnea ols", "mrnea eiv", "rda", "fused"),
     )
 
 
@@ -77,10 +81,25 @@ def wanted(plan: Plan) -> list[Unit]:
     units = []
     for seed in range(max(plan.sample_seeds, plan.device_seeds)):
         if seed < plan.device_seeds:
-            units += [_unit(DEVICE, case, device_bytes.SENSORS, seed) for case in plan.device_cases]
+            units += [
+                Unit(
+                    level=DEVICE,
+                    case=case,
+                    sensors=device_bytes.SENSORS,
+                    seed=seed,
+                    methods=plan.device_methods,
+                )
+                for case in plan.device_cases
+            ]
         if seed < plan.sample_seeds:
             units += [
-                _unit(SAMPLE, case, sensors, seed)
+                Unit(
+                    level=SAMPLE,
+                    case=case,
+                    sensors=sensors,
+                    seed=seed,
+                    methods=plan.sample_methods,
+                )
                 for case in plan.cases
                 for sensors in plan.sensor_sets
             ]
@@ -142,8 +161,3 @@ def _results(units: Sequence[Unit], jobs: int) -> Iterator[list[Record]]:
         return
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         yield from pool.imap_unordered(run_unit, units)
-
-
-def _unit(level: str, case: str, sensors: str, seed: int) -> Unit:
-    methods = names("device" if level == DEVICE else "sample")
-    return Unit(level=level, case=case, sensors=sensors, seed=seed, methods=methods)
