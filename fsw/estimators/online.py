@@ -27,15 +27,13 @@ from fsw.estimators.memory import Memory, data_within
 from fsw.estimators.model import RobotModel
 from fsw.estimators.mrnea import Rows
 from fsw.estimators.outcome import outcome
+from fsw.estimators.pacing import SETTLED, Pacing
 from fsw.estimators.plausible import plausible
 from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.row_functions import RowsFunction, row_function
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, Estimate, FloatArray
 
-SETTLED = 0.02  # whitened rms step by re-linearising alone below which the estimate has settled
-WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
-FAR = 0.5  # whitened rms distance from the last point at which a pass is made anyway
 WORK_PER_BLOCK = 16  # units of background work due between two blocks
 LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
 FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
@@ -79,15 +77,12 @@ class OnlineEstimator:
         self._store = Memory(prior, self._settings.store_blocks)
         self._x = mean.copy()
         self._since = 0  # blocks folded in since this start
-        self._settled = self._linear
+        self._pacing = Pacing(settled=self._linear)
         self._armed = False  # whether blocks are gated: from the first valid estimate on
         self._conflict = False
         self._check_due = False
         self._due = 0
         self._rss = 0.0
-        self._last_move = self._last_step = np.inf
-        self._last_since = 1
-        self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
         self._span_ns = None
 
     def _spread(self) -> FloatArray:
@@ -124,7 +119,7 @@ class OnlineEstimator:
         self._store.at = mean
         self._after = int(result["last_block"])
         self._blocks = self._since = self._after - int(result["first_block"]) + 1
-        self._settled = True
+        self._pacing.settled = True
 
     def push(self, block: Block) -> Estimate:
         """Fold in one block and return the estimate after it.
@@ -149,7 +144,7 @@ class OnlineEstimator:
             return False
         if self._check_due:
             self._check_prior()
-        elif self._store.in_pass or self._worth_a_pass():
+        elif self._store.in_pass or self._pacing.is_worth_a_pass(self._drift(), self._since):
             self._advance_pass()
         else:
             self._due = 0
@@ -164,7 +159,8 @@ class OnlineEstimator:
             while self._store.passes < limit:
                 if self._check_due:
                     self._check_prior()
-                if self._settled and not self._store.in_pass and self._drift() < SETTLED / 10:
+                rests = self._pacing.settled and not self._store.in_pass
+                if rests and self._drift() < SETTLED / 10:
                     break
                 self._advance_pass()
             if self._check_due:
@@ -252,7 +248,7 @@ class OnlineEstimator:
     def _reason(self, condition: float) -> str:
         if self._since < self._settings.settle_blocks:
             return "REOPENED" if self._changes else "TOO_FEW_BLOCKS"
-        if not self._settled:
+        if not self._pacing.settled:
             return "NOT_CONVERGED"
         if self._conflict:
             return "PRIOR_CONFLICT"
@@ -331,25 +327,12 @@ class OnlineEstimator:
         text = f"the innovations no longer fit the {blocks} blocks before; estimate re-opened"
         self._events.append(("medium", "CHANGE_DETECTED", text))
 
-    def _worth_a_pass(self) -> bool:
-        """Tell whether re-linearising now is expected to move the estimate.
-
-        The last pass's effect, scaled linearly or quadratically with how far the point would move.
-        """
-        if not self._settled or not np.isfinite(self._last_move):
-            return True
-        drift = self._drift()
-        ratio = drift / max(self._last_move, 1e-9) * self._since / self._last_since
-        return drift > FAR or self._last_step * ratio * max(1.0, ratio) > WORTH
-
     def _advance_pass(self) -> None:
         store = self._store
         if not store.in_pass:
-            point, previous = self._linearisation_point(), store.at
-            if self._pull < 1:
-                point = previous + self._pull * (point - previous)
-            self._last_move = _rms(store.information.R @ (point - previous))
-            self._last_since = self._since
+            previous = store.at
+            point = self._pacing.point(self._linearisation_point(), previous)
+            self._pacing.begin(_rms(store.information.R @ (point - previous)), self._since)
             store.begin(point)
         x, R = self._x, store.information.R
         if not store.advance(self._usable_rows):
@@ -358,17 +341,15 @@ class OnlineEstimator:
         if store is not self._store:  # started over
             return
         step = max(_rms(R @ (self._x - x)), _rms(store.information.R @ (self._x - x)))
-        self._pull = max(self._pull / 2, 1 / 16) if store.failed else min(1.0, self._pull * 2)
-        self._last_step = step
-        self._settled = step < SETTLED and store.failed == 0
-        self._check_due = self._settled
+        self._pacing.end(step, store.failed)
+        self._check_due = self._pacing.settled
         self._learn_level()
 
     def _learn_level(self) -> None:
         known = self._monitor.level
         levels, dof = self._store.residual_levels(self._x, LEVEL_BLOCKS)
         self._monitor.learn_level(levels, dof, len(self._x) if self._since <= LEVEL_BLOCKS else 0)
-        if self._settled and self._monitor.level > 1.0 and known == 1.0:
+        if self._pacing.settled and self._monitor.level > 1.0 and known == 1.0:
             ratio = np.sqrt(self._monitor.level)
             text = (
                 f"residuals are {ratio:.2f} times the declared noise; sigmas follow the residuals"
@@ -391,7 +372,7 @@ class OnlineEstimator:
             SquareRootInformation.from_prior(self._start_mean, self._start_covariance)
         )
         self._solve()
-        self._settled = False
+        self._pacing.settled = False
         text = (
             f"the data lie {np.sqrt(factor):.1f} sigma (rms) from the prior; "
             f"its sigmas are widened by that factor"
