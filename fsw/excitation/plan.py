@@ -25,8 +25,11 @@ from fsw.excitation.verify import SHARE_MARGIN, Use, every_limit
 from fsw.messages import FloatArray
 
 DENSER = 10
-FIRST_MARGIN = 0.01  # shares of a bound (cm for distances) kept free in the first round
+TORQUE_MARGIN = 0.02  # of its bound, in the first round; it varies fastest between samples
+FIRST_MARGIN = 0.01  # likewise for the others (metres for distances)
 ROUNDS = 4
+SMALL_SHRINKS = (0.999, 0.997, 0.994, 0.99, 0.985)  # excursions that cost next to nothing
+LARGE_SHRINKS = (0.98, 0.97, 0.96, 0.94, 0.92, 0.9, 0.87, 0.84, 0.8)
 REPAIRABLE = 0.05  # excess up to which another round may help
 START_RANGE = 0.6  # of a joint's range, for random start poses
 START_TRIES = 200
@@ -55,8 +58,8 @@ class Request:
     knot_s: float = 2.5
     closed: bool = False
     starts: int = 1
-    candidates: int = 20  # random feasible motions per start, the best one is optimised
-    iterations: int = 60
+    candidates: int = 10  # random feasible motions per start, the best one is optimised
+    iterations: int = 40
     rate_hz: float = 2.5
     seed: int = 0
 
@@ -143,7 +146,7 @@ class Planner:
             if z is not None:
                 found.append(z)
         if found:
-            return self._shrunk(min(found, key=self.criterion.value))
+            return self._shrunk(min(found, key=self.criterion.value), SMALL_SHRINKS)
         return self.nearest_feasible(self._random_pose_motion(rng))
 
     def random_feasible(self, rng: np.random.Generator) -> FloatArray | None:
@@ -217,8 +220,8 @@ class Planner:
         """Optimise from one start; return the plan, or the limits of the nearest motion."""
         in_set: list[int] = [0]
         uses = self.check(z)
-        start = self._passed(z, uses, 0, 0) if uses[0].excess <= -SHARE_MARGIN else None
-        margins: dict[str, float] = {use.kind: FIRST_MARGIN for use in uses}
+        best = self._passed(z, uses, 0, 0) if uses[0].excess <= -SHARE_MARGIN else None
+        margins = {use.kind: _first_margin(use.kind) for use in uses}
         iterations, gradients = self.request.iterations, 0
         for turn in range(1, ROUNDS + 1):
             solution = optimise(
@@ -232,11 +235,11 @@ class Planner:
                 self._progress(turn),
             )
             gradients += solution.gradients
-            z = self._shrunk(solution.z)
+            z = self._shrunk(solution.z, SMALL_SHRINKS)
             uses = self.check(z)
             if uses[0].excess <= -SHARE_MARGIN:
-                found = self._passed(z, uses, turn, gradients)
-                return found if start is None or found.value <= start.value else start
+                return _better(best, self._passed(z, uses, turn, gradients))
+            best = self._repaired(best, z, turn, gradients)
             broken = [use for use in uses if use.excess > -SHARE_MARGIN]
             new = sorted({use.member for use in broken} - set(in_set))
             in_set += new
@@ -244,13 +247,21 @@ class Planner:
                 z = self.nearest_feasible(z, in_set)
                 broken = self.check(z)
                 if broken[0].excess > REPAIRABLE:
-                    return start or broken
+                    return best or broken
             self.report(f"round {turn}: {broken[0].text()}; tightened")
             for use in broken:
                 if -SHARE_MARGIN < use.excess <= REPAIRABLE:
                     margins[use.kind] += max(use.excess, 0.0) + 2 * SHARE_MARGIN
-            iterations = max(20, self.request.iterations // 2)
-        return start or self.check(self.nearest_feasible(z, in_set))
+            iterations = max(8, self.request.iterations // 4)
+        return best or self.check(self.nearest_feasible(z, in_set))
+
+    def _repaired(self, best: Plan | None, z: FloatArray, turn: int, gradients: int) -> Plan | None:
+        """Return the better of a plan and a motion made smaller until it passes, if it does."""
+        smaller = self._shrunk(z, LARGE_SHRINKS)
+        uses = self.check(smaller)
+        if uses[0].excess > -SHARE_MARGIN:
+            return best
+        return _better(best, self._passed(smaller, uses, turn, gradients))
 
     def _passed(self, z: FloatArray, uses: list[Use], turn: int, gradients: int) -> Plan:
         return Plan(
@@ -261,13 +272,13 @@ class Planner:
             gradients=gradients,
         )
 
-    def _shrunk(self, z: FloatArray) -> FloatArray:
+    def _shrunk(self, z: FloatArray, factors: tuple[float, ...]) -> FloatArray:
         """Return the motion with its excursions a little smaller if that alone repairs it."""
         excess = self.check(z)[0].excess
         if self.limits.end_rad is not None or not -SHARE_MARGIN < excess < REPAIRABLE:
             return z
         points = z.reshape(self.layout.rows, self.layout.n)
-        for factor in (0.999, 0.997, 0.994, 0.99, 0.985, 0.98, 0.97):
+        for factor in factors:
             smaller = (points[0] + factor * (points - points[0])).ravel()
             if self.check(smaller)[0].excess <= -SHARE_MARGIN:
                 return np.asarray(smaller)
@@ -350,6 +361,14 @@ def sigma_ratio(subject: Subject, trajectory: Trajectory, rate_hz: float) -> flo
 def shown(name: criteria.Name, value: float) -> float:
     """Return a minimised value as the criterion itself."""
     return value if name == "gamma" else float(np.exp(value))
+
+
+def _first_margin(kind: str) -> float:
+    return TORQUE_MARGIN if kind.startswith("torque") else FIRST_MARGIN
+
+
+def _better(one: Plan | None, other: Plan) -> Plan:
+    return other if one is None or other.value <= one.value else one
 
 
 def _infeasible(text: str, uses: list[Use]) -> InfeasibleError:

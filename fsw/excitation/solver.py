@@ -16,6 +16,7 @@ import numpy as np
 from fsw.excitation.design import Criterion, LimitRows, Rows
 from fsw.messages import FloatArray
 
+OBJECTIVE_SCALE = 30.0  # one nat against one share of a limit, for the barrier and tolerance
 FEASIBLE = 1e-4  # violation, in the rows' own scale, that the dense check's margins make up for
 
 Progress = Callable[[int, float, str, float], None]  # iteration, value, worst limit, its excess
@@ -75,6 +76,7 @@ def optimise(
             "tol": effort.tolerance,
             "acceptable_tol": 10 * effort.tolerance,
             "constr_viol_tol": 1e-4,
+            "obj_scaling_factor": OBJECTIVE_SCALE,
             "mu_strategy": "adaptive",
             "print_level": 0,
             "sb": "yes",

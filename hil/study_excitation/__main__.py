@@ -101,7 +101,7 @@ def _scatter(system: str, folder: Path, runs: int) -> None:
 
 
 def _race() -> None:
-    found = race(cases.subject("target"), 60)
+    found = race(cases.subject("target"), cases.DEFAULT.iterations)
     _say(
         f"exact gradients: {found.exact_value:.4f} in {found.exact_s:.1f} s; finite differences: "
         f"{'reached' if found.reached else 'not reached'} after {found.numeric_s:.1f} s "

@@ -12,11 +12,12 @@ from fsw.excitation import criteria
 from fsw.excitation.design import Criterion
 from fsw.excitation.plan import Plan, Request, shown
 from hil.limits import LimitCheck, check, worst
-from hil.study_excitation.cases import joint_spline, planner, subject, truth
+from hil.study_excitation.cases import DEFAULT, joint_spline, planner, subject, truth
 from hil.truth import simulate
 
 TIME_RATIO = 10.0  # random search gets this many times the optimiser's processor time
 LEAST_RANDOM = 300
+FEW = 20  # iterations where an evaluation of the criterion costs little beside the limits
 RANDOM_SEED = 1000
 
 
@@ -51,13 +52,14 @@ def contests(
     *,
     time_ratio: float = TIME_RATIO,
     least_random: int = LEAST_RANDOM,
-    iterations: int = 60,
+    iterations: int | None = None,
 ) -> list[Contest]:
     """Optimise every criterion, then search at random for as long as it takes."""
     own = subject(system)
     plans: dict[criteria.Name, tuple[Plan, float]] = {}
     for name in names:
-        one = planner(own, Request(criterion=name, iterations=iterations))
+        turns = iterations or (FEW if name in criteria.REGRESSOR_CRITERIA else DEFAULT.iterations)
+        one = planner(own, Request(criterion=name, iterations=turns))
         began = time.process_time()
         plan = one.plan()
         plans[name] = (plan, time.process_time() - began)

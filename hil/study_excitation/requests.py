@@ -34,7 +34,7 @@ def refusal(changes: dict[str, Any], duration_s: float = 20.0) -> InfeasibleErro
     return None
 
 
-def robust(scale: float, spread: float, draws: int, iterations: int = 60) -> tuple[str, LimitCheck]:
+def robust(scale: float, spread: float, draws: int, iterations: int = 40) -> tuple[str, LimitCheck]:
     """Plan for a prior `scale` times the true target, spread over a set; fly it in the truth.
 
     Returns
