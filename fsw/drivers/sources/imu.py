@@ -17,6 +17,7 @@ from fsw.drivers.wire import ByteChunk, Reject
 from fsw.messages import ImuSample
 
 MIN_LATENCY_LIMIT_S = 0.01  # a latency field above this and above two periods is no latency
+_REFUSED = {Step.WRONG: Reject.SEQUENCE, Step.UNTRUE: Reject.RANGE}
 
 
 def make_codec(driver: str, acc_range_g: int, crlf: bool) -> ImuCodec:
@@ -103,11 +104,12 @@ class ImuSource:
             queued = 1
             while at + queued < len(items) and items[at + queued][0].pieces[-1].chunk == chunk:
                 queued += 1
-            delay_ns = datagram.latency_s * 1e9 + length * arrivals.byte_ns
-            counted = Counted(datagram.counter, t_ns, t_ns - delay_ns, queued)
+            latency_ns = datagram.latency_s * 1e9
+            delay_ns = latency_ns + length * arrivals.byte_ns
+            counted = Counted(datagram.counter, t_ns, t_ns - delay_ns, queued, latency_ns)
             step = track.check(counted, clock)
-            if step is Step.WRONG:
-                self._counts.reject(Reject.SEQUENCE, length)
+            if step in _REFUSED:
+                self._counts.reject(_REFUSED[step], length)
                 continue
             if arrivals.is_new_chunk(frame):
                 self._release(samples)

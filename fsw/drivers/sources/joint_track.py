@@ -50,9 +50,12 @@ class JointTrack:
         return 0 <= back < HISTORY_SYNCS and bool(self._seen >> back & 1)
 
     def judge(self, sync: int, t_ns: int, position_rad: float, torque_nm: float) -> Reject | None:
-        """Return why calibrated values for a SYNC are refused, or None and take them as seen."""
+        """Return why calibrated values for a SYNC are refused, or None and take them as seen.
+
+        A node's frames never overtake one another, so a counter behind the last one is wrong.
+        """
         first = self.first_sync < 0
-        if not first and self.has(sync):
+        if not first and sync <= self._newest:
             return Reject.SEQUENCE
         limit_nm = self.config.torque_limit_nm
         if not -limit_nm <= torque_nm <= limit_nm:
@@ -61,15 +64,12 @@ class JointTrack:
         if not near and not self._is_believed(t_ns, position_rad):
             return Reject.RANGE
         if first:
-            self.first_sync = self._newest = sync
+            self.first_sync = sync
             self._seen = 1
-        elif sync > self._newest:
-            self._seen = (self._seen << (sync - self._newest) | 1) & _MASK
-            self._newest = sync
         else:
-            self._seen |= 1 << (self._newest - sync)
-        if first or t_ns >= self.last_t_ns:
-            self.last_t_ns, self._last_rad = t_ns, position_rad
+            self._seen = (self._seen << (sync - self._newest) | 1) & _MASK
+        self._newest = sync
+        self.last_t_ns, self._last_rad = t_ns, position_rad
         self._chain = 0
         return None
 

@@ -4,6 +4,9 @@ A datagram cannot come before it was measured: a counter that runs ahead of host
 so is one seen twice. Host time also tells how often the counter wrapped in a silence. A unit that
 restarted looks like a row of wrong counters; after 0.1 s of them in unbroken order they are
 believed.
+
+The unit tells how long a datagram waited before it was sent. A wait that grew must have made the
+datagram later by as much: one that instead puts the sample ahead of the clock is untrue.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ EARLY_RATIO = 0.4  # of a sample period: earlier than the clock model than that 
 LATE_S = 0.02  # the first datagram after a silence comes within this, or it is no continuation
 WRAP_RATIO = 0.9  # of the counter's period may pass with no doubt about wraps
 STEP_TOLERANCE = 0.1
+UNTRUE_RATIO = 0.1  # of a sample period: ahead of the clock by more, for the wait alone
 
 
 class Step(Enum):
@@ -26,6 +30,7 @@ class Step(Enum):
     NEXT = "next"
     RESTART = "restart"  # believed, but the clock model must start anew
     WRONG = "wrong"
+    UNTRUE = "untrue"  # the counter may be right, the latency is not
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +41,7 @@ class Counted:
     t_ns: int  # stamp of the chunk with the datagram's last byte
     sent_ns: float  # t_ns less latency and serialisation time
     queued: int  # datagrams of the same chunk from this one on
+    latency_ns: float = 0.0  # as the unit tells it
 
 
 class CounterTrack:
@@ -57,6 +63,7 @@ class CounterTrack:
         self._started = False
         self._counter = 0
         self._t_ns = 0
+        self._latency_ns = 0.0
         self._chain = 0
         self._chain_counter = 0
         self.index = 0  # of the last accepted sample [ticks]
@@ -74,9 +81,13 @@ class CounterTrack:
                 self._is_multiple(ahead)
                 and not self._is_early(self.index + ahead, item.sent_ns, clock)
             )
+            index = self.index + ahead
         else:
             good = clock.ready and self._is_punctual(item, clock)
-        return Step.NEXT if good else self._doubt(item.counter)
+            index = self._after_silence(item, clock) if good else 0
+        if good and self._is_untrue(index, item, clock):
+            return self._doubt(item.counter, Step.UNTRUE)
+        return Step.NEXT if good else self._doubt(item.counter, Step.WRONG)
 
     def accept(self, item: Counted, clock: ClockModel, step: Step) -> int:
         """Believe a counter that `check` gave NEXT or RESTART and return its index."""
@@ -94,6 +105,7 @@ class CounterTrack:
             self.index = index
         self._started = True
         self._counter, self._t_ns, self._chain = item.counter, item.t_ns, 0
+        self._latency_ns = item.latency_ns
         return self.index
 
     def _is_unbroken(self, item: Counted) -> bool:
@@ -127,8 +139,16 @@ class CounterTrack:
         limit_ns = EARLY_RATIO * self._step * self._tick_ns
         return clock.ready and clock.early_ns(index, sent_ns) > limit_ns
 
-    def _doubt(self, counter: int) -> Step:
+    def _is_untrue(self, index: int, item: Counted, clock: ClockModel) -> bool:
+        """Tell whether a longer wait than the last one puts the sample ahead of the clock."""
+        longer_ns = item.latency_ns - self._latency_ns
+        limit_ns = UNTRUE_RATIO * self._step * self._tick_ns
+        if longer_ns <= limit_ns or not clock.ready:
+            return False
+        return clock.early_ns(index, item.sent_ns) > max(limit_ns, 0.5 * longer_ns)
+
+    def _doubt(self, counter: int, step: Step) -> Step:
         in_order = self._chain and self._is_step((counter - self._chain_counter) % self._modulus)
         self._chain = self._chain + 1 if in_order else 1
         self._chain_counter = counter
-        return Step.RESTART if self._chain >= self._chain_limit else Step.WRONG
+        return Step.RESTART if self._chain >= self._chain_limit else step

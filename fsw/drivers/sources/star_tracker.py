@@ -21,6 +21,7 @@ from fsw.messages import AttitudeSample
 
 CLOCK_TOLERANCE_PPM = 200.0
 JUMP_S = 0.5  # unit time and host time may not part by more from one solution to the next
+PERIOD_RATIO = 0.5  # of a period: solutions are not closer, nor ahead of the unit's clock by more
 CHAIN = 3  # solutions in order that are believed to be the unit's new time
 
 Quaternion = tuple[float, float, float, float]
@@ -66,6 +67,7 @@ class StarTrackerSource:
         self._clock = ClockModel(1e-6, CLOCK_TOLERANCE_PPM)
         self._counts = Counters()
         self._latency_ns = config.latency_s * 1e9
+        self._period_ns = 1e9 / config.rate_hz
         self._last: tuple[int, int] | None = None  # unit time [us], host stamp [ns]
         self._last_frame = b""
         self._doubted: tuple[int, int] | None = None
@@ -142,11 +144,14 @@ class StarTrackerSource:
             return True
         if unix_us == self._last[0]:  # a unit whose time is not set, or the same frame again
             return unix_us == 0 and frame != self._last_frame
-        return _follows((unix_us, t_ns), self._last)
+        clock = self._clock
+        if clock.ready and clock.early_ns(unix_us, t_ns) > PERIOD_RATIO * self._period_ns:
+            return False
+        return _follows((unix_us, t_ns), self._last, PERIOD_RATIO * self._period_ns)
 
     def _is_chain(self, unix_us: int, t_ns: int) -> bool:
         now = (unix_us, t_ns)
-        in_order = self._doubted is not None and self._chain and _follows(now, self._doubted)
+        in_order = self._chain and self._doubted is not None and _follows(now, self._doubted, 0.0)
         self._chain = self._chain + 1 if in_order else 1
         self._doubted = now
         return self._chain >= CHAIN
@@ -157,7 +162,7 @@ class StarTrackerSource:
             self._counts.lost += max(0, periods - 1)
 
 
-def _follows(now: tuple[int, int], before: tuple[int, int]) -> bool:
-    """Tell whether unit time went on, and about as far as host time."""
+def _follows(now: tuple[int, int], before: tuple[int, int], least_ns: float) -> bool:
+    """Tell whether unit time went on, by more than the least, and about as far as host time."""
     unit_s = (now[0] - before[0]) * 1e-6
-    return unit_s > 0 and abs(unit_s - (now[1] - before[1]) * 1e-9) < JUMP_S
+    return unit_s > least_ns * 1e-9 and abs(unit_s - (now[1] - before[1]) * 1e-9) < JUMP_S

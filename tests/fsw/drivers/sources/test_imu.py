@@ -140,6 +140,29 @@ def test_duplicates_and_wrong_counters_are_rejected() -> None:
     assert dirty.counters["lost"] == 0
 
 
+@pytest.mark.parametrize("extra_us", [300, 1000, 9000])
+def test_a_latency_that_would_put_the_sample_ahead_of_the_clock_is_untrue(extra_us: int) -> None:
+    lacking, lying = source(), source()
+    told = DATAGRAM.latency_us + extra_us
+    paced(lacking, range(300))
+    paced(lying, range(300))
+    at = 10**12 + 2 * MS * 300
+    assert lying.feed([ByteChunk(at, stim(300, latency_us=told))]) == []
+    assert lying.counters["reject_range"] == lying.counters["rejected"] == 1
+    assert paced(lying, range(301, 400)) == paced(lacking, range(301, 400))
+
+
+@pytest.mark.parametrize("extra_us", [300, 1000, 9000])
+def test_a_datagram_that_did_wait_longer_keeps_its_time(extra_us: int) -> None:
+    prompt, waiting = source(), source()
+    told = DATAGRAM.latency_us + extra_us
+    before = paced(prompt, range(301))[-1]
+    paced(waiting, range(300))
+    at = 10**12 + 2 * MS * 300 + 1000 * extra_us
+    (after,) = waiting.feed([ByteChunk(at, stim(300, latency_us=told))])
+    assert abs(after.t_gyro_ns - before.t_gyro_ns) <= 1
+
+
 @pytest.mark.parametrize("gap", [1, 5, 63, 64, 65, 500, 3000])
 def test_a_silent_unit_comes_back_in_step(gap: int) -> None:
     imu, whole = source(), source()

@@ -57,10 +57,18 @@ def test_a_sample_is_valid_at_its_sync_plus_the_latch_offset() -> None:
 def test_a_late_frame_keeps_the_time_of_its_own_sync() -> None:
     bus = source(1)
     bus.feed([sync(k) for k in range(10)])
-    (sample,) = bus.feed([reading(4, delay_ns=15 * MS)])
-    assert sample.t_ns == T0 + 8 * MS
-    (sample,) = bus.feed([reading(3, delay_ns=17 * MS)])
+    (sample,) = bus.feed([reading(3, delay_ns=15 * MS)])
     assert sample.t_ns == T0 + 6 * MS
+    (sample,) = bus.feed([reading(4, delay_ns=17 * MS)])
+    assert sample.t_ns == T0 + 8 * MS
+
+
+def test_a_counter_behind_the_last_one_is_wrong_even_where_its_own_sample_is_missing() -> None:
+    bus = source(1)
+    bus.feed([sync(k) for k in range(10)])
+    assert len(bus.feed([reading(3, delay_ns=15 * MS), reading(5, delay_ns=16 * MS)])) == 2
+    assert bus.feed([reading(4, delay_ns=17 * MS)]) == []
+    assert bus.counters["reject_sequence"] == 1
 
 
 @given(

@@ -78,6 +78,8 @@ def test_by_unit_time_late_arrivals_do_not_matter() -> None:
         (frame(20), "sequence"),
         (frame(12), "sequence"),
         (frame(21, unix_us=3 * 10**18), "sequence"),
+        (frame(21, unix_us=10**15 + 100_000 * 20 + 100), "sequence"),
+        (frame(21, unix_us=10**15 + 100_000 * 20 + 300_000), "sequence"),
         (frame(21, q=(2.0, 0.0, 0.0, 0.0)), "range"),
         (frame(21, valid=0), "status"),
         (frame(21, address=0x33), "node"),
