@@ -83,6 +83,13 @@ class Eventful(Protocol):
         ...
 
 
+@runtime_checkable
+class Gating(Protocol):
+    """Signal conditioning that leaves single implausible samples out, and counts them."""
+
+    outliers: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pipeline:
     """Conditioning and estimation; replaced by fakes in tests of the wiring."""
@@ -170,7 +177,7 @@ class Daemon:
         for bus in self._buses:
             names = [joint.name for joint in self._config.joints if joint.bus == bus.name]
             late[bus.name] = sum(align.late[name] for name in names)
-        members = self._members
+        members, conditioner = self._members, self._pipeline.conditioner
         return {
             "t_ns": now_ns,
             "ticks": slips.ticks,
@@ -183,6 +190,7 @@ class Daemon:
             "windows": {
                 "closed": align.next_index,
                 "unusable": self.unusable_windows,
+                "outliers": conditioner.outliers if isinstance(conditioner, Gating) else 0,
                 "early": align.early,
                 "future": align.future,
                 "overflow": align.overflow,
