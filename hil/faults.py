@@ -43,6 +43,7 @@ class Struck(Generic[Item]):
     seed : fixes which, and what happens to them
     only : which items are in question; None: all
     window_ns : [from, to) of the items in question
+    rest : so many items in question behind a struck one are left alone
     """
 
     def __init__(
@@ -53,8 +54,10 @@ class Struck(Generic[Item]):
         *,
         only: Callable[[Item], bool] | None = None,
         window_ns: tuple[int, int] = (0, FOREVER_NS),
+        rest: int = 0,
     ) -> None:
         self.count = 0
+        self._rest, self._resting = rest, 0
         self._action: Action[Item] = action
         self._only: Callable[[Item], bool] | None = only
         self._rate, self._window = rate, window_ns
@@ -67,8 +70,11 @@ class Struck(Generic[Item]):
         for item in items:
             first, last = self._window
             asked = first <= item[0] < last and (self._only is None or self._only(item))
-            if asked and self._chance.random() < self._rate:
+            struck = asked and self._chance.random() < self._rate and not self._resting
+            self._resting = max(0, self._resting - asked)
+            if struck:
                 self.count += 1
+                self._resting = self._rest
                 out += self._action(item, self._rng)
             else:
                 out.append(item)
@@ -190,6 +196,7 @@ def stim_fields(
     gyro: Sequence[int] | None = None,
     acc: Sequence[int] | None = None,
     status: int = 0,
+    acc_status: int = 0,
 ) -> Edit:
     """Return the edit of a STIM300 datagram without CR LF that sets raw fields.
 
@@ -197,7 +204,7 @@ def stim_fields(
     ----------
     counter_step : added to the counter
     gyro, acc : three raw 24-bit readings
-    status : bits set in the gyro's status
+    status, acc_status : bits set in the status of gyro and accelerometer
     """
 
     def edit(data: bytes, _rng: np.random.Generator) -> bytes:
@@ -206,6 +213,7 @@ def stim_fields(
             if raw is not None:
                 body[at : at + 9] = b"".join(v.to_bytes(3, "big", signed=True) for v in raw)
         body[10] |= status
+        body[20] |= acc_status
         body[-3] = (body[-3] + counter_step) & 0xFF
         if latency_us is not None:
             body[-2:] = latency_us.to_bytes(2, "big")
