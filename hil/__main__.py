@@ -82,6 +82,7 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     methods.add_argument(
         "--redo", action="append", default=[], metavar="METHOD", help="drop its stored results"
     )
+    methods.add_argument("--report", action="store_true", help="run nothing, judge what is stored")
     methods.set_defaults(command=_study_methods)
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
     energy.set_defaults(command=_study_energy)
@@ -97,6 +98,7 @@ def _study_methods(arguments: argparse.Namespace) -> int:
         device_seeds=arguments.device_seeds,
         jobs=arguments.jobs,
         redo=arguments.redo,
+        report_only=arguments.report,
     )
 
 

@@ -28,10 +28,12 @@ def methods(
     device_seeds: int | None,
     jobs: int,
     redo: Collection[str] = (),
+    report_only: bool = False,
 ) -> int:
     """Run or resume the study of the methods, print its report; 1 if something required fails.
 
-    `redo` names methods whose stored results are dropped first, after a change of their code.
+    `redo` names methods whose stored results are dropped first, after a change of their code;
+    `report_only` judges what is stored, however far it got.
     """
     os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes
     plan = run.quick_plan() if quick else run.Plan()
@@ -48,10 +50,14 @@ def methods(
         store = Store(folder)
         if redo:
             store.forget(redo)
-        records = run.complete(plan, store, jobs, Console(stderr=True))
+        if report_only:
+            records = store.records()
+        else:
+            records = run.complete(plan, store, jobs, Console(stderr=True))
         rows = summary.rows(records)
         verdicts = summary.verdicts(rows, quick=quick)
-        notes = sentences(trivial_energy("target" if quick else "both"))
+        notes = summary.orderings(rows)
+        notes += sentences(trivial_energy("target" if quick else "both"))
         (folder / "report.txt").write_text(report.text(rows, verdicts, notes), encoding="utf-8")
         values = summary.plain(rows, verdicts)
         (folder / "report.json").write_text(json.dumps(values, indent=1), encoding="utf-8")

@@ -86,6 +86,22 @@ def verdicts(table: Sequence[Row], *, quick: bool = False) -> list[Verdict]:
     return found
 
 
+def orderings(table: Sequence[Row]) -> list[str]:
+    """Return the methods from best to worst per case and sensor set, by the median seed.
+
+    With a good inertial unit MRNEA stands before RDA, with a poor one behind it.
+    """
+    found: dict[tuple[str, str, str], list[Row]] = {}
+    for row in table:
+        found.setdefault((row.level, row.case, row.sensors), []).append(row)
+    lines = ["Order by the median seed's error over the bound of all channels:"]
+    for (level, case, sensors), own in found.items():
+        ranked = sorted(own, key=lambda row: row.figures.median)
+        text = " < ".join(f"{row.method} {row.figures.median:.3g}" for row in ranked)
+        lines.append(f"  {level}, {case}, {sensors}: {text}")
+    return lines
+
+
 def plain(table: Sequence[Row], judged: Sequence[Verdict]) -> dict[str, Any]:
     """Return rows and verdicts as plain values for a JSON file."""
     return {
