@@ -11,7 +11,7 @@ from rich.table import Table
 from hil.study.statistics import Figures, Ratio
 from hil.study.summary import Row, Verdict, chance_of_outliers
 
-WIDTH = 200
+WIDTH = 260
 LEVELS = {
     "sample": "Sample level: 60 s at 100 Hz, white noise on the samples, no prior information",
     "device": "Device bytes: plant, wire, daemon; raw sensors' white noise at native rates",
