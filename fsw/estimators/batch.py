@@ -7,13 +7,14 @@ base's inertia never becomes singular; the covariance is given in the linear par
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fsw.config import Config
 from fsw.errors import EstimatorError
+from fsw.estimators.curvature import WEAK, Widening, constrained_prior, widen
 from fsw.estimators.impulse import Impulse
 from fsw.estimators.inertia import (
     from_log_cholesky,
@@ -32,6 +33,8 @@ from fsw.messages import Block, BodyEstimate, FloatArray
 
 MAX_ITERATIONS = 60
 MAX_PLAIN_STEPS = 40  # from 30-50 % wrong starts up to 18 were seen
+CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
+PROFILE_ITERATIONS = 4  # of every point of a profile
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
 WEAKEST_GAIN = (
     0.5  # prior variance over posterior variance, minus one, of the least known direction
@@ -58,22 +61,26 @@ def solve(
     blocks: Sequence[Block],
     progress: Progress | None = None,
     start: FloatArray | None = None,
+    max_iterations: int = MAX_ITERATIONS,
+    plain: bool = True,
 ) -> BatchSolution:
     """Minimise prior plus whitened residuals of all blocks.
 
-    Plain re-weighted Gauss-Newton first; then, from where it settles or else from the start,
+    With `plain`, re-weighted Gauss-Newton first; then, from where it settles or else the start,
     Levenberg-Marquardt over the consistent bodies.
 
     `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
     """
     prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
     x = problem.prior_mean if start is None else start
-    theta = _to_theta(problem, _gauss_newton(problem, rows, blocks, prior, x))
+    if plain:
+        x = _gauss_newton(problem, rows, blocks, prior, x)
+    theta = _to_theta(problem, x)
     x = _to_x(problem, theta)
     damping, iterations, status = 1e-3, 0, "NOT_CONVERGED"
     stacked, b = _stack(rows, blocks, x)
     cost = _cost(prior, x, b)
-    while iterations < MAX_ITERATIONS:
+    while iterations < max_iterations:
         iterations += 1
         J = np.vstack([stacked, prior.R]) @ _chain(problem, theta)
         r = np.concatenate([b, prior.z - prior.R @ x])
@@ -165,14 +172,20 @@ def run_batch(
         start = solve(problem, warm, blocks).mean
     rows = row_function(method, config.estimator.weighting, problem)
     solution = solve(problem, rows, blocks, progress, start)
-    covariance = solution.information.covariance()
+    covariance, status, note = solution.information.covariance(), solution.status, ""
+    if method in CURVED and status == "OK":
+        looked = straighten(problem, rows, blocks, solution)
+        covariance, note = looked.covariance, looked.note
+        status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
     bodies = {
         name: body_estimate(problem, name, solution.mean, covariance)[0] for name in problem.unknown
     }
     return {
         "method": method,
         "unknown": list(problem.unknown),
-        "status": solution.status,
+        "status": status,
+        "biased": bool(note),
+        "note": note,
         "iterations": solution.iterations,
         "cost": solution.cost,
         "rows": solution.rows,
@@ -184,6 +197,35 @@ def run_batch(
         "estimate": {name: _plain(body, "") for name, body in bodies.items()},
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
     }
+
+
+def straighten(
+    problem: Problem, rows: RowsFunction, blocks: Sequence[Block], solution: BatchSolution
+) -> Widening:
+    """Return the solution's covariance, widened where its linearisation does not hold."""
+    weight = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    information = weight.R.T @ weight.R
+
+    def profile(normal: FloatArray, value: float, start: FloatArray) -> tuple[FloatArray, float]:
+        mean, joined = constrained_prior(problem.prior_mean, information, normal, value)
+        scale = np.sqrt(np.diag(joined))
+        inverse = np.linalg.solve(joined / np.outer(scale, scale), np.diag(1.0 / scale))
+        covariance = inverse / scale[:, None]
+        held = replace(problem, prior_mean=mean, prior_covariance=0.5 * (covariance + covariance.T))
+        x = solve(
+            held, rows, blocks, start=start, max_iterations=PROFILE_ITERATIONS, plain=False
+        ).mean
+        return x, _cost(weight, x, _stack(rows, blocks, x)[1])
+
+    return widen(
+        solution.mean,
+        solution.cost,
+        solution.information.covariance(),
+        problem.prior_covariance,
+        problem.names,
+        profile,
+        WEAK,
+    )
 
 
 def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:

@@ -14,15 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cholesky_banded, solve_banded
 
+from fsw.estimators.curvature import WEAK
 from fsw.estimators.methods.energy_pass import Energy, energy_pass
-from fsw.estimators.methods.levenberg import minimise
-from fsw.estimators.methods.result import BatchResult, build_result
+from fsw.estimators.methods.levenberg import minimise, straighten
+from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system
 from fsw.estimators.problem import Problem, present
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
 
 RATE_PASSES = 3  # the rates' noise acts through H^, known better each time
+EARLY_DECREMENT = 1e-1  # of the first approach, held by the prior's width around the start
 FLOOR = 1e-6  # of the mean variance: an arm at rest does no work and has no noise
 
 
@@ -85,10 +87,15 @@ def solve_energy(samples: SampleSet, problem: Problem, options: Options) -> Batc
     system = build_system(problem, options)
     balance = _build(samples, system, options.energy_interval)
     start = system.with_bodies(options.start)
-    found = minimise(balance.heeding_rates(start).gram, system, start, options.max_iterations)
+    gram = balance.heeding_rates(start).gram
+    held = replace(system, prior_mean=start, prior_information=invert(system.prior_covariance))
+    near = minimise(gram, held, start, options.max_iterations, EARLY_DECREMENT)  # a start far off
+    start = near.x if np.isfinite(near.cost) else start
+    found = minimise(gram, system, start, options.max_iterations)
     for _ in range(RATE_PASSES if samples.noise.qd_rad_s is not None else 0):
-        again = balance.heeding_rates(found.x)
-        found = minimise(again.gram, system, found.x, options.max_iterations)
+        gram = balance.heeding_rates(found.x).gram
+        found = minimise(gram, system, found.x, options.max_iterations)
+    looked = straighten(gram, system, found, WEAK) if options.max_iterations > 0 else None
     return build_result(
         system,
         options,
@@ -98,8 +105,9 @@ def solve_energy(samples: SampleSet, problem: Problem, options: Options) -> Batc
         cost=found.cost,
         rows=len(balance.work),
         duration_s=float(samples.t_s[-1] - samples.t_s[0]),
-        iterations=found.iterations,
+        iterations=near.iterations + found.iterations,
         converged=found.converged,
+        widening=looked,
     )
 
 

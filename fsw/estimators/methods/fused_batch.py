@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fsw.estimators.methods.levenberg import minimise
+from fsw.estimators.curvature import VERY_WEAK, WEAK
+from fsw.estimators.methods.levenberg import minimise, straighten
 from fsw.estimators.methods.prediction_pass import Channels, prediction_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
@@ -51,7 +52,10 @@ def solve_channels(
         )
         iterations += first.iterations
         start = first.x if np.isfinite(first.cost) else start
-    found = minimise(_Pass(samples, system, use), system, start, options.max_iterations)
+    run = _Pass(samples, system, use)
+    found = minimise(run, system, start, options.max_iterations)
+    weak = VERY_WEAK if use.torque else WEAK
+    looked = straighten(run, system, found, weak) if options.max_iterations > 0 else None
     width = problem.model.n * use.torque + 3 * (use.accelerometer + use.gyro + use.velocity)
     return build_result(
         system,
@@ -64,6 +68,7 @@ def solve_channels(
         duration_s=float(samples.t_s[-1] - samples.t_s[0]),
         iterations=iterations + found.iterations,
         converged=found.converged,
+        widening=looked,
     )
 
 

@@ -9,10 +9,12 @@ with Nielsen's damping (1999); Rucker, Wensing (2022) for the coordinates.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fsw.errors import EstimatorError
+from fsw.estimators.curvature import Widening, constrained_prior, widen
 from fsw.estimators.inertia import (
     PARAMETERS,
     from_log_cholesky,
@@ -21,6 +23,7 @@ from fsw.estimators.inertia import (
     nearest_consistent,
     to_log_cholesky,
 )
+from fsw.estimators.methods.result import invert
 from fsw.estimators.methods.system import System
 from fsw.messages import FloatArray
 
@@ -28,6 +31,8 @@ Gram = Callable[[FloatArray], FloatArray]  # x -> (p+1, p+1) of [J | r]
 
 DECREMENT = 1e-5  # squared whitened length of the Gauss-Newton step at which it has converged
 MAX_DAMPING = 1e12
+PROFILE_ITERATIONS = 10
+PROFILE_DECREMENT = 1e-2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +91,25 @@ def minimise(
         growth = 2.0
         coordinates, x, G, cost = trial, trial_x, trial_G, trial_cost
     return Minimum(x, G[:p, :p], G[:p, p], cost, iterations, converged)
+
+
+def straighten(gram: Gram, system: System, found: Minimum, weak: float) -> Widening | None:
+    """Return the covariance widened where the linearisation fails; None if it has none at all."""
+
+    def profile(normal: FloatArray, value: float, start: FloatArray) -> tuple[FloatArray, float]:
+        mean, information = constrained_prior(
+            system.prior_mean, system.prior_information, normal, value
+        )
+        held = replace(system, prior_mean=mean, prior_information=information)
+        x = minimise(gram, held, start, PROFILE_ITERATIONS, PROFILE_DECREMENT).x
+        return x, _cost(gram(x), x, system)
+
+    try:
+        covariance = invert(found.information + system.prior_information)
+    except EstimatorError:
+        return None
+    prior = system.prior_covariance
+    return widen(found.x, found.cost, covariance, prior, system.names, profile, weak)
 
 
 def _solve(A: FloatArray, g: FloatArray, damping: float) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.errors import EstimatorError
+from fsw.estimators.curvature import Widening
 from fsw.estimators.inertia import (
     from_parameters,
     is_consistent,
@@ -43,7 +44,7 @@ class BatchResult:
     mean: FloatArray  # (p,) the unconstrained least squares where the method has one
     covariance: FloatArray  # (p, p); a biased method's includes its estimated bias
     bias: FloatArray  # (p,) estimated bias of the mean, zero for a consistent method
-    bias_note: str  # empty: consistent
+    bias_note: str  # empty: consistent, and Gaussian as far as was looked
     crb: FloatArray  # (p, p) bound at the estimate, prior included as in the method
     information: FloatArray  # (p, p) of the data alone
     bodies: dict[str, BodyEstimate]  # physically consistent
@@ -83,8 +84,11 @@ def build_result(
     covariance: FloatArray | None = None,
     bias: FloatArray | None = None,
     bias_note: str = "",
+    widening: Widening | None = None,
 ) -> BatchResult:
     """Assemble a result; `information` is the data's, `covariance` (None: the bound) the method's.
+
+    `widening` replaces the covariance where the linearisation was found not to hold.
 
     INSUFFICIENT_EXCITATION: the data alone leaves the bodies' scaled information worse conditioned
     than the limit and no prior fills the gap, or the information is not positive definite.
@@ -99,8 +103,12 @@ def build_result(
     covariance = crb if covariance is None else covariance
     bias = np.zeros(len(x)) if bias is None else bias
     covariance = covariance + np.outer(bias, bias)
+    if widening is not None and widening.nonlinear and np.isfinite(condition):
+        covariance = widening.covariance
+        bias_note = "; ".join(note for note in (bias_note, widening.note) if note)
+    unbounded = widening is not None and not widening.bounded
     status: Status = "OK"
-    if not condition < options.condition_limit**2:
+    if unbounded or not condition < options.condition_limit**2:
         status = "INSUFFICIENT_EXCITATION"
     elif not converged:
         status = "NOT_CONVERGED"

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from fsw.errors import EstimatorError
 from fsw.estimators.inertia import PARAMETERS
 from fsw.estimators.kernel import Arm, build_arm
 from fsw.estimators.methods.prediction_pass import Columns, Data
@@ -61,7 +62,16 @@ class System:
 
 
 def build_system(problem: Problem, options: Options) -> System:
-    """Lay out states and prior of a batch run."""
+    """Lay out states and prior of a batch run.
+
+    Raises
+    ------
+    EstimatorError if the problem has an orbit: these methods have no gravity gradient.
+    """
+    if problem.orbit is not None:
+        raise EstimatorError(
+            "orbit: the methods on samples have no gravity gradient; those on blocks have it"
+        )
     model = problem.model
     arm, change = build_arm(model)
     p, covariance = len(problem.names), problem.prior_covariance

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("numba")
 
+from fsw.errors import EstimatorError
 from fsw.estimators.inertia import is_consistent
 from fsw.estimators.methods.energy import solve_energy
 from fsw.estimators.methods.fused_batch import solve_fused
@@ -17,6 +18,7 @@ from fsw.estimators.methods.mrnea_batch import solve_mrnea
 from fsw.estimators.methods.rda import solve_rda
 from fsw.estimators.methods.result import directions
 from fsw.estimators.methods.system import Options, build_system
+from fsw.estimators.orbit import CircularOrbit
 from fsw.estimators.samples import Noise, with_noise
 from tests.fsw.estimators.cases import N, make_problem
 from tests.fsw.estimators.methods_cases import FULL, PLAIN, band, exact, nees, start, truth
@@ -159,7 +161,9 @@ def test_directions_rank_what_the_data_know():
     assert found[0].known_by == "data"
     # the scale of both bodies together: four orders less than the best known combination
     assert found[-1].information_ratio < 1e-4 * found[0].information_ratio
-    assert list(result.efficiency) == pytest.approx([1.0] * 20)
+    assert result.bias_note  # widened along that scale
+    assert np.all(result.efficiency <= 1.0 + 1e-9)
+    assert result.efficiency.min() < 0.9
 
 
 def test_verdict_tells_the_time_still_needed():
@@ -189,6 +193,34 @@ def test_nuisances_are_estimated_along():
         assert result.mean[problem.bodies] == pytest.approx(
             truth(problem)[problem.bodies], rel=1e-3, abs=0.1
         )
+
+
+@pytest.mark.parametrize("method", SOLVERS)
+def test_an_orbit_is_refused_by_name(method):
+    problem, samples = problem_of(("target",))
+    orbit = CircularOrbit(
+        r_hat=np.array([1.0, 0.0, 0.0]),
+        t_hat=np.array([0.0, 1.0, 0.0]),
+        gradient_1_s2=1.2e-6,
+        epoch_ns=None,
+    )
+    with pytest.raises(EstimatorError, match="orbit"):
+        SOLVERS[method](samples, replace(problem, orbit=orbit), Options())
+
+
+@pytest.mark.parametrize("method", ["cm", "ce"])
+def test_sigma_covers_the_truth_where_the_likelihood_is_bent(method):
+    """The linearised covariance of both bodies is at NEES/dof of 10 (CM) and more (CE) here."""
+    problem, samples = problem_of(("base", "target"))
+    noise = Noise.of(N, tau_nm=0.05, w_rad_s=1e-4)
+    for seed in range(4):
+        noisy = with_noise(samples, noise, np.random.default_rng(seed))
+        options = Options(start=start(problem, seed), body_prior=False)
+        result = SOLVERS[method](noisy, problem, options)
+        assert result.status == "OK"
+        assert "base" in result.bias_note
+        assert nees(result, problem) < band(20, 1)[1]
+        assert np.all(result.efficiency <= 1.0 + 1e-9)
 
 
 @pytest.mark.slow

@@ -1,0 +1,145 @@
+"""Honest covariance where the posterior is no Gaussian: the likelihood's profile along weak axes.
+
+A body's scale that the data hardly fixes has a bent, lopsided likelihood, and the covariance at its
+top says little about where the truth is. Along every weak axis v of the covariance (normal n,
+n . v = 1) the cost is minimised at fixed n . (x - x0) = t. Where its rise D(t) differs from t^2 or
+the path bends off the axis, d d^T / D of the path's displacements d is added: the truth, which lies
+near the path, is then within sqrt(D) sigma. Source: profile likelihood, Bates, Watts, Nonlinear
+Regression Analysis (1988), sec. 6.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.messages import FloatArray
+
+# normal, its value, first iterate -> least point there and its cost (prior included)
+Profile = Callable[[FloatArray, float, FloatArray], tuple[FloatArray, float]]
+
+WEAK = 0.05  # of the prior's sigma: an axis known better than this is taken as straight
+VERY_WEAK = 0.5  # the same for methods that are nearly linear
+MAX_AXES = 2
+STEPS = (1.0, 3.0, 12.0)  # sigma of the linearisation
+ENOUGH = 9.0  # rise of the cost at which a side is ended
+OPEN = 4.0  # least rise that bounds a side
+BENT = 0.5  # allowed difference of D / t^2 from 1, and squared offset from the axis over t^2
+STIFF = 1e4  # weight of the constraint in squared sigma
+
+NOTE = "posterior not Gaussian over one sigma along {}; sigma widened by its profile"
+OPEN_NOTE = "not bounded by the data along {}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Widening:
+    """What the profile showed. `note` is empty where the linearisation holds."""
+
+    covariance: FloatArray
+    bounded: bool
+    note: str
+
+    @property
+    def nonlinear(self) -> bool:
+        """Tell whether the linearisation fails somewhere."""
+        return bool(self.note)
+
+
+def widen(
+    x: FloatArray,
+    cost: float,
+    covariance: FloatArray,
+    prior_covariance: FloatArray,
+    names: tuple[str, ...],
+    profile: Profile,
+    weak: float = WEAK,
+) -> Widening:
+    """Return the covariance (p, p) widened wherever the linearisation at x (p,) fails.
+
+    `cost` is the least squared whitened residual, prior included; axes are those of the covariance
+    in units of `prior_covariance`.
+    """
+    root = np.asarray(np.linalg.cholesky(prior_covariance), dtype=np.float64)
+    white: FloatArray = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
+    values, vectors = np.linalg.eigh(0.5 * (white + white.T))
+    wide = covariance.copy()
+    bent, unbounded = [], []
+    for index in np.argsort(-values)[:MAX_AXES]:
+        if not values[index] > weak**2:
+            break
+        sigma = float(np.sqrt(values[index]))
+        axis = root @ vectors[:, index] * sigma
+        normal = np.linalg.solve(root.T, vectors[:, index]) / sigma
+        path, ended = [], True
+        for sign in (1.0, -1.0):
+            points, closed = _side(x, cost, axis, normal, profile, tuple(sign * t for t in STEPS))
+            path += points
+            ended = ended and closed
+        off = [
+            abs(rise / t**2 - 1.0) > BENT
+            or _squared(root, values, vectors, np.asarray(d - t * axis)) > BENT * t**2
+            for t, d, rise in path
+            if abs(t) <= 3.0
+        ]
+        label = names[int(np.argmax(np.abs(axis) / np.sqrt(np.diag(prior_covariance))))]
+        if any(off):
+            bent.append(label)
+            for t, d, rise in path:
+                wide += np.outer(d, d) / max(rise, min(1.0, t**2) * 1e-2)
+        if not ended:
+            unbounded.append(label)
+    notes = []
+    if bent:
+        notes.append(NOTE.format(", ".join(bent)))
+    if unbounded:
+        notes.append(OPEN_NOTE.format(", ".join(unbounded)))
+    return Widening(covariance=wide, bounded=not unbounded, note="; ".join(notes))
+
+
+def _side(
+    x: FloatArray,
+    cost: float,
+    axis: FloatArray,
+    normal: FloatArray,
+    profile: Profile,
+    steps: tuple[float, ...],
+) -> tuple[list[tuple[float, FloatArray, float]], bool]:
+    """Return step, displacement and rise along one side, and whether it is bounded.
+
+    A step that stays behind its aim has met the edge of the possible bodies.
+    """
+    points: list[tuple[float, FloatArray, float]] = []
+    start, before = x, 0.0
+    for t in steps:
+        found, least = profile(normal, float(normal @ x) + t, start + (t - before) * axis)
+        if not (np.isfinite(least) and np.all(np.isfinite(found))):
+            return points, True
+        d = found - x
+        reached = float(normal @ d)
+        if abs(reached) < 0.5 * abs(t):
+            return points, True
+        rise = max(least - cost, 0.0)
+        points.append((reached, d, rise))
+        if rise >= ENOUGH:
+            return points, True
+        start, before = found, t
+    return points, points[-1][2] >= OPEN
+
+
+def _squared(root: FloatArray, values: FloatArray, vectors: FloatArray, d: FloatArray) -> float:
+    """Return d^T P^-1 d by the covariance's axes."""
+    white = vectors.T @ np.linalg.solve(root, d)
+    return float(np.sum(white**2 / np.maximum(values, 1e-300)))
+
+
+def constrained_prior(
+    mean: FloatArray, information: FloatArray, normal: FloatArray, value: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and information (p, p) of a prior with normal . x = value joined to it."""
+    joined = information + STIFF * np.outer(normal, normal)
+    pull = information @ mean + STIFF * value * normal
+    scale = np.sqrt(np.maximum(np.diag(joined), 1e-300))
+    centre = np.linalg.lstsq(joined / np.outer(scale, scale), pull / scale, rcond=1e-14)[0] / scale
+    return centre, joined
