@@ -144,10 +144,12 @@ class StarTrackerSource:
             return True
         if unix_us == self._last[0]:  # a unit whose time is not set, or the same frame again
             return unix_us == 0 and frame != self._last_frame
-        clock = self._clock
-        if clock.ready and clock.early_ns(unix_us, t_ns) > PERIOD_RATIO * self._period_ns:
-            return False
-        return _follows((unix_us, t_ns), self._last, PERIOD_RATIO * self._period_ns)
+        least_ns = PERIOD_RATIO * self._period_ns
+        if self._clock.ready:
+            ahead_ns = self._clock.early_ns(unix_us, t_ns)
+        else:
+            ahead_ns = (unix_us - self._last[0]) * 1e3 - (t_ns - self._last[1])
+        return ahead_ns <= least_ns and _follows((unix_us, t_ns), self._last, least_ns)
 
     def _is_chain(self, unix_us: int, t_ns: int) -> bool:
         now = (unix_us, t_ns)

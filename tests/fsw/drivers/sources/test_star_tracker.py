@@ -99,6 +99,14 @@ def test_a_bad_frame_changes_nothing_but_a_counter(bad: bytes, reason: str, time
     assert dirty.counters["lost"] == 0
 
 
+def test_the_second_solution_is_judged_like_any_other() -> None:
+    unit = StarTrackerSource(star_tracker_config())
+    run(unit, range(1))
+    assert unit.feed([ByteChunk(T0 + 100 * MS, frame(1, unix_us=10**15 + 400_000))]) == []
+    assert unit.counters["reject_sequence"] == 1
+    assert len(run(unit, range(2, 10))) == 8
+
+
 def test_lost_solutions_are_counted_and_a_new_unit_time_is_believed() -> None:
     unit = StarTrackerSource(star_tracker_config())
     run(unit, range(10))
