@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from fsw.errors import ConfigError, FswError
 from fsw.excitation import criteria
+from fsw.excitation.assess import information_root
 from fsw.excitation.collision import Collisions
 from fsw.excitation.design import Criterion, Grid, LimitRows
 from fsw.excitation.limits import Limits
@@ -33,6 +34,7 @@ LARGE_SHRINKS = (0.98, 0.97, 0.96, 0.94, 0.92, 0.9, 0.87, 0.84, 0.8)
 REPAIRABLE = 0.05  # excess up to which another round may help
 START_RANGE = 0.6  # of a joint's range, for random start poses
 START_TRIES = 200
+PROBE_RAD = 0.1  # size of the motion that shows what holds a request back
 NOTHING_LEARNT = 0.9  # geometric mean of sigma over prior sigma
 
 PAPER_GAMMA = criteria.Gamma(xi1=1.0, xi2=1e4)  # the paper gives no figures
@@ -340,18 +342,21 @@ class Planner:
     def _require_learning(self, plan: Plan) -> None:
         """Refuse a motion that leaves the unknowns where they were."""
         ratio = sigma_ratio(self.subject, plan.trajectory, self.request.rate_hz)
-        if ratio > NOTHING_LEARNT:
-            raise _infeasible(
-                f"within the limits nothing is learnt: the sigmas stay at {ratio:.3f} of the "
-                f"prior's (at most {NOTHING_LEARNT} is asked); what holds the motion back is",
-                plan.uses,
-            )
+        if ratio <= NOTHING_LEARNT:
+            return
+        shape = (self.layout.rows, self.layout.n)
+        probe = np.random.default_rng(self.request.seed).uniform(-1.0, 1.0, shape)
+        probe = plan.trajectory.points_rad[0] + PROBE_RAD * (probe - probe[0])
+        raise _infeasible(
+            f"within the limits nothing is learnt: the sigmas stay at {ratio:.3f} of the prior's "
+            f"(at most {NOTHING_LEARNT} is asked); a motion of {PROBE_RAD} rad about the same pose "
+            "has",
+            self.check(probe.ravel()),
+        )
 
 
 def sigma_ratio(subject: Subject, trajectory: Trajectory, rate_hz: float) -> float:
     """Return the geometric mean of the unknowns' sigma over their prior sigma after a motion."""
-    from fsw.excitation.assess import information_root
-
     R = information_root(subject, trajectory, rate_hz)
     sigma = np.sqrt(np.diag(criteria.report_covariance(R, subject.scale)))
     keep = subject.scale.weights > 0
