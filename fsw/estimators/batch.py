@@ -223,6 +223,7 @@ def straighten(
         solution.information.covariance(),
         problem.prior_covariance,
         problem.names,
+        problem.bodies.stop,
         profile,
         WEAK,
     )

@@ -53,25 +53,30 @@ def widen(
     covariance: FloatArray,
     prior_covariance: FloatArray,
     names: tuple[str, ...],
+    bodies: int,
     profile: Profile,
     weak: float = WEAK,
 ) -> Widening:
     """Return the covariance (p, p) widened wherever the linearisation at x (p,) fails.
 
-    `cost` is the least squared whitened residual, prior included; axes are those of the covariance
-    in units of `prior_covariance`.
+    `cost` is the least squared whitened residual, prior included. The axes are those of the
+    `bodies` first states, nuisances marginal, in units of `prior_covariance`.
     """
-    root = np.asarray(np.linalg.cholesky(prior_covariance), dtype=np.float64)
-    white: FloatArray = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
+    own = covariance[:bodies, :bodies]
+    root = np.asarray(np.linalg.cholesky(prior_covariance[:bodies, :bodies]), dtype=np.float64)
+    white: FloatArray = np.linalg.solve(root, np.linalg.solve(root, own).T)
     values, vectors = np.linalg.eigh(0.5 * (white + white.T))
+    scale = np.sqrt(np.diag(covariance))
+    factor = np.linalg.cholesky(covariance / np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
     wide = covariance.copy()
     bent, unbounded = [], []
     for index in np.argsort(-values)[:MAX_AXES]:
         if not values[index] > weak**2:
             break
         sigma = float(np.sqrt(values[index]))
-        axis = root @ vectors[:, index] * sigma
-        normal = np.linalg.solve(root.T, vectors[:, index]) / sigma
+        normal = np.zeros(len(x))
+        normal[:bodies] = np.linalg.solve(root.T, vectors[:, index]) / sigma
+        axis = covariance @ normal
         path, ended = [], True
         for sign in (1.0, -1.0):
             points, closed = _side(x, cost, axis, normal, profile, tuple(sign * t for t in STEPS))
@@ -79,11 +84,12 @@ def widen(
             ended = ended and closed
         off = [
             abs(rise / t**2 - 1.0) > BENT
-            or _squared(root, values, vectors, np.asarray(d - t * axis)) > BENT * t**2
+            or float(np.sum(np.linalg.solve(factor, (d - t * axis) / scale) ** 2)) > BENT * t**2
             for t, d, rise in path
             if abs(t) <= 3.0
         ]
-        label = names[int(np.argmax(np.abs(axis) / np.sqrt(np.diag(prior_covariance))))]
+        share = np.abs(axis[:bodies]) / np.sqrt(np.diag(prior_covariance)[:bodies])
+        label = names[int(np.argmax(share))]
         if any(off):
             bent.append(label)
             for t, d, rise in path:
@@ -126,12 +132,6 @@ def _side(
             return points, True
         start, before = found, t
     return points, points[-1][2] >= OPEN
-
-
-def _squared(root: FloatArray, values: FloatArray, vectors: FloatArray, d: FloatArray) -> float:
-    """Return d^T P^-1 d by the covariance's axes."""
-    white = vectors.T @ np.linalg.solve(root, d)
-    return float(np.sum(white**2 / np.maximum(values, 1e-300)))
 
 
 def constrained_prior(

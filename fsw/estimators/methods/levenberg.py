@@ -109,7 +109,8 @@ def straighten(gram: Gram, system: System, found: Minimum, weak: float) -> Widen
     except EstimatorError:
         return None
     prior = system.prior_covariance
-    return widen(found.x, found.cost, covariance, prior, system.names, profile, weak)
+    bodies = system.problem.bodies.stop
+    return widen(found.x, found.cost, covariance, prior, system.names, bodies, profile, weak)
 
 
 def _solve(A: FloatArray, g: FloatArray, damping: float) -> FloatArray:
