@@ -9,7 +9,6 @@ RDA of 3000 samples at least 50 times faster than `least_squares` over a Pinocch
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -20,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
+from fsw.config import load
 from fsw.estimators.inertia import (
     from_log_cholesky,
     from_parameters,
@@ -34,7 +34,10 @@ from fsw.estimators.methods.system import Options, build_system, kernel_data
 from fsw.estimators.model import RobotModel
 from fsw.estimators.problem import NO_STATES, Problem
 from fsw.estimators.samples import Noise, SampleSet, with_noise
-from fsw.messages import FloatArray
+from fsw.messages import Block, FloatArray
+from fsw.replay import replay
+from fsw.sinks import NullSink
+from hil import benchmark_peers as peers
 from hil.robot import Body, Robot, load_bodies
 from hil.spline import JointSpline
 from hil.truth import simulate
@@ -45,7 +48,6 @@ TORQUE_NOISE_NM = 0.05
 RATE_HZ = 500.0
 PEERS = {
     "idyntree": "its inverse dynamics regressor",
-    "figaroh": "its regressor builder and least squares",
     "filterpy": "its Kalman filter as the recursion",
     "padasip": "its recursive least squares",
 }
@@ -274,12 +276,51 @@ def compare_short_rda(problem: Problem, samples: SampleSet, start: FloatArray) -
     return ratios
 
 
+def compare_peers(problem: Problem, samples: SampleSet) -> list[Ratio]:
+    """Compare with the peers that are installed."""
+    few = samples.take(slice(0, peers.REGRESSOR_SAMPLES))
+    figures = peers.recursions(regressor_loop(problem, few), 6 + samples.n, seconds)
+    if peers.available("idyntree"):
+        own = seconds(lambda: solve_mrnea(few, problem, Options(weighting="ols")), 3)
+        loop = seconds(peers.idyntree_regressor(problem, few, str(URDF)), 2)
+        figures.append(("ols mrnea, build and solve / iDynTree regressor loop", own / loop, None))
+    return [Ratio(name=n, value=v, bound=b, at_most=True) for n, v, b in figures]
+
+
+def compare_online(
+    problem: Problem, samples: SampleSet, recording: Path, config: Path
+) -> list[Ratio]:
+    """Measure the daemon's online estimator over a recording's blocks."""
+    chosen = load(config)
+    sink = BlockSink()
+    replay(recording, chosen, sink=sink)
+    few = samples.take(slice(0, peers.REGRESSOR_SAMPLES))
+    call_s = seconds(lambda: bare_loop(problem, few), 3) / len(few)
+    figures = peers.online_update(chosen, sink.blocks, call_s)
+    return [Ratio(name=n, value=v, bound=b, at_most=True) for n, v, b in figures]
+
+
+class BlockSink(NullSink):
+    """Keeps the blocks of a replay."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Block] = []
+
+    def block(self, block: Block) -> None:
+        """Keep one block."""
+        self.blocks.append(block)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print every ratio; 0 if all bounds are kept."""
     parser = argparse.ArgumentParser(prog="python -m hil.benchmark", description=__doc__)
     parser.add_argument("--seed", type=int, default=0)
-    seed = parser.parse_args(arguments).seed
-    rng = np.random.default_rng(seed)
+    parser.add_argument("--recording", type=Path, help="of a flight, for the online update")
+    parser.add_argument("--config", type=Path, help="of that flight, base and target unknown")
+    options = parser.parse_args(arguments)
+    if (options.recording is None) != (options.config is None):
+        parser.error("--recording and --config go together")
+    rng = np.random.default_rng(options.seed)
     exact, truth = motion(30_000)
     problem = build_both(truth)
     samples = with_noise(exact, exact.noise, rng)
@@ -287,10 +328,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ratios = compare_regression(problem, samples.take(slice(0, 20_000)))
     ratios += compare_long_rda(problem, samples, start)
     ratios += compare_short_rda(problem, samples.take(slice(0, None, 10)), start)
+    ratios += compare_peers(problem, samples)
+    if options.recording is not None:
+        ratios += compare_online(problem, samples, options.recording, options.config)
     lines = [ratio.line() for ratio in ratios]
     for peer, what in PEERS.items():
-        if importlib.util.find_spec(peer) is None:
+        if not peers.available(peer):
             lines.append(f"skipped {what}: needs {peer}")
+    lines += [f"skipped {what}" for what in peers.NOT_COMPARED]
+    if options.recording is None:
+        lines.append("skipped online update: needs --recording and --config")
     sys.stdout.write("\n".join(lines) + "\n")
     return 0 if all(ratio.ok for ratio in ratios) else 1
 
