@@ -173,7 +173,7 @@ def run_batch(
     rows = row_function(method, config.estimator.weighting, problem)
     solution = solve(problem, rows, blocks, progress, start)
     covariance, status, note = solution.information.covariance(), solution.status, ""
-    if method in CURVED and status == "OK":
+    if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
         looked = straighten(problem, rows, blocks, solution)
         covariance, note = looked.covariance, looked.note
         status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
