@@ -226,10 +226,12 @@ def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:
     """Return (k,) which samples lie within the gate on every axis.
 
     The scale is the larger of the declared noise and the window's own median deviation, so that a
-    noisier sensor than declared degrades instead of losing every sample.
+    noisier sensor than declared degrades instead of losing every sample. The worst go first: an
+    outlier bends the fit, and good samples near it must not be left out with it.
     """
     scale = np.maximum(sigma, 1.4826 * np.median(np.abs(residuals), axis=0))
-    good: np.ndarray = np.all(np.abs(residuals) <= GATE_SIGMAS * scale, axis=1)
+    ratio = np.max(np.abs(residuals) / scale, axis=1)
+    good: np.ndarray = ratio <= np.maximum(GATE_SIGMAS, 0.5 * ratio.max())
     return good
 
 

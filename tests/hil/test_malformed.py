@@ -306,7 +306,6 @@ def encoded_tpdo1(data: bytes) -> bytes:
     return canopen.encode_tpdo1(reading, pdo.status, pdo.sync_counter)
 
 
-@pytest.mark.xfail(reason="good samples near an outlier are left out with it, see _inliers")
 def test_a_possible_but_implausible_reading_is_gated_like_a_missing_one(
     clean: Clean, tmp_path: Path
 ) -> None:
