@@ -31,6 +31,7 @@ Gram = Callable[[FloatArray], FloatArray]  # x -> (p+1, p+1) of [J | r]
 
 DECREMENT = 1e-5  # squared whitened length of the Gauss-Newton step at which it has converged
 MAX_DAMPING = 1e12
+SETTLE_STEPS = 20
 PROFILE_ITERATIONS = 10
 PROFILE_DECREMENT = 1e-2
 
@@ -86,11 +87,52 @@ def minimise(
             if not accepted:
                 damping, growth = damping * growth, 2.0 * growth
         if not accepted:
+            at = (x, G, cost)
+            x, G, cost, converged = _settle(gram, system, coordinates, at, decrement)
             break
         damping *= max(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)
         growth = 2.0
         coordinates, x, G, cost = trial, trial_x, trial_G, trial_cost
     return Minimum(x, G[:p, :p], G[:p, p], cost, iterations, converged)
+
+
+def _settle(
+    gram: Gram,
+    system: System,
+    coordinates: FloatArray,
+    at: tuple[FloatArray, FloatArray, float],
+    decrement: float,
+) -> tuple[FloatArray, FloatArray, float, bool]:
+    """Return x, Gram, cost at the root of the score, and whether it was reached.
+
+    A score that is centred for the squared noise of its inputs is not quite the cost's gradient, so
+    the last fraction of a sigma may cost a little; undamped steps are taken while they shrink.
+    """
+    x, G, cost = at
+    p = len(x)
+    last = np.inf
+    for _ in range(SETTLE_STEPS):
+        T = _jacobian(coordinates, system)
+        gradient = T.T @ (G[:p, p] - system.prior_information @ (x - system.prior_mean))
+        A = T.T @ (G[:p, :p] + system.prior_information) @ T
+        scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        step = _solve(A / np.outer(scale, scale), gradient / scale, 1e-12)
+        length = float(step @ (gradient / scale))
+        if length < decrement:
+            return x, G, cost, True
+        if not length < 0.9 * last:
+            break
+        last = length
+        trial = coordinates + step / scale
+        trial_x = _from_coordinates(trial, system)
+        if not np.all(np.isfinite(trial_x)):
+            break
+        trial_G = gram(trial_x)
+        trial_cost = _cost(trial_G, trial_x, system)
+        if not np.isfinite(trial_cost):
+            break
+        coordinates, x, G, cost = trial, trial_x, trial_G, trial_cost
+    return x, G, cost, False
 
 
 def straighten(gram: Gram, system: System, found: Minimum, weak: float) -> Widening | None:

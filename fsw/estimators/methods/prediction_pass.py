@@ -297,8 +297,52 @@ def weigh(data: Data, use: Channels, i: int, k: Work, s: Prediction, rows: Float
                 return False
         return True
     joint_inertia(k)
+    if rate:
+        _center(data, i, k, s, rows, p)
+    if not _covariance(data, use, k, s, False):
+        return False
+    for c in range(m):
+        z[c] = rows[c, p]
+    solve_both(S, z, m)
+    for j in range(n):
+        s.qdd[j] = data.qdd[i, j]
+        for c in range(m):
+            s.qdd[j] += data.s_qdd[j] * gain[c, j] * z[c]
+    if rate:
+        for e in range(3):
+            for c in range(m):
+                s.nu[3 + e] += data.s_w[e] * gain[c, n + e] * z[c]
+    solve_motion(data.qd[i], s.qdd, k, s)
+    if rate:
+        return bool(_covariance(data, use, k, s, True))
+    return True
+
+
+@inlined
+def _center(data: Data, i: int, k: Work, s: Prediction, rows: FloatArray, p: int) -> None:
+    """Add to the torque residual the mean that the squared error of the measured rate feigns."""
+    n = data.q.shape[1]
+    unit, still, zero, force = np.zeros(3), np.zeros(6), np.zeros(n), np.zeros(6)
+    for e in range(3):
+        unit[:] = 0.0
+        unit[e] = data.s_w[e]
+        accelerate(unit, zero, still, zero, k)
+        balance(k, s.z[:n])
+        for c in range(6):
+            force[c] = k.force[0, c]
+        for j in range(n):
+            rows[j, p] += s.z[j] + dot6(k.N[j], force)
+    solve_motion(data.qd[i], data.qdd[i], k, s)
+
+
+@inlined
+def _covariance(data: Data, use: Channels, k: Work, s: Prediction, again: bool) -> bool:
+    """Leave the factor of the residuals' covariance at the motion in k in s.S."""
+    n, m = data.q.shape[1], s.fixed.shape[0]
+    S, gain = s.S, s.gain
+    joints, rate = s.noisy
     first = n if use.torque else 0
-    if joints:
+    if joints and not again:
         for j in range(n):
             if use.torque:
                 for c in range(n):
@@ -318,21 +362,8 @@ def weigh(data: Data, use: Channels, i: int, k: Work, s: Prediction, rows: Float
             for c in range(start, stop):
                 total += gain[a, c] * gain[b, c]
             S[a, b] = total
-    if not factor(S, m):
-        return False
-    for c in range(m):
-        z[c] = rows[c, p]
-    solve_both(S, z, m)
-    for j in range(n):
-        s.qdd[j] = data.qdd[i, j]
-        for c in range(m):
-            s.qdd[j] += data.s_qdd[j] * gain[c, j] * z[c]
-    if rate:
-        for e in range(3):
-            for c in range(m):
-                s.nu[3 + e] += data.s_w[e] * gain[c, n + e] * z[c]
-    solve_motion(data.qd[i], s.qdd, k, s)
-    return True
+    done: bool = factor(S, m)
+    return done
 
 
 @inlined

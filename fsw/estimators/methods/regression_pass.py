@@ -185,20 +185,8 @@ def _weigh(
     for e in range(3):
         rate = rate or data.s_w[e] > 0.0
     if rate:
-        rate_gradient(k)
-    for c in range(m):
-        for b in range(m):
-            s.gain[c, b] = s.H[c, b] * s.sigma[b]
-        for e in range(3):
-            s.gain[c, m + e] = k.C[c, e] * s.sigma[m + e] if rate else 0.0
-    for a in range(m):
-        for b in range(a + 1):
-            total = 0.0
-            for c in range(m + 3):
-                total += s.gain[a, c] * s.gain[b, c]
-            S[a, b] = total
-        S[a, a] += wrench_sigma[a] ** 2 if a < 6 else data.s_tau[a - 6] ** 2
-    if not factor(S, m):
+        _center(data, i, k, s, rows, p)
+    if not _covariance(data, wrench_sigma, k, s, rate):
         return False
     if mode == EIV:
         for c in range(m):
@@ -217,7 +205,49 @@ def _weigh(
                 s.w[b - m] += step
         accelerate(s.w, data.qd[i], s.a, s.qdd, k)
         balance(k, s.tau)
+        if rate:
+            return bool(_covariance(data, wrench_sigma, k, s, rate))
     return True
+
+
+@inlined
+def _center(data: Data, i: int, k: Work, s: _Sample, rows: FloatArray, p: int) -> None:
+    """Add to the residual the mean force that the squared error of the measured rate feigns."""
+    n = data.q.shape[1]
+    unit, still, zero = np.zeros(3), np.zeros(6), np.zeros(n)
+    for e in range(3):
+        unit[:] = 0.0
+        unit[e] = data.s_w[e]
+        accelerate(unit, zero, still, zero, k)
+        balance(k, s.tau)
+        for c in range(6):
+            rows[c, p] += k.force[0, c]
+        for j in range(n):
+            rows[6 + j, p] += s.tau[j]
+    accelerate(s.w, data.qd[i], s.a, s.qdd, k)
+    balance(k, s.tau)
+
+
+@inlined
+def _covariance(data: Data, wrench_sigma: FloatArray, k: Work, s: _Sample, rate: bool) -> bool:
+    """Leave the factor of the rows' covariance at the motion in k in s.S."""
+    m, S = s.z.shape[0], s.S
+    if rate:
+        rate_gradient(k)
+    for c in range(m):
+        for b in range(m):
+            s.gain[c, b] = s.H[c, b] * s.sigma[b]
+        for e in range(3):
+            s.gain[c, m + e] = k.C[c, e] * s.sigma[m + e] if rate else 0.0
+    for a in range(m):
+        for b in range(a + 1):
+            total = 0.0
+            for c in range(m + 3):
+                total += s.gain[a, c] * s.gain[b, c]
+            S[a, b] = total
+        S[a, a] += wrench_sigma[a] ** 2 if a < 6 else data.s_tau[a - 6] ** 2
+    done: bool = factor(S, m)
+    return done
 
 
 @inlined

@@ -98,6 +98,22 @@ def test_likelihood_ratio_of_the_truth_where_sigma_is_too_large_for_a_quadratic(
     assert low <= total <= high
 
 
+@pytest.mark.parametrize("method", ["rda", "mrnea"])
+def test_squared_rate_noise_feigns_no_inertia(method):
+    """With a gyro ten times as noisy the mean of w x I w is the data's own, not the bodies'."""
+    problem, samples = problem_of(("target",))
+    noise = replace(FULL, w_rad_s=10.0 * FULL.w_rad_s)
+    options = Options(start=truth(problem), body_prior=False)
+    total, seeds = 0.0, 12
+    for seed in range(seeds):
+        noisy = with_noise(samples, noise, np.random.default_rng(seed))
+        result = SOLVERS[method](noisy, problem, options)
+        assert result.status == "OK"
+        total += nees(result, problem)
+    low, high = band(len(problem.names), seeds)
+    assert low <= total <= high
+
+
 def test_least_squares_shrinks_and_says_so():
     problem, samples = problem_of(("target",))
     noisy = with_noise(samples, FULL, np.random.default_rng(1))
