@@ -118,7 +118,13 @@ def _replay(arguments: argparse.Namespace) -> int:
 
         result = replay(arguments.recording, config)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
-    return 0
+    for source, counts in result.status["samples"].items():
+        if not counts["accepted"]:
+            text = f"{counts['received']} samples and {counts['received_bytes']} bytes received"
+            print(f"fsw: warning: {source}: nothing usable; {text}", file=sys.stderr)
+    if result.truncated:
+        print(f"fsw: warning: {arguments.recording} is cut off at its end", file=sys.stderr)
+    return 0 if result.estimate is not None else FAILED_EXIT
 
 
 def _identify(arguments: argparse.Namespace) -> int:

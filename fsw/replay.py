@@ -168,6 +168,11 @@ class ReplayResult:
         for source, counts in values["samples"].items():
             words = [f"{word} {counts[word]}" for word in ("received", "lost", "late", "rejected")]
             lines.append(f"{source}: {', '.join(words)}")
+        if self.estimate is not None:
+            nis, dof = self.estimate.nis, self.estimate.nis_dof
+            lines.append(
+                f"last window's residuals: {nis:.0f} for {dof}, {self.estimate.gated} gated"
+            )
         lines.append(f"slips {values['slips']}, wall {self.wall_s:.2f} s")
         return "\n".join(lines)
 

@@ -36,6 +36,7 @@ from fsw.messages import Block, Estimate, FloatArray
 
 WORK_PER_BLOCK = 16  # units of background work due between two blocks
 LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
+MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
 FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
 ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
 EVENT_LIMIT = 64
@@ -250,6 +251,8 @@ class OnlineEstimator:
             return "REOPENED" if self._changes else "TOO_FEW_BLOCKS"
         if not self._pacing.settled:
             return "NOT_CONVERGED"
+        if self._monitor.level > MISMATCH_LEVEL:
+            return "MODEL_MISMATCH"
         if self._conflict:
             return "PRIOR_CONFLICT"
         if condition > self._settings.condition_limit:
