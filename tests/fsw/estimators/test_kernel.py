@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
-
 from fsw.estimators import kernel, projection
 from fsw.estimators.methods.least_squares_pass import least_squares_gram
 from fsw.estimators.methods.prediction_pass import Columns, Data

@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
-
 from fsw.errors import EstimatorError
 from fsw.estimators.inertia import is_consistent
 from fsw.estimators.methods.energy import solve_energy

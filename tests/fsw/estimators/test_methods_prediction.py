@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
-
 from fsw.estimators.fused import predict
 from fsw.estimators.methods.fused_batch import FUSED
 from fsw.estimators.methods.prediction_pass import prediction_pass, residual_pass
