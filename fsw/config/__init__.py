@@ -1,0 +1,46 @@
+"""The configuration: one pydantic schema, YAML in, `ConfigError` out.
+
+Every key with a dimension ends in its unit. Nothing about geometry or noise has a default. Paths
+are relative to the configuration file. Reading a configuration touches no device.
+"""
+
+from fsw.config.base import (
+    BodyName,
+    Finite,
+    NonNegative,
+    Positive,
+    PositiveVector3,
+    Section,
+    Vector3,
+)
+from fsw.config.devices import BusConfig, ImuConfig, JointConfig, Mounting, StarTrackerConfig
+from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
+from fsw.config.robot import BodyConfig, BodySigma, RobotConfig
+from fsw.config.services import RecorderConfig, ServiceConfig
+from fsw.config.whole import Config, load, parse
+
+__all__ = [
+    "BodyConfig",
+    "BodyName",
+    "BodySigma",
+    "BusConfig",
+    "Config",
+    "EstimatorConfig",
+    "Finite",
+    "ImuConfig",
+    "JointConfig",
+    "Mounting",
+    "NonNegative",
+    "OrbitConfig",
+    "Positive",
+    "PositiveVector3",
+    "RecorderConfig",
+    "RobotConfig",
+    "SchedulerConfig",
+    "Section",
+    "ServiceConfig",
+    "StarTrackerConfig",
+    "Vector3",
+    "load",
+    "parse",
+]

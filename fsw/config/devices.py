@@ -1,0 +1,96 @@
+"""The devices: buses, joint nodes, inertial unit, star tracker."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from fsw.config.base import Finite, NonNegative, Positive, Quaternion, Section, Vector3
+
+
+class BusConfig(Section):
+    """One CAN bus. `name` is also the recording's topic: /can/<name>."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
+    interface: str  # any python-can interface: socketcan, udp_multicast, slcan, virtual ...
+    channel: str
+    fd: bool = False
+    bitrate: int | None = Field(default=None, gt=0)
+    data_bitrate: int | None = Field(default=None, gt=0)
+    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast only
+    sync: Literal["producer", "consumer"] = "producer"
+    rate_hz: Positive
+    sync_counter_max: int = Field(default=240, ge=2, le=240)
+    latch_offset_s: Finite = 0.0  # time of validity minus SYNC stamp
+
+
+class JointConfig(Section):
+    """One joint node. `name` is the joint's name in the URDF."""
+
+    name: str
+    driver: Literal["canopen"] = "canopen"
+    bus: str
+    node_id: int = Field(ge=1, le=127)
+    format: Literal["classic", "fd"] = "classic"
+    sign: Literal[-1, 1] = 1
+    zero_offset_rad: Finite = 0.0
+    torque_gain: Positive = 1.0
+    torque_offset_nm: Finite = 0.0
+    torque_limit_nm: Positive  # larger readings are rejected as out of range
+    speed_limit_rad_s: Positive  # faster jumps between samples are rejected as out of range
+    torque_noise_nm: Positive  # 1 sigma of one sample, white
+    torque_offset_sigma_nm: NonNegative  # prior of the unknown offset; 0: none estimated
+    torque_scale_sigma_ratio: NonNegative = 0.0  # prior of the scale error; 0: none estimated
+    position_noise_rad: Positive  # 1 sigma of one sample, quantisation included
+
+
+class Mounting(Section):
+    """Pose of a sensor on the base: origin in B, and the quaternion taking S components to B."""
+
+    p_BS_m: Vector3
+    q_BS_xyzw: Quaternion
+
+    @field_validator("q_BS_xyzw")
+    @classmethod
+    def _unit(cls, q: Quaternion) -> Quaternion:
+        norm = sum(x * x for x in q) ** 0.5
+        if abs(norm - 1.0) > 1e-6:
+            raise ValueError(f"q_BS_xyzw {list(q)} has norm {norm:.9g}; must be 1 within 1e-6")
+        return q
+
+
+class ImuConfig(Section):
+    """The inertial unit. Noise is white: angle and velocity random walk (sigma = N sqrt(rate))."""
+
+    driver: Literal["stim300", "mip"] = "stim300"
+    port: str
+    baud_rate: int = Field(default=921600, gt=0)
+    rate_hz: Positive
+    crlf: bool = False  # datagrams are followed by CR LF
+    acc_range_g: Literal[5, 10, 30, 80] = 10
+    mounting: Mounting
+    gyro_group_delay_s: NonNegative
+    acc_group_delay_s: NonNegative
+    angle_random_walk_rad_sqrt_s: Positive
+    velocity_random_walk_m_s_sqrt_s: Positive
+    gyro_bias_sigma_rad_s: NonNegative  # prior of the unknown bias; 0: none estimated
+    acc_bias_sigma_m_s2: NonNegative
+    max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)
+    clock_tolerance_ppm: Positive = 200.0
+
+
+class StarTrackerConfig(Section):
+    """The star tracker. `rotation` says which way its quaternion turns (a fact to confirm)."""
+
+    driver: Literal["sagitta"] = "sagitta"
+    port: str
+    baud_rate: int = Field(default=115200, gt=0)
+    rate_hz: Positive
+    mounting: Mounting
+    time: Literal["unit", "arrival"] = "arrival"  # its own time stamp, or arrival less latency
+    latency_s: NonNegative  # from mid-exposure to the unit's time stamp, or to the last byte
+    rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
+    noise_across_rad: Positive
+    noise_about_rad: Positive
+    subscribe: bool = True  # ask the unit for asynchronous solutions at start

@@ -1,0 +1,64 @@
+"""What is done with the samples: the loop, the estimator, the orbit."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from fsw.config.base import NonNegative, Positive, Section, Vector3
+from fsw.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+
+
+class SchedulerConfig(Section):
+    """The loop's grid."""
+
+    tick_rate_hz: Positive
+    realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
+    cpu: int | None = Field(default=None, ge=0)
+
+
+class EstimatorConfig(Section):
+    """Method, windows and gates."""
+
+    method: Literal["mrnea", "rda", "cm", "fused"] = "fused"
+    weighting: Literal["ols", "wls", "bc", "eiv"] = "eiv"  # of mrnea
+    window_s: Positive = 0.4
+    nodes: int = Field(default=4, ge=2, le=8)
+    lag_s: NonNegative = 0.15  # a window closes this long after its end: the slowest sensor's delay
+    store_blocks: int = Field(default=256, ge=4, le=100_000)
+    settle_blocks: int = Field(default=25, ge=1)  # nothing is published as valid before this many
+    min_fill_ratio: float = Field(default=0.6, gt=0, le=1)  # of the expected samples in a window
+    wrench_force_sigma_n: Positive = 1e-3  # unmodelled external force
+    wrench_torque_sigma_nm: Positive = 1e-3
+    momentum_sigma_nms: NonNegative = 0.0  # prior of a residual angular momentum; 0: none estimated
+    external_force_sigma_n: NonNegative = 0.0  # prior of a constant external wrench at the base's
+    external_torque_sigma_nm: NonNegative = 0.0  # origin, inertial axes; 0: none estimated
+    gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
+    condition_limit: Positive = 1e8
+    forgetting_time_s: Positive | None = None  # data's information decays with it; null: never
+
+
+class OrbitConfig(Section):
+    """A circular orbit: turns on gravity-gradient force and torque. Needs a star tracker.
+
+    State of the system's centre of mass from the Earth's centre, in inertial axes, at the epoch.
+    """
+
+    position_m: Vector3
+    velocity_m_s: Vector3
+    epoch_ns: int | None = None  # on the daemon's clock; null: the first SYNC
+    gravity_parameter_m3_s2: Positive = EARTH_GRAVITY_PARAMETER_M3_S2
+
+    @model_validator(mode="after")
+    def _circular(self) -> Self:
+        radius = sum(x * x for x in self.position_m) ** 0.5
+        speed = sum(v * v for v in self.velocity_m_s) ** 0.5
+        circular = (self.gravity_parameter_m3_s2 / radius) ** 0.5 if radius > 0 else 0.0
+        along = sum(x * v for x, v in zip(self.position_m, self.velocity_m_s, strict=True))
+        if not (abs(speed - circular) <= 0.02 * circular and abs(along) <= 0.02 * radius * speed):
+            raise ValueError(
+                f"velocity_m_s {list(self.velocity_m_s)} must be across position_m and within 2 % "
+                f"of the circular {circular:.1f} m/s"
+            )
+        return self

@@ -1,0 +1,169 @@
+"""The whole configuration of one daemon: its sections, what must hold between them, reading."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Annotated, Self
+
+import yaml
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from fsw.config.base import BodyName, Section
+from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig
+from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
+from fsw.config.robot import BodyConfig, RobotConfig
+from fsw.config.services import RecorderConfig, ServiceConfig
+from fsw.config_text import explain, read_yaml
+from fsw.errors import ConfigError
+
+
+class Config(Section):
+    """The whole configuration of one daemon."""
+
+    robot: RobotConfig
+    bodies: dict[BodyName, BodyConfig] = Field(default_factory=dict)
+    unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
+    buses: Annotated[tuple[BusConfig, ...], Field(min_length=1)]
+    joints: Annotated[tuple[JointConfig, ...], Field(min_length=1)]
+    imu: ImuConfig
+    star_tracker: StarTrackerConfig | None = None
+    orbit: OrbitConfig | None = None
+    scheduler: SchedulerConfig
+    estimator: EstimatorConfig = EstimatorConfig()
+    recorder: RecorderConfig = RecorderConfig()
+    service: ServiceConfig
+
+    _source: bytes = PrivateAttr(default=b"")
+    _folder: Path = PrivateAttr(default=Path())
+    _name: str = PrivateAttr(default="configuration")
+
+    def read_from(self, source: bytes, folder: Path, name: str) -> Self:
+        """Remember text, folder and file name this configuration came from."""
+        self._source, self._folder, self._name = source, folder, name
+        return self
+
+    @property
+    def crc32(self) -> int:
+        """CRC-32 of the file the configuration was read from."""
+        return zlib.crc32(self._source)
+
+    @property
+    def name(self) -> str:
+        """What messages call this configuration: its file."""
+        return self._name
+
+    @property
+    def source(self) -> bytes:
+        """The text the configuration was read from."""
+        return self._source
+
+    def resolve(self, path: Path) -> Path:
+        """Return a path of the configuration, relative ones taken from its folder."""
+        return path if path.is_absolute() else self._folder / path
+
+    def with_unknown(self, unknown: tuple[str, ...]) -> Self:
+        """Return this configuration for other unknown bodies.
+
+        Raises
+        ------
+        ConfigError if one of them has no prior.
+        """
+        data = self.model_dump() | {"unknown": unknown}
+        try:
+            changed = type(self).model_validate(data)
+        except ValidationError as error:
+            raise ConfigError("\n".join(explain(type(self), error))) from error
+        return changed.read_from(self._source, self._folder, self._name)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        _unique([b.name for b in self.buses], "buses.name")
+        _unique([j.name for j in self.joints], "joints.name")
+        _unique([f"{j.bus}:{j.node_id}" for j in self.joints], "joints.node_id")
+        ports = {"imu.port": self.imu.port}
+        if self.star_tracker:
+            ports["star_tracker.port"] = self.star_tracker.port
+        for i, bus in enumerate(self.buses):
+            link = bus.channel if bus.port is None else f"{bus.channel}:{bus.port}"
+            ports[f"buses.{i}.channel"] = f"{bus.interface}:{link}"
+        _one_device_each(ports)
+        _unique(list(self.unknown), "unknown")
+        if self.orbit is not None and self.star_tracker is None:
+            raise ValueError(
+                "orbit: needs a star_tracker; the gravity gradient turns with attitude"
+            )
+        names = {b.name: b for b in self.buses}
+        for i, joint in enumerate(self.joints):
+            if joint.bus not in names:
+                raise ValueError(
+                    f"joints.{i}.bus: {joint.bus!r} is none of the buses {sorted(names)}"
+                )
+            if joint.format == "fd" and not names[joint.bus].fd:
+                raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
+        for body in self.unknown:
+            if body not in self.bodies:
+                raise ValueError(
+                    f"bodies.{body}: missing; unknown lists {body!r}, which needs a prior"
+                )
+            if self.bodies[body].sigma is None:
+                raise ValueError(f"bodies.{body}.sigma: missing; unknown lists {body!r}")
+        for i, bus in enumerate(self.buses):
+            ratio = self.scheduler.tick_rate_hz / bus.rate_hz
+            if abs(ratio - round(ratio)) > 1e-9 or ratio < 1:
+                raise ValueError(
+                    f"buses.{i}.rate_hz: {bus.rate_hz} must divide scheduler.tick_rate_hz "
+                    f"{self.scheduler.tick_rate_hz}"
+                )
+        return self
+
+
+def _unique(values: list[str], key: str) -> None:
+    for value in values:
+        if values.count(value) > 1:
+            times = values.count(value)
+            raise ValueError(f"{key}: {value!r} is used {times} times; must be unique")
+
+
+def _one_device_each(ports: dict[str, str]) -> None:
+    for port in ports.values():
+        keys = [other for other, used in ports.items() if used == port]
+        if len(keys) > 1:
+            raise ValueError(
+                f"{' and '.join(keys)}: all name {port!r}; a port serves one device only"
+            )
+
+
+def load(path: Path) -> Config:
+    """Read and validate a configuration file.
+
+    Raises
+    ------
+    ConfigError with one line per fault: key, value, bound.
+    """
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    return parse(source, path.parent, str(path))
+
+
+def parse(source: bytes, folder: Path, name: str) -> Config:
+    """Validate configuration text; relative paths are taken from `folder`.
+
+    Raises
+    ------
+    ConfigError with one line per fault: key, value, bound.
+    """
+    try:
+        data = read_yaml(source)
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: an impossible date or number
+        raise ConfigError(f"{name}: not YAML: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigError(f"{name}: must be a mapping of sections; found {type(data).__name__}")
+    try:
+        config = Config.model_validate(data)
+    except ValidationError as error:
+        lines = [f"{name}: {line}" for line in explain(Config, error)]
+        raise ConfigError("\n".join(lines)) from error
+    return config.read_from(source, folder.absolute(), name)
