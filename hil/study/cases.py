@@ -87,6 +87,7 @@ class Record:
     nees: float
     iterations: int
     bias_note: str = ""
+    commit: str = ""  # of the code that gave it
 
 
 @lru_cache(maxsize=8)

@@ -1,9 +1,16 @@
-"""Results on disk: one JSON line each, appended and flushed as they come, read again on a rerun."""
+"""Results on disk: one JSON line each, appended and flushed as they come, read again on a rerun.
+
+Each line names the commit of the code that gave it, so a study whose methods changed on the way
+says which result is whose.
+"""
 
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Collection, Iterable
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +57,28 @@ class Store:
         fresh.replace(self.path)
 
     def append(self, records: Iterable[Record]) -> None:
-        """Add records and flush."""
+        """Add records, marked with the commit of the code, and flush."""
         with self.path.open("a", encoding="utf-8") as file:
             for record in records:
-                file.write(json.dumps(_plain(record)) + "\n")
+                file.write(json.dumps(_plain(replace(record, commit=commit()))) + "\n")
             file.flush()
+
+
+@lru_cache(maxsize=1)
+def commit() -> str:
+    """Return the commit of this code, with "+" if files differ from it; "unknown" without git."""
+    here = Path(__file__).resolve().parent
+    try:
+        ran = subprocess.run(
+            ("git", "-C", str(here), "describe", "--always", "--dirty=+", "--exclude=*"),
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=30.0,
+        )
+    except OSError:
+        return "unknown"
+    return ran.stdout.strip() or "unknown"
 
 
 def _same_settings(path: Path) -> None:
@@ -85,6 +109,7 @@ def _plain(record: Record) -> dict[str, Any]:
         "iterations": record.iterations,
         "nees": record.nees if np.isfinite(record.nees) else None,
         "bias_note": record.bias_note,
+        "commit": record.commit,
         "error": _list(record.error),
         "sigma": _list(record.sigma),
     }
@@ -100,6 +125,7 @@ def _record(line: dict[str, Any]) -> Record:
         nees=float("inf") if line["nees"] is None else float(line["nees"]),
         iterations=line["iterations"],
         bias_note=line["bias_note"],
+        commit=line["commit"],
     )
 
 

@@ -1,6 +1,8 @@
 """Results survive a crash, are not run twice and are not mixed with another study's."""
 
 import json
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +28,16 @@ def test_what_is_read_is_what_was_written(tmp_path):
     np.testing.assert_array_equal(found[record(0).key].error, record(0).error)
     assert found[record(1).key].error is None
     assert found[record(1).key].nees == float("inf")
+
+
+def test_results_name_the_commit_of_their_code(tmp_path):
+    Store(tmp_path).append([record(0)])
+    here = Path(__file__).parent
+    asked = ("git", "-C", str(here), "rev-parse", "--short", "HEAD")
+    ran = subprocess.run(asked, capture_output=True, text=True, check=False)
+    found = Store(tmp_path).records()[record(0).key].commit
+    expected = ran.stdout.strip() if ran.returncode == 0 else "unknown"
+    assert found.removesuffix("+").startswith(expected)
 
 
 def test_line_cut_off_by_a_crash_is_dropped_and_run_again(tmp_path):
