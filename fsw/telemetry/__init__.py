@@ -1,0 +1,1 @@
+"""Telemetry and telecommands: packets, services, files and the authenticated uplink."""

@@ -1,0 +1,250 @@
+"""Authenticated telecommand frames: a profile of CCSDS 355.0-B (SDLS) on TC frames of 232.0-B.
+
+    header 5 | SPI 2 | IV 12 | encrypted data | MAC 16 | FECF 2        [bytes, big-endian]
+
+Type-BD frames of one virtual channel, no segment header. AES-256-GCM; the IV is the sequence
+number. The additional authenticated data are header and security header under the standard's mask:
+virtual channel and SPI, every other bit zero (the IV is authenticated as the nonce). What the mask
+leaves out is compared with its only allowed value. The data are whole telecommand packets.
+
+Not certified; no extended procedures (keys are files), no COP-1, telemetry in clear.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
+
+import fastcrc
+from cryptography.exceptions import InvalidTag
+from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
+HEADER_BYTES, SPI_BYTES, IV_BYTES, MAC_BYTES, FECF_BYTES = 5, 2, 12, 16, 2
+DATA_AT = HEADER_BYTES + SPI_BYTES + IV_BYTES
+MIN_BYTES = DATA_AT + 1 + MAC_BYTES + FECF_BYTES
+MAX_BYTES = 1024  # 232.0-B 4.1.2: ten bits of length
+KEY_BYTES = 32
+BYPASS = 1 << 13  # type BD; version 0, control command 0 and spare 0 are the other bits' values
+VCID_MASK = 0xFC
+PACKET_HEADER_BYTES = 6
+TC_PACKET_MASK, TC_PACKET = 0xF8, 0x18  # version 0, type telecommand, secondary header
+_HEADER = struct.Struct(">HHB")
+
+
+class FrameReject(StrEnum):
+    """Why something on the uplink was refused; names as in telemetry."""
+
+    BAD_LENGTH = "BAD_LENGTH"
+    BAD_CRC = "BAD_CRC"
+    NOT_AUTHENTICATED = "NOT_AUTHENTICATED"
+    REPLAY = "REPLAY"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Association:
+    """One security association: the key a security parameter index stands for."""
+
+    spi: int
+    key: bytes = field(repr=False)
+
+    @property
+    def fingerprint(self) -> str:
+        """What the key is called where its number is kept."""
+        return hashlib.sha256(self.key).hexdigest()[:16]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Accepted:
+    """The data of an authentic frame that was never seen before."""
+
+    packet: bytes
+    spi: int
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rejected:
+    """A refusal. An authentic but repeated frame names its packet and the next number taken."""
+
+    reason: FrameReject
+    text: str
+    packet: bytes | None = None
+    next_number: int | None = None
+
+
+class Numbers(Protocol):
+    """Where the lowest acceptable number of each key is kept."""
+
+    def floor(self, fingerprint: str) -> int:
+        """Return the lowest number never used."""
+        ...
+
+    def is_retired(self, fingerprint: str) -> bool:
+        """Whether the key is never to be accepted again."""
+        ...
+
+    def claim(self, fingerprint: str, number: int) -> None:
+        """Make sure, across a crash, that this number is never accepted again. Raises OSError."""
+        ...
+
+
+class FrameReceiver:
+    """Checks frames; only what `receive` accepts may have an effect.
+
+    Parameters
+    ----------
+    associations : one or two keys, each under its own SPI
+    numbers : persisted sequence numbers
+    window : accepted are numbers from the lowest never used to `window - 1` above it
+    """
+
+    def __init__(
+        self,
+        associations: Sequence[Association],
+        numbers: Numbers,
+        *,
+        spacecraft_id: int,
+        virtual_channel: int,
+        window: int,
+    ) -> None:
+        self._associations = {item.spi: item for item in associations}
+        self._ciphers = {item.spi: AESGCM(item.key) for item in associations}
+        self._numbers, self._window = numbers, window
+        self._first, self._channel = BYPASS | spacecraft_id, virtual_channel
+        self.accepted = 0
+        self.rejected: Counter[FrameReject] = Counter()
+
+    def matches(self, header: bytes) -> int | None:
+        """Return the frame's length when these first 5 bytes can begin one of ours [bytes]."""
+        first, second, sequence = _HEADER.unpack_from(header)
+        length = int(second & 0x3FF) + 1
+        ours = (first, second >> 10, sequence) == (self._first, self._channel, 0)
+        return length if ours and length >= MIN_BYTES else None
+
+    def receive(self, frame: bytes) -> Accepted | Rejected:
+        """Check one frame: form, authenticity, then freshness; count what became of it."""
+        outcome = self._check(frame)
+        if isinstance(outcome, Accepted):
+            self.accepted += 1
+        else:
+            self.rejected[outcome.reason] += 1
+        return outcome
+
+    def refuse(self, reason: FrameReject) -> None:
+        """Count something refused before it became a frame."""
+        self.rejected[reason] += 1
+
+    def next_number(self, spi: int) -> int | None:
+        """Return the lowest number accepted under an SPI; None when nothing is."""
+        association = self._associations.get(spi)
+        if association is None or self._numbers.is_retired(association.fingerprint):
+            return None
+        return self._numbers.floor(association.fingerprint)
+
+    def _check(self, frame: bytes) -> Accepted | Rejected:
+        if not MIN_BYTES <= len(frame) <= MAX_BYTES:
+            text = f"{len(frame)} bytes; must be {MIN_BYTES} to {MAX_BYTES}"
+            return Rejected(reason=FrameReject.BAD_LENGTH, text=text)
+        if not has_good_fecf(frame):
+            return Rejected(reason=FrameReject.BAD_CRC, text="frame error control field")
+        if self.matches(frame[:HEADER_BYTES]) != len(frame):  # bits the mask leaves out
+            return _forged("primary header")
+        (spi,) = struct.unpack_from(">H", frame, HEADER_BYTES)
+        association = self._associations.get(spi)
+        if association is None or self._numbers.is_retired(association.fingerprint):
+            return _forged(f"SPI {spi} has no key")
+        iv = frame[DATA_AT - IV_BYTES : DATA_AT]
+        sealed = frame[DATA_AT:-FECF_BYTES]
+        try:
+            packet = self._ciphers[spi].decrypt(iv, sealed, masked_header(frame))
+        except InvalidTag:
+            return _forged(f"MAC under SPI {spi}")
+        return self._claim(association, int.from_bytes(iv, "big"), packet)
+
+    def _claim(self, association: Association, number: int, packet: bytes) -> Accepted | Rejected:
+        floor = self._numbers.floor(association.fingerprint)
+        text = f"number {number}; taken are {floor} to {floor + self._window - 1}"
+        if floor <= number < floor + self._window:
+            try:
+                self._numbers.claim(association.fingerprint, number)
+            except OSError as error:  # unkept, it could be replayed after a restart
+                text = f"number {number} cannot be kept: {error.strerror or error}"
+            else:
+                return Accepted(packet=packet, spi=association.spi, number=number)
+        return Rejected(reason=FrameReject.REPLAY, text=text, packet=packet, next_number=floor)
+
+
+class FrameSplitter:
+    """Cuts a byte stream into frames; telecommand packets in clear are set apart.
+
+    Bounded: what could begin a frame or packet waits for at most 1 KiB. Anything else is skipped
+    byte by byte and counted, until something with a good CRC begins.
+    """
+
+    def __init__(self, receiver: FrameReceiver) -> None:
+        self._receiver = receiver
+        self._buffer = bytearray()
+        self.skipped_bytes = 0
+
+    def feed(self, chunk: bytes) -> list[Accepted | Rejected]:
+        """Return what became of every frame and clear packet that ends in this chunk."""
+        self._buffer += chunk
+        outcomes: list[Accepted | Rejected] = []
+        at = 0
+        while len(self._buffer) - at >= PACKET_HEADER_BYTES:
+            head = bytes(self._buffer[at : at + PACKET_HEADER_BYTES])
+            length = self._receiver.matches(head) or _clear_packet_bytes(head)
+            if length is None:
+                at += 1
+                self.skipped_bytes += 1
+                continue
+            if len(self._buffer) - at < length:
+                break
+            item = bytes(self._buffer[at : at + length])
+            if not has_good_fecf(item):  # packets end in the same CRC
+                self._receiver.refuse(FrameReject.BAD_CRC)
+                at += 1
+                self.skipped_bytes += 1
+                continue
+            at += length
+            outcomes.append(self._take(item))
+        del self._buffer[:at]
+        return outcomes
+
+    def _take(self, item: bytes) -> Accepted | Rejected:
+        if item[0] & TC_PACKET_MASK != TC_PACKET:
+            return self._receiver.receive(item)
+        self._receiver.refuse(FrameReject.NOT_AUTHENTICATED)
+        return Rejected(
+            reason=FrameReject.NOT_AUTHENTICATED, text="telecommand in clear", packet=item
+        )
+
+
+def masked_header(frame: bytes) -> bytes:
+    """Return the additional authenticated data of a frame.
+
+    Source: CCSDS 355.0-B-2, authentication bit mask of TC frames: VCID and SPI.
+    """
+    spi = frame[HEADER_BYTES : HEADER_BYTES + SPI_BYTES]
+    return bytes((0, 0, frame[2] & VCID_MASK, 0, 0)) + spi + bytes(IV_BYTES)
+
+
+def has_good_fecf(frame: bytes) -> bool:
+    """Whether the last two bytes are the CRC-16 CCITT-FALSE of all before."""
+    return fastcrc.crc16.ibm_3740(frame[:-FECF_BYTES]) == int.from_bytes(frame[-FECF_BYTES:], "big")
+
+
+def _clear_packet_bytes(head: bytes) -> int | None:
+    length = int.from_bytes(head[4:6], "big") + PACKET_HEADER_BYTES + 1
+    if head[0] & TC_PACKET_MASK != TC_PACKET or length > MAX_BYTES:
+        return None
+    return length
+
+
+def _forged(text: str) -> Rejected:
+    return Rejected(reason=FrameReject.NOT_AUTHENTICATED, text=text)
