@@ -1,1 +1,1 @@
-"""Telemetry and telecommands: packets, services, files and the authenticated uplink."""
+"""Telemetry and telecommands: packets, services, link, tables, monitors, events, modes."""

@@ -1,0 +1,54 @@
+"""The dictionary: everything that crosses the link, and from which everything else is made.
+
+Pack and unpack (`fsw.telemetry.packets`), the exports and the human page read these values and
+nothing else; there is no second list.
+"""
+
+from __future__ import annotations
+
+import zlib
+
+from fsw.telemetry.dictionary.codes import ERROR
+from fsw.telemetry.dictionary.commands import TELECOMMANDS
+from fsw.telemetry.dictionary.events import EVENTS
+from fsw.telemetry.dictionary.housekeeping import SETS
+from fsw.telemetry.dictionary.parameters import PARAMETERS
+from fsw.telemetry.dictionary.reports import REPORTS
+from fsw.telemetry.dictionary.types import (
+    Dictionary,
+    Enumeration,
+    EventDefinition,
+    Field,
+    Packet,
+    Parameter,
+    Severity,
+    Telecommand,
+    Type,
+)
+
+__all__ = [
+    "DICTIONARY",
+    "Dictionary",
+    "Enumeration",
+    "EventDefinition",
+    "Field",
+    "Packet",
+    "Parameter",
+    "Severity",
+    "Telecommand",
+    "Type",
+    "dictionary_crc32",
+]
+
+DICTIONARY = Dictionary(
+    packets=(*SETS, *REPORTS),
+    telecommands=TELECOMMANDS,
+    parameters=PARAMETERS,
+    events=EVENTS,
+    errors=dict(ERROR.labels),
+)
+
+
+def dictionary_crc32(dictionary: Dictionary = DICTIONARY) -> int:
+    """Return the CRC-32 of all names, types and numbers; it goes down in housekeeping."""
+    return zlib.crc32(repr(dictionary).encode())

@@ -1,0 +1,250 @@
+"""Telecommands and their arguments."""
+
+from __future__ import annotations
+
+from fsw.telemetry.dictionary.codes import (
+    FUNCTION,
+    METHOD,
+    MODE,
+    TABLE,
+    TABLE_COPY,
+    UNKNOWN,
+    YES_NO,
+    Function,
+)
+from fsw.telemetry.dictionary.events import EVENT
+from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID
+from fsw.telemetry.dictionary.parameters import PARAMETER
+from fsw.telemetry.dictionary.types import Enumeration, Field, Telecommand, Type
+
+MAX_INTERVAL_MS = 3_600_000
+_SID = Field(name="sid", type=Type.U16, enumeration=SID)
+_EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
+_MONITOR = Field(name="monitor", type=Type.U16, minimum=1)
+_TABLE = Field(name="table", type=Type.U8, enumeration=TABLE)
+_PATH = Field(name="path", type=Type.TEXT, size=PATH_BYTES, doc="below the file directory")
+_UNKNOWN = Field(name="unknown", type=Type.U8, enumeration=UNKNOWN)
+_COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=32)
+_ID = Field(name="parameter", type=Type.U16, enumeration=PARAMETER)
+# what a mode can be commanded to; BOOT ends by itself and BATCH is entered by RUN_BATCH
+_COMMANDED_MODE = Enumeration(
+    name="commanded_mode",
+    labels={n: label for n, label in MODE.labels.items() if label not in ("BOOT", "BATCH")},
+)
+_METHOD = Enumeration(
+    name="batch_method", labels={n: label for n, label in METHOD.labels.items() if n}
+)
+_RUNNING = ("STANDBY", "IDENTIFY", "BATCH")
+_IDLE = ("STANDBY", "IDENTIFY")
+_QUIET = ("SAFE", "STANDBY")
+
+
+def _tc(
+    service: int, subtype: int, name: str, doc: str, *arguments: Field, repeats: bool = False
+) -> Telecommand:
+    return Telecommand(
+        name=name, service=service, subtype=subtype, doc=doc, arguments=arguments, repeats=repeats
+    )
+
+
+def _function(
+    function: Function, doc: str, *arguments: Field, modes: tuple[str, ...] = ()
+) -> Telecommand:
+    return Telecommand(
+        name=function.name,
+        service=8,
+        subtype=1,
+        doc=doc,
+        arguments=(
+            Field(name="function_id", type=Type.U16, enumeration=FUNCTION),
+            *arguments,
+        ),
+        match=(("function_id", int(function)),),
+        modes=modes,
+    )
+
+
+_SERVICES = (
+    _tc(3, 5, "ENABLE_SET", "Report a set periodically", _SID),
+    _tc(3, 6, "DISABLE_SET", "Stop reporting a set periodically", _SID),
+    _tc(3, 27, "REPORT_SET", "Report a set once, now", _SID),
+    _tc(
+        3,
+        31,
+        "SET_INTERVAL",
+        "Change how often a set is reported",
+        _SID,
+        Field(name="interval_ms", type=Type.U32, unit="ms", minimum=10, maximum=MAX_INTERVAL_MS),
+    ),
+    _tc(3, 33, "REPORT_SET_PROPERTIES", "Tell how a set is reported", _SID),
+    _tc(5, 5, "ENABLE_EVENT", "Report an event", _EVENT),
+    _tc(5, 6, "DISABLE_EVENT", "Do not report an event; it is still logged and counted", _EVENT),
+    _tc(5, 7, "REPORT_DISABLED_EVENTS", "Tell which events are not reported"),
+    _tc(
+        9,
+        1,
+        "SET_TIME_REPORT_RATE",
+        "A time packet every 2^exponent s",
+        Field(name="exponent", type=Type.U8, minimum=0, maximum=8),
+    ),
+    _tc(11, 1, "ENABLE_SCHEDULE", "Release time-tagged commands"),
+    _tc(11, 2, "DISABLE_SCHEDULE", "Do not release them; those that come due are discarded"),
+    _tc(11, 3, "RESET_SCHEDULE", "Discard all time-tagged commands"),
+    _tc(
+        11,
+        4,
+        "INSERT_ACTIVITY",
+        "Keep a telecommand for a mission elapsed time",
+        Field(name="release_p_field", type=Type.U8, minimum=0x2F, maximum=0x2F),
+        Field(name="release_coarse_s", type=Type.U32, unit="s"),
+        Field(name="release_fine", type=Type.U24, doc="2^-24 s"),
+        Field(name="telecommand", type=Type.BYTES, doc="a whole packet with its CRC"),
+    ),
+    _tc(
+        11,
+        5,
+        "DELETE_ACTIVITY",
+        "Discard one, by its packet id and sequence",
+        Field(name="request_packet_id", type=Type.U16),
+        Field(name="request_sequence", type=Type.U16),
+    ),
+    _tc(11, 17, "REPORT_SCHEDULE", "Tell what waits"),
+    _tc(12, 1, "ENABLE_MONITOR", "Check a monitor", _MONITOR),
+    _tc(12, 2, "DISABLE_MONITOR", "Do not check a monitor", _MONITOR),
+    _tc(12, 8, "REPORT_MONITOR", "Tell a monitor's definition", _MONITOR),
+    _tc(12, 13, "REPORT_MONITOR_STATUS", "Tell the status of all monitors"),
+    _tc(12, 15, "ENABLE_MONITORING", "Check monitors at all"),
+    _tc(12, 16, "DISABLE_MONITORING", "Check none"),
+    _tc(17, 1, "PING", "Answer with 17,2"),
+    _tc(20, 1, "REPORT_PARAMETERS", "Tell values of parameters", _COUNT, _ID, repeats=True),
+    _tc(
+        20,
+        3,
+        "SET_PARAMETERS",
+        "Set parameters, all or none; every value in its own type",
+        _COUNT,
+        _ID,
+        Field(name="value", type=Type.BYTES),
+        repeats=True,
+    ),
+    _tc(23, 2, "DELETE_FILE", "Remove a file", _PATH),
+    _tc(23, 3, "REPORT_FILE_ATTRIBUTES", "Tell size, date and CRC of a file", _PATH),
+    _tc(23, 12, "LIST_FILES", "Tell what is in a directory", _PATH),
+    _tc(
+        23,
+        14,
+        "COPY_FILE",
+        "Copy a file below the file directory",
+        _PATH,
+        Field(name="target", type=Type.TEXT, size=PATH_BYTES),
+    ),
+)
+
+_FUNCTIONS = (
+    _function(
+        Function.SET_MODE,
+        "Go to a mode",
+        Field(name="mode", type=Type.U8, enumeration=_COMMANDED_MODE),
+    ),
+    _function(Function.RESET_COUNTERS, "Command, event and link counters to zero"),
+    _function(
+        Function.CLEAR_HEALTH,
+        "Clear latched bits of the health word",
+        Field(name="mask", type=Type.U32, doc="bits to clear; 0xFFFFFFFF: all"),
+    ),
+    _function(Function.REPORT_VERSION, "Tell package, commit and CRCs"),
+    _function(
+        Function.RESTART,
+        "End and start again; the key guards against accidents",
+        Field(name="key", type=Type.U16, minimum=0xB007, maximum=0xB007),
+        modes=_QUIET,
+    ),
+    _function(
+        Function.EVENT_LOG_DUMP,
+        "Report the newest entries of the event log",
+        Field(name="entries", type=Type.U16, minimum=1, maximum=1000),
+    ),
+    _function(
+        Function.START_IDENTIFICATION,
+        "Identify these bodies, from the prior",
+        _UNKNOWN,
+        modes=_IDLE,
+    ),
+    _function(Function.STOP_IDENTIFICATION, "Rest; the last estimate stays", modes=_RUNNING),
+    _function(Function.RESET_ESTIMATOR, "Back to the prior", modes=_RUNNING),
+    _function(Function.SETTLE_ESTIMATOR, "Settle completely and publish", modes=_RUNNING),
+    _function(Function.REPORT_DIAGNOSIS, "Diagnose the estimate"),
+    _function(Function.SAVE_STATE, "Save the estimator's state now"),
+    _function(Function.RESTORE_STATE, "Go back to the newest saved state", modes=_IDLE),
+    _function(
+        Function.RUN_BATCH,
+        "Run a batch method on stored windows",
+        Field(name="method", type=Type.U8, enumeration=_METHOD),
+        _UNKNOWN,
+        Field(
+            name="last_s",
+            type=Type.F32,
+            unit="s",
+            minimum=0.0,
+            maximum=1e6,
+            doc="newest so many seconds; 0: the parameter batch_last_s",
+        ),
+        modes=_RUNNING,
+    ),  # while one runs: BUSY
+    _function(Function.ABORT_BATCH, "End the batch job"),
+    _function(
+        Function.ADOPT_RESULT, "Make the batch result the online estimator's prior", modes=_RUNNING
+    ),
+    _function(
+        Function.TBL_LOAD,
+        "Begin to load a table",
+        _TABLE,
+        Field(name="size_bytes", type=Type.U32, unit="B", minimum=1, maximum=1 << 20),
+        Field(name="crc32", type=Type.U32),
+    ),
+    _function(
+        Function.TBL_DATA,
+        "A piece of the table that is being loaded",
+        _TABLE,
+        Field(name="offset", type=Type.U32, unit="B"),
+        Field(name="data", type=Type.BYTES),
+    ),
+    _function(
+        Function.TBL_LOAD_FILE,
+        "Load a table from a file that came up",
+        _TABLE,
+        Field(name="crc32", type=Type.U32),
+        _PATH,
+    ),
+    _function(Function.TBL_VALIDATE, "Check the staged table", _TABLE),
+    _function(
+        Function.TBL_ACTIVATE,
+        "Use the validated table from the next tick on",
+        _TABLE,
+        Field(name="crc32", type=Type.U32, doc="of the table meant"),
+        modes=_QUIET,
+    ),
+    _function(
+        Function.TBL_DUMP,
+        "Write a table to a file",
+        _TABLE,
+        Field(name="copy", type=Type.U8, enumeration=TABLE_COPY),
+    ),
+    _function(Function.TBL_ABORT, "Drop the staged table", _TABLE),
+    _function(Function.TBL_ROLLBACK, "Use the table before this one again", _TABLE, modes=_QUIET),
+    _function(Function.REC_START, "Begin a recording"),
+    _function(Function.REC_STOP, "Close the recording"),
+    _function(
+        Function.DOWNLINK_FILE,
+        "Send a file down by CFDP",
+        _PATH,
+        Field(
+            name="remove",
+            type=Type.U8,
+            enumeration=YES_NO,
+            doc="remove it here once it has arrived",
+        ),
+    ),
+)
+
+TELECOMMANDS = (*_SERVICES, *_FUNCTIONS)

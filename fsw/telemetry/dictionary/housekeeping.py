@@ -1,0 +1,316 @@
+"""Housekeeping sets 1 to 8 and the science set: what service 3 reports, field by field."""
+
+from __future__ import annotations
+
+from fsw.telemetry.dictionary.codes import (
+    APID_ESTIMATOR,
+    APID_SCIENCE,
+    ERROR,
+    JOB_STATE,
+    METHOD,
+    MODE,
+    REASON,
+    RESET_CAUSE,
+    RESULT_STATUS,
+    SECURITY,
+    TABLE_STATE,
+    UNKNOWN,
+    YES_NO,
+    Table,
+)
+from fsw.telemetry.dictionary.types import Enumeration, Field, Packet, Type
+
+JOINT_SLOTS = 8
+BUS_SLOTS = 4
+SCIENCE_SID = 20
+AXES = ("x", "y", "z")
+INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
+TASKS = ("drain", "ingest", "estimate", "commands")
+REASONS = ("sync", "length", "crc", "sequence", "range", "status", "node", "stale")
+# the estimation coordinates of one body: mass, mass x centre of mass, inertia about its origin
+COORDINATES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+COORDINATE_UNITS = ("kg", "kg.m", "kg.m", "kg.m") + ("kg.m2",) * 6
+STATES = tuple(f"{body}_{name}" for body in ("base", "target") for name in COORDINATES)
+STATE_UNITS = COORDINATE_UNITS * 2
+PATH_BYTES = 96
+TEXT_BYTES = 120
+
+
+def number(name: str, kind: Type, unit: str = "", doc: str = "") -> Field:
+    """Return a plain numeric field."""
+    return Field(name=name, type=kind, unit=unit, doc=doc)
+
+
+def choice(name: str, enumeration: Enumeration, doc: str = "") -> Field:
+    """Return an enumerated field of one byte."""
+    return Field(name=name, type=Type.U8, enumeration=enumeration, doc=doc)
+
+
+def text(name: str, size: int, doc: str = "") -> Field:
+    """Return a text field of fixed size."""
+    return Field(name=name, type=Type.TEXT, size=size, doc=doc)
+
+
+def _counters(*names: str) -> tuple[Field, ...]:
+    return tuple(number(name, Type.U32) for name in names)
+
+
+def _times(prefix: str, doc: str) -> tuple[Field, ...]:
+    return tuple(
+        number(f"{prefix}_{kind}_us", Type.F32, "us", f"{doc}, {kind}")
+        for kind in ("last", "mean", "max")
+    )
+
+
+def _body(prefix: str, doc: str) -> tuple[Field, ...]:
+    """Return the reported parameters of a body and their 1 sigma; inertia about its own centre."""
+    values, sigmas = [], []
+    for name, unit in (
+        ("mass_kg", "kg"),
+        *((f"com_{axis}_m", "m") for axis in AXES),
+        *((f"inertia_{pair}_kg_m2", "kg.m2") for pair in INERTIA),
+    ):
+        values.append(number(f"{prefix}_{name}", Type.F64, unit, doc))
+        sigmas.append(number(f"{prefix}_sigma_{name}", Type.F64, unit, f"{doc}, 1 sigma"))
+    return (
+        choice(f"{prefix}_present", YES_NO, "whether this body is among the unknowns"),
+        choice(f"{prefix}_consistent", YES_NO, "whether the estimate was physically possible"),
+        *values,
+        *sigmas,
+    )
+
+
+def _vector(name: str, unit: str, suffix: str, doc: str) -> tuple[Field, ...]:
+    return tuple(number(f"{name}_{axis}_{suffix}", Type.F64, unit, doc) for axis in AXES)
+
+
+def _device(name: str) -> tuple[Field, ...]:
+    return (
+        choice(f"{name}_up", YES_NO, "link open"),
+        number(f"{name}_losses", Type.U16, doc="times the link was lost"),
+        *_counters(
+            *(f"{name}_{word}" for word in ("received", "accepted", "lost", "late", "rejected")),
+            *(f"{name}_reject_{reason}" for reason in REASONS),
+        ),
+    )
+
+
+HEALTH_FIELDS = (
+    choice("mode", MODE),
+    number("health", Type.U32, doc="latched health word, one bit per fault, 0 healthy"),
+    number("health_now", Type.U32, doc="the same bits, as of this packet, not latched"),
+    number("boot_count", Type.U32, doc="starts of the daemon on this state directory"),
+    choice("reset_cause", RESET_CAUSE),
+    number("met_s", Type.F64, "s", "mission elapsed time: the daemon's monotonic clock"),
+    number("config_crc32", Type.U32),
+    number("dictionary_crc32", Type.U32),
+    *_counters("ticks", "slips"),
+    number("max_late_us", Type.F32, "us", "latest wake of the loop"),
+    *_times("work", "time of all tasks of one tick"),
+    *(part for task in TASKS for part in _times(task, f"task {task}")),
+    number("summary_age_s", Type.F32, "s", "age of the loop's newest summary"),
+    *_counters(
+        "ring_records",
+        "ring_dropped",
+        "windows_closed",
+        "windows_unusable",
+        "windows_outliers",
+        "windows_early",
+        "windows_future",
+        "windows_overflow",
+        "tc_accepted",
+        "tc_rejected",
+        "tc_completed",
+        "tc_failed",
+        "events",
+        "events_suppressed",
+    ),
+    Field(name="last_error", type=Type.U16, enumeration=ERROR, doc="of the last rejected command"),
+    number("command_loss_left_s", Type.F32, "s", "until the command-loss reaction; -1: off"),
+)
+
+ESTIMATE_FIELDS = (
+    number("estimate_time_s", Type.F64, "s", "mission elapsed time of the newest data used"),
+    number("age_s", Type.F32, "s", "time since then"),
+    choice("valid", YES_NO),
+    choice("reason", REASON, "why not valid"),
+    choice("method", METHOD),
+    choice("unknown", UNKNOWN),
+    *_counters("blocks", "gated", "changes", "ignored"),
+    number("nis", Type.F64, doc="normalised innovation squared of the newest window"),
+    number("nis_dof", Type.U16),
+    number("noise_ratio", Type.F64, doc="residual noise over the declared noise"),
+    number("innovation_lag1", Type.F64, doc="correlation of successive innovations"),
+    number("innovation_lag1_bound", Type.F64),
+    number("condition_number", Type.F64, doc="excitation: of the scaled information"),
+    number("information_gained_nats", Type.F64),
+    *_body("base", "base, in B"),
+    *_body("target", "target, in E"),
+    *_body("whole", "everything together as posed, in B"),
+    *_vector("acc_bias", "m/s2", "m_s2", "estimated accelerometer bias, base axes"),
+    *_vector("gyro_bias", "rad/s", "rad_s", "estimated gyro bias, base axes"),
+    *(
+        number(f"torque_offset_{k}_nm", Type.F64, "N.m", f"estimated torque offset of joint {k}")
+        for k in range(1, JOINT_SLOTS + 1)
+    ),
+    *(
+        number(
+            f"residual_torque_{k}_nm",
+            Type.F32,
+            "N.m",
+            f"rms over the newest window of measured less modelled torque of joint {k}",
+        )
+        for k in range(1, JOINT_SLOTS + 1)
+    ),
+)
+
+COVARIANCE_FIELDS = (
+    number("estimate_time_s", Type.F64, "s"),
+    choice("base_present", YES_NO),
+    choice("target_present", YES_NO),
+    *(
+        number(
+            f"cov_{STATES[row]}__{STATES[column]}",
+            Type.F64,
+            f"{STATE_UNITS[row]}.{STATE_UNITS[column]}",
+        )
+        for row in range(len(STATES))
+        for column in range(row + 1)
+    ),
+)
+
+DEVICE_FIELDS = (
+    *(part for k in range(1, BUS_SLOTS + 1) for part in _device(f"bus{k}")),
+    *_device("imu"),
+    *_device("star_tracker"),
+)
+
+JOB_FIELDS = (
+    number("job_id", Type.U32),
+    choice("state", JOB_STATE),
+    number("progress_ratio", Type.F32),
+    choice("method", METHOD),
+    choice("unknown", UNKNOWN),
+    choice("result_status", RESULT_STATUS),
+    number("cost", Type.F64, doc="sum of squared whitened residuals"),
+    number("condition_number", Type.F64),
+    number("duration_s", Type.F64, "s", "of the data used"),
+    *_body("base", "base, in B"),
+    *_body("target", "target, in E"),
+    text("text", TEXT_BYTES, "what it does, or why it failed"),
+)
+
+TABLE_FIELDS = tuple(
+    part
+    for table in Table
+    for part in (
+        choice(f"{table.name.lower()}_state", TABLE_STATE),
+        number(f"{table.name.lower()}_generation", Type.U16, doc="activations so far"),
+        number(f"{table.name.lower()}_active_crc32", Type.U32),
+        number(f"{table.name.lower()}_staged_crc32", Type.U32),
+        number(f"{table.name.lower()}_staged_bytes", Type.U32, "B"),
+        Field(name=f"{table.name.lower()}_error", type=Type.U16, enumeration=ERROR),
+    )
+)
+
+RECORDER_FIELDS = (
+    choice("recording", YES_NO),
+    *_counters("failed_messages", "dropped_messages", "recordings"),
+    number("file_bytes", Type.U64, "B"),
+    number("disk_free_bytes", Type.U64, "B"),
+    text("file", PATH_BYTES, "the recording being written, or the last one"),
+)
+
+LINK_FIELDS = (
+    number("met_s", Type.F64, "s"),
+    number("boot_count", Type.U32),
+    choice("tc_security", SECURITY),
+    number("clients", Type.U8),
+    *_counters(
+        "tm_packets",
+        "tm_dropped",
+        "tc_packets",
+        "tc_garbage_bytes",
+        "tc_resyncs",
+        "udp_packets",
+        "udp_dropped",
+    ),
+    number("tm_bytes", Type.U64, "B"),
+    number("tc_bytes", Type.U64, "B"),
+    *_counters(
+        "sdls_accepted",
+        "sdls_failed",
+        "sdls_replayed",
+        "files_sent",
+        "files_received",
+        "files_failed",
+        "pdus_sent",
+        "pdus_received",
+    ),
+    choice("schedule_enabled", YES_NO),
+    number("schedule_entries", Type.U16),
+    *_counters("schedule_released", "schedule_discarded"),
+)
+
+SCIENCE_FIELDS = (
+    number("joint_time_s", Type.F64, "s", "mission elapsed time of validity, newest joint sample"),
+    number("gyro_time_s", Type.F64, "s"),
+    number("acc_time_s", Type.F64, "s"),
+    number("attitude_time_s", Type.F64, "s"),
+    number(
+        "fresh",
+        Type.U16,
+        doc="bits: 0 gyro, 1 accelerometer, 2 attitude, 8 and up joints 1 and up; set: a sample "
+        "came since the last science packet",
+    ),
+    *(
+        part
+        for k in range(1, JOINT_SLOTS + 1)
+        for part in (
+            number(f"joint_{k}_position_rad", Type.F64, "rad"),
+            number(f"joint_{k}_torque_nm", Type.F64, "N.m"),
+        )
+    ),
+    *_vector("gyro", "rad/s", "rad_s", "sensor axes"),
+    *_vector("specific_force", "m/s2", "m_s2", "sensor axes"),
+    *(number(f"attitude_{part}", Type.F64, doc="q_NB") for part in ("x", "y", "z", "w")),
+    number("nis", Type.F64, doc="normalised innovation squared of the newest window"),
+)
+
+
+def _set(sid: int, name: str, doc: str, fields: tuple[Field, ...], apid: int) -> Packet:
+    return Packet(
+        name=name,
+        apid=apid,
+        service=3,
+        subtype=25,
+        doc=doc,
+        fields=(number("sid", Type.U16, doc="housekeeping set"), *fields),
+        match=(("sid", sid),),
+    )
+
+
+HOUSEKEEPING = tuple(
+    _set(sid, name, doc, fields, APID_ESTIMATOR)
+    for sid, name, doc, fields in (
+        (1, "health", "Scheduler, health, counters", HEALTH_FIELDS),
+        (2, "estimate", "The online estimate with its 1 sigma", ESTIMATE_FIELDS),
+        (
+            3,
+            "covariance",
+            "Covariance of the bodies' estimation coordinates, lower triangle; 0 "
+            "where a body is not among the unknowns",
+            COVARIANCE_FIELDS,
+        ),
+        (4, "devices", "Buses and drivers, in the order of the configuration", DEVICE_FIELDS),
+        (5, "batch", "The batch job and its result", JOB_FIELDS),
+        (6, "tables", "State of the tables", TABLE_FIELDS),
+        (7, "recorder", "The recorder", RECORDER_FIELDS),
+        (8, "link", "Time, link, files, schedule", LINK_FIELDS),
+    )
+)
+SCIENCE = _set(
+    SCIENCE_SID, "science", "Newest sample of every channel", SCIENCE_FIELDS, APID_SCIENCE
+)
+SETS = (*HOUSEKEEPING, SCIENCE)
+SID = Enumeration(name="sid", labels={dict(item.match)["sid"]: item.name.upper() for item in SETS})

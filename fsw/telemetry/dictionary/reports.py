@@ -1,0 +1,273 @@
+"""Every telemetry packet that is no housekeeping set."""
+
+from __future__ import annotations
+
+from fsw.telemetry.dictionary.codes import (
+    APID_ESTIMATOR,
+    APID_TIME,
+    CHECK_STATUS,
+    ENTRY_STATUS,
+    ERROR,
+    SEVERITY,
+    TABLE,
+    YES_NO,
+)
+from fsw.telemetry.dictionary.events import EVENT
+from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID, TEXT_BYTES, choice, number, text
+from fsw.telemetry.dictionary.parameters import PARAMETER, PARAMETERS, VALUE
+from fsw.telemetry.dictionary.types import Field, Packet, Severity, Type
+
+DISABLED_SLOTS = 16
+LOG_TEXT_BYTES = 120
+VERDICT_BYTES = 240
+
+_REQUEST = (
+    number("request_packet_id", Type.U16, doc="first two bytes of the telecommand"),
+    number("request_sequence", Type.U16, doc="bytes three and four of the telecommand"),
+)
+_FAILURE = (
+    Field(name="error", type=Type.U16, enumeration=ERROR),
+    number("error_argument", Type.U16, doc="which argument, from 1; 0: none in particular"),
+    number("error_value", Type.F64, doc="its value, or the one expected; 0: none"),
+)
+_STEP = (number("step", Type.U16, doc="progress in percent"),)
+CUC = (
+    number("p_field", Type.U8, doc="0x2F: 4 bytes of seconds, 3 of fraction, own epoch"),
+    number("coarse_s", Type.U32, "s"),
+    number("fine", Type.U24, doc="2^-24 s"),
+)
+
+
+def _verification(subtype: int, name: str, doc: str, fields: tuple[Field, ...]) -> Packet:
+    return _report(1, subtype, name, doc, (*_REQUEST, *fields))
+
+
+def _report(service: int, subtype: int, name: str, doc: str, fields: tuple[Field, ...]) -> Packet:
+    return Packet(
+        name=name, apid=APID_ESTIMATOR, service=service, subtype=subtype, doc=doc, fields=fields
+    )
+
+
+_VERIFICATION = (
+    _verification(1, "acceptance_success", "The telecommand was accepted", ()),
+    _verification(2, "acceptance_failure", "The telecommand was rejected", _FAILURE),
+    _verification(3, "start_success", "Its execution has begun", ()),
+    _verification(4, "start_failure", "Its execution could not begin", _FAILURE),
+    _verification(5, "progress_success", "Its execution goes on", _STEP),
+    _verification(6, "progress_failure", "A step of it failed", (*_STEP, *_FAILURE)),
+    _verification(7, "completion_success", "It is done", ()),
+    _verification(8, "completion_failure", "It failed", _FAILURE),
+    _verification(10, "routing_failure", "It is addressed to nobody here", _FAILURE),
+)
+
+EVENT_FIELDS = (
+    Field(name="event", type=Type.U16, enumeration=EVENT),
+    number("occurrence", Type.U32, doc="of this event since the counters were reset"),
+    number("suppressed", Type.U32, doc="of this event, held back by its throttle since the last"),
+    text("text", TEXT_BYTES),
+)
+
+_EVENTS = tuple(
+    _report(
+        5,
+        int(severity),
+        f"event_{severity.name.lower()}",
+        f"An event of severity {severity.name.lower()}",
+        EVENT_FIELDS,
+    )
+    for severity in Severity
+)
+
+_PARAMETERS = tuple(
+    Packet(
+        name=f"parameter_{item.name}",
+        apid=APID_ESTIMATOR,
+        service=20,
+        subtype=2,
+        doc=f"Value of the parameter {item.name}",
+        fields=(
+            Field(name="parameter", type=Type.U16, enumeration=PARAMETER),
+            Field(name=item.name, type=item.type, unit=item.unit, doc=item.doc),
+        ),
+        match=(("parameter", item.id),),
+    )
+    for item in PARAMETERS
+)
+
+_OTHERS = (
+    _report(
+        3,
+        35,
+        "set_properties",
+        "How a housekeeping set is reported",
+        (
+            Field(name="sid", type=Type.U16, enumeration=SID),
+            choice("periodic", YES_NO),
+            number("interval_ms", Type.U32, "ms"),
+        ),
+    ),
+    _report(
+        5,
+        8,
+        "disabled_events",
+        "Events that are not reported; 0 where fewer",
+        (
+            number("total", Type.U16, doc="disabled in all"),
+            *(
+                Field(name=f"event_{k}", type=Type.U16, enumeration=EVENT)
+                for k in range(1, DISABLED_SLOTS + 1)
+            ),
+        ),
+    ),
+    _report(
+        8,
+        130,
+        "version",
+        "What is running",
+        (
+            text("package", 32, "package and version"),
+            text("commit", 40, "commit of the source; empty where not known"),
+            text("python", 16),
+            number("config_crc32", Type.U32),
+            number("dictionary_crc32", Type.U32),
+            number("boot_count", Type.U32),
+        ),
+    ),
+    _report(
+        8,
+        131,
+        "event_log_entry",
+        "One entry of the event log, oldest first",
+        (
+            number("entry", Type.U16, doc="from 1; 0: the log is empty"),
+            number("entries", Type.U16),
+            number("time_s", Type.F64, "s", "mission elapsed time"),
+            choice("severity", SEVERITY),
+            Field(name="event", type=Type.U16, enumeration=EVENT),
+            text("text", LOG_TEXT_BYTES),
+        ),
+    ),
+    _report(
+        8,
+        132,
+        "diagnosis",
+        "Diagnosis of the estimate, in words and numbers",
+        (
+            number("duration_s", Type.F64, "s", "of the data used"),
+            number("blocks", Type.U32),
+            choice("valid", YES_NO),
+            number("noise_ratio", Type.F64),
+            number("innovation_lag1", Type.F64),
+            number("innovation_lag1_bound", Type.F64),
+            text("verdict", VERDICT_BYTES),
+        ),
+    ),
+    Packet(
+        name="time",
+        apid=APID_TIME,
+        service=9,
+        subtype=2,
+        doc="Mission elapsed time when this packet was made; without secondary header",
+        fields=(
+            number("rate_exponent", Type.U8, doc="a report every 2^this s"),
+            *CUC,
+            number("time_status", Type.U8, doc="0: not synchronised to anything"),
+        ),
+        secondary_header=False,
+    ),
+    _report(
+        11,
+        13,
+        "schedule_entry",
+        "One time-tagged command that waits",
+        (
+            number("entry", Type.U16, doc="from 1; 0: none waits"),
+            number("entries", Type.U16),
+            number("release_time_s", Type.F64, "s", "mission elapsed time"),
+            *_REQUEST,
+            number("service", Type.U8),
+            number("subtype", Type.U8),
+        ),
+    ),
+    _report(
+        12,
+        9,
+        "monitor_definition",
+        "Definition of one monitor",
+        (
+            number("monitor", Type.U16),
+            Field(name="value", type=Type.U16, enumeration=VALUE),
+            choice("enabled", ENTRY_STATUS),
+            number("low", Type.F64),
+            number("high", Type.F64),
+            number("repetitions", Type.U16, doc="consecutive violations before it tells"),
+            number("stale_s", Type.F32, "s"),
+            text("action", 24, "what it does, once"),
+        ),
+    ),
+    _report(
+        12,
+        12,
+        "check_transition",
+        "A monitored value has left its limits, or is back",
+        (
+            number("monitor", Type.U16),
+            Field(name="value", type=Type.U16, enumeration=VALUE),
+            number("found", Type.F64),
+            number("limit", Type.F64),
+            choice("before", CHECK_STATUS),
+            choice("now", CHECK_STATUS),
+            number("time_s", Type.F64, "s", "mission elapsed time"),
+        ),
+    ),
+    _report(
+        12,
+        14,
+        "monitor_status",
+        "Status of one monitor",
+        (
+            number("monitor", Type.U16, doc="0: there is none"),
+            choice("enabled", ENTRY_STATUS),
+            choice("status", CHECK_STATUS),
+        ),
+    ),
+    _report(17, 2, "alive", "Answer to a ping", ()),
+    _report(
+        23,
+        4,
+        "file_attributes",
+        "Attributes of a file",
+        (
+            text("path", PATH_BYTES),
+            number("size_bytes", Type.U64, "B"),
+            number("modified_s", Type.F64, "s", "Unix time"),
+            number("crc32", Type.U32),
+        ),
+    ),
+    _report(
+        23,
+        13,
+        "file_entry",
+        "One entry of a directory",
+        (
+            number("entry", Type.U16, doc="from 1; 0: the directory is empty"),
+            number("entries", Type.U16),
+            text("path", PATH_BYTES),
+            number("size_bytes", Type.U64, "B"),
+        ),
+    ),
+    _report(
+        8,
+        133,
+        "table_dumped",
+        "A table was written to a file, ready to be fetched",
+        (
+            Field(name="table", type=Type.U8, enumeration=TABLE),
+            number("crc32", Type.U32),
+            number("size_bytes", Type.U32, "B"),
+            text("path", PATH_BYTES),
+        ),
+    ),
+)
+
+REPORTS = (*_VERIFICATION, *_EVENTS, *_PARAMETERS, *_OTHERS)

@@ -1,0 +1,184 @@
+"""What the dictionary is made of: fields, packets, telecommands; small frozen values only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+
+
+class Type(StrEnum):
+    """How a field lies on the wire, big-endian."""
+
+    U8 = "u8"
+    U16 = "u16"
+    U24 = "u24"
+    U32 = "u32"
+    U64 = "u64"
+    I8 = "i8"
+    I16 = "i16"
+    I32 = "i32"
+    I64 = "i64"
+    F32 = "f32"
+    F64 = "f64"
+    TEXT = "text"  # UTF-8 of a fixed size, padded with zero bytes
+    BYTES = "bytes"  # what is left of the packet; only the last argument of a telecommand
+
+
+SIZE_BYTES = {
+    Type.U8: 1,
+    Type.U16: 2,
+    Type.U24: 3,
+    Type.U32: 4,
+    Type.U64: 8,
+    Type.I8: 1,
+    Type.I16: 2,
+    Type.I32: 4,
+    Type.I64: 8,
+    Type.F32: 4,
+    Type.F64: 8,
+}
+
+
+class Severity(IntEnum):
+    """Severity of an event; the value is its subtype in service 5."""
+
+    INFO = 1
+    LOW = 2
+    MEDIUM = 3
+    HIGH = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Enumeration:
+    """Names of the values an integer field may take."""
+
+    name: str
+    labels: dict[int, str]
+
+    def value(self, label: str) -> int:
+        """Return the number of a label. Raises KeyError."""
+        for number, text in self.labels.items():
+            if text == label:
+                return number
+        raise KeyError(label)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Field:
+    """One flat value of a packet, or one argument of a telecommand.
+
+    `minimum` and `maximum` bound a telecommand's argument; telemetry is not bounded by them.
+    """
+
+    name: str
+    type: Type
+    unit: str = ""
+    doc: str = ""
+    enumeration: Enumeration | None = None
+    size: int = 0  # bytes, of TEXT only
+    minimum: float | None = None
+    maximum: float | None = None
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes on the wire; 0 for BYTES."""
+        if self.type is Type.BYTES:
+            return 0
+        return self.size if self.type is Type.TEXT else SIZE_BYTES[self.type]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Packet:
+    """One telemetry packet: fields in order after the headers, before the CRC.
+
+    `match` holds the fields whose value, besides APID, service and subtype, tells this packet from
+    others (the housekeeping set, the parameter). A packet with `secondary_header` False (the time
+    packet, ECSS-E-ST-70-41C 7.4.2.1) has neither service nor subtype on the wire.
+    """
+
+    name: str
+    apid: int
+    service: int
+    subtype: int
+    doc: str
+    fields: tuple[Field, ...]
+    match: tuple[tuple[str, int], ...] = ()
+    secondary_header: bool = True
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes of all fields."""
+        return sum(item.size_bytes for item in self.fields)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Telecommand:
+    """One telecommand: arguments in order after the secondary header, before the CRC.
+
+    `match` holds arguments with a fixed value (the function of service 8); `modes` the labels of
+    the modes in which it is accepted, empty: all.
+    """
+
+    name: str
+    service: int
+    subtype: int
+    doc: str
+    arguments: tuple[Field, ...] = ()
+    match: tuple[tuple[str, int], ...] = ()
+    modes: tuple[str, ...] = ()
+    repeats: bool = False  # arguments after the first (a count) repeat that often
+
+    @property
+    def function_id(self) -> int | None:
+        """The function of service 8; None of other services."""
+        return dict(self.match).get("function_id")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One on-board parameter of service 20."""
+
+    id: int
+    name: str
+    type: Type
+    default: float
+    minimum: float
+    maximum: float
+    unit: str = ""
+    doc: str = ""
+    modes: tuple[str, ...] = ()  # in which it may be set; empty: all
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventDefinition:
+    """One event of service 5."""
+
+    id: int
+    code: str
+    severity: Severity
+    doc: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dictionary:
+    """Everything that crosses the link."""
+
+    packets: tuple[Packet, ...]
+    telecommands: tuple[Telecommand, ...]
+    parameters: tuple[Parameter, ...]
+    events: tuple[EventDefinition, ...]
+    errors: dict[int, str] = field(default_factory=dict)
+
+    def packet(self, name: str) -> Packet:
+        """Return a packet by name. Raises KeyError."""
+        for packet in self.packets:
+            if packet.name == name:
+                return packet
+        raise KeyError(name)
+
+    def telecommand(self, name: str) -> Telecommand:
+        """Return a telecommand by name. Raises KeyError."""
+        for telecommand in self.telecommands:
+            if telecommand.name == name:
+                return telecommand
+        raise KeyError(name)
