@@ -62,7 +62,28 @@ def _parser() -> argparse.ArgumentParser:
     listing = commands.add_parser("list", help="list the scenarios")
     listing.set_defaults(command=_list)
     _study_parser(commands)
+    _vcan_parser(commands)
     return parser
+
+
+def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    vcan = commands.add_parser(
+        "vcan",
+        help="run a command with a real vcan0 and vcan1",
+        description="Run a command with SocketCAN links vcan0 and vcan1: this kernel's, or those of"
+        " a User-Mode Linux that shares this machine's files. Output and exit status are the"
+        " command's; 124: out of time, 125: it could not be run, 128 + n: ended by signal n.",
+    )
+    vcan.add_argument("--timeout", type=float, metavar="S", help="end the command after so long")
+    vcan.add_argument("--on", choices=("auto", "kernel", "uml"), default="auto", dest="where")
+    vcan.add_argument("argv", nargs="+", metavar="COMMAND", help="and its arguments, after --")
+    vcan.set_defaults(command=_vcan)
+
+
+def _vcan(arguments: argparse.Namespace) -> int:
+    from hil.vcan.command import run
+
+    return run(arguments.argv, timeout_s=arguments.timeout, where=arguments.where)
 
 
 def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -1,0 +1,100 @@
+"""Run a command on this kernel's own CAN, where it has one."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from hil.vcan import links
+from hil.vcan.job import GRACE_S, NO_COMMAND, TIMED_OUT, Job, exit_status
+
+NET = Path("/sys/class/net")
+FORWARDED = (signal.SIGTERM, signal.SIGHUP)
+
+
+def has_can() -> bool:
+    """Tell whether raw CAN sockets can be opened here."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def missing_links() -> tuple[str, ...]:
+    """Return which of the links are not there, or are down."""
+    return tuple(name for name in links.NAMES if not _is_up(name))
+
+
+def _is_up(name: str) -> bool:
+    try:
+        flags = int((NET / name / "flags").read_text(encoding="ascii"), 16)
+    except OSError:
+        return False
+    return bool(flags & 1)  # IFF_UP
+
+
+@contextmanager
+def provided() -> Iterator[bool]:
+    """Make the links that are missing, and remove those afterwards; yield whether all are there."""
+    if not has_can():
+        yield False
+        return
+    made = tuple(name for name in missing_links() if not (NET / name).exists())
+    if made and not _ip(links.added(made)):
+        _ip(links.deleted(made))
+        made = ()
+    try:
+        yield not missing_links()
+    finally:
+        if made:
+            _ip(links.deleted(made))
+
+
+def _ip(lines: str) -> bool:
+    try:
+        done = subprocess.run(
+            ["ip", "-force", "-batch", "-"],
+            input=lines,
+            text=True,
+            capture_output=True,
+            check=False,
+        )
+    except FileNotFoundError:
+        return False
+    return done.returncode == 0
+
+
+def run(job: Job) -> int:
+    """Run the command as a child; return its exit status as a shell would give it."""
+    try:
+        child = subprocess.Popen(job.argv, cwd=job.cwd, env=job.env, stdin=subprocess.DEVNULL)
+    except FileNotFoundError as error:
+        sys.stderr.write(f"hil vcan: {error.filename}: {error.strerror}\n")
+        return NO_COMMAND
+
+    def forward(number: int, _frame: FrameType | None) -> None:
+        child.send_signal(number)
+
+    before = {number: signal.signal(number, forward) for number in FORWARDED}
+    try:
+        return exit_status(child.wait(job.timeout_s))
+    except subprocess.TimeoutExpired:
+        child.terminate()
+        try:
+            child.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+        return TIMED_OUT
+    except KeyboardInterrupt:  # the terminal has told the child, too
+        return exit_status(child.wait())
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,265 @@
+"""Boot User-Mode Linux around one command.
+
+The guest's first process is `guest.py`; three serial lines connect it to here: the command's
+output, its errors, and a line of JSON objects that takes signals in and brings the end out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from hil.vcan import links
+from hil.vcan.job import (
+    GRACE_S,
+    NO_COMMAND,
+    SIGNAL_BASE,
+    TIMED_OUT,
+    Job,
+    VcanError,
+    exit_status,
+)
+
+KERNEL = "linux.uml"
+PACKAGES = {KERNEL: "user-mode-linux", "ip": "iproute2"}
+MEMORY_MIB = 1024
+BOOT_TIMEOUT_S = 120.0
+CHUNK_BYTES = 65536
+POLL_S = 0.1
+LOG_CHARACTERS = 500
+GUEST_TMPDIR = "/dev/shm"  # a socket has no place on the host's file system
+SYSTEM_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
+GUEST = Path(__file__).with_name("guest.py")
+FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+KERNEL_ARGUMENTS = (
+    f"mem={MEMORY_MIB}M",
+    "root=/dev/root",
+    "rootfstype=hostfs",
+    "rootflags=/",
+    "rw",
+    "con=null",
+    "con0=null,fd:1",
+    "ssl=null",
+    "quiet",
+    "loglevel=3",
+    "panic=-1",
+    "noreboot",
+)
+
+
+def run(job: Job) -> int:
+    """Run a command in a machine of its own; return its exit status as a shell would give it.
+
+    Raises
+    ------
+    VcanError when a Debian package is missing or the machine does not come up.
+    """
+    program = find(KERNEL)
+    find("ip")
+    with tempfile.TemporaryDirectory(prefix="vcan-") as name:
+        machine = Machine(program, job, Path(name))
+        try:
+            return machine.serve()
+        finally:
+            machine.close()
+
+
+def find(program: str) -> str:
+    """Return the path of a program, or name the Debian package it comes in. Raises VcanError."""
+    path = shutil.which(program, path=f"{os.environ.get('PATH', '')}:{SYSTEM_PATH}")
+    if path is None:
+        package = PACKAGES[program]
+        raise VcanError(f"needs Debian's {package}: no {program}; apt-get install {package}")
+    return path
+
+
+def memory_folder(fallback: Path) -> Path:
+    """Return where the machine's memory file goes: /dev/shm if it is large and may be executed."""
+    shm = Path(GUEST_TMPDIR)
+    try:
+        state = os.statvfs(shm)
+    except OSError:
+        return fallback
+    room = state.f_bavail * state.f_frsize
+    usable = os.access(shm, os.W_OK) and not state.f_flag & os.ST_NOEXEC
+    return shm if usable and room > MEMORY_MIB << 20 else fallback
+
+
+class Machine:
+    """One running guest, from boot to power-off."""
+
+    def __init__(self, program: str, job: Job, folder: Path) -> None:
+        self._folder = folder
+        self._began_s = time.monotonic()
+        self._timeout_s = job.timeout_s
+        self._timed_out = False
+        self._end: dict[str, Any] | None = None
+        self._end_s = 0.0
+        self._up = False
+        self._pending = b""
+        self._sent: list[int] = []
+        self._control, control = socket.socketpair()
+        out, err = os.pipe(), os.pipe()
+        far = (out[1], err[1], control.fileno())
+        self._targets = {out[0]: sys.stdout.fileno(), err[0]: sys.stderr.fileno()}
+        start = write_job(folder, job)
+        lines = (f"null,fd:{far[0]}", f"null,fd:{far[1]}", f"fd:{far[2]}")
+        serial = [f"ssl{number}={channel}" for number, channel in enumerate(lines)]
+        with (folder / "kernel.log").open("wb") as log:
+            self._process = subprocess.Popen(
+                [program, *KERNEL_ARGUMENTS, f"init={start}", *serial],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                pass_fds=far,
+                start_new_session=True,
+                cwd=folder,
+                env={
+                    "HOME": str(folder),
+                    "PATH": SYSTEM_PATH,
+                    "TMPDIR": str(memory_folder(folder)),
+                },
+            )
+        control.close()
+        for fd in far[:2]:
+            os.close(fd)
+
+    def serve(self) -> int:
+        """Pass output and signals on until the machine is off; return the exit status."""
+        before = {number: signal.signal(number, self._forward) for number in FORWARDED}
+        try:
+            self._pump()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        return self._status()
+
+    def close(self) -> None:
+        """End every process of the machine, however it stands."""
+        self.kill()
+        self._process.wait()
+        self._control.close()
+        for fd in self._targets:
+            os.close(fd)
+
+    def kill(self) -> None:
+        """Switch the machine off hard."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def send(self, number: int) -> None:
+        """Send the command's process group a signal."""
+        self._sent.append(number)
+        with suppress(OSError):  # the machine is gone already
+            self._control.sendall(json.dumps({"signal": number}).encode() + b"\n")
+
+    def _forward(self, number: int, _frame: FrameType | None) -> None:
+        """Hand a signal of ours to the command; a second one, or one while booting, ends it all."""
+        impatient = bool(self._sent) or not self._up
+        self.send(number)
+        if impatient:
+            self.kill()
+
+    def _pump(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            for fd in (*self._targets, self._control.fileno()):
+                selector.register(fd, selectors.EVENT_READ)
+            while True:
+                off = self._process.poll() is not None  # before the last look at what it wrote
+                ready = [key.fd for key, _ in selector.select(POLL_S)]
+                for fd in ready:
+                    if not self._take(fd):
+                        selector.unregister(fd)
+                if off and not ready:
+                    return
+                self._watch_time()
+
+    def _take(self, fd: int) -> bool:
+        """Pass on what has come on one line; False at its end."""
+        try:
+            data = os.read(fd, CHUNK_BYTES)
+        except ConnectionResetError:
+            return False
+        if fd in self._targets:
+            write_all(self._targets[fd], data)
+        else:
+            *lines, self._pending = (self._pending + data).split(b"\n")
+            for message in map(json.loads, lines):
+                self._up = True
+                if "up" not in message:
+                    self._end = message
+                    self._end_s = time.monotonic()
+        return bool(data)
+
+    def _watch_time(self) -> None:
+        """Apply the limits: of the boot, of the command, of the power-off."""
+        now_s = time.monotonic()
+        if self._end is not None:
+            if now_s > self._end_s + GRACE_S:
+                self.kill()
+        elif not self._up and now_s > self._began_s + BOOT_TIMEOUT_S:
+            self.kill()
+        elif self._timeout_s is not None:
+            over_s = now_s - self._began_s - self._timeout_s
+            if over_s > 2 * GRACE_S:
+                self.kill()
+            elif over_s > GRACE_S and signal.SIGKILL not in self._sent:
+                self.send(signal.SIGKILL)
+            elif over_s > 0 and not self._sent:
+                self._timed_out = True
+                self.send(signal.SIGTERM)
+
+    def _status(self) -> int:
+        if self._timed_out:
+            return TIMED_OUT
+        if self._end is None:
+            if self._sent:
+                return SIGNAL_BASE + self._sent[0]
+            log = (self._folder / "kernel.log").read_text("utf-8", "replace").strip()
+            raise VcanError(f"User-Mode Linux ended without a word: {log[-LOG_CHARACTERS:]}")
+        if "failed" in self._end:
+            if self._end["missing"]:
+                sys.stderr.write(f"hil vcan: {self._end['failed']}\n")
+                return NO_COMMAND
+            raise VcanError(f"User-Mode Linux: {self._end['failed']}")
+        code: int = self._end["returncode"]
+        return exit_status(code)
+
+
+def write_job(folder: Path, job: Job) -> Path:
+    """Write what the guest is to do, and the program it starts with; return the latter's path."""
+    umask = os.umask(0o077)
+    os.umask(umask)
+    document = {
+        "argv": list(job.argv),
+        "cwd": job.cwd,
+        "env": {**job.env, "TMPDIR": GUEST_TMPDIR},
+        "umask": umask,
+        "links": links.loopback() + links.added(),
+    }
+    path = folder / "job.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    start = folder / "init"
+    command = shlex.join([sys.executable, "-I", "-S", str(GUEST), str(path)])
+    start.write_text(f"#!/bin/sh\nPATH={SYSTEM_PATH} exec {command}\n", encoding="utf-8")
+    start.chmod(0o700)
+    return start
+
+
+def write_all(fd: int, data: bytes) -> None:
+    """Write everything."""
+    while data:
+        data = data[os.write(fd, data) :]
