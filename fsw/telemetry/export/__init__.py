@@ -1,0 +1,28 @@
+"""The dictionary in the forms other tools read: XTCE, COSMOS, ccsdspy, and a page for people."""
+
+from __future__ import annotations
+
+from fsw.telemetry.dictionary import DICTIONARY, Dictionary
+
+FOLDER = "ground/dictionary"
+XTCE = f"{FOLDER}/inertia.xml"
+PAGE = "docs/dictionary.md"
+
+
+def documents(dictionary: Dictionary = DICTIONARY) -> dict[str, str]:
+    """Return every export: path below the project's folder, and text."""
+    from fsw.telemetry.export import cosmos, page, tables
+    from fsw.telemetry.export.xtce import system
+    from fsw.telemetry.export.xtce_commands import add_commands
+
+    root = system(dictionary)
+    add_commands(root, dictionary)
+    found = {
+        XTCE: root.dumps(top_comment=False),
+        f"{FOLDER}/cosmos/tlm.txt": cosmos.telemetry(dictionary),
+        f"{FOLDER}/cosmos/cmd.txt": cosmos.telecommands(dictionary),
+        PAGE: page.page(dictionary),
+    }
+    for packet in dictionary.packets:
+        found[f"{FOLDER}/ccsdspy/{packet.name}.csv"] = tables.table(packet)
+    return found

@@ -1,0 +1,121 @@
+"""The dictionary as a page for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from fsw.telemetry.dictionary import Dictionary, Enumeration, Field, Packet, Telecommand
+from fsw.telemetry.dictionary.codes import Health
+
+COVARIANCE = "covariance"  # 210 elements of one form
+
+HEAD = """# Telemetry and telecommand dictionary
+
+Written by `python -m fsw.telemetry.export`; do not edit. The same content is in `ground/dictionary`
+as XTCE (`inertia.xml`), COSMOS text and ccsdspy tables. PUS-C (ECSS-E-ST-70-41C) over CCSDS space
+packets, big-endian:
+
+- telemetry: primary header 6 bytes; secondary header 7: `0x20` with the time status, service,
+  subtype, message counter u16, destination u16; time 8: CUC with P-field 0x2F; fields; CRC-16 2
+- telecommand: primary header 6; secondary header 5: `0x20` with the ack flags, service, subtype,
+  source u16; arguments; CRC-16 2
+
+APID 100 estimator, 102 science, 101 CFDP PDUs (no secondary header, no CRC), 0 time. Text is UTF-8
+of a fixed size, padded with zeros. CRC-16 is CCITT-FALSE over all before it.
+"""
+
+
+def page(dictionary: Dictionary) -> str:
+    """Return the page as Markdown."""
+    lines = [HEAD, "## Telecommands", ""]
+    lines += ["| service | name | does | arguments | modes |", "|---|---|---|---|---|"]
+    lines += [_telecommand_row(item) for item in dictionary.telecommands]
+    lines += ["", "## Parameters (service 20)", ""]
+    lines += ["| id | name | type | default | range | modes | |", "|---|---|---|---|---|---|---|"]
+    for item in dictionary.parameters:
+        bounds = f"{item.minimum:g} to {item.maximum:g} {item.unit}".strip()
+        modes = ", ".join(item.modes) or "all"
+        lines.append(
+            f"| {item.id} | `{item.name}` | {item.type} | {item.default:g} | {bounds} "
+            f"| {modes} | {item.doc} |"
+        )
+    lines += ["", "## Events (service 5)", ""]
+    lines += ["| id | code | severity | |", "|---|---|---|---|"]
+    lines += [
+        f"| {event.id} | `{event.code}` | {event.severity.name.lower()} | {event.doc} |"
+        for event in dictionary.events
+    ]
+    lines += ["", "## Errors (service 1)", "", "| value | name |", "|---|---|"]
+    lines += [f"| {value} | `{name}` |" for value, name in dictionary.errors.items()]
+    lines += ["", "## Health word", "", "| bit | name |", "|---|---|"]
+    lines += [f"| {int(bit)} | `{bit.name}` |" for bit in Health]
+    lines += ["", "## Telemetry packets"]
+    for packet in dictionary.packets:
+        lines += _packet(packet)
+    return "\n".join(lines) + "\n"
+
+
+def _telecommand_row(item: Telecommand) -> str:
+    match = dict(item.match)
+    parts = []
+    for argument in item.arguments:
+        if argument.name in match:
+            parts.append(f"{argument.name} {argument.type} = {match[argument.name]}")
+        else:
+            parts.append(_argument(argument))
+    if item.repeats:
+        parts.append("repeated after the count")
+    modes = ", ".join(item.modes) or "all"
+    number, arguments = f"{item.service},{item.subtype}", "; ".join(parts)
+    return f"| {number} | `{item.name}` | {item.doc} | {arguments} | {modes} |"
+
+
+def _argument(item: Field) -> str:
+    text = f"{item.name} {item.type}"
+    text += f"[{item.size}]" if item.size else ""
+    if item.enumeration is not None:
+        text += f" ({_labels(item.enumeration)})"
+    elif item.minimum is not None or item.maximum is not None:
+        low = "" if item.minimum is None else f"{item.minimum:g}"
+        high = "" if item.maximum is None else f"{item.maximum:g}"
+        text += f" {low}..{high}"
+    return f"{text} {item.unit}".rstrip() + (f": {item.doc}" if item.doc else "")
+
+
+def _labels(enumeration: Enumeration) -> str:
+    if len(enumeration.labels) > 12:
+        return f"one of `{enumeration.name}`"
+    return ", ".join(f"{value} {label}" for value, label in enumeration.labels.items())
+
+
+def _packet(packet: Packet) -> Iterator[str]:
+    told = "".join(f", {name} {value}" for name, value in packet.match)
+    yield from ("", f"### {packet.name}", "")
+    kind = f"service {packet.service},{packet.subtype}" if packet.secondary_header else "no service"
+    yield f"APID {packet.apid}, {kind}{told}. {packet.doc}."
+    if not packet.fields:
+        return
+    yield from ("", "| byte | field | type | unit | |", "|---|---|---|---|---|")
+    at = 0
+    for item in packet.fields:
+        if packet.name != COVARIANCE or not item.name.startswith("cov_"):
+            yield _field_row(at, item)
+        elif at == _first_element(packet):
+            yield f"| {at} | `cov_ROW__COLUMN` | f64 | | {_elements(packet)} elements, row by row |"
+        at += item.size_bytes
+
+
+def _field_row(at: int, item: Field) -> str:
+    kind = f"{item.type}[{item.size}]" if item.size else str(item.type)
+    doc = item.doc
+    if item.enumeration is not None:
+        doc = f"{doc}: {_labels(item.enumeration)}" if doc else _labels(item.enumeration)
+    return f"| {at} | `{item.name}` | {kind} | {item.unit} | {doc} |"
+
+
+def _first_element(packet: Packet) -> int:
+    return sum(item.size_bytes for item in packet.fields if not item.name.startswith("cov_"))
+
+
+def _elements(packet: Packet) -> int:
+    return sum(item.name.startswith("cov_") for item in packet.fields)
