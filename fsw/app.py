@@ -14,10 +14,11 @@ from typing import TypeVar
 from fsw import realtime
 from fsw.clock import Clock, MonotonicClock
 from fsw.config import Config
-from fsw.daemon import IMU, STAR_TRACKER, Daemon, Pipeline, Ports, build
+from fsw.daemon import IMU, STAR_TRACKER, Daemon, Ports, build
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import PortError
 from fsw.messages import Event
+from fsw.pipeline import Pipeline
 from fsw.ring import RingReader, RingWriter
 from fsw.ringlink import DOWN_BYTES, UP_BYTES, RingJobs, RingSink
 from fsw.sinks import Sink

@@ -26,6 +26,9 @@ class CommandName(StrEnum):
     RUN_BATCH = "run_batch"  # start a batch job on recorded blocks
     ABORT_BATCH = "abort_batch"
     ADOPT = "adopt"  # make the last batch result the online estimator's prior
+    REST = "rest"  # windows are stored but no longer identified from
+    RESUME = "resume"  # go on identifying
+    CONFIGURE = "configure"  # other unknowns, noise, robot or settings: begin at the prior
     STOP = "stop"  # end the daemon as SIGTERM does
 
 
@@ -128,7 +131,12 @@ def parse_command(line: bytes, command_id: int) -> Command:
             Code.UNKNOWN_COMMAND, f"{text!r} is none of {[str(name) for name in CommandName]}"
         )
     name = CommandName(text)
-    args = _batch_args(data) if name is CommandName.RUN_BATCH else _no_args(name, data)
+    if name is CommandName.RUN_BATCH:
+        args = _batch_args(data)
+    elif name is CommandName.CONFIGURE:
+        args = _configure_args(data)
+    else:
+        args = _no_args(name, data)
     return Command(name=name, id=command_id, args=args)
 
 
@@ -147,6 +155,22 @@ def _batch_args(data: dict[str, Any]) -> dict[str, Any]:
     method = data.get("method")
     if method not in METHODS:
         raise CommandError(Code.BAD_ARGUMENT, f"method {method!r} is none of {list(METHODS)}")
+    unknown = _unknown(data)
+    last_s = data.get("last_s")
+    is_number = isinstance(last_s, int | float) and not isinstance(last_s, bool)
+    if last_s is not None and not (is_number and last_s > 0):
+        raise CommandError(Code.BAD_ARGUMENT, f"last_s {last_s!r}: must be a number above 0")
+    return {"method": method, "unknown": unknown, "last_s": last_s}
+
+
+def _configure_args(data: dict[str, Any]) -> dict[str, Any]:
+    extra = set(data) - {"unknown"}
+    if extra:
+        raise CommandError(Code.BAD_ARGUMENT, f"configure takes unknown, got {sorted(extra)}")
+    return {"unknown": _unknown(data)}
+
+
+def _unknown(data: dict[str, Any]) -> list[str]:
     unknown = data.get("unknown", [])
     if isinstance(unknown, str):
         unknown = list(BODIES) if unknown == "both" else [unknown]
@@ -154,8 +178,4 @@ def _batch_args(data: dict[str, Any]) -> dict[str, Any]:
         raise CommandError(
             Code.BAD_ARGUMENT, f"unknown {unknown!r}: must be base, target, both or a list of them"
         )
-    last_s = data.get("last_s")
-    is_number = isinstance(last_s, int | float) and not isinstance(last_s, bool)
-    if last_s is not None and not (is_number and last_s > 0):
-        raise CommandError(Code.BAD_ARGUMENT, f"last_s {last_s!r}: must be a number above 0")
-    return {"method": method, "unknown": [str(body) for body in unknown], "last_s": last_s}
+    return [str(body) for body in unknown]

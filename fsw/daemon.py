@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from fsw.acquisition import BusInput, ChunkSource, LineInput, LinkKeeper
 from fsw.clock import Clock
@@ -19,12 +19,15 @@ from fsw.dispatch import Dispatcher, settle
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import EstimatorError
 from fsw.link import Link
-from fsw.messages import Block, Estimate, Event, Window
+from fsw.messages import Estimate, Event, Window
+from fsw.overlay import overlay
+from fsw.pipeline import Estimator, Eventful, Gating, Pipeline, default_pipeline
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
+from fsw.science import Science
 from fsw.sinks import Sink
-from fsw.status import estimate_summary, source_samples, task_summary
+from fsw.status import estimate_summary, source_samples, task_summary, time_values
 
 IMU = "imu"
 STAR_TRACKER = "star_tracker"
@@ -46,58 +49,6 @@ class Ports:
     passive: bool = False
 
 
-class BlockSource(Protocol):
-    """Signal conditioning: windows to blocks."""
-
-    def condition(self, window: Window) -> Block | None:
-        """Return the block of a window; None when it is unusable."""
-        ...
-
-
-class Estimator(Protocol):
-    """The online estimator as the loop sees it."""
-
-    def push(self, block: Block) -> Estimate:
-        """Fold in one block."""
-        ...
-
-    def work(self) -> bool:
-        """Do one bounded unit of background work."""
-        ...
-
-    def finish(self) -> Estimate:
-        """Settle completely."""
-        ...
-
-    def reset(self) -> None:
-        """Return to the prior."""
-        ...
-
-
-@runtime_checkable
-class Eventful(Protocol):
-    """An estimator that has something to tell an operator now and then."""
-
-    def events(self) -> list[tuple[str, str, str]]:
-        """Return severity, code and text of what happened since the last call."""
-        ...
-
-
-@runtime_checkable
-class Gating(Protocol):
-    """Signal conditioning that leaves single implausible samples out, and counts them."""
-
-    outliers: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pipeline:
-    """Conditioning and estimation; replaced by fakes in tests of the wiring."""
-
-    conditioner: BlockSource
-    estimator: Estimator
-
-
 class Daemon:
     """One loop: SYNC, drain, decode, align, estimate, commands, status."""
 
@@ -117,13 +68,22 @@ class Daemon:
         self._buses, self._lines = buses, lines
         self._members: list[BusInput | LineInput] = [*buses, *lines]
         self._pipeline = pipeline
+        self._urdf_text: str | None = None  # of a robot that was uplinked
         self._keeper = LinkKeeper(clock, sink)
         self._passive = passive
         self._started = False
         self._closed: list[Window] = []
         self._window_limit = FOREVER_NS
         self.aligner = Aligner(config, len(config.joints))
-        self.dispatcher = Dispatcher(pipeline.estimator, sink, jobs)
+        telemetry = config.telemetry
+        self.dispatcher = Dispatcher(
+            pipeline.estimator,
+            sink,
+            jobs,
+            reconfigure=self._reconfigure,
+            identifying=telemetry is None or telemetry.start_mode == "identify",
+        )
+        self._science = None if telemetry is None or passive else Science()
         self.latest: Estimate | None = None
         self.unusable_windows = 0
         self.executive = Executive(
@@ -183,6 +143,7 @@ class Daemon:
             "ticks": slips.ticks,
             "slips": slips.slips,
             "max_late_us": slips.max_late_ns / 1e3,
+            "work_us": time_values(slips.work),
             "tasks_us": task_summary(slips),
             "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in members},
             "links": {m.name: {"up": m.link.up, "losses": m.link.losses} for m in members},
@@ -195,6 +156,8 @@ class Daemon:
                 "future": align.future,
                 "overflow": align.overflow,
             },
+            "identifying": self.dispatcher.identifying,
+            "unknown": list(self._config.unknown),
             "job": self.dispatcher.job_summary(),
             "estimate": estimate_summary(self.latest),
         }
@@ -213,10 +176,16 @@ class Daemon:
             if rates[bus.name].sync == "producer" and not self._passive
         ]
         status = max(1, round(rate_hz / self._config.service.status_rate_hz))
+        telemetry = self._config.telemetry
+        science = []
+        if telemetry is not None and self._science is not None:
+            divisor = max(1, round(rate_hz / telemetry.science_rate_hz))
+            science = [Task("science", divisor, partial(self._hand_over, self._science))]
         return [
             *table,
             Task("drain", 1, self._drain),
             Task("ingest", 1, self._ingest),
+            *science,
             Task("estimate", 1, self._estimate),
             Task("commands", 1, self._commands),
             Task("links", max(1, round(rate_hz / 10.0)), self._retry),
@@ -262,8 +231,11 @@ class Daemon:
     def _feed(self, until_ns: int) -> None:
         push = self.aligner.push
         for member in self._members:
-            for sample in member.feed(until_ns):
+            samples = member.feed(until_ns)
+            for sample in samples:
                 push(sample)
+            if samples and self._science is not None:
+                self._science.keep(samples)
 
     def _estimate(self, _tick: Tick) -> None:
         if not self._closed:
@@ -281,7 +253,25 @@ class Daemon:
             return
         self._sink.block(block)
         self.dispatcher.store(block)
-        self._publish(self._pipeline.estimator.push(block))
+        if self.dispatcher.identifying:
+            self._publish(self._pipeline.estimator.push(block))
+
+    def _hand_over(self, science: Science, tick: Tick) -> None:
+        nis = self.latest.nis if self.latest is not None else 0.0
+        self._sink.science(tick.now_ns, science.record(nis))
+
+    def _reconfigure(self, changes: Mapping[str, Any]) -> Estimator:
+        """Begin at the prior with other unknowns, noise, robot or settings.
+
+        Raises
+        ------
+        ConfigError when they do not fit; then nothing has changed.
+        """
+        changed = overlay(self._config, changes)
+        text = changes.get("urdf_text", self._urdf_text)
+        self._pipeline = default_pipeline(changed, text)
+        self._config, self._urdf_text = changed, text
+        return self._pipeline.estimator
 
     def _guarded(self, action: Callable[[], object]) -> None:
         try:
@@ -364,16 +354,4 @@ def build(
         pipeline=pipeline or default_pipeline(config),
         jobs=jobs,
         passive=ports.passive,
-    )
-
-
-def default_pipeline(config: Config) -> Pipeline:
-    """Return the configured conditioning and online estimator."""
-    from fsw.estimators.conditioning import build_conditioner
-    from fsw.estimators.model import RobotModel
-    from fsw.estimators.online import build_online
-
-    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    return Pipeline(
-        conditioner=build_conditioner(config, model), estimator=build_online(config, model)
     )

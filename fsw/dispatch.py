@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from fsw.commands import (
@@ -15,7 +15,7 @@ from fsw.commands import (
     JobReport,
     Reply,
 )
-from fsw.errors import CommandError, EstimatorError
+from fsw.errors import CommandError, ConfigError, EstimatorError
 from fsw.messages import Block, Estimate, Event
 from fsw.sinks import Sink
 
@@ -63,6 +63,9 @@ def settle(estimator: Resettable) -> Estimate:
     return estimator.finish()
 
 
+Reconfigure = Callable[[Mapping[str, Any]], Resettable]
+
+
 class Dispatcher:
     """Applies commands in order of arrival and follows the one batch job.
 
@@ -70,8 +73,18 @@ class Dispatcher:
     with what it needs to be applied again: so a replay applies it at the same place.
     """
 
-    def __init__(self, estimator: Resettable, sink: Sink, jobs: JobPort | None) -> None:
+    def __init__(
+        self,
+        estimator: Resettable,
+        sink: Sink,
+        jobs: JobPort | None,
+        *,
+        reconfigure: Reconfigure | None = None,
+        identifying: bool = True,
+    ) -> None:
         self._estimator, self._sink, self._jobs = estimator, sink, jobs
+        self._reconfigure = reconfigure
+        self.identifying = identifying  # whether windows reach the estimator
         self._queue: deque[Command] = deque()
         self._planned: deque[tuple[int, Command]] = deque()
         self._running: BatchRequest | None = None
@@ -164,7 +177,19 @@ class Dispatcher:
             self._abort()
         elif name is CommandName.ADOPT:
             args = {"result": self._adopt(command)}
+        elif name in (CommandName.REST, CommandName.RESUME):
+            self.identifying = name is CommandName.RESUME
+        elif name is CommandName.CONFIGURE:
+            self._configure(command.args)
         return args, estimate
+
+    def _configure(self, changes: Mapping[str, Any]) -> None:
+        if self._reconfigure is None:
+            raise CommandError(Code.NOT_SUPPORTED, "nothing here can be configured anew")
+        try:
+            self._estimator = self._reconfigure(changes)
+        except ConfigError as error:
+            raise CommandError(Code.BAD_ARGUMENT, str(error)) from error
 
     def _run_batch(self, command: Command, now_ns: int) -> None:
         if self._jobs is None:

@@ -16,16 +16,24 @@ from typing import Any
 from fsw.clock import MonotonicClock
 from fsw.commands import Command, CommandName
 from fsw.config import Config
-from fsw.daemon import IMU, STAR_TRACKER, Daemon, Pipeline, Ports, build
+from fsw.daemon import IMU, STAR_TRACKER, Daemon, Ports, build
 from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.errors import ConfigError, PortError
 from fsw.messages import Estimate
+from fsw.pipeline import Pipeline
 from fsw.recording import Record, contents, messages, unpack_frame
 from fsw.sinks import NullSink, Sink
 from fsw.status import estimate_summary
 
 TICK_RATE_HZ = 50.0
-REPLAYED = (CommandName.RESET, CommandName.FINISH, CommandName.ADOPT)
+REPLAYED = (
+    CommandName.RESET,
+    CommandName.FINISH,
+    CommandName.ADOPT,
+    CommandName.REST,
+    CommandName.RESUME,
+    CommandName.CONFIGURE,
+)
 
 
 class RecordingFeed:

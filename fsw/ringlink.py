@@ -18,6 +18,7 @@ from fsw.sinks import Record, Sink
 
 DOWN_BYTES = 8 << 20  # loop to service: some 20 s of everything
 UP_BYTES = 1 << 20  # service to loop
+_TIME = struct.Struct("<q")
 _STAMPED = struct.Struct("<qI")  # stamp [ns], length
 
 
@@ -36,6 +37,7 @@ class Kind(IntEnum):
     JOB_SUBMIT = 10
     JOB_ABORT = 11
     END = 12
+    SCIENCE = 15
     COMMAND = 20  # service to loop
     JOB_REPORT = 21
 
@@ -106,6 +108,10 @@ class RingSink:
         ring = {"records": self._ring.records, "dropped": self._ring.dropped}
         self._push(Kind.STATUS, (t_ns, {**status, "ring": ring}))
 
+    def science(self, t_ns: int, record: bytes) -> None:
+        """Pass a record of samples."""
+        self._ring.push(Kind.SCIENCE, _TIME.pack(t_ns) + record)
+
     def command(self, t_ns: int, record: Record) -> None:
         """Pass an applied command."""
         self._push(Kind.COMMAND_APPLIED, (t_ns, dict(record)))
@@ -140,6 +146,8 @@ def deliver(record: RingRecord, sink: Sink) -> None:
         sink.event(pickle.loads(payload))
     elif kind == Kind.STATUS:
         sink.status(*pickle.loads(payload))
+    elif kind == Kind.SCIENCE:
+        sink.science(_TIME.unpack_from(payload)[0], payload[_TIME.size :])
     elif kind == Kind.COMMAND_APPLIED:
         sink.command(*pickle.loads(payload))
     elif kind == Kind.REPLY:

@@ -39,6 +39,10 @@ class Sink(Protocol):
         """Take the health and counter summary."""
         ...
 
+    def science(self, t_ns: int, record: bytes) -> None:
+        """Take the newest sample of every channel, packed (`fsw.science`)."""
+        ...
+
     def command(self, t_ns: int, record: Record) -> None:
         """Take one applied command, with what a replay needs to apply it again."""
         ...
@@ -71,6 +75,9 @@ class NullSink:
         """Drop."""
 
     def status(self, t_ns: int, status: Record) -> None:
+        """Drop."""
+
+    def science(self, t_ns: int, record: bytes) -> None:
         """Drop."""
 
     def command(self, t_ns: int, record: Record) -> None:
@@ -118,6 +125,11 @@ class Fanout:
         """Pass on."""
         for sink in self._sinks:
             sink.status(t_ns, status)
+
+    def science(self, t_ns: int, record: bytes) -> None:
+        """Pass on."""
+        for sink in self._sinks:
+            sink.science(t_ns, record)
 
     def command(self, t_ns: int, record: Record) -> None:
         """Pass on."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw.messages import BodyEstimate, Estimate
-from fsw.scheduler.tasks import Slips
+from fsw.scheduler.tasks import Slips, TaskTimes
 
 
 def source_samples(counters: Mapping[str, int], late: int) -> dict[str, int]:
@@ -19,13 +19,15 @@ def source_samples(counters: Mapping[str, int], late: int) -> dict[str, int]:
 
 def task_summary(slips: Slips) -> dict[str, dict[str, float]]:
     """Return last, mean and max time per task [us]."""
+    return {name: time_values(times) for name, times in slips.times.items()}
+
+
+def time_values(times: TaskTimes) -> dict[str, float]:
+    """Return last, mean and max [us]."""
     return {
-        name: {
-            "last": times.last_ns / 1e3,
-            "mean": round(times.mean_ns / 1e3, 3),
-            "max": times.max_ns / 1e3,
-        }
-        for name, times in slips.times.items()
+        "last": times.last_ns / 1e3,
+        "mean": round(times.mean_ns / 1e3, 3),
+        "max": times.max_ns / 1e3,
     }
 
 

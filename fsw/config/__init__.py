@@ -17,6 +17,7 @@ from fsw.config.devices import BusConfig, ImuConfig, JointConfig, Mounting, Star
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BodyConfig, BodySigma, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
+from fsw.config.telemetry import TelemetryConfig
 from fsw.config.whole import Config, load, parse
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "Section",
     "ServiceConfig",
     "StarTrackerConfig",
+    "TelemetryConfig",
     "Vector3",
     "load",
     "parse",

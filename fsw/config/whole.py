@@ -14,6 +14,7 @@ from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerCon
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
+from fsw.config.telemetry import TelemetryConfig
 from fsw.config_text import explain, read_yaml
 from fsw.errors import ConfigError
 
@@ -33,6 +34,7 @@ class Config(Section):
     estimator: EstimatorConfig = EstimatorConfig()
     recorder: RecorderConfig = RecorderConfig()
     service: ServiceConfig
+    telemetry: TelemetryConfig | None = None
 
     _source: bytes = PrivateAttr(default=b"")
     _folder: Path = PrivateAttr(default=Path())

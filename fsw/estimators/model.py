@@ -38,9 +38,13 @@ class RobotModel:
     tool_map : (10, 10), takes a target's parameters in the tool frame E to the last joint's frame
     """
 
-    def __init__(self, urdf: Path, tool_frame: str) -> None:
+    def __init__(self, urdf: Path, tool_frame: str, text: str | None = None) -> None:
+        """Read the file, or the text given in its place."""
         try:
-            self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+            if text is None:
+                self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+            else:
+                self.model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         except (ValueError, RuntimeError) as error:
             raise ConfigError(f"robot.urdf: {urdf} cannot be read as a URDF: {error}") from error
         self.model.gravity.setZero()

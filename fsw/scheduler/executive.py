@@ -62,7 +62,7 @@ class Executive:
         tick = self._wait()
         previous, self._index = self._index, tick.index
         self.slips.ticks += 1
-        started_ns = self._clock.now_ns()
+        began_ns = started_ns = self._clock.now_ns()
         for task in self._tasks:
             if not is_due(task.divisor, tick.index, previous):
                 continue
@@ -70,6 +70,7 @@ class Executive:
             ended_ns = self._clock.now_ns()
             self.slips.times[task.name].add(ended_ns - started_ns)
             started_ns = ended_ns
+        self.slips.work.add(started_ns - began_ns)
         return tick
 
     def _wait(self) -> Tick:

@@ -58,6 +58,7 @@ class Slips:
     slips: int = 0  # grid points skipped because the loop was late
     max_late_ns: int = 0
     early_wakes: int = 0  # waits ended early by a descriptor
+    work: TaskTimes = field(default_factory=TaskTimes)  # all tasks of a tick
     times: dict[str, TaskTimes] = field(default_factory=dict)
 
 

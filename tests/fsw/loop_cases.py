@@ -90,6 +90,7 @@ class KeepSink(NullSink):
         self.statuses: list[dict] = []
         self.commands: list[dict] = []
         self.replies: list = []
+        self.records: list[tuple[int, bytes]] = []
         self.closed = False
 
     def can(self, bus, frames):  # noqa: ARG002
@@ -112,6 +113,9 @@ class KeepSink(NullSink):
 
     def command(self, t_ns, record):  # noqa: ARG002
         self.commands.append(dict(record))
+
+    def science(self, t_ns, record):
+        self.records.append((t_ns, record))
 
     def reply(self, reply):
         self.replies.append(reply)

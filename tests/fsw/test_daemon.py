@@ -5,9 +5,14 @@ import struct
 import pytest
 
 from fsw.commands import Command, CommandName
-from fsw.daemon import Daemon, Pipeline, Ports, build
+from fsw.daemon import Daemon, Ports, build
 from fsw.drivers.wire import CanFrame
 from fsw.errors import EstimatorError, PortError
+from fsw.messages import AttitudeSample, ImuSample
+from fsw.pipeline import Pipeline
+from fsw.science import Science
+from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.packets import Layout
 from tests.conftest import ArmProject
 from tests.fsw.loop_cases import (
     MS,
@@ -219,3 +224,45 @@ def test_a_sent_frame_stands_before_what_was_stamped_after_its_send_began(bench:
     tail = bench.sink.frames[-3:]
     assert [f.can_id for f in tail] == [0x191, 0x080, 0x192]
     assert tail[2].t_ns == tail[1].t_ns
+
+
+def test_at_rest_windows_are_stored_but_reach_no_estimator(bench: Bench):
+    bench.daemon.submit(Command(name=CommandName.REST))
+    bench.run(100)
+    assert bench.estimator.pushed == []
+    assert len(bench.sink.blocks) > 0
+    bench.daemon.submit(Command(name=CommandName.RESUME))
+    bench.run(100)
+    assert len(bench.estimator.pushed) > 0
+    assert bench.daemon.status(0)["identifying"]
+
+
+def test_without_telemetry_nothing_is_handed_over(bench: Bench):
+    bench.run(50)
+    assert bench.sink.records == []
+
+
+def test_the_newest_samples_are_handed_over_as_the_dictionary_lays_them_out(arm: ArmProject):
+    arm.data["telemetry"] = {"port": 0, "science_rate_hz": 100.0}
+    bench = Bench(arm)
+    bench.run(51)
+    layout = Layout(DICTIONARY.packet("science").fields[1:])
+    told = [layout.unpack(record) for _, record in bench.sink.records]
+    assert len(told) == 11
+    assert told[-1]["joint_1_torque_nm"] == pytest.approx(2.5)
+    assert told[-1]["joint_3_position_rad"] == pytest.approx(1000 * 2**-24 * 2 * 3.141592653589793)
+    assert told[-1]["joint_4_position_rad"] == 0.0
+    assert told[-1]["fresh"] == 0b111 << 8
+    assert told[-1]["joint_time_s"] == pytest.approx(1.0 + 0.096)
+
+
+def test_imu_and_attitude_samples_have_their_own_times_and_flags():
+    science = Science()
+    imu = ImuSample(3 * 10**9, 4 * 10**9, 0, 1, (0.1, 0.2, 0.3), None, 0, 0)
+    science.keep([imu, AttitudeSample(5 * 10**9, 0, 1, (0.0, 0.6, 0.0, 0.8))])
+    layout = Layout(DICTIONARY.packet("science").fields[1:])
+    told = layout.unpack(science.record(7.5))
+    assert (told["gyro_time_s"], told["acc_time_s"], told["attitude_time_s"]) == (3.0, 0.0, 5.0)
+    assert (told["gyro_y_rad_s"], told["attitude_w"], told["nis"]) == (0.2, 0.8, 7.5)
+    assert told["fresh"] == 0b101
+    assert layout.unpack(science.record(7.5))["fresh"] == 0

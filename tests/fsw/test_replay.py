@@ -17,7 +17,7 @@ from fsw.replay import replay
 from fsw.sinks import Fanout
 from hil.links import VirtualBench
 from hil.plant import Plant
-from tests.conftest import ArmProject
+from tests.conftest import ArmProject, arm_urdf
 from tests.fsw.loop_cases import KeepSink, arm_config
 from tests.hil.plant_cases import AnalyticHistory, sensor_config
 
@@ -26,10 +26,16 @@ TICKS = 2000  # 4 s
 FRAMES = ("/can/arm", "/serial/imu", "/serial/star_tracker")
 
 
+Live = tuple[Config, Path, KeepSink, dict]
+
+
 @pytest.fixture(scope="module")
-def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, Path, KeepSink, dict]:
+def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
     """Four seconds of a slow seven-joint arm, with a reset on the way."""
-    folder = tmp_path_factory.mktemp("live")
+    return fly(tmp_path_factory.mktemp("live"), {1300: Command(name=CommandName.RESET, id=1)})
+
+
+def fly(folder: Path, commands: dict[int, Command]) -> Live:
     arm = ArmProject(folder, 7)
     for joint in arm.data["joints"]:
         joint["speed_limit_rad_s"] = 10.0
@@ -41,8 +47,8 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, Path, KeepSi
     ports = Ports(can={"arm": world.can}, imu=world.imu, star_tracker=world.star_tracker)
     daemon = build(config, world.clock, ports, Fanout(keep, recorder))
     for tick in range(TICKS):
-        if tick == 1300:
-            daemon.submit(Command(name=CommandName.RESET, id=1))
+        if tick in commands:
+            daemon.submit(commands[tick])
         daemon.step()
     status = daemon.status(world.clock.now_ns())
     daemon.shutdown()
@@ -55,6 +61,23 @@ def assert_same(a: KeepSink, b: KeepSink) -> None:
         assert json.dumps(estimate_values(x)) == json.dumps(estimate_values(y))
         assert np.array_equal(x.mean, y.mean)
         assert np.array_equal(x.covariance, y.covariance)
+
+
+def test_rest_and_another_robot_are_replayed_where_they_were(tmp_path: Path):
+    urdf = arm_urdf(7).replace('mass value="3"', 'mass value="4"')
+    changes = {"urdf_text": urdf, "noise": {"joints": {"axis1": {"torque_noise_nm": 0.5}}}}
+    commands = {
+        700: Command(name=CommandName.REST, id=1),
+        1000: Command(name=CommandName.RESUME, id=2),
+        1400: Command(name=CommandName.CONFIGURE, id=3, args=changes),
+    }
+    config, path, keep, _ = fly(tmp_path, commands)
+    assert [e.blocks for e in keep.estimates][:6] == [1, 2, 3, 4, 5, 1]
+    again = KeepSink()
+    replay(path, config, sink=again)
+    assert_same(keep, again)
+    _, _, plain, _ = fly(tmp_path, dict(list(commands.items())[:2]))
+    assert not np.allclose(plain.estimates[-1].mean, keep.estimates[-1].mean)
 
 
 def test_the_virtual_run_loses_nothing_and_uses_its_windows(live):

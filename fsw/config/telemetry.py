@@ -1,0 +1,52 @@
+"""The link to the ground."""
+
+from __future__ import annotations
+
+from ipaddress import ip_address
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from fsw.config.base import NonNegative, Positive, Section
+from fsw.config.sdls import SdlsConfig
+
+
+class UdpConfig(Section):
+    """Where telemetry is pushed, one packet per datagram."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(ge=1, le=65535)
+
+
+class TelemetryConfig(Section):
+    """Telemetry and telecommands; without this section there is neither."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=10025, ge=0, le=65535)  # 0: any free one, told in the status file
+    max_clients: int = Field(default=4, ge=1, le=16)
+    queue_bytes: int = Field(default=1 << 20, ge=65536, le=100_000_000)  # per client; then dropped
+    udp: UdpConfig | None = None
+    tc_security: Literal["none", "sdls"] = "none"
+    sdls: SdlsConfig | None = None
+    start_mode: Literal["identify", "standby", "safe"] = "identify"
+    science_rate_hz: Positive = 100.0  # the fastest a science packet can come
+    housekeeping_interval_s: NonNegative = 1.0  # sets 1 2 4 5 8; 3 6 7 a fifth as often; 0: none
+    science_interval_s: NonNegative = 0.0  # 0: only when asked for
+    file_directory: str = "files"  # in service.state_directory: what can go down and up
+
+    @model_validator(mode="after")
+    def _secure(self) -> Self:
+        if (self.tc_security == "sdls") != (self.sdls is not None):
+            raise ValueError("tc_security: 'sdls' needs the section sdls, and the other way round")
+        hosts = {"host": self.host} | ({"udp.host": self.udp.host} if self.udp else {})
+        for key, host in hosts.items():
+            try:
+                address = ip_address(host)
+            except ValueError as error:
+                raise ValueError(f"{key}: {host!r} must be a numeric address") from error
+            if key == "host" and self.tc_security == "none" and not address.is_loopback:
+                raise ValueError(
+                    f"host: {host} needs tc_security: sdls; unauthenticated telecommands are "
+                    "taken on the loopback address only"
+                )
+        return self
