@@ -21,6 +21,7 @@ from fsw.sinks import Sink
 COB_SYNC = 0x080
 COB_HEARTBEAT = 0x700
 BOOT_UP = b"\x00"
+QUIET_NS = 1_000_000_000  # between two events of one kind
 
 Item = TypeVar("Item", CanFrame, ByteChunk)
 
@@ -78,6 +79,10 @@ class BusInput:
         self._clock = clock
         self._sent: list[tuple[int, CanFrame]] = []
         self._newest_ns = -(1 << 62)
+        self.overflowed = 0  # received frames the port had no room for
+        self.unsent = 0  # frames its transmit queue had no room for
+        self._trouble = (0, 0)  # of both, as last told
+        self._told_ns = self._newest_ns
         self.pending: list[CanFrame] = []
 
     def start_nodes(self) -> None:
@@ -94,6 +99,9 @@ class BusInput:
         """Read the port, put sent frames in their place, record. Raises PortError."""
         port = self.link.port
         read = port.read() if port is not None else []
+        if port is not None:
+            self.overflowed += port.take_dropped()
+            self._tell_trouble(sink)
         frames = self._in_order(read)
         if not frames:
             return
@@ -120,7 +128,27 @@ class BusInput:
         port = self.link.port
         if port is not None:
             before_ns = self._clock.now_ns()
-            self._sent.append((before_ns, port.write(can_id, data)))
+            sent = port.write(can_id, data)
+            if sent is None:
+                self.unsent += 1
+            else:
+                self._sent.append((before_ns, sent))
+
+    def _tell_trouble(self, sink: Sink) -> None:
+        """Raise an event for frames lost in the port, at most one a second and kind."""
+        trouble = (self.overflowed, self.unsent)
+        now_ns = self._clock.now_ns()
+        if trouble == self._trouble or now_ns - self._told_ns < QUIET_NS:
+            return
+        kinds = (
+            ("CAN_OVERFLOW", "received frames found no room"),
+            ("CAN_UNSENT", "frames could not be sent, the queue is full"),
+        )
+        for (code, text), before, count in zip(kinds, self._trouble, trouble, strict=True):
+            if count > before:
+                told = f"{self.name}: {count - before} {text} ({count} in all)"
+                sink.event(Event(now_ns, "medium", code, told))
+        self._trouble, self._told_ns = trouble, now_ns
 
     def _in_order(self, read: list[CanFrame]) -> list[CanFrame]:
         """Merge sent and read frames; one stamped after our send began comes after what we sent."""

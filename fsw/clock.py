@@ -43,3 +43,10 @@ class MonotonicClock:
             return True
         readable, _, _ = select.select(wake_fds, (), (), remaining_ns * 1e-9)
         return not readable
+
+
+def monotonic_less_realtime_ns() -> int:
+    """Return what takes a CLOCK_REALTIME stamp of just now to CLOCK_MONOTONIC [ns]."""
+    before_ns = time.monotonic_ns()
+    realtime_ns = time.time_ns()
+    return (before_ns + time.monotonic_ns()) // 2 - realtime_ns

@@ -147,6 +147,7 @@ class Daemon:
             "tasks_us": task_summary(slips),
             "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in members},
             "links": {m.name: {"up": m.link.up, "losses": m.link.losses} for m in members},
+            "buses": {b.name: {"overflow": b.overflowed, "unsent": b.unsent} for b in self._buses},
             "late_joints": {joint.name: late[joint.name] for joint in self._config.joints},
             "windows": {
                 "closed": align.next_index,

@@ -105,6 +105,10 @@ class ReplayFramePort:
         """Refuse: a recorded bus takes nothing."""
         raise PortError(f"{self._topic}: a recording cannot be written to ({can_id:#x} {data!r})")
 
+    def take_dropped(self) -> int:
+        """Return 0: what was lost is not in a recording."""
+        return 0
+
     def wake_fds(self) -> tuple[int, ...]:
         """Return none."""
         return ()

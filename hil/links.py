@@ -68,6 +68,10 @@ class VirtualCan:
         self._deliver(self._plant.on_frame(now_ns, can_id, data, self.bus))
         return CanFrame(now_ns, can_id, data)
 
+    def take_dropped(self) -> int:
+        """Return 0: the queue is boundless."""
+        return 0
+
     def inject(self, frame: TimedFrame) -> None:
         """Put a frame on the bus that no node sent, bypassing the tap."""
         heapq.heappush(self._queue, (frame[0], next(self._order), frame))

@@ -53,8 +53,15 @@ class FramePort(Protocol):
         """Return every frame received since the last call, with its stamp. Raises PortError."""
         ...
 
-    def write(self, can_id: int, data: bytes) -> CanFrame:
-        """Send a classic frame; the returned frame carries the stamp taken right after sending."""
+    def write(self, can_id: int, data: bytes) -> CanFrame | None:
+        """Send a classic frame; the returned frame carries the stamp taken right after sending.
+
+        None: there is no room for it, and it is not sent. Raises PortError.
+        """
+        ...
+
+    def take_dropped(self) -> int:
+        """Return and forget how many received frames were lost for want of room."""
         ...
 
     def wake_fds(self) -> tuple[int, ...]:

@@ -63,8 +63,17 @@ class FakePort:
 
 
 class FakeCan(FakePort):
-    def write(self, can_id: int, data: bytes) -> CanFrame:
+    dropped = 0
+    full = False
+
+    def take_dropped(self) -> int:
+        dropped, self.dropped = self.dropped, 0
+        return dropped
+
+    def write(self, can_id: int, data: bytes) -> CanFrame | None:
         self._check()
+        if self.full:
+            return None
         self.written.append((self.clock.now, can_id, data))
         return CanFrame(self.clock.now, can_id, data)
 

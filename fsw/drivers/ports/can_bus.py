@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import socket
 import struct
 from collections import deque
@@ -9,22 +11,23 @@ from typing import Any
 
 import can
 
-from fsw.clock import Clock
+from fsw.clock import Clock, monotonic_less_realtime_ns
 from fsw.config import BusConfig
-from fsw.drivers.wire import CanFrame
+from fsw.drivers.ports import linux_can
+from fsw.drivers.wire import CanFrame, FramePort
 from fsw.errors import PortError
 
 RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
 MAX_ECHOES = 64  # frames sent and not seen back
+QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
 _HEADER = struct.Struct("=IBB2x")
 _EFF, _RTR, _ERR = socket.CAN_EFF_FLAG, socket.CAN_RTR_FLAG, socket.CAN_ERR_FLAG
-_CLASSIC_BYTES, _FD_BYTES = 16, 72
 _BRS = 0x01
 
 
-def open_can(bus: BusConfig, clock: Clock) -> CanPort:
+def open_can(bus: BusConfig, clock: Clock) -> FramePort:
     """Open a bus of any of python-can's interfaces.
 
     Raises
@@ -49,7 +52,11 @@ def open_can(bus: BusConfig, clock: Clock) -> CanPort:
         raise PortError(f"{name}: cannot be opened: {error}") from error
     link = getattr(device, "socket", None)
     if bus.interface == "socketcan" and isinstance(link, socket.socket):
-        return SocketCanPort(device, link, clock, name)
+        try:
+            return SocketCanPort(device, link, clock, name)
+        except PortError:
+            device.shutdown()
+            raise
     return CanPort(device, clock, name, echoes=bus.interface == "udp_multicast")
 
 
@@ -107,6 +114,10 @@ class CanPort:
             self._echoes.append((can_id, data))
         return CanFrame(t_ns, can_id, data)
 
+    def take_dropped(self) -> int:
+        """Return 0: python-can does not tell."""
+        return 0
+
     def _is_echo(self, message: can.Message) -> bool:
         """Tell whether this is the oldest frame sent that has not come back yet."""
         sent = (message.arbitration_id, bytes(message.data))
@@ -125,36 +136,93 @@ class CanPort:
         self._device.shutdown()
 
 
-class SocketCanPort(CanPort):
-    """A SocketCAN bus: same sending, the socket read without python-can's cost per frame."""
+class SocketCanPort:
+    """A SocketCAN bus: opened by python-can, its socket served without python-can's cost per frame.
+
+    Frames carry the kernel's stamps. They are CLOCK_REALTIME and mapped once per batch; none comes
+    before what the last read had left empty, nor after now, however that clock was set meanwhile.
+    """
 
     def __init__(self, device: can.BusABC, link: socket.socket, clock: Clock, name: str) -> None:
-        super().__init__(device, clock, name)
-        self._socket = link
-        link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        self._device, self._socket, self._clock, self._name = device, link, clock, name
+        self.buffer_bytes = linux_can.prepare(link, RECEIVE_BUFFER_BYTES)
+        code = link.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if code:
+            raise PortError(f"{name}: cannot be opened: {os.strerror(code)}")
+        self._receiver = linux_can.Receiver(link)
+        self._empty_ns = clock.now_ns()
+        self._failure: OSError | None = None
 
     def read(self) -> list[CanFrame]:
-        """Return every frame received since the last call, one stamp for all."""
-        raw: list[bytes] = []
+        """Return every frame received since the last call, with its kernel stamp."""
+        frames: list[CanFrame] = []
+        began_ns = self._clock.now_ns()
+        failure, self._failure = self._failure, None
+        while failure is None and len(frames) < MAX_BATCH:
+            try:
+                batch = self._receiver.receive()
+            except OSError as error:
+                failure = error
+                batch = self._rest()
+            frames += self._stamped(batch)
+            if len(batch) < linux_can.BATCH:
+                self._empty_ns = began_ns
+                break
+        if frames:
+            self._failure = failure  # told by the next read
+        elif failure is not None:
+            raise PortError(f"{self._name}: cannot be read: {failure}") from failure
+        return frames
+
+    def _rest(self) -> list[linux_can.Received]:
+        """Return what came before the error the kernel has just told, once."""
         try:
-            while len(raw) < MAX_BATCH:
-                raw.append(self._socket.recv(_FD_BYTES, socket.MSG_DONTWAIT))
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            raise PortError(f"{self._name}: cannot be read: {error}") from error
-        if not raw:
+            return self._receiver.receive()
+        except OSError:
             return []
-        t_ns = self._clock.now_ns()
-        return [frame_of(data, t_ns) for data in raw if len(data) in (_CLASSIC_BYTES, _FD_BYTES)]
+
+    def _stamped(self, batch: list[linux_can.Received]) -> list[CanFrame]:
+        if not batch:
+            return []
+        offset_ns = monotonic_less_realtime_ns()
+        now_ns = self._clock.now_ns()
+        earliest_ns = self._empty_ns
+        return [
+            frame_of(frame.data, min(max(frame.realtime_ns + offset_ns, earliest_ns), now_ns))
+            for frame in batch
+            if len(frame.data) in (linux_can.CLASSIC_BYTES, linux_can.FD_BYTES)
+        ]
+
+    def take_dropped(self) -> int:
+        """Return and forget how many frames the receive buffer had no room for."""
+        dropped, self._receiver.dropped = self._receiver.dropped, 0
+        return dropped
+
+    def write(self, can_id: int, data: bytes) -> CanFrame | None:
+        """Send a classic frame and stamp it; None when the transmit queue is full."""
+        try:
+            self._socket.send(linux_can.pack_classic(can_id, data), socket.MSG_DONTWAIT)
+        except OSError as error:
+            if error.errno in QUEUE_FULL:
+                return None
+            raise PortError(f"{self._name}: cannot be written: {error}") from error
+        return CanFrame(self._clock.now_ns(), can_id, data)
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Return nothing: joint samples are timed by SYNC, not by arrival."""
+        return ()
+
+    def close(self) -> None:
+        """Release the interface."""
+        self._device.shutdown()
 
 
 def frame_of(data: bytes, t_ns: int) -> CanFrame:
     """Return the frame a Linux `can_frame` (16 bytes) or `canfd_frame` (72 bytes) holds."""
     word, length, flags = _HEADER.unpack_from(data)
-    is_fd = len(data) == _FD_BYTES
+    is_fd = len(data) == linux_can.FD_BYTES
     extended = bool(word & _EFF)
-    mask = socket.CAN_EFF_MASK if extended else socket.CAN_SFF_MASK
+    mask = socket.CAN_EFF_MASK if word & (_EFF | _ERR) else socket.CAN_SFF_MASK
     return CanFrame(
         t_ns,
         word & mask,

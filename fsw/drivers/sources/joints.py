@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from fsw.config import BusConfig, JointConfig
 from fsw.drivers.codecs import canopen
+from fsw.drivers.sources.bus_errors import BusErrors
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_track import JointTrack, calibrate
 from fsw.drivers.sources.sync import SyncHistory
@@ -36,6 +37,7 @@ class JointBusSource:
         self._counts = Counters()  # what belongs to no joint
         self._states: dict[int, int] = {}
         self._other_frames = 0
+        self._errors = BusErrors()
         self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
         self.slow: dict[int, canopen.Tpdo2] = {}  # newest TPDO2 by joint index
 
@@ -50,6 +52,8 @@ class JointBusSource:
         out["sync_lost"] = self._syncs.lost
         out["sync_invalid"] = self._syncs.invalid
         out["other_frames"] = self._other_frames
+        out["error_frames"] = self._errors.frames
+        out.update({f"can_{name}": count for name, count in self._errors.counts.items()})
         return out
 
     @property
@@ -82,7 +86,10 @@ class JointBusSource:
         first, last = canopen.COB_TPDO1, canopen.COB_TPDO1 | canopen.NODE_MASK
         for frame in frames:
             can_id = frame.can_id
-            if frame.is_error or frame.is_remote or frame.is_extended:
+            if frame.is_error:
+                for severity, code, text in self._errors.feed(frame):
+                    self._events.append((severity, code, f"{self._bus.name}: {text}"))
+            elif frame.is_remote or frame.is_extended:
                 self._other_frames += 1
             elif first < can_id <= last:
                 sample = self._sample(frame)

@@ -175,7 +175,7 @@ def test_other_services_are_routed_or_ignored_and_never_rejected() -> None:
             CanFrame(T0, 0x611, bytes(8)),
             CanFrame(T0, 0x191, bytes(8), is_extended=True),
             CanFrame(T0, 0x191, b"", is_remote=True),
-            CanFrame(T0, 0x191, bytes(8), is_error=True),
+            CanFrame(T0, 0x040, bytes(8), is_error=True),
             CanFrame(T0, 0x1FFFFFFF, bytes(64), is_fd=True),
             CanFrame(T0, 0x080, b""),
             CanFrame(T0, 0x080, b"\xf1"),
@@ -184,8 +184,10 @@ def test_other_services_are_routed_or_ignored_and_never_rejected() -> None:
     counters = bus.counters
     assert counters["received"] == counters["rejected"] == 0
     assert counters["sync_invalid"] == 2
-    assert [code for _, code, _ in bus.events()] == ["boot_up", "node_state", "emergency"]
+    codes = [code for _, code, _ in bus.events()]
+    assert codes == ["boot_up", "node_state", "emergency", "can_bus_off"]
     assert bus.events() == []
+    assert (counters["error_frames"], counters["can_bus_off"]) == (1, 1)
     assert bus.node_states == {0x11: 5}
     assert bus.slow[0].temperature_c == 25.0
 

@@ -1,0 +1,59 @@
+"""Health of one CAN bus as its controller's error frames tell it."""
+
+from __future__ import annotations
+
+from fsw.drivers.codecs.can_error import BusCondition, decode_error
+from fsw.drivers.wire import CanFrame, Reject
+
+QUIET_NS = 1_000_000_000  # a condition that keeps coming is told once in so long
+STATES = {
+    BusCondition.BUS_OFF: ("high", "the controller is off the bus"),
+    BusCondition.ERROR_PASSIVE: ("medium", "the controller is error passive"),
+    BusCondition.ERROR_WARNING: ("low", "the controller's error counters are above the warning"),
+    BusCondition.RESTARTED: ("info", "the controller is on the bus again"),
+    BusCondition.ERROR_ACTIVE: ("info", "the controller is error active again"),
+}
+
+
+class BusErrors:
+    """Counts every condition; an event for each change of the controller's state.
+
+    The other conditions (arbitration lost, no acknowledge ...) come by the hundred: an event for
+    the first, and again after a second.
+    """
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.counts = dict.fromkeys(BusCondition, 0)
+        self._state: BusCondition | None = None
+        self._told_ns: dict[BusCondition, int] = {}
+
+    def feed(self, frame: CanFrame) -> list[tuple[str, str, str]]:
+        """Take an error frame in; return what an operator should know: severity, code, text."""
+        self.frames += 1
+        report = decode_error(frame.can_id, frame.data)
+        if isinstance(report, Reject):
+            return []
+        events = []
+        for condition in report.conditions:
+            self.counts[condition] += 1
+            event = self._event(condition, frame.t_ns)
+            if event is not None:
+                severity, text = event
+                if report.transmit_errors is not None:
+                    text += f" (errors: {report.transmit_errors} sending,"
+                    text += f" {report.receive_errors} receiving)"
+                events.append((severity, f"can_{condition}", text))
+        return events
+
+    def _event(self, condition: BusCondition, t_ns: int) -> tuple[str, str] | None:
+        if condition in STATES:
+            if condition is self._state:
+                return None
+            self._state = condition
+            return STATES[condition]
+        told_ns = self._told_ns.get(condition)
+        if told_ns is not None and t_ns - told_ns < QUIET_NS:
+            return None
+        self._told_ns[condition] = t_ns
+        return "low", f"{condition.replace('_', ' ')}, {self.counts[condition]} in all"
