@@ -23,6 +23,7 @@ from fsw.replay import replay
 from fsw.sinks import Fanout, NullSink, Sink
 from fsw.status import estimate_summary
 from hil import live
+from hil.environment.wrench import simulate_in
 from hil.flight import (
     BUS,
     flight_document,
@@ -41,7 +42,6 @@ from hil.scenario import Prior, Scenario, draw_prior
 from hil.score import Result
 from hil.sensors import SensorConfig
 from hil.spline import JointSpline
-from hil.truth import simulate
 
 T0_NS = 10_000_000_000  # virtual time of power-on
 EDGE_S = 0.1  # truth simulated at rest before and after the motion
@@ -148,7 +148,7 @@ def prepare(
         stamp_noise_rad=jitter_s * fastest_rad_s,
     )
     path = write_flight(folder, scenario, priors, document)
-    history = simulate(robot, spline, -EDGE_S, spline.duration_s + EDGE_S)
+    history = truth_of(scenario, robot, spline)
     return Setup(
         scenario=scenario,
         seed=seed,
@@ -161,6 +161,15 @@ def prepare(
         history=history,
         bus_port=port,
     )
+
+
+def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
+    """Simulate the truth; where something acts from outside, over the rests too."""
+    before_s, after_s = EDGE_S, EDGE_S
+    if scenario.environment is not None:
+        before_s, after_s = max(EDGE_S, scenario.before_s), max(EDGE_S, scenario.after_s)
+    end_s = spline.duration_s + after_s
+    return simulate_in(scenario.environment, robot, spline, -before_s, end_s)
 
 
 def run_virtual(

@@ -12,6 +12,8 @@ import numpy as np
 import yaml
 
 from hil.bound import Sensors
+from hil.environment.config import OrbitSection
+from hil.environment.orbit import Orbit
 from hil.inertia import FloatArray
 from hil.robot import Robot
 from hil.scenario import Prior, Scenario, ScenarioError, mapping_from, replace_base
@@ -114,7 +116,19 @@ def flight_document(
     }
     if sensors.star_tracker is not None:
         document["star_tracker"] = _star_tracker(sensors, folder)
+    environment = scenario.environment
+    if environment is not None and environment.told_to_flight and environment.gravity_gradient:
+        document["orbit"] = _orbit(environment.orbit, scenario.before_s)
     return document
+
+
+def _orbit(section: OrbitSection, before_s: float) -> dict[str, Any]:
+    """Return the orbit's state at the first SYNC, `before_s` before the motion."""
+    orbit = Orbit.from_section(section)
+    return {
+        "position_m": orbit.position_m(-before_s).tolist(),
+        "velocity_m_s": orbit.velocity_m_s(-before_s).tolist(),
+    }
 
 
 def _imu(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
@@ -182,6 +196,9 @@ def plant_document(scenario: Scenario, seed: int, folder: Path, bus_port: int) -
         "bodies": {body: mapping_from(report) for body, report in scenario.truth.items()},
         "sensors": scenario.sensors,
         "links": links,
+        "environment": (
+            None if scenario.environment is None else scenario.environment.model_dump(mode="json")
+        ),
         "start_delay_s": scenario.before_s,
         "seed": seed,
         "realtime": {"priority": 40},

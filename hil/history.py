@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,14 @@ class _Place(NamedTuple):
     step_s: float
 
 
+class Field(Protocol):
+    """Gravity in a freely falling frame: uniform part, and gradient about the centre of mass."""
+
+    def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the uniform part (k, 3) [m/s^2] and the gradient (k, 3, 3) [1/s^2], in N."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthState:
     """True state at the asked times, shape (...) in front. SI units.
@@ -53,6 +61,8 @@ class TruthState:
     w_NB_B: FloatArray  # (..., 3) [rad/s]
     wd_NB_B: FloatArray  # (..., 3) [rad/s^2]
     a_NB_B: FloatArray  # (..., 3) classical acceleration of the base origin, base axes [m/s^2]
+    g_NB_B: FloatArray  # (..., 3) gravity at the base origin, base axes [m/s^2]
+    gradient_B: FloatArray  # (..., 3, 3) its gradient, base axes [1/s^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +81,8 @@ class TruthHistory:
     quat_wxyz: FloatArray  # (k, 4)
     w_B: FloatArray  # (k, 3)
     wd_B: FloatArray
+    field: Field | None = None
+    centre_N: FloatArray | None = None  # (k, 3) centre of mass of the whole; with a field
 
     @property
     def t_s(self) -> FloatArray:
@@ -120,20 +132,37 @@ class TruthHistory:
         quat = _quintic(here, self.quat_wxyz, *self._quat_rates)
         quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
         R = rotation_matrices(quat)
+        p_NB_N = _quintic(here, self.p_N, self.v_N, self.a_N)
+        g_NB_B, gradient_B = self._gravity(here, t, p_NB_N, R)
         return TruthState(
             t_s=t,
             q=_quintic(here, self.q, self.qd, self.qdd),
             qd=_cubic(here, self.qd, self.qdd),
             qdd=_cubic(here, self.qdd, slope["qdd"]),
             tau=_cubic(here, self.tau, slope["tau"]),
-            p_NB_N=_quintic(here, self.p_N, self.v_N, self.a_N),
+            p_NB_N=p_NB_N,
             v_NB_N=_cubic(here, self.v_N, self.a_N),
             R_NB=R,
             q_NB_xyzw=quat[..., [1, 2, 3, 0]],
             w_NB_B=_cubic(here, self.w_B, self.wd_B),
             wd_NB_B=_cubic(here, self.wd_B, slope["wd"]),
             a_NB_B=np.einsum("...ji,...j->...i", R, _cubic(here, self.a_N, slope["a"])),
+            g_NB_B=g_NB_B,
+            gradient_B=gradient_B,
         )
+
+    def _gravity(
+        self, place: _Place, t: FloatArray, p_NB_N: FloatArray, R_NB: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return gravity at the base origin and its gradient in base axes; zero without a field."""
+        if self.field is None or self.centre_N is None:
+            return np.zeros((*t.shape, 3)), np.zeros((*t.shape, 3, 3))
+        uniform, gradient = self.field.at(t.reshape(-1))
+        uniform, gradient = uniform.reshape(*t.shape, 3), gradient.reshape(*t.shape, 3, 3)
+        centre = _cubic(place, self.centre_N, _slope(self.centre_N, self.dt_s))
+        g_N = uniform + np.einsum("...ij,...j->...i", gradient, p_NB_N - centre)
+        g_B = np.einsum("...ji,...j->...i", R_NB, g_N)
+        return g_B, np.einsum("...ki,...kl,...lj->...ij", R_NB, gradient, R_NB)
 
 
 def rotation_matrices(quat_wxyz: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from hil.environment.config import EnvironmentSection
 from hil.inertia import FloatArray, is_physical
 
 FOLDER = Path(__file__).parent / "scenarios"
@@ -72,6 +73,7 @@ class Document(_Section):
     timing: TimingSection
     sensors: dict[str, Any] | Path
     flight: dict[str, Any] | Path
+    environment: dict[str, Any] | Path | None = None  # null: nothing acts from outside
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,6 +92,7 @@ class Scenario:
     after_s: float
     sensors: dict[str, Any]
     flight: dict[str, Any]
+    environment: EnvironmentSection | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,11 +122,11 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
     try:
         document = Document.model_validate(_read(path))
     except ValidationError as error:
-        faults = "; ".join(
-            f"{'.'.join(str(k) for k in e['loc'])}: {e['msg']}" for e in error.errors()
-        )
-        raise ScenarioError(f"{path}: {faults}") from error
+        raise ScenarioError(f"{path}: {_faults(error)}") from error
     catalogue = _read(home / document.bodies_file)
+    environment = None
+    if document.environment is not None:
+        environment = _environment(path, _section(home, document.environment))
     missing = set(document.bodies.values()) - set(catalogue)
     if missing:
         raise ScenarioError(f"{path}: bodies: {sorted(missing)} not in {document.bodies_file}")
@@ -143,6 +146,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         after_s=document.timing.after_s,
         sensors=_section(home, document.sensors),
         flight=_section(home, document.flight),
+        environment=environment,
     )
 
 
@@ -203,6 +207,17 @@ def _scale(report: FloatArray) -> FloatArray:
     scale[1:4] = np.maximum(scale[1:4], com)
     scale[[5, 6, 8]] = np.maximum(scale[[5, 6, 8]], product)
     return np.asarray(scale)
+
+
+def _environment(path: Path, section: dict[str, Any]) -> EnvironmentSection:
+    try:
+        return EnvironmentSection.from_dict(section)
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: environment: {_faults(error)}") from error
+
+
+def _faults(error: ValidationError) -> str:
+    return "; ".join(f"{'.'.join(str(k) for k in e['loc'])}: {e['msg']}" for e in error.errors())
 
 
 def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:

@@ -76,6 +76,7 @@ class ImuSensorConfig:
     datagram_id: int = 0xA5
     crlf: bool = False
     acc_range_g: Literal[5, 10, 30, 80] = 10
+    acceleration: Literal["specific_force", "kinematic"] = "specific_force"
     gyro_group_delay_s: float = 2.2e-3
     acc_group_delay_s: float = 6.3e-3
     latency_s: float = 3.0e-4  # sample instant to first bit
@@ -217,17 +218,23 @@ def angular_rate(state: State, R_BS: FloatArray) -> FloatArray:
     return rate
 
 
-def specific_force(state: State, p_BS_m: Vector3, R_BS: FloatArray) -> FloatArray:
-    """Return f_NS_S [m/s^2], shape (k, 3): acceleration of the sensor's place, free fall.
+def specific_force(
+    state: State,
+    p_BS_m: Vector3,
+    R_BS: FloatArray,
+    reading: Literal["specific_force", "kinematic"] = "specific_force",
+) -> FloatArray:
+    """Return f_NS_S [m/s^2], shape (k, 3): what an accelerometer at its place reads.
 
-    f = R_SB (a + wd x r + w x (w x r)), a the classical acceleration of the base origin.
+    f = R_SB (a + wd x r + w x (w x r) - g(r)), a the classical acceleration of the base origin and
+    g gravity at the sensor's place. "kinematic": without g, an acceleration no sensor gives.
     """
     r = np.asarray(p_BS_m)
     w = state.w_NB_B
-    force: FloatArray = (
-        state.a_NB_B + np.cross(state.wd_NB_B, r) + np.cross(w, np.cross(w, r))
-    ) @ R_BS
-    return force
+    force: FloatArray = state.a_NB_B + np.cross(state.wd_NB_B, r) + np.cross(w, np.cross(w, r))
+    if reading == "specific_force":
+        force = force - state.g_NB_B - state.gradient_B @ r
+    return np.asarray(force @ R_BS)
 
 
 def attitude(

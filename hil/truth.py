@@ -7,6 +7,7 @@ controller sits inside the integration (every stage of every step), so it has no
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
-from hil.history import TruthHistory, TruthState
+from hil.history import Field, TruthHistory, TruthState
 from hil.robot import BASE_NQ, BASE_NV, Body, Robot, load_bodies
 from hil.spline import JointSpline
 
@@ -116,6 +117,7 @@ def simulate(
     dt_s: float = 0.004,
     *,
     wrench: Wrench | None = None,
+    field: Field | None = None,
     q_NB_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
 ) -> TruthHistory:
     """Simulate the robot following a joint trajectory from rest, base origin at N's origin.
@@ -128,6 +130,8 @@ def simulate(
     spline : motion over [0, duration]; the robot rests outside it
     start_s, end_s : simulated interval; end is rounded up to a whole step
     wrench : external forces, called at every stage; the controller does not know of them
+    field : gravity in the frame's free fall, which an accelerometer does not feel; it acts on the
+        motion only through `wrench`
     q_NB_xyzw : base attitude at the start
     """
     if spline.n != robot.n:
@@ -144,6 +148,7 @@ def simulate(
     states = np.empty((steps + 1, len(y)))
     rates = np.empty((steps + 1, len(y)))
     torques = np.empty((steps + 1, robot.n))
+    centres = np.empty((steps + 1, 3))
 
     def rate(k: int, state: FloatArray) -> FloatArray:
         return plant.derivative(float(times[k]), state, (q[k], qd[k], qdd[k]))
@@ -151,6 +156,7 @@ def simulate(
     for k in range(steps + 1):
         k1 = rate(2 * k, y)
         states[k], rates[k], torques[k] = y, k1, plant.tau
+        centres[k] = plant.data.subtree_com[0]
         if k == steps:
             break
         k2 = rate(2 * k + 1, y + (0.5 * dt_s) * k1)
@@ -158,7 +164,8 @@ def simulate(
         k4 = rate(2 * k + 2, y + dt_s * k3)
         y = y + (dt_s / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
         y[3:7] /= np.linalg.norm(y[3:7])
-    return _history(start_s, dt_s, states, rates, torques)
+    history = _history(start_s, dt_s, states, rates, torques)
+    return history if field is None else replace(history, field=field, centre_N=centres)
 
 
 def _history(

@@ -118,9 +118,10 @@ class Imu:
         per_datagram = stim300.INTERNAL_RATE_HZ // config.rate_hz
         starting = n < config.startup_s * config.rate_hz
         shape = (len(n), 3)
+        force = specific_force(acc_state, config.p_BS_m, self._R_BS, config.acceleration)
         samples = stim300.Measurements(
             w_NS_S_rad_s=angular_rate(gyro_state, self._R_BS) + errors[:, :3],
-            f_NS_S_m_s2=specific_force(acc_state, config.p_BS_m, self._R_BS) + errors[:, 3:],
+            f_NS_S_m_s2=force + errors[:, 3:],
             inclination_g=np.zeros(shape),
             gyro_temperature_degc=np.full(shape, GYRO_DEGC),
             acc_temperature_degc=np.full(shape, ACC_DEGC),

@@ -9,11 +9,12 @@ from typing import Any
 import yaml
 from pydantic import TypeAdapter
 
+from hil.environment.config import EnvironmentSection
+from hil.environment.wrench import simulate_in
 from hil.plant import Plant
 from hil.robot import Body, Robot
 from hil.sensors import STRICT, SensorConfig
 from hil.spline import JointSpline
-from hil.truth import simulate
 
 TAIL_S = 0.1
 
@@ -79,6 +80,7 @@ class PlantFile:
     sensors: SensorConfig
     links: Links
     bodies: TrueBodies = TrueBodies()
+    environment: EnvironmentSection | None = None
     start_delay_s: float = 4.0
     seed: int = 0
     realtime: Realtime = Realtime()
@@ -96,5 +98,7 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
     urdf = folder / file.robot.urdf
     robot = Robot.load(urdf, file.robot.tool_frame, bodies.base, bodies.target)
     spline = JointSpline.load(folder / file.trajectory)
-    history = simulate(robot, spline, -TAIL_S, spline.duration_s + TAIL_S)
+    before_s = TAIL_S if file.environment is None else max(TAIL_S, file.start_delay_s)
+    end_s = spline.duration_s + TAIL_S
+    history = simulate_in(file.environment, robot, spline, -before_s, end_s)
     return Plant(history, file.sensors, file.seed, start_delay_s=file.start_delay_s, t0_ns=t0_ns)

@@ -51,6 +51,16 @@ class State(Protocol):
         """Classical acceleration of the base origin [m/s^2]."""
         ...
 
+    @property
+    def g_NB_B(self) -> FloatArray:  # noqa: N802
+        """Gravity at the base origin, base axes [m/s^2]; zero in plain free fall."""
+        ...
+
+    @property
+    def gradient_B(self) -> FloatArray:  # noqa: N802
+        """Gradient of gravity, base axes [1/s^2]."""
+        ...
+
 
 class History(Protocol):
     """Simulated truth as a function of time, over [start_s, end_s]; at rest at both ends."""

@@ -37,6 +37,8 @@ class AnalyticHistory:
             w_NB_B=RATE_SLOPE * t * axis,
             wd_NB_B=np.zeros((*t.shape[:-1], 3)),
             a_NB_B=ACC_SLOPE * t * axis,
+            g_NB_B=np.zeros((*t.shape[:-1], 3)),
+            gradient_B=np.zeros((*t.shape[:-1], 3, 3)),
         )
 
 
