@@ -45,6 +45,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser("run", help="identify from live devices until SIGTERM")
     run.add_argument("config", type=Path, metavar="CONFIG")
+    run.add_argument("--cold", action="store_true", help="begin anew, whatever was checkpointed")
     run.set_defaults(command=_run)
 
     replay = commands.add_parser("replay", help="identify from a recording, as fast as it goes")
@@ -101,7 +102,7 @@ def _run(arguments: argparse.Namespace) -> int:
     validate_outputs(config)
     from fsw.app import run_live  # only now anything that can open a device
 
-    return run_live(config)
+    return run_live(config, cold=arguments.cold)
 
 
 def _replay(arguments: argparse.Namespace) -> int:

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 from types import FrameType
 from typing import TypeVar
 
 from fsw import realtime
+from fsw.checkpoint_store import CheckpointStore, boot_id, identity_of
 from fsw.clock import Clock, MonotonicClock
 from fsw.config import Config
 from fsw.daemon import IMU, STAR_TRACKER, Daemon, Ports, build
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import PortError
 from fsw.messages import Event
-from fsw.pipeline import Pipeline
-from fsw.ring import RingReader, RingWriter
-from fsw.ringlink import DOWN_BYTES, UP_BYTES, RingJobs, RingSink
+from fsw.notify import Notifier
+from fsw.restart import judge
+from fsw.service_process import ServiceProcess, lock_state
 from fsw.sinks import Sink
 
-__all__ = ["Daemon", "Pipeline", "Ports", "build", "open_ports", "run_live"]
+__all__ = ["Daemon", "Ports", "build", "open_ports", "run_live"]
 
 SERVICE_WAIT_S = 20.0  # for the service to write what is left
 P = TypeVar("P", FramePort, BytePort)
@@ -72,52 +71,51 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
     )
 
 
-def start_service(down_fd: int, up_fd: int) -> subprocess.Popen[bytes]:
-    """Start the service process on the two rings; it is not waited for."""
-    command = [sys.executable, "-m", "fsw.service", "--down", str(down_fd), "--up", str(up_fd)]
-    return subprocess.Popen(
-        command,
-        pass_fds=(down_fd, up_fd),
-        stdin=subprocess.DEVNULL,
-        start_new_session=True,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )
+def run_live(config: Config, *, cold: bool = False) -> int:
+    """Run until told to stop; return the exit code. `cold` ignores checkpoints.
 
-
-def run_live(config: Config) -> int:
-    """Run until told to stop; return the exit code."""
-    stop = StopSignal()
+    Raises
+    ------
+    PortError when another daemon runs on the same state directory.
+    """
+    stop, notifier = StopSignal(), Notifier(os.environ)
     clock = MonotonicClock()
-    down, up = RingWriter.create(DOWN_BYTES), RingWriter.create(UP_BYTES)
-    service = start_service(down.fd, up.fd)
-    sink = RingSink(down)
-    sink.config(config)
-    jobs = RingJobs(down, RingReader(os.dup(up.fd)))
+    lock_fd = lock_state(config.resolve(config.service.state_directory), clock)
+    service = ServiceProcess(config, clock, lock_fd)
+    sink, jobs = service.sink, service.jobs
     daemon = build(config, clock, open_ports(config, clock, sink), sink, jobs=jobs)
+    if not cold and config.service.checkpoint_period_s is not None:
+        go_on(daemon, config, clock, sink)
     for text in realtime.prepare(config.scheduler):
         sink.event(Event(clock.now_ns(), "low", "REALTIME", text))
     realtime.freeze_garbage()
     ticks_per_s = max(1, round(config.scheduler.tick_rate_hz))
-    served = True
+    notifier.send("READY=1")
     while not (stop.received or daemon.dispatcher.stop_requested):
         tick = daemon.step()
         for command in jobs.commands():
             daemon.submit(command)
         if tick.index % ticks_per_s == ticks_per_s - 1:
             realtime.collect_young()
-            served = served and _watch(service, sink, clock)
+            if service.watch():
+                notifier.send("WATCHDOG=1")
+    notifier.send("STOPPING=1")
     daemon.shutdown()
+    return 0 if service.wait(SERVICE_WAIT_S) else 1
+
+
+def go_on(daemon: Daemon, config: Config, clock: Clock, sink: Sink) -> bool:
+    """Continue from the newest good checkpoint; why others were refused are events."""
+    directory = config.resolve(config.service.state_directory)
     try:
-        service.wait(SERVICE_WAIT_S)
-    except subprocess.TimeoutExpired:
-        return 1
-    return 0
-
-
-def _watch(service: subprocess.Popen[bytes], sink: Sink, clock: Clock) -> bool:
-    """Tell once when the service has ended; True while it lives."""
-    if service.poll() is None:
-        return True
-    text = f"service process ended with {service.returncode}; nothing is recorded"
-    sink.event(Event(clock.now_ns(), "high", "SERVICE_LOST", text))
-    return False
+        store = CheckpointStore(directory, identity_of(config))
+    except OSError as error:
+        text = f"{config.robot.urdf}: {error.strerror or error}"
+        sink.event(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
+        return False
+    good, refused = store.read()
+    for text in refused:
+        sink.event(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
+    hold_s = config.service.checkpoint_hold_s
+    found = (judge(checkpoint, boot_id(), clock.now_ns(), hold_s) for checkpoint in good)
+    return any(daemon.restart(restart) for restart in found)

@@ -10,7 +10,7 @@ import json
 import os
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +32,22 @@ def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
 
 
 class BlockWriter:
-    """The writing end; the file is made when the first block comes."""
+    """The writing end; the file is made when the first block comes.
 
-    def __init__(self, path: Path, capacity: int = CAPACITY) -> None:
+    `keep` goes on in the file of a writer that has died.
+    """
+
+    def __init__(self, path: Path, capacity: int = CAPACITY, *, keep: bool = False) -> None:
         self.path = path
         self.count = 0
         self._capacity = capacity
         self._rows: NDArray[np.void] | None = None
-        path.unlink(missing_ok=True)
+        if keep and path.exists():
+            self._rows = _open(path, "r+")
+            self._capacity = len(self._rows)
+            self.count = int(self._rows["serial"].max())
+        else:
+            path.unlink(missing_ok=True)
 
     def append(self, block: Block) -> None:
         """Store a block over the oldest one. Raises OSError."""
@@ -60,22 +68,14 @@ class BlockWriter:
             file.flush()
             size = HEADER_BYTES + dtype.itemsize * self._capacity
             os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, not as SIGBUS
-        return np.memmap(
-            self.path,
-            dtype=dtype,
-            mode="r+",
-            offset=HEADER_BYTES,
-            shape=(self._capacity,),
-        )
+        return _open(self.path, "r+")
 
 
 def read_blocks(path: Path, *, last_s: float | None = None) -> list[Block]:
     """Return the stored blocks in order; only those of the newest `last_s` seconds when given."""
     if not path.exists():
         return []
-    with path.open("rb") as file:
-        dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
-    rows = np.memmap(path, dtype=dtype, mode="r", offset=HEADER_BYTES)
+    rows = _open(path, "r")
     before = np.array(rows["serial"])
     copy = np.array(rows)
     stable = (before > 0) & (before == rows["serial"])  # not overwritten while it was copied
@@ -90,6 +90,12 @@ def newest(blocks: list[Block], last_s: float | None) -> list[Block]:
         return blocks
     since_ns = int(blocks[-1].t_ns[-1]) - round(last_s * 1e9)
     return [block for block in blocks if int(block.t_ns[0]) >= since_ns]
+
+
+def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
+    with path.open("rb") as file:
+        dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
+    return np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
 
 
 def _dtype(layout: list[Any]) -> np.dtype[np.void]:

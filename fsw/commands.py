@@ -29,6 +29,8 @@ class CommandName(StrEnum):
     REST = "rest"  # windows are stored but no longer identified from
     RESUME = "resume"  # go on identifying
     CONFIGURE = "configure"  # other unknowns, noise, robot or settings: begin at the prior
+    SAVE_STATE = "save_state"  # checkpoint now, and remember the state to come back to
+    RESTORE_STATE = "restore_state"  # back to what was saved, or restored at the start
     STOP = "stop"  # end the daemon as SIGTERM does
 
 
@@ -43,6 +45,7 @@ class Code(StrEnum):
     JOB_RUNNING = "JOB_RUNNING"
     NO_JOB = "NO_JOB"
     NO_RESULT = "NO_RESULT"
+    NO_STATE = "NO_STATE"
     NOT_SUPPORTED = "NOT_SUPPORTED"
     ESTIMATOR = "ESTIMATOR"
     TIMEOUT = "TIMEOUT"

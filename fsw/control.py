@@ -53,6 +53,7 @@ class ControlServer:
         except OSError as error:
             self._listener.close()
             raise PortError(f"{path}: {error.strerror or error}") from error
+        self._inode = path.stat().st_ino
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._waiting: dict[int, tuple[int, _Client]] = {}
@@ -84,7 +85,8 @@ class ControlServer:
                 self._drop(key.data)
         self._selector.close()
         self._listener.close()
-        self._path.unlink(missing_ok=True)
+        if self._path.exists() and self._path.stat().st_ino == self._inode:
+            self._path.unlink(missing_ok=True)
 
     def _accept(self) -> None:
         try:

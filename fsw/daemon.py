@@ -7,7 +7,7 @@ machine's, the HIL simulated ones, a replay a recording's. There is no second da
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -17,11 +17,12 @@ from fsw.commands import Command, JobPort
 from fsw.config import Config
 from fsw.dispatch import Dispatcher, settle
 from fsw.drivers.wire import BytePort, FramePort
-from fsw.errors import EstimatorError
+from fsw.errors import CommandError, EstimatorError
 from fsw.link import Link
 from fsw.messages import Estimate, Event, Window
 from fsw.overlay import overlay
 from fsw.pipeline import Estimator, Eventful, Gating, Pipeline, default_pipeline
+from fsw.restart import Restart, resume, take
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
@@ -103,6 +104,25 @@ class Daemon:
         while not (stop() or self.dispatcher.stop_requested):
             self.step()
 
+    def restart(self, found: Restart) -> bool:
+        """Go on from a checkpoint, before the first tick, and publish; False: a cold start."""
+        now_ns, snapshot = self._clock.now_ns(), found.checkpoint.snapshot
+        try:
+            for changes in snapshot.changes[len(self.dispatcher.changes) :]:
+                self.dispatcher.configure(changes)
+        except CommandError as error:
+            self._report("medium", "CHECKPOINT_REFUSED", str(error))
+            return False
+        self.dispatcher.identifying = snapshot.identifying
+        estimator = self._pipeline.estimator
+        estimate = resume(found, estimator, self.aligner, self._sink, now_ns)
+        if estimate is None:
+            return False
+        self.dispatcher.saved = take(estimator, snapshot.t_ns)
+        self._publish(estimate)
+        self._sink.status(now_ns, self.status(now_ns))
+        return True
+
     def submit(self, command: Command) -> None:
         """Queue a command for the next tick boundary."""
         self.dispatcher.submit(command)
@@ -123,6 +143,7 @@ class Daemon:
         self._sink.command(now_ns, stop)
         if self.latest is not None:
             self._publish(settle(self._pipeline.estimator))
+            self._keep()
         self._report("info", "STOPPED", f"stopped after {self.executive.slips.ticks} ticks")
         self._sink.status(now_ns, self.status(now_ns))
         for member in self._members:
@@ -182,8 +203,7 @@ class Daemon:
         if telemetry is not None and self._science is not None:
             divisor = max(1, round(rate_hz / telemetry.science_rate_hz))
             science = [Task("science", divisor, partial(self._hand_over, self._science))]
-        return [
-            *table,
+        table += [
             Task("drain", 1, self._drain),
             Task("ingest", 1, self._ingest),
             *science,
@@ -192,6 +212,11 @@ class Daemon:
             Task("links", max(1, round(rate_hz / 10.0)), self._retry),
             Task("status", status, self._status),
         ]
+        period_s = self._config.service.checkpoint_period_s
+        if period_s is not None and not self._passive:
+            due = max(1, round(rate_hz * period_s))
+            table.append(Task("checkpoint", due, lambda _tick: self._keep()))
+        return table
 
     def _start(self, _tick: Tick) -> None:
         if self._started or self._passive:
@@ -291,6 +316,19 @@ class Daemon:
     def _commands(self, tick: Tick) -> None:
         for estimate in self.dispatcher.run(tick.now_ns, self.aligner.next_index):
             self._publish(estimate)
+        if self.dispatcher.checkpoint_due:
+            self.dispatcher.checkpoint_due = False
+            self._keep()
+
+    def _keep(self) -> None:
+        """Hand out the estimator's state; kept by the service."""
+        if self._config.service.checkpoint_period_s is None or self._passive:
+            return
+        now_ns = self._clock.now_ns()
+        snapshot = take(self._pipeline.estimator, now_ns, self.aligner.grid_ns)
+        if snapshot is not None:
+            changes, identifying = tuple(self.dispatcher.changes), self.dispatcher.identifying
+            self._sink.checkpoint(replace(snapshot, changes=changes, identifying=identifying))
 
     def _retry(self, _tick: Tick) -> None:
         for member in self._members:

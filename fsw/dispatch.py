@@ -16,10 +16,20 @@ from fsw.commands import (
     Reply,
 )
 from fsw.errors import CommandError, ConfigError, EstimatorError
-from fsw.messages import Block, Estimate, Event
+from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.restart import Adopting, put_back, take
 from fsw.sinks import Sink
 
 QUEUE_LIMIT = 64
+KEPT_AFTER = (
+    CommandName.RESET,
+    CommandName.ADOPT,
+    CommandName.REST,
+    CommandName.RESUME,
+    CommandName.CONFIGURE,
+    CommandName.SAVE_STATE,
+    CommandName.RESTORE_STATE,
+)
 
 
 class Resettable(Protocol):
@@ -35,15 +45,6 @@ class Resettable(Protocol):
 
     def reset(self) -> None:
         """Return to the prior."""
-        ...
-
-
-@runtime_checkable
-class Adopting(Protocol):
-    """An estimator that can take a batch result as its prior."""
-
-    def adopt(self, result: Mapping[str, Any]) -> None:
-        """Start again from a batch result. Raises EstimatorError when it does not fit."""
         ...
 
 
@@ -85,12 +86,15 @@ class Dispatcher:
         self._estimator, self._sink, self._jobs = estimator, sink, jobs
         self._reconfigure = reconfigure
         self.identifying = identifying  # whether windows reach the estimator
+        self.changes: list[Mapping[str, Any]] = []  # what configure was given, in order
         self._queue: deque[Command] = deque()
         self._planned: deque[tuple[int, Command]] = deque()
         self._running: BatchRequest | None = None
         self._report: JobReport | None = None
         self._result: Mapping[str, Any] | None = None
         self.stop_requested = False
+        self.saved: Snapshot | None = None  # what restore_state goes back to
+        self.checkpoint_due = False  # a command has changed the state, or wants it kept
 
     def submit(self, command: Command) -> None:
         """Queue a command; refuse it at once when the queue is full."""
@@ -165,8 +169,17 @@ class Dispatcher:
         name = command.name
         estimate: Estimate | None = None
         args: Mapping[str, Any] = command.args
+        self.checkpoint_due |= name in KEPT_AFTER
         if name is CommandName.RESET:
             self._estimator.reset()
+        elif name is CommandName.SAVE_STATE:
+            self.saved = take(self._estimator, now_ns)
+            if self.saved is None:
+                raise CommandError(Code.NOT_SUPPORTED, "this estimator has no state to save")
+        elif name is CommandName.RESTORE_STATE:
+            if self.saved is None:
+                raise CommandError(Code.NO_STATE, "nothing was saved or restored before")
+            estimate = put_back(self._estimator, self.saved)
         elif name is CommandName.FINISH:
             estimate = settle(self._estimator)
         elif name is CommandName.STOP:
@@ -180,16 +193,19 @@ class Dispatcher:
         elif name in (CommandName.REST, CommandName.RESUME):
             self.identifying = name is CommandName.RESUME
         elif name is CommandName.CONFIGURE:
-            self._configure(command.args)
+            self.configure(command.args)
         return args, estimate
 
-    def _configure(self, changes: Mapping[str, Any]) -> None:
+    def configure(self, changes: Mapping[str, Any]) -> None:
+        """Begin at the prior with a changed configuration. Raises CommandError."""
         if self._reconfigure is None:
             raise CommandError(Code.NOT_SUPPORTED, "nothing here can be configured anew")
         try:
             self._estimator = self._reconfigure(changes)
         except ConfigError as error:
             raise CommandError(Code.BAD_ARGUMENT, str(error)) from error
+        self.changes.append(dict(changes))
+        self.saved = None
 
     def _run_batch(self, command: Command, now_ns: int) -> None:
         if self._jobs is None:

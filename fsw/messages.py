@@ -5,7 +5,9 @@ Frames: N inertial, B spacecraft bus (base body), S sensor, E tool. `R_NB` takes
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +140,18 @@ class Estimate:
     information_gained_nats: float  # 1/2 log det(prior cov) - 1/2 log det(cov), unknown bodies
     whole: BodyEstimate | None = None  # everything together at the current posture, in B
     extra: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Snapshot:
+    """The estimator's whole state between two windows, and the grid its windows lie on."""
+
+    t_ns: int
+    grid_ns: int | None  # start of window 0; None before the first SYNC
+    state: Mapping[str, Any]  # plain values and arrays
+    blocks: tuple[Block, ...] = ()  # those the state refers to by index
+    changes: tuple[Mapping[str, Any], ...] = ()  # what was configured since the start, in order
+    identifying: bool = True  # whether windows reach the estimator
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,9 @@
-"""The recorder: a sink that writes an MCAP file, and what every recording carries with it."""
+"""The recorder: a sink that writes MCAP files, and what every recording carries with it."""
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,12 +15,17 @@ from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.errors import ConfigError
 from fsw.messages import Estimate, Event
 from fsw.recording import RecordingWriter, contents
+from fsw.recording_parts import newest_part, part_path
 from fsw.sinks import NullSink, Record
 from fsw.status import estimate_summary
 
 CONFIGURATION = "configuration.yaml"
 ROBOT = "robot.urdf"
+CHECKPOINT = "checkpoint.bin"  # what the recorded run went on from
 CHUNK_PERIOD_NS = 1_000_000_000  # a chunk is finished at least this often
+RETRY_NS = 5_000_000_000  # after a failure, a new part is tried this often
+SOON = -1  # failed, and the time of the next attempt not set yet
+LEAST_FREE_BYTES = 4 << 20  # a new part is not begun on a disk that is as good as full
 
 
 def next_path(directory: Path) -> Path:
@@ -36,9 +43,44 @@ def open_recording(config: Config, path: Path) -> RecordingWriter:
     values = config.model_dump(mode="json")
     values["robot"]["urdf"] = ROBOT
     text = yaml.safe_dump(values, sort_keys=False).encode()
-    writer.attach(CONFIGURATION, "application/yaml", text)
-    writer.attach(ROBOT, "application/xml", config.resolve(config.robot.urdf).read_bytes())
+    try:
+        writer.attach(CONFIGURATION, "application/yaml", text)
+        writer.attach(ROBOT, "application/xml", config.resolve(config.robot.urdf).read_bytes())
+        writer.sync()
+    except OSError:
+        writer.abandon()
+        raise
     return writer
+
+
+class Parts:
+    """Opens the files of one recording, each when the one before is full or has failed.
+
+    Parameters
+    ----------
+    resume : go on in the newest recording of the directory, whose writer has died
+    """
+
+    def __init__(self, config: Config, directory: Path, *, resume: bool = False) -> None:
+        self._config, self._directory = config, directory
+        newest = newest_part(directory) if resume else None
+        self._first, self._number = newest or (next_path(directory), 0)
+
+    def open(self) -> RecordingWriter:
+        """Open the next part. Raises OSError; the part is tried again then."""
+        path = part_path(self._first, self._number + 1)
+        self._directory.mkdir(parents=True, exist_ok=True)
+        room = os.statvfs(self._directory)
+        if room.f_bavail * room.f_frsize < LEAST_FREE_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        try:
+            writer = open_recording(self._config, path)
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
+        self._number += 1
+        writer.metadata("part", {"number": str(self._number), "first": self._first.name})
+        return writer
 
 
 def recorded_config(path: Path, folder: Path) -> Config:
@@ -58,20 +100,40 @@ def recorded_config(path: Path, folder: Path) -> Config:
 
 
 class RecorderSink(NullSink):
-    """Writes everything but blocks and replies; a failure ends the recording, never the run.
+    """Writes everything but blocks and replies; a failure ends a file, never the run.
 
     Parameters
     ----------
-    writer : the open recording
-    report : told once when writing fails (disk full): severity, code, text
+    writer : the open recording; None: `parts` is to be tried
+    report : told when writing fails (disk full) and when it goes on: severity, code, text
+    parts : opens the next file when one is full or has failed; None: the first file is the only one
+    part_bytes, part_s : when a file is full; None: never
     """
 
-    def __init__(self, writer: RecordingWriter, report: Callable[[str, str, str], None]) -> None:
-        self._writer: RecordingWriter | None = writer
+    def __init__(
+        self,
+        writer: RecordingWriter | None,
+        report: Callable[[str, str, str], None],
+        *,
+        parts: Callable[[], RecordingWriter] | None = None,
+        part_bytes: int | None = None,
+        part_s: float | None = None,
+    ) -> None:
+        self._writer = writer
         self._report = report
+        self._parts = parts
+        self._part_bytes, self._part_s = part_bytes, part_s
         self._chunk_ns: int | None = None
-        self.lost = 0  # messages that came after the failure
+        self._began_ns: int | None = None  # of the file
+        self._retry_ns = 0 if writer is not None else SOON  # 0: all is well
+        self._last_path = writer.path if writer is not None else None
+        self.lost = 0  # messages that came while nothing could be written
         self.dropped = 0  # messages the rings lost before they came here
+
+    @property
+    def path(self) -> Path | None:
+        """The file in progress, or the last one."""
+        return self._last_path
 
     def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """Write frames."""
@@ -97,7 +159,8 @@ class RecorderSink(NullSink):
         self._write(1, lambda writer: writer.json("/events", event.t_ns, values))
 
     def status(self, t_ns: int, status: Record) -> None:
-        """Write a summary; finish the chunk when it has been open for long."""
+        """Write a summary; finish the chunk or the file when it has been open for long."""
+        self._follow(t_ns)
         self._write(1, lambda writer: writer.json("/tm", t_ns, status))
         if self._chunk_ns is None or t_ns - self._chunk_ns >= CHUNK_PERIOD_NS:
             self._chunk_ns = t_ns
@@ -111,15 +174,53 @@ class RecorderSink(NullSink):
         """Hand finished chunks to the system."""
         self._write(0, lambda writer: writer.sync())
 
+    def attach(self, name: str, data: bytes) -> None:
+        """Add a file."""
+        self._write(0, lambda writer: writer.attach(name, "application/octet-stream", data))
+
     def close(self) -> None:
         """Write the drop count, index and footer."""
-
-        def finish(writer: RecordingWriter) -> None:
-            writer.metadata("recorder", {"dropped": str(self.dropped)})
-            writer.close()
-
-        self._write(0, finish)
+        self._write(0, self._finish)
         self._writer = None
+
+    def _finish(self, writer: RecordingWriter) -> None:
+        counts = {"dropped": str(self.dropped)}
+        writer.metadata("recorder", counts | ({"lost": str(self.lost)} if self.lost else {}))
+        writer.close()
+
+    def _follow(self, t_ns: int) -> None:
+        """Begin the next part when this one is full; after a failure, when it can be had."""
+        writer = self._writer
+        if self._parts is None:
+            return
+        if writer is None:
+            if self._retry_ns == SOON:
+                self._retry_ns = t_ns + RETRY_NS
+            elif t_ns >= self._retry_ns:
+                self._next(t_ns, "RECORDER_BACK", self._parts)
+            return
+        self._began_ns = t_ns if self._began_ns is None else self._began_ns
+        large = self._part_bytes is not None and writer.size_bytes >= self._part_bytes
+        long = self._part_s is not None and (t_ns - self._began_ns) * 1e-9 >= self._part_s
+        if large or long:
+            self.close()
+            self._next(t_ns, None, self._parts)
+
+    def _next(self, t_ns: int, code: str | None, parts: Callable[[], RecordingWriter]) -> None:
+        first = self._retry_ns == 0
+        self._retry_ns = t_ns + RETRY_NS
+        try:
+            self._writer = parts()
+        except OSError as error:
+            if first:
+                text = f"no new part: {error.strerror or error}"
+                self._report("high", "RECORDER_FAILED", text)
+            return
+        self._last_path = self._writer.path
+        self._began_ns, self._chunk_ns, self._retry_ns = t_ns, t_ns, 0
+        if code is not None:
+            text = f"{self._last_path}: goes on; {self.lost} messages were lost"
+            self._report("medium", code, text)
 
     def _write(self, count: int, write: Callable[[RecordingWriter], None]) -> None:
         writer = self._writer
@@ -131,6 +232,7 @@ class RecorderSink(NullSink):
         except OSError as error:
             self._writer = None
             self.lost += count
+            self._retry_ns = SOON
             writer.abandon()
             self._report("high", "RECORDER_FAILED", f"{writer.path}: {error.strerror or error}")
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fsw.checkpoint import decode
 from fsw.clock import MonotonicClock
 from fsw.commands import Command, CommandName
 from fsw.config import Config
@@ -21,7 +22,10 @@ from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.errors import ConfigError, PortError
 from fsw.messages import Estimate
 from fsw.pipeline import Pipeline
-from fsw.recording import Record, contents, messages, unpack_frame
+from fsw.recorder import CHECKPOINT
+from fsw.recording import Record, unpack_frame
+from fsw.recording_parts import contents_of, messages_of, parts_of
+from fsw.restart import Mode, Restart
 from fsw.sinks import NullSink, Sink
 from fsw.status import estimate_summary
 
@@ -33,6 +37,8 @@ REPLAYED = (
     CommandName.REST,
     CommandName.RESUME,
     CommandName.CONFIGURE,
+    CommandName.SAVE_STATE,
+    CommandName.RESTORE_STATE,
 )
 
 
@@ -215,7 +221,8 @@ def replay(
     """
     wall = MonotonicClock()
     began_ns = wall.now_ns()
-    held = contents(recording)
+    parts = parts_of(recording)
+    held = contents_of(parts)
     topics = _topics(config)
     missing = [topic for topic in topics if topic not in held.topics]
     if missing:
@@ -223,7 +230,7 @@ def replay(
             f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
             f"found: {', '.join(sorted(held.topics)) or 'none'}"
         )
-    feed = RecordingFeed(messages(recording, topics), topics)
+    feed = RecordingFeed(messages_of(parts, topics), topics)
     scheduler = config.scheduler.model_copy(update={"tick_rate_hz": TICK_RATE_HZ})
     daemon = build(
         config.model_copy(update={"scheduler": scheduler}),
@@ -232,7 +239,8 @@ def replay(
         sink or NullSink(),
         pipeline=pipeline,
     )
-    end_ns = _plan(daemon, recording) if "/tc" in held.topics else None
+    commands = list(messages_of(parts, ["/tc"])) if "/tc" in held.topics else []
+    end_ns = _plan(daemon, commands, held.attachments.get(CHECKPOINT))
     while not feed.exhausted:
         daemon.step()
     if end_ns is not None:
@@ -268,12 +276,18 @@ def _ports(config: Config, feed: RecordingFeed) -> Ports:
     )
 
 
-def _plan(daemon: Daemon, recording: Path) -> int | None:
-    """Plan the recorded commands; return when the run ended [ns], None if it was killed."""
+def _plan(daemon: Daemon, commands: Sequence[Record], checkpoint: bytes | None) -> int | None:
+    """Plan the recorded commands; return when the run ended [ns], None if it was killed.
+
+    A run that went on from a checkpoint is begun from the same one.
+    """
     end_ns = None
-    for record in messages(recording, ["/tc"]):
+    for record in commands:
         values = json.loads(record.data)
-        if values.get("command") == "end":
+        if values.get("command") == "restart" and checkpoint is not None:
+            found = Restart(checkpoint=decode(checkpoint), mode=Mode(values["mode"]), age_s=None)
+            daemon.restart(found)
+        elif values.get("command") == "end":
             daemon.limit_windows(int(values["next_window"]))
             end_ns = record.t_ns
         elif values.get("command") in REPLAYED:

@@ -59,6 +59,11 @@ class _Ring:
         return self._header[_WRITTEN] - self._header[_READ]
 
     @property
+    def consumed_bytes(self) -> int:
+        """Bytes read so far."""
+        return self._header[_READ]
+
+    @property
     def capacity_bytes(self) -> int:
         """Size of the ring."""
         return self._capacity
@@ -117,10 +122,14 @@ class RingReader(_Ring):
 
     def __init__(self, fd: int) -> None:
         super().__init__(fd)
-        self._sequence = 0
+        self._sequence: int | None = None  # of the next record; a later reader takes it from there
 
     def read(self, limit: int = 1 << 30) -> Iterator[RingRecord]:
-        """Yield what waits, at most `limit` records; a yielded record is consumed."""
+        """Yield what waits, at most `limit` records.
+
+        A record counts as read when the consumer comes back for more, or stops: what a reader was
+        at when it was killed is there for the next one.
+        """
         header, data, capacity = self._header, self._data, self._capacity
         for _ in range(limit):
             position = header[_READ]
@@ -134,11 +143,14 @@ class RingReader(_Ring):
                     return
                 offset = 0
                 length, kind, sequence, crc = _RECORD.unpack_from(data, 0)
-            if sequence != self._sequence & 0xFFFFFFFF or length > capacity:
+            expected = sequence if self._sequence is None else self._sequence & 0xFFFFFFFF
+            if sequence != expected or length > capacity:
                 return
             payload = bytes(data[offset + _RECORD.size : offset + _RECORD.size + length])
             if zlib.crc32(payload) != crc:
                 return
-            self._sequence += 1
-            header[_READ] = position + ((_RECORD.size + length + ALIGN - 1) & -ALIGN)
-            yield RingRecord(kind, payload)
+            try:
+                yield RingRecord(kind, payload)
+            finally:
+                self._sequence = sequence + 1
+                header[_READ] = position + ((_RECORD.size + length + ALIGN - 1) & -ALIGN)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pickle
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import IntEnum
 from typing import Any
 
 from fsw.commands import BatchRequest, Command, JobReport, Reply
-from fsw.config import Config
 from fsw.drivers.wire import ByteChunk, CanFrame
-from fsw.messages import Block, Estimate, Event
+from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.recording import pack_frame, unpack_frame
 from fsw.ring import RingReader, RingRecord, RingWriter
 from fsw.sinks import Record, Sink
@@ -25,7 +25,6 @@ _STAMPED = struct.Struct("<qI")  # stamp [ns], length
 class Kind(IntEnum):
     """What a ring record is."""
 
-    CONFIG = 1
     CAN = 2
     SERIAL = 3
     BLOCK = 4
@@ -37,6 +36,8 @@ class Kind(IntEnum):
     JOB_SUBMIT = 10
     JOB_ABORT = 11
     END = 12
+    CHECKPOINT = 13
+    RESTORED = 14
     SCIENCE = 15
     COMMAND = 20  # service to loop
     JOB_REPORT = 21
@@ -79,10 +80,6 @@ class RingSink:
     def __init__(self, ring: RingWriter) -> None:
         self._ring = ring
 
-    def config(self, config: Config) -> None:
-        """Hand over the configuration; the first record."""
-        self._push(Kind.CONFIG, config)
-
     def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """Pass frames."""
         self._ring.push(Kind.CAN, pack_can(bus, frames))
@@ -120,6 +117,14 @@ class RingSink:
         """Pass a reply."""
         self._push(Kind.REPLY, reply)
 
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Pass the state without its blocks: the service has seen them."""
+        self._push(Kind.CHECKPOINT, replace(snapshot, blocks=()))
+
+    def restored(self, sequence: int) -> None:
+        """Pass the number of the checkpoint."""
+        self._push(Kind.RESTORED, sequence)
+
     def close(self) -> None:
         """Say that nothing more will come."""
         self._push(Kind.END, None)
@@ -150,6 +155,10 @@ def deliver(record: RingRecord, sink: Sink) -> None:
         sink.science(_TIME.unpack_from(payload)[0], payload[_TIME.size :])
     elif kind == Kind.COMMAND_APPLIED:
         sink.command(*pickle.loads(payload))
+    elif kind == Kind.CHECKPOINT:
+        sink.checkpoint(pickle.loads(payload))
+    elif kind == Kind.RESTORED:
+        sink.restored(pickle.loads(payload))
     elif kind == Kind.REPLY:
         sink.reply(pickle.loads(payload))
 

@@ -16,15 +16,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fsw.blockstore import BlockWriter
+from fsw.blockstore import BlockWriter, read_blocks
+from fsw.checkpoint_keeper import CheckpointKeeper
 from fsw.clock import Clock, MonotonicClock
 from fsw.commands import BatchRequest, Command, JobReport, Reply
 from fsw.config import Config
 from fsw.control import SOCKET_NAME, ControlServer
 from fsw.errors import PortError
 from fsw.job_process import JobProcess
-from fsw.messages import Block, Event
-from fsw.recorder import RecorderSink, event_values, next_path, open_recording
+from fsw.messages import Block, Event, Snapshot
+from fsw.recorder import CHECKPOINT, Parts, RecorderSink, event_values
 from fsw.ring import RingReader, RingWriter
 from fsw.ringlink import Kind, deliver, load
 from fsw.sinks import NullSink, Record
@@ -39,16 +40,23 @@ NICE = 10
 class Service(NullSink):
     """Everything that touches files and sockets."""
 
-    def __init__(self, config: Config, clock: Clock, down: RingReader, up: RingWriter) -> None:
-        self._config, self._clock = config, clock
+    def __init__(
+        self, config: Config, clock: Clock, down: RingReader, up: RingWriter, *, resume: bool
+    ) -> None:
+        """`resume`: go on where a service process of the same loop has died."""
+        self._config, self._clock, self._resume = config, clock, resume
         self._down, self._up = down, up
         self._directory = config.resolve(config.service.state_directory)
         self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
         self._event_count = 0
         self._recorder: RecorderSink | None = None
-        self._recording: Path | None = None
-        self._blocks = BlockWriter(self._directory / BLOCKS_NAME)
+        blocks = self._directory / BLOCKS_NAME
+        self._keeper = CheckpointKeeper(config, self._directory, self._report)
+        if resume:
+            for block in read_blocks(blocks):
+                self._keeper.block(block)
+        self._blocks = BlockWriter(blocks, keep=resume)
         self._blocks_failed = False
         self._control: ControlServer | None = None
         self._jobs = JobProcess(config, self._directory / BLOCKS_NAME)
@@ -58,18 +66,28 @@ class Service(NullSink):
         """Open files and socket; what cannot be opened is an event."""
         directory = self._config.recorder.directory
         if directory is not None:
-            try:
-                path = next_path(self._config.resolve(directory))
-                self._recorder = RecorderSink(open_recording(self._config, path), self._report)
-                self._recording = path
-            except OSError as error:
-                self._report("high", "RECORDER_FAILED", f"{directory}: {error.strerror or error}")
+            self._recorder = self._open_recorder(self._config.resolve(directory))
         try:
             self._control = ControlServer(
                 self._directory / SOCKET_NAME, lambda: self._status, self._forward
             )
         except PortError as error:
             self._report("high", "CONTROL_FAILED", str(error))
+
+    def _open_recorder(self, directory: Path) -> RecorderSink:
+        parts, settings = Parts(self._config, directory, resume=self._resume), self._config.recorder
+        writer = None
+        try:
+            writer = parts.open()
+        except OSError as error:
+            self._report("high", "RECORDER_FAILED", f"{directory}: {error.strerror or error}")
+        return RecorderSink(
+            writer,
+            self._report,
+            parts=parts.open,
+            part_bytes=settings.part_bytes,
+            part_s=settings.part_s,
+        )
 
     def cycle(self) -> bool:
         """Take what the ring holds, serve clients, follow the worker; False at the loop's end."""
@@ -109,7 +127,8 @@ class Service(NullSink):
         self._write_status(running=False)
 
     def block(self, block: Block) -> None:
-        """Store a block for batch jobs."""
+        """Store a block for batch jobs and for checkpoints."""
+        self._keeper.block(block)
         if self._blocks_failed:
             return
         try:
@@ -117,6 +136,16 @@ class Service(NullSink):
         except OSError as error:
             self._blocks_failed = True
             self._report("medium", "BLOCKS_FAILED", str(error))
+
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Write the estimator's state."""
+        self._keeper.write(snapshot)
+
+    def restored(self, sequence: int) -> None:
+        """Put what this run went on from into its recording."""
+        data = self._keeper.adopt(sequence)
+        if data is not None and self._recorder is not None:
+            self._recorder.attach(CHECKPOINT, data)
 
     def event(self, event: Event) -> None:
         """Append to the event log."""
@@ -134,6 +163,7 @@ class Service(NullSink):
         """Keep and publish the newest summary."""
         self._status = status
         if self._recorder is not None:
+            self._recorder.dropped = self._down.dropped
             self._recorder.sync()
         self._write_status(running=True)
 
@@ -143,12 +173,18 @@ class Service(NullSink):
             self._control.reply(reply)
 
     def _write_status(self, *, running: bool) -> None:
+        path = self._recorder.path if self._recorder is not None else None
         recorder: Mapping[str, Any] = {
-            "path": str(self._recording) if self._recording is not None else None,
+            "path": str(path) if path is not None else None,
             "failed_messages": self._recorder.lost if self._recorder is not None else 0,
             "dropped": self._down.dropped,
         }
-        extra = {"running": running, "recorder": recorder, "events": self._event_count}
+        extra = {
+            "running": running,
+            "recorder": recorder,
+            "checkpoint": self._keeper.summary(),
+            "events": self._event_count,
+        }
         self._status = {**self._status, **extra}
         path = self._directory / "status.json"
         temporary = path.with_suffix(".tmp")
@@ -186,18 +222,8 @@ class Service(NullSink):
             self._recorder.event(event)
 
 
-def serve(down: RingReader, up: RingWriter, parent: int, clock: Clock) -> int:
+def serve(service: Service, down: RingReader, parent: int, clock: Clock) -> int:
     """Serve one loop process to its end; return the exit code."""
-    config: Config | None = None
-    while config is None:
-        record = next(down.read(1), None)
-        if record is not None and record.kind == Kind.CONFIG:
-            config = load(record)
-        elif os.getppid() != parent:
-            return 1
-        else:
-            clock.sleep_until_ns(clock.now_ns() + round(POLL_S * 1e9))
-    service = Service(config, clock, down, up)
     service.open()
     while service.cycle():
         if os.getppid() != parent and not down.used_bytes:
@@ -212,12 +238,20 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="fsw.service", description=__doc__)
     parser.add_argument("--down", type=int, required=True, help="descriptor of the loop's ring")
     parser.add_argument("--up", type=int, required=True, help="descriptor of the ring to the loop")
+    parser.add_argument("--config", type=int, required=True, help="descriptor of the configuration")
+    parser.add_argument("--resume", action="store_true", help="take over from one that has died")
     arguments = parser.parse_args(argv)
     parent = os.getppid()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
     os.nice(NICE)
-    return serve(RingReader(arguments.down), RingWriter(arguments.up), parent, MonotonicClock())
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # not where the loop is pinned
+    with os.fdopen(arguments.config, "rb", closefd=False) as file:
+        file.seek(0)
+        config: Config = pickle.load(file)
+    clock, down = MonotonicClock(), RingReader(arguments.down)
+    up = RingWriter(arguments.up)
+    return serve(Service(config, clock, down, up, resume=arguments.resume), down, parent, clock)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from fsw.commands import Reply
 from fsw.drivers.wire import ByteChunk, CanFrame
-from fsw.messages import Block, Estimate, Event
+from fsw.messages import Block, Estimate, Event, Snapshot
 
 Record = Mapping[str, Any]  # plain JSON values only
 
@@ -51,6 +51,14 @@ class Sink(Protocol):
         """Take the answer to a command."""
         ...
 
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Take the estimator's state to be kept over a restart."""
+        ...
+
+    def restored(self, sequence: int) -> None:
+        """Take the number of the checkpoint this run continues from."""
+        ...
+
     def close(self) -> None:
         """Nothing more will come."""
         ...
@@ -84,6 +92,12 @@ class NullSink:
         """Drop."""
 
     def reply(self, reply: Reply) -> None:
+        """Drop."""
+
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Drop."""
+
+    def restored(self, sequence: int) -> None:
         """Drop."""
 
     def close(self) -> None:
@@ -140,6 +154,16 @@ class Fanout:
         """Pass on."""
         for sink in self._sinks:
             sink.reply(reply)
+
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Pass on."""
+        for sink in self._sinks:
+            sink.checkpoint(snapshot)
+
+    def restored(self, sequence: int) -> None:
+        """Pass on."""
+        for sink in self._sinks:
+            sink.restored(sequence)
 
     def close(self) -> None:
         """Close all."""

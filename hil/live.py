@@ -63,7 +63,7 @@ def run(config: Path, plant_file: Path, total_s: float, meter: Meter) -> Outcome
     began_s = time.monotonic()
     with _process("plant", ["-m", "hil.plant", str(plant_file)], folder) as plant:
         _wait_ready(plant, folder)
-        with _process("daemon", ["-m", "fsw", "run", str(config)], folder) as daemon:
+        with _process("daemon", ["-m", "fsw", "run", "--cold", str(config)], folder) as daemon:
             _watch(plant, daemon, state, total_s, meter, folder)
             exit_code = _stop(daemon, "daemon")
         _stop(plant, "plant")

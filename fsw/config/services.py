@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from fsw.config.base import Positive, Section
+from fsw.config.base import NonNegative, Positive, Section
 
 
 class RecorderConfig(Section):
@@ -16,6 +16,8 @@ class RecorderConfig(Section):
     directory: Path | None = None
     compression: Literal["zstd", "lz4", "none"] = "zstd"
     chunk_bytes: int = Field(default=65536, ge=4096)
+    part_bytes: int | None = Field(default=1 << 30, ge=65536)  # a recording goes on in a new file
+    part_s: Positive | None = 3600.0
 
 
 class ServiceConfig(Section):
@@ -23,3 +25,5 @@ class ServiceConfig(Section):
 
     state_directory: Path
     status_rate_hz: Positive = 5.0
+    checkpoint_period_s: Positive | None = 10.0  # null: none are made, none is read
+    checkpoint_hold_s: NonNegative = 60.0  # biases are taken for the same so long after

@@ -31,8 +31,14 @@ from fsw.estimators.mrnea import base_acceleration, covariance_root, field
 from fsw.estimators.outcome import outcome
 from fsw.estimators.plausible import plausible
 from fsw.estimators.problem import Problem, present
+from fsw.estimators.snapshot import Values, check_fit, kept, put
 from fsw.messages import Block, Estimate, FloatArray
 
+_STATE = (
+    *("_x", "_covariance", "_bias", "_solved", "_blocks", "_gated", "_ignored"),
+    *("_after", "_span_ns", "_q_rad"),
+)
+_SUMS = ("F", "C", "T", "expected")
 FLAT_PRIOR = 1e2  # factor on the bodies' prior sigma: the regression has hardly a prior
 
 
@@ -237,6 +243,25 @@ class BiasCompensatedEstimator:
         EstimatorError always.
         """
         raise EstimatorError("the bias-compensated regression adopts no batch result")
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Return no block: only sums are kept."""
+        return ()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the whole state as plain values."""
+        return kept(self, _STATE) | {
+            "kind": "bias_compensated",
+            "names": list(self._problem.names),
+            "sums": kept(self._sums, _SUMS),
+        }
+
+    def restore(self, values: Values, _blocks: Mapping[int, Block]) -> None:
+        """Continue from a snapshot. Raises EstimatorError if it is of another problem."""
+        check_fit(self._problem, "bias_compensated", values)
+        put(self, _STATE, values)
+        self._sums = CompensatedSums(**values["sums"])
 
     def push(self, block: Block) -> Estimate:
         """Fold in one block and return the estimate after it."""

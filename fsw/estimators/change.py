@@ -10,15 +10,18 @@ Source: Page, Biometrika 41 (1954); Basseville, Nikiforov, Detection of Abrupt C
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
 
+from fsw.estimators.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 
 EXCESS_LIMIT = 6.0  # most standard deviations of NIS that one block counts
 DRIFT = 1.0  # standard deviations taken off per block
 THRESHOLD = 12.0  # 1e-10 alarms per block for Gaussian excess (exp(-2 DRIFT THRESHOLD))
+_STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
 LEVEL_SIGMAS = 5.0  # how far above one a noise level must stand out to be believed
 
 
@@ -47,6 +50,14 @@ class InnovationMonitor:
         self._previous: FloatArray | None = None
         self._lag = np.zeros(2)  # sum of products of successive innovations; of their squares
         self._pairs = 0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the state as plain values."""
+        return kept(self, _STATE)
+
+    def restore(self, values: Values) -> None:
+        """Continue from a snapshot."""
+        put(self, _STATE, values)
 
     def restart(self) -> None:
         """Forget a run of excesses; noise level and whiteness are the sensors' and stay."""

@@ -10,29 +10,50 @@ the retired information, the stored rows and a pass under way alike; the prior i
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from fsw.errors import EstimatorError
 from fsw.estimators.impulse import Impulse
 from fsw.estimators.mrnea import Rows
+from fsw.estimators.snapshot import (
+    Values,
+    from_impulse,
+    from_information,
+    kept,
+    put,
+    to_impulse,
+    to_information,
+)
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 
 # rows of a block at a state, given the momentum gained before it; None: not usable there
 SafeRows = Callable[[Block, FloatArray, Impulse | None], Rows | None]
+_COUNTS = ("passes", "failed", "rows", "_visited", "_total", "_failures", "at")
+_INFORMATION = ("prior", "data", "_retired", "_pass")
+_IMPULSES = ("gained", "_gained_retired", "_gained_in_pass")
 
 
 @dataclass(slots=True, eq=False)
 class _Stored:
-    """A block with its newest whitened rows, as weight (A x = c), and the momentum after it."""
+    """A block with its newest whitened rows, as weight (A x = c), and the momentum after it.
+
+    `at` and `before` are what the rows were made from: after a restart they are made again when
+    they are needed.
+    """
 
     block: Block
     A: FloatArray
     c: FloatArray
+    at: FloatArray
+    before: Impulse | None
     after: Impulse | None
     weight: float = 1.0
+    made: bool = True
 
     def into(self, information: SquareRootInformation) -> SquareRootInformation:
         return information.update(self.weight * self.A, self.weight * self.c)
@@ -67,6 +88,8 @@ class Memory:
         self.prior = prior
         self.data = self._retired = start
         self._store: deque[_Stored] = deque()
+        self._unmade: deque[_Stored] = deque()  # restored, their rows not made again yet
+        self._rows_of: SafeRows | None = None
         self._pass: SquareRootInformation | None = None
         self._visited = self._total = self._failures = 0
         self.gained: Impulse | None = None
@@ -104,7 +127,7 @@ class Memory:
     def add(self, block: Block, rows: Rows, at: FloatArray, *, keep: bool) -> None:
         """Fold in the whitened rows of a block at a state, and keep it for passes if told so."""
         c = rows.b + rows.A @ at
-        stored = _Stored(block, rows.A, c, rows.after)
+        stored = _Stored(block, rows.A, c, at, self.gained, rows.after)
         self.gained = rows.after
         self.rows += len(c)
         self.data = stored.into(self.data)
@@ -136,10 +159,11 @@ class Memory:
             if new is None:
                 self._failures += 1
             else:
-                stored.A, stored.c = new.A, new.b + new.A @ self.at
+                stored.A, stored.c, stored.made = new.A, new.b + new.A @ self.at, True
+                stored.at, stored.before = self.at, self._gained_in_pass
                 stored.after = new.after
             self._gained_in_pass = stored.after
-            self._pass = stored.into(self._pass)
+            self._pass = self._with_rows(stored).into(self._pass)
             self._visited += 1
             if self._visited < self._total:
                 return False
@@ -151,9 +175,78 @@ class Memory:
         self._combine()
         return True
 
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Return the stored blocks, oldest first."""
+        return tuple(stored.block for stored in self._store)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return everything but the blocks themselves, which it names by their index."""
+        store = self._store
+        values = kept(self, _COUNTS)
+        values |= {name.lstrip("_"): from_information(getattr(self, name)) for name in _INFORMATION}
+        values |= {name.lstrip("_"): from_impulse(getattr(self, name)) for name in _IMPULSES}
+        return values | {
+            "blocks": [stored.block.index for stored in store],
+            "points": np.array([stored.at for stored in store]),
+            "weights": np.array([stored.weight for stored in store]),
+            "before": [from_impulse(stored.before) for stored in store],
+            "after": [from_impulse(stored.after) for stored in store],
+        }
+
+    def restore(self, values: Values, blocks: Mapping[int, Block], rows: SafeRows) -> None:
+        """Continue from a snapshot; `rows` makes the stored rows again, one by one when needed.
+
+        Raises
+        ------
+        EstimatorError if a block is missing; this memory is unchanged then.
+        """
+        missing = [index for index in values["blocks"] if index not in blocks]
+        if missing:
+            raise EstimatorError(f"block {missing[0]} of the state is missing")
+        p = len(values["at"])
+        store: deque[_Stored] = deque()
+        columns = [values[name] for name in ("blocks", "points", "weights", "before", "after")]
+        for index, at, weight, before, after in zip(*columns, strict=True):
+            store.append(
+                _Stored(
+                    blocks[index],
+                    np.zeros((0, p)),
+                    np.zeros(0),
+                    at,
+                    to_impulse(before),
+                    to_impulse(after),
+                    float(weight),
+                    made=False,
+                )
+            )
+        put(self, _COUNTS, values)
+        for name in _INFORMATION:
+            held = values[name.lstrip("_")]
+            setattr(self, name, None if held is None else to_information(held))
+        for name in _IMPULSES:
+            setattr(self, name, to_impulse(values[name.lstrip("_")]))
+        self._store = store
+        self._unmade = deque(reversed(store))
+        self._rows_of = rows
+        self._combine()
+
+    def make_one(self) -> None:
+        """Make the rows of one restored block, the newest first."""
+        if self._unmade:
+            self._with_rows(self._unmade.popleft())
+
+    def _with_rows(self, stored: _Stored) -> _Stored:
+        if not stored.made and self._rows_of is not None:
+            made = self._rows_of(stored.block, stored.at, stored.before)
+            if made is not None:
+                stored.A, stored.c = made.A, made.b + made.A @ stored.at
+            stored.made = True
+        return stored
+
     def residual_levels(self, x: FloatArray, newest: int) -> tuple[FloatArray, int]:
         """Return squared whitened residuals over rows of the newest blocks, and rows per block."""
-        recent = list(self._store)[-newest:]
+        recent = [self._with_rows(stored) for stored in list(self._store)[-newest:]]
         levels = [float(np.mean((s.c - s.A @ x) ** 2)) for s in recent if len(s.c)]
         return np.array(levels), len(recent[-1].c) if recent else 0
 
@@ -165,7 +258,7 @@ class Memory:
         self.information = _joined(self.prior, self.data, 1.0)
 
     def _retire(self) -> None:
-        oldest = self._store.popleft()
+        oldest = self._with_rows(self._store.popleft())
         self._retired = oldest.into(self._retired)
         self._gained_retired = oldest.after
         if self._pass is not None:

@@ -31,6 +31,7 @@ from fsw.estimators.pacing import SETTLED, Pacing
 from fsw.estimators.plausible import plausible
 from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.row_functions import RowsFunction, row_function
+from fsw.estimators.snapshot import Values, check_fit, kept, put, to_information
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, Estimate, FloatArray
 
@@ -40,6 +41,12 @@ MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's no
 FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
 ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
 EVENT_LIMIT = 64
+
+_STATE = (
+    *("_changes", "_blocks", "_gated", "_ignored", "_q_rad", "_after", "_span_ns"),
+    *("_start_mean", "_start_covariance", "_x", "_since", "_armed", "_conflict", "_check_due"),
+    *("_due", "_rss"),
+)
 
 EventWords = tuple[str, str, str]  # severity, code, text
 
@@ -122,6 +129,37 @@ class OnlineEstimator:
         self._blocks = self._since = self._after - int(result["first_block"]) + 1
         self._pacing.settled = True
 
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Return the blocks a snapshot refers to, oldest first."""
+        return self._store.blocks
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the whole state as plain values; stored blocks by their index."""
+        return kept(self, _STATE) | {
+            "kind": "online",
+            "names": list(self._problem.names),
+            "monitor": self._monitor.snapshot(),
+            "pacing": self._pacing.snapshot(),
+            "memory": self._store.snapshot(),
+        }
+
+    def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
+        """Continue from a snapshot as if nothing had happened since.
+
+        Raises
+        ------
+        EstimatorError if it is of another problem or a block is missing; nothing has changed then.
+        """
+        check_fit(self._problem, "online", values)
+        prior = to_information(values["memory"]["prior"])
+        store = Memory(prior, self._settings.store_blocks)
+        store.restore(values["memory"], blocks, self._usable_rows)
+        self._store = store
+        put(self, _STATE, values)
+        self._monitor.restore(values["monitor"])
+        self._pacing.restore(values["pacing"])
+
     def push(self, block: Block) -> Estimate:
         """Fold in one block and return the estimate after it.
 
@@ -142,6 +180,7 @@ class OnlineEstimator:
     def work(self) -> bool:
         """Re-linearise at most one stored block; True while more is due before the next block."""
         if self._due <= 0 or not len(self._store):
+            self._store.make_one()
             return False
         if self._check_due:
             self._check_prior()

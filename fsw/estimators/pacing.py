@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from fsw.estimators.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 
 SETTLED = 0.02  # whitened rms step by re-linearising alone below which the estimate has settled
 WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
 FAR = 0.5  # whitened rms distance from the last point at which a pass is made anyway
 LEAST_PULL = 1 / 16
+_STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull")
 
 
 class Pacing:
@@ -56,3 +60,11 @@ class Pacing:
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
         self._last_step = step
         self.settled = step < SETTLED and failed == 0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the state as plain values."""
+        return kept(self, _STATE)
+
+    def restore(self, values: Values) -> None:
+        """Continue from a snapshot."""
+        put(self, _STATE, values)

@@ -87,6 +87,7 @@ class Aligner:
         self._acc = channel(3, config.imu.rate_hz)
         self._attitude = channel(4, config.star_tracker.rate_hz if config.star_tracker else 1.0)
         self._t0_ns: int | None = None
+        self._grid_ns: int | None = None  # of a run before, to be continued
         self._next = 0
         self._waiting: list[Sample] = []
         self.late: dict[str, int] = dict.fromkeys([*self._joint_names, "imu", "star_tracker"], 0)
@@ -109,11 +110,26 @@ class Aligner:
         """Receive stamp after which the next window takes nothing more; None before the start."""
         return None if self._t0_ns is None else self._deadline(self._next)
 
-    def start(self, t0_ns: int) -> None:
-        """Fix the grid of windows; samples pushed before are sorted in."""
+    @property
+    def grid_ns(self) -> int | None:
+        """Start of window 0 [ns]; None before the start."""
+        return self._t0_ns if self._t0_ns is not None else self._grid_ns
+
+    def resume(self, grid_ns: int) -> None:
+        """Have the windows lie on the grid of a run before; it must lie in the past."""
+        self._grid_ns = grid_ns
+
+    def start(self, first_ns: int) -> None:
+        """Fix the grid of windows at the first SYNC; samples pushed before are sorted in.
+
+        A resumed grid stays as it is; its next window is the first that begins after the SYNC.
+        """
         if self._t0_ns is not None:
             raise ValueError(f"already started at {self._t0_ns} ns")
-        self._t0_ns = t0_ns
+        self._t0_ns = first_ns
+        if self._grid_ns is not None:
+            self._t0_ns = self._grid_ns
+            self._next = -((self._grid_ns - first_ns) // self._window_ns)
         waiting, self._waiting = self._waiting, []
         for sample in waiting:
             self.push(sample)

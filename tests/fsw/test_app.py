@@ -7,11 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
+from fsw import service_process
+from fsw.checkpoint import decode
+from fsw.clock import MonotonicClock
 from fsw.control import control
+from fsw.errors import PortError
 from fsw.recording import contents, messages, unpack_frame
+from fsw.recording_parts import messages_of, parts_of
 from tests.conftest import ArmProject
 
 RUN = "import sys; from pathlib import Path; from fsw.app import run_live; " + (
@@ -29,11 +36,30 @@ class Run:
         self.terminals = [fd for _ in range(2) for fd in pty.openpty()]
         arm.data["imu"]["port"] = os.ttyname(self.terminals[1])
         arm.data["star_tracker"]["port"] = os.ttyname(self.terminals[3])
-        path = arm.write()
+        arm.data["service"]["checkpoint_period_s"] = 0.5
+        self.path = arm.write()
+        self.start(self.path)
+
+    def start(self, path: Path) -> None:
         self.process = subprocess.Popen(
             [sys.executable, "-c", RUN, str(path)],
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
         )
+
+    def wait_event(self, code: str) -> dict:
+        """The first event with the code."""
+        began = time.monotonic()
+        while time.monotonic() - began < PATIENCE_S:
+            for event in self.events():
+                if event["code"] == code:
+                    return event
+            time.sleep(0.05)
+        raise TimeoutError(code)
+
+    def events(self) -> list[dict]:
+        path = self.state / "events.jsonl"
+        lines = path.read_text().splitlines() if path.exists() else []
+        return [json.loads(line) for line in lines]
 
     def wait_status(self, running: bool) -> dict:
         """The first status file that says so."""
@@ -88,6 +114,63 @@ def test_when_the_loop_is_killed_the_service_closes_the_recording(run: Run):
     assert not contents(run.recording).truncated
     events = (run.state / "events.jsonl").read_text()
     assert "LOOP_LOST" in events
+
+
+def children(pid: int) -> list[int]:
+    """Processes started by a process."""
+    return [int(text) for text in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    began = time.monotonic()
+    while not condition():
+        if time.monotonic() - began > PATIENCE_S:
+            raise TimeoutError(condition)
+        time.sleep(0.02)
+
+
+def test_a_killed_daemon_goes_on_from_its_checkpoint(run: Run):
+    run.wait_status(running=True)
+    wait_for((run.state / "checkpoint.1").exists)
+    run.process.kill()
+    run.process.wait()
+    run.start(run.path)
+    event = run.wait_event("STATE_RESTORED")
+    assert "all of it" in event["text"]
+    wait_for(lambda: run.recording.with_name("recording_0002.mcap").exists())
+    run.wait_status(running=True)
+    assert control(run.state, {"command": "restore_state"})["code"] == "ACCEPTED"
+    assert control(run.state, {"command": "save_state"})["code"] == "ACCEPTED"
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    held = contents(run.recording.with_name("recording_0002.mcap"))
+    assert "checkpoint.bin" in held.attachments
+    assert decode(held.attachments["checkpoint.bin"]).snapshot.state["kind"] == "online"
+
+
+def test_a_killed_service_is_started_again_and_nothing_flushed_is_lost(run: Run):
+    before = run.wait_status(running=True)
+    (service,) = children(run.process.pid)
+    os.kill(service, signal.SIGKILL)
+    run.wait_event("SERVICE_LOST")
+    wait_for(lambda: run.wait_status(running=True)["ticks"] > before["ticks"] + 1000)
+    assert control(run.state, {"command": "status"})["accepted"]
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    parts = parts_of(run.recording)
+    assert len(parts) == 2
+    assert not contents(parts[1]).truncated
+    frames = [unpack_frame(r.t_ns, r.data) for r in messages_of(parts, ["/can/arm"])]
+    counters = [f.data[0] for f in frames if f is not None and f.can_id == 0x080]
+    breaks = [k for k, c in enumerate(counters[1:]) if c != counters[k] % 240 + 1]
+    assert len(breaks) <= 1  # the chunk that was not flushed
+
+
+def test_a_second_daemon_on_the_same_state_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch):
+    run.wait_status(running=True)
+    monkeypatch.setattr(service_process, "LOCK_WAIT_NS", 0)
+    with pytest.raises(PortError, match="another daemon"):
+        service_process.lock_state(run.state, MonotonicClock())
 
 
 def test_the_command_stop_ends_the_daemon(run: Run):

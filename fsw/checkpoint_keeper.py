@@ -1,0 +1,83 @@
+"""The service's part in checkpoints: joins a state and the blocks it refers to, and writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fsw.checkpoint_store import CheckpointStore, identity_of
+from fsw.config import Config
+from fsw.messages import Block, Snapshot
+
+
+class CheckpointKeeper:
+    """Keeps the blocks a state may refer to, and writes every state that comes.
+
+    Parameters
+    ----------
+    report : told when writing fails, once until it succeeds again: severity, code, text
+    """
+
+    def __init__(
+        self, config: Config, directory: Path, report: Callable[[str, str, str], None]
+    ) -> None:
+        self._report = report
+        self._blocks: dict[int, Block] = {}
+        self._store: CheckpointStore | None = None
+        self._written = self._failed = self._bytes = 0
+        self._told = False
+        if config.service.checkpoint_period_s is None:
+            return
+        try:
+            self._store = CheckpointStore(directory, identity_of(config))
+        except OSError as error:
+            self._fail(f"{config.robot.urdf}: {error.strerror or error}")
+
+    def block(self, block: Block) -> None:
+        """Keep a block until a state no longer refers to it."""
+        if self._store is not None:
+            self._blocks[block.index] = block
+
+    def adopt(self, sequence: int) -> bytes | None:
+        """Take over the blocks of the checkpoint a run continues from; return its bytes."""
+        if self._store is None:
+            return None
+        data, checkpoint = self._store.find(sequence)
+        if checkpoint is not None:
+            for block in checkpoint.snapshot.blocks:
+                self._blocks.setdefault(block.index, block)
+        return data
+
+    def write(self, snapshot: Snapshot) -> None:
+        """Write a state with its blocks; one whose blocks were lost is left out."""
+        if self._store is None:
+            return
+        state = snapshot.state
+        wanted = list(state.get("memory", {}).get("blocks", ()))
+        newest = int(state.get("after", -1))
+        missing = [index for index in wanted if index not in self._blocks]
+        if missing:
+            self._fail(f"{len(missing)} blocks of the state did not come")
+            return
+        blocks = tuple(self._blocks[index] for index in wanted)
+        keep = set(wanted)
+        self._blocks = {i: b for i, b in self._blocks.items() if i in keep or i > newest}
+        try:
+            self._bytes = self._store.write(replace(snapshot, blocks=blocks))
+        except OSError as error:
+            self._fail(str(error.strerror or error))
+            return
+        self._written += 1
+        self._told = False
+
+    def summary(self) -> dict[str, Any]:
+        """Return counters as plain values."""
+        return {"written": self._written, "failed": self._failed, "bytes": self._bytes}
+
+    def _fail(self, why: str) -> None:
+        self._failed += 1
+        if not self._told:
+            self._told = True
+            self._report("medium", "CHECKPOINT_FAILED", why)

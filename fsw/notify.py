@@ -1,0 +1,28 @@
+"""What systemd is told: ready, stopping, and that the daemon is healthy. Source: sd_notify(3)."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Mapping
+
+
+class Notifier:
+    """Sends datagrams to NOTIFY_SOCKET; does nothing where there is none, and never waits."""
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        address = environment.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        self._socket: socket.socket | None = None
+        if address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+
+    def send(self, *lines: str) -> bool:
+        """Send assignments such as READY=1; False when nobody takes them."""
+        if self._socket is None:
+            return False
+        try:
+            self._socket.sendto("\n".join(lines).encode(), self._address)
+        except OSError:
+            return False
+        return True
