@@ -32,6 +32,7 @@ KEY_BYTES = 32
 BYPASS = 1 << 13  # type BD; version 0, control command 0 and spare 0 are the other bits' values
 VCID_MASK = 0xFC
 PACKET_HEADER_BYTES = 6
+PATIENCE_NS = 500_000_000  # for the rest of a frame
 TC_PACKET_MASK, TC_PACKET = 0xF8, 0x18  # version 0, type telecommand, secondary header
 _HEADER = struct.Struct(">HHB")
 
@@ -182,39 +183,57 @@ class FrameReceiver:
 class FrameSplitter:
     """Cuts a byte stream into frames; telecommand packets in clear are set apart.
 
-    Bounded: what could begin a frame or packet waits for at most 1 KiB. Anything else is skipped
-    byte by byte and counted, until something with a good CRC begins.
+    Bounded: what could begin a frame or packet waits for its rest, at most 1 KiB, and not longer
+    than the patience. Anything else is skipped byte by byte and counted, until something with a
+    good CRC begins.
     """
 
     def __init__(self, receiver: FrameReceiver) -> None:
         self._receiver = receiver
         self._buffer = bytearray()
+        self._last_ns = 0
+        self._in_sync = True
         self.skipped_bytes = 0
+        self.resyncs = 0  # times garbage began
 
-    def feed(self, chunk: bytes) -> list[Accepted | Rejected]:
+    def feed(self, chunk: bytes, now_ns: int = 0) -> list[Accepted | Rejected]:
         """Return what became of every frame and clear packet that ends in this chunk."""
         self._buffer += chunk
+        self._last_ns = now_ns
+        return self._cut()
+
+    def expire(self, now_ns: int) -> list[Accepted | Rejected]:
+        """Give up what has waited too long for its rest; return what was behind it."""
+        if not self._buffer or now_ns - self._last_ns < PATIENCE_NS:
+            return []
+        self._skip()
+        return self._cut()
+
+    def _cut(self) -> list[Accepted | Rejected]:
         outcomes: list[Accepted | Rejected] = []
-        at = 0
-        while len(self._buffer) - at >= PACKET_HEADER_BYTES:
-            head = bytes(self._buffer[at : at + PACKET_HEADER_BYTES])
+        while len(self._buffer) >= PACKET_HEADER_BYTES:
+            head = bytes(self._buffer[:PACKET_HEADER_BYTES])
             length = self._receiver.matches(head) or _clear_packet_bytes(head)
             if length is None:
-                at += 1
-                self.skipped_bytes += 1
+                self._skip()
                 continue
-            if len(self._buffer) - at < length:
+            if len(self._buffer) < length:
                 break
-            item = bytes(self._buffer[at : at + length])
+            item = bytes(self._buffer[:length])
             if not has_good_fecf(item):  # packets end in the same CRC
                 self._receiver.refuse(FrameReject.BAD_CRC)
-                at += 1
-                self.skipped_bytes += 1
+                self._skip()
                 continue
-            at += length
+            del self._buffer[:length]
+            self._in_sync = True
             outcomes.append(self._take(item))
-        del self._buffer[:at]
         return outcomes
+
+    def _skip(self) -> None:
+        del self._buffer[:1]
+        self.skipped_bytes += 1
+        self.resyncs += self._in_sync
+        self._in_sync = False
 
     def _take(self, item: bytes) -> Accepted | Rejected:
         if item[0] & TC_PACKET_MASK != TC_PACKET:

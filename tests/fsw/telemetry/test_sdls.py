@@ -180,6 +180,16 @@ def test_a_stream_with_rubbish_gives_every_frame_wherever_it_is_cut(tmp_path, se
     assert [item.number for item in outcomes if isinstance(item, Accepted)] == list(range(12))
 
 
+def test_what_only_looks_like_a_frame_does_not_hold_up_the_next_for_long(uplink, sender):
+    splitter = FrameSplitter(uplink)
+    longer = sender.frame(20 * PING, 0)[:5]
+    assert splitter.feed(longer + sender.frame(PING, 1), 0) == []
+    assert splitter.expire(499_999_999) == []
+    outcomes = splitter.expire(500_000_000)
+    assert [item.number for item in outcomes if isinstance(item, Accepted)] == [1]
+    assert (splitter.skipped_bytes, splitter.resyncs) == (5, 1)
+
+
 def test_a_telecommand_in_clear_is_refused_whole(uplink, sender):
     splitter = FrameSplitter(uplink)
     outcomes = splitter.feed(PING + sender.frame(PING, 0))

@@ -1,0 +1,166 @@
+"""Protocol units of file delivery: parsing, and what is refused before the library sees it.
+
+The library trusts offsets and requests: a request for 4 GB would be prepared in memory, a unit with
+a far offset would make a file of that size. Everything here is checked against limits first.
+"""
+
+from __future__ import annotations
+
+import struct
+
+from spacepackets.cfdp import ConditionCode, Direction, PduConfig, TransactionId
+from spacepackets.cfdp.defs import InvalidCrcError, UnsupportedCfdpVersionError
+from spacepackets.cfdp.pdu import (
+    AbstractFileDirectiveBase,
+    AckPdu,
+    DirectiveType,
+    EofPdu,
+    FileDataPdu,
+    MetadataParams,
+    MetadataPdu,
+    NakPdu,
+    TransactionStatus,
+)
+from spacepackets.cfdp.pdu.helper import GenericPduPacket, PduFactory, PduHolder
+from spacepackets.cfdp.tlv.defs import TlvTypeMissmatchError
+
+UNPARSABLE = (
+    ValueError,
+    IndexError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    AssertionError,
+    struct.error,
+    InvalidCrcError,
+    UnsupportedCfdpVersionError,
+    TlvTypeMissmatchError,
+)
+MAX_REQUESTED_BYTES = 1 << 20  # of one request for lost data; what is left is asked for again
+
+
+class UnitError(Exception):
+    """A unit that is not used."""
+
+
+def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
+    """Return the unit. Raises UnitError when it is none, or beyond the limits."""
+    try:
+        unit = PduFactory.from_raw(raw)
+        if unit is None:
+            raise UnitError("no known unit")
+        _read_all(unit)
+    except UNPARSABLE as error:
+        raise UnitError(str(error)) from error
+    if isinstance(unit, FileDataPdu):
+        size = unit.offset + len(unit.file_data)
+    else:
+        size = unit.file_size if isinstance(unit, EofPdu | MetadataPdu) else 0
+    if (size or 0) > max_file_bytes:
+        raise UnitError(f"a file of {size} bytes; at most {max_file_bytes}")
+    return unit
+
+
+def _read_all(unit: GenericPduPacket) -> None:
+    """Read what the library decodes only when it is asked for, so that it raises here."""
+    _ = unit.transaction_seq_num.value, unit.source_entity_id.value, unit.dest_entity_id.value
+    if isinstance(unit, MetadataPdu):
+        _ = unit.source_file_name, unit.dest_file_name, unit.checksum_type
+
+
+def packed(holder: PduHolder) -> bytes | None:
+    """Return a unit as bytes; None of one that has no form, an answer to a strange unit.
+
+    The library's own `pack` of a holder is deprecated.
+    """
+    try:
+        return bytes(holder.pdu.pack()) if holder.pdu is not None else None
+    except UNPARSABLE:
+        return None
+
+
+def is_for_sender(unit: GenericPduPacket) -> bool:
+    """Whether a unit answers something this end sends (CCSDS 727.0-B 4.5.3)."""
+    return bool(unit.direction == Direction.TOWARDS_SENDER)
+
+
+def transaction_of(unit: GenericPduPacket) -> tuple[int, int]:
+    """Return what a transaction is known by: its source and its number."""
+    return unit.source_entity_id.value, unit.transaction_seq_num.value
+
+
+def key_of(transaction: TransactionId) -> tuple[int, int]:
+    """Return the same of the library's own identifier."""
+    return transaction.source_id.value, transaction.seq_num.value
+
+
+def directive(unit: GenericPduPacket) -> DirectiveType | None:
+    """Return the kind of a directive; None of file data."""
+    return unit.directive_type if isinstance(unit, AbstractFileDirectiveBase) else None
+
+
+def renamed(unit: MetadataPdu, name: str) -> MetadataPdu:
+    """Return metadata that send the file to another name."""
+    params = MetadataParams(
+        closure_requested=unit.closure_requested,
+        checksum_type=unit.checksum_type,
+        file_size=unit.file_size,
+        source_file_name=unit.source_file_name,
+        dest_file_name=name,
+    )
+    return MetadataPdu(pdu_conf=unit.pdu_header.pdu_conf, params=params)
+
+
+def checked_request(unit: NakPdu, file_size: int) -> NakPdu:
+    """Return a request for lost data cut to what may be asked for at once.
+
+    Raises
+    ------
+    UnitError when it asks for what the file does not have.
+    """
+    left = MAX_REQUESTED_BYTES
+    taken: list[tuple[int, int]] = []
+    for start, end in unit.segment_requests:
+        if not 0 <= start <= end <= file_size:
+            raise UnitError(f"bytes {start} to {end} asked for; the file has {file_size}")
+        if (start, end) == (0, 0):
+            taken.append((0, 0))
+        elif left > 0:
+            size = min(end - start, left)
+            taken.append((start, start + size))
+            left -= size
+    conf = unit.pdu_header.pdu_conf
+    return NakPdu(conf, unit.start_of_scope, unit.end_of_scope, segment_requests=taken)
+
+
+def late_acknowledgement(unit: GenericPduPacket, condition: ConditionCode) -> AckPdu | None:
+    """Return the answer to a unit of a transaction that is over; None when it needs none.
+
+    Source: CCSDS 727.0-B 4.7.2.
+    """
+    kind = directive(unit)
+    if kind not in (DirectiveType.EOF_PDU, DirectiveType.FINISHED_PDU):
+        return None
+    return acknowledgement(unit, kind, condition, TransactionStatus.TERMINATED)
+
+
+def acknowledgement(
+    unit: GenericPduPacket,
+    kind: DirectiveType,
+    condition: ConditionCode,
+    status: TransactionStatus,
+) -> AckPdu:
+    """Return an acknowledgement within the transaction of a unit; it sets its own direction."""
+    return AckPdu(towards_sender(unit), kind, condition, status)
+
+
+def towards_sender(unit: GenericPduPacket) -> PduConfig:
+    """Return the header's settings for an answer to the sender of a unit's file."""
+    old = unit.pdu_header.pdu_conf
+    return PduConfig(
+        source_entity_id=old.source_entity_id,
+        dest_entity_id=old.dest_entity_id,
+        transaction_seq_num=old.transaction_seq_num,
+        trans_mode=old.trans_mode,
+        direction=Direction.TOWARDS_SENDER,
+    )
