@@ -20,7 +20,8 @@ from fsw.sinks import Sink
 
 COB_SYNC = 0x080
 COB_HEARTBEAT = 0x700
-BOOT_UP = b"\x00"
+NODE_MASK = 0x07F
+NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
 
 Item = TypeVar("Item", CanFrame, ByteChunk)
@@ -60,21 +61,51 @@ class ChunkSource(Protocol):
         ...
 
 
+class Selector(Protocol):
+    """Chooses the active one of two redundant buses."""
+
+    active: int
+    switches: int
+
+    @property
+    def name(self) -> str:
+        """What the active bus is called."""
+        ...
+
+    def hear(self, t_ns: int) -> None:
+        """Take note of a frame of a configured node on the active bus."""
+        ...
+
+    def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:
+        """Switch when that is due; return why, or nothing."""
+        ...
+
+
 class BusInput:
-    """One CAN bus: SYNC and NMT out, frames in."""
+    """One CAN bus, or a redundant pair of which one is active: SYNC and NMT out, frames in."""
 
     def __init__(
         self,
         name: str,
         nodes: Mapping[int, tuple[int, bytes]],
-        link: Link[FramePort],
+        links: Sequence[Link[FramePort]],
         source: FrameSource,
         clock: Clock,
+        heartbeat: tuple[int, bytes],
+        selector: Selector | None = None,
     ) -> None:
-        """`nodes` maps each configured node to its NMT start frame; empty: nothing is sent."""
+        """Nothing is opened.
+
+        Parameters
+        ----------
+        nodes : NMT start frame of each configured node; empty: nothing is sent
+        links : the bus, or nominal and redundant bus with a `selector` between them
+        """
         self.name = name
-        self.link = link
+        self.links = tuple(links)
         self.source = source
+        self.selector = selector
+        self._heartbeat = heartbeat
         self._nodes = nodes
         self._clock = clock
         self._sent: list[tuple[int, CanFrame]] = []
@@ -85,6 +116,18 @@ class BusInput:
         self._told_ns = self._newest_ns
         self.pending: list[CanFrame] = []
 
+    @property
+    def link(self) -> Link[FramePort]:
+        """The active bus."""
+        return self.links[0 if self.selector is None else self.selector.active]
+
+    def summary(self) -> dict[str, int | str]:
+        """Return the bus's own health as plain values."""
+        values: dict[str, int | str] = {"overflow": self.overflowed, "unsent": self.unsent}
+        if self.selector is not None:
+            values |= {"active": self.selector.name, "switches": self.selector.switches}
+        return values
+
     def start_nodes(self) -> None:
         """Send NMT start to every configured node. Raises PortError."""
         for can_id, data in self._nodes.values():
@@ -94,6 +137,33 @@ class BusInput:
         """Send the next SYNC. Raises PortError."""
         if self.link.up:
             self._send(*self.source.next_sync())
+
+    def send_heartbeat(self) -> None:
+        """Send the computer's heartbeat. Raises PortError."""
+        self._send(*self._heartbeat)
+
+    @property
+    def idle_links(self) -> tuple[Link[FramePort], ...]:
+        """The bus of the pair that is not active, if any."""
+        return tuple(link for link in self.links if link is not self.link)
+
+    @staticmethod
+    def drain_idle(link: Link[FramePort]) -> None:
+        """Forget what a bus that is not active holds. Raises PortError."""
+        if link.port is not None:
+            link.port.read()
+
+    def select(self, sink: Sink) -> bool:
+        """Change to the other bus when the active one is lost; True when that was done."""
+        if self.selector is None:
+            return False
+        now_ns = self._clock.now_ns()
+        before = self.link
+        reason = self.selector.poll(now_ns, (self.links[0].up, self.links[1].up))
+        if reason:
+            text = f"{before.name}: {reason}; {self.link.name} is active"
+            sink.event(Event(now_ns, "high", "BUS_SWITCHED", text))
+        return bool(reason)
 
     def drain(self, sink: Sink) -> None:
         """Read the port, put sent frames in their place, record. Raises PortError."""
@@ -108,8 +178,12 @@ class BusInput:
         self.pending += frames
         sink.can(self.name, frames)
         for frame in read:
-            node = frame.can_id - COB_HEARTBEAT
-            if frame.data == BOOT_UP and node in self._nodes:
+            node = frame.can_id & NODE_MASK
+            if node not in self._nodes or frame.is_error or frame.is_extended:
+                continue
+            if self.selector is not None:
+                self.selector.hear(frame.t_ns)
+            if frame.can_id == COB_HEARTBEAT + node and frame.data in NOT_STARTED:
                 self._send(*self._nodes[node])
 
     def first_sync_ns(self) -> int | None:
@@ -180,6 +254,7 @@ class LineInput:
     ) -> None:
         self.name = name
         self.link = link
+        self.links = (link,)
         self.source = source
         self._start_bytes = start_bytes
         self._fresh: list[ByteChunk] = []
@@ -226,20 +301,23 @@ class LinkKeeper:
         self._clock = clock
         self._sink = sink
 
-    def guard(self, member: BusInput | LineInput, action: Callable[[], None]) -> None:
-        """Run one port action; on PortError close the link and plan to open it again."""
+    def guard(self, link: Link[FramePort] | Link[BytePort], action: Callable[[], None]) -> None:
+        """Run one action on a port; on PortError close the link and plan to open it again."""
         try:
             action()
         except PortError as error:
             now_ns = self._clock.now_ns()
-            member.link.lose(now_ns)
-            text = f"{member.link.name} lost: {error}"
-            self._sink.event(Event(now_ns, "high", "PORT_LOST", text))
+            link.lose(now_ns)
+            self._sink.event(Event(now_ns, "high", "PORT_LOST", f"{link.name} lost: {error}"))
 
     def retry(self, member: BusInput | LineInput) -> None:
-        """Open a lost link again when its backoff is over, and start its devices."""
-        if member.link.up or not member.link.retry(self._clock.now_ns()):
-            return
-        text = f"{member.link.name} is back"
-        self._sink.event(Event(self._clock.now_ns(), "medium", "PORT_BACK", text))
-        self.guard(member, member.start_nodes if isinstance(member, BusInput) else member.start)
+        """Open lost links again when their backoff is over, and start their devices."""
+        for link in member.links:
+            if link.up or not link.retry(self._clock.now_ns()):
+                continue
+            text = f"{link.name} is back"
+            self._sink.event(Event(self._clock.now_ns(), "medium", "PORT_BACK", text))
+            if isinstance(member, LineInput):
+                self.guard(link, member.start)
+            elif link is member.link:
+                self.guard(link, member.start_nodes)

@@ -13,7 +13,7 @@ from fsw import realtime
 from fsw.checkpoint_store import CheckpointStore, boot_id, identity_of
 from fsw.clock import Clock, MonotonicClock
 from fsw.config import Config
-from fsw.daemon import IMU, STAR_TRACKER, Daemon, Ports, build
+from fsw.daemon import IMU, SECOND, STAR_TRACKER, Daemon, Ports, build
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import PortError
 from fsw.messages import Event
@@ -52,9 +52,12 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
             sink.event(Event(clock.now_ns(), "high", "PORT_LOST", f"{name}: {error}"))
             return None
 
-    cans: dict[str, Callable[[], FramePort]] = {
-        bus.name: partial(open_can, bus, clock) for bus in config.buses
-    }
+    cans: dict[str, Callable[[], FramePort]] = {}
+    for bus in config.buses:
+        cans[bus.name] = partial(open_can, bus, clock)
+        second = bus.second()
+        if second is not None:
+            cans[bus.name + SECOND] = partial(open_can, second, clock)
     imu, tracker = config.imu, config.star_tracker
     lines: dict[str, Callable[[], BytePort]] = {
         IMU: partial(open_serial, imu.port, imu.baud_rate, clock)

@@ -14,7 +14,7 @@ from typing import Any
 from fsw.acquisition import BusInput, ChunkSource, LineInput, LinkKeeper
 from fsw.clock import Clock
 from fsw.commands import Command, JobPort
-from fsw.config import Config
+from fsw.config import BusConfig, Config
 from fsw.dispatch import Dispatcher, settle
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import CommandError, EstimatorError
@@ -32,6 +32,8 @@ from fsw.status import estimate_summary, source_samples, task_summary, time_valu
 
 IMU = "imu"
 STAR_TRACKER = "star_tracker"
+CAN = "can/"  # before the name of a bus's link
+SECOND = ".redundant"  # behind a bus's name: the other one of the pair
 FOREVER_NS = 1 << 62
 
 
@@ -147,7 +149,8 @@ class Daemon:
         self._report("info", "STOPPED", f"stopped after {self.executive.slips.ticks} ticks")
         self._sink.status(now_ns, self.status(now_ns))
         for member in self._members:
-            member.link.close()
+            for link in member.links:
+                link.close()
         self._sink.close()
         return self.latest
 
@@ -167,8 +170,8 @@ class Daemon:
             "work_us": time_values(slips.work),
             "tasks_us": task_summary(slips),
             "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in members},
-            "links": {m.name: {"up": m.link.up, "losses": m.link.losses} for m in members},
-            "buses": {b.name: {"overflow": b.overflowed, "unsent": b.unsent} for b in self._buses},
+            "links": self._link_summaries(),
+            "buses": {bus.name: bus.summary() for bus in self._buses},
             "late_joints": {joint.name: late[joint.name] for joint in self._config.joints},
             "windows": {
                 "closed": align.next_index,
@@ -184,19 +187,25 @@ class Daemon:
             "estimate": estimate_summary(self.latest),
         }
 
+    def _link_summaries(self) -> dict[str, dict[str, int]]:
+        summaries = {}
+        for member in self._members:
+            for link in member.links:
+                summaries[link.name.removeprefix(CAN)] = link.summary()
+        return summaries
+
     def _table(self) -> list[Task]:
         rate_hz = self._config.scheduler.tick_rate_hz
         rates = {bus.name: bus for bus in self._config.buses}
         table = [Task("start", 1, self._start)]
-        table += [
-            Task(
-                f"sync_{bus.name}",
-                round(rate_hz / rates[bus.name].rate_hz),
-                partial(self._sync, bus),
-            )
-            for bus in self._buses
-            if rates[bus.name].sync == "producer" and not self._passive
-        ]
+        for bus in [] if self._passive else self._buses:
+            config = rates[bus.name]
+            if config.heartbeat_s is not None:
+                divisor = max(1, round(rate_hz * config.heartbeat_s))
+                table.append(Task(f"heartbeat_{bus.name}", divisor, partial(self._beat, bus)))
+            if config.sync == "producer":
+                divisor = round(rate_hz / config.rate_hz)
+                table.append(Task(f"sync_{bus.name}", divisor, partial(self._sync, bus)))
         status = max(1, round(rate_hz / self._config.service.status_rate_hz))
         telemetry = self._config.telemetry
         science = []
@@ -223,18 +232,26 @@ class Daemon:
             return
         self._started = True
         for bus in self._buses:
-            self._keeper.guard(bus, bus.start_nodes)
+            self._keeper.guard(bus.link, bus.start_nodes)
         for line in self._lines:
-            self._keeper.guard(line, line.start)
+            self._keeper.guard(line.link, line.start)
 
     def _sync(self, bus: BusInput, _tick: Tick) -> None:
-        self._keeper.guard(bus, bus.send_sync)
+        self._keeper.guard(bus.link, bus.send_sync)
+
+    def _beat(self, bus: BusInput, _tick: Tick) -> None:
+        self._keeper.guard(bus.link, bus.send_heartbeat)
 
     def _drain(self, _tick: Tick) -> None:
         for bus in self._buses:
-            self._keeper.guard(bus, partial(bus.drain, self._sink))
+            self._keeper.guard(bus.link, partial(bus.drain, self._sink))
+            for link in bus.idle_links:
+                self._keeper.guard(link, partial(bus.drain_idle, link))
+            if bus.select(self._sink):
+                self._keeper.guard(bus.link, bus.start_nodes)
+                self._keeper.guard(bus.link, bus.send_heartbeat)
         for line in self._lines:
-            self._keeper.guard(line, partial(line.drain, self._sink))
+            self._keeper.guard(line.link, partial(line.drain, self._sink))
 
     def _ingest(self, tick: Tick) -> None:
         align = self.aligner
@@ -342,7 +359,7 @@ class Daemon:
 
     def _stamp_lines(self) -> None:
         for line in self._lines:
-            self._keeper.guard(line, line.stamp)
+            self._keeper.guard(line.link, line.stamp)
 
     def _report(self, severity: str, code: str, text: str) -> None:
         self._sink.event(Event(self._clock.now_ns(), severity, code, text))
@@ -364,18 +381,9 @@ def build(
     pipeline : conditioning and estimation; None: as the configuration says
     jobs : where batch jobs run; None: they are refused
     """
-    from fsw.drivers.codecs import canopen
-    from fsw.drivers.sources import ImuSource, JointBusSource, StarTrackerSource
+    from fsw.drivers.sources import ImuSource, StarTrackerSource
 
-    buses = []
-    for bus in config.buses:
-        joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
-        start = canopen.NmtCommand.START
-        nodes = {}
-        if not ports.passive:
-            nodes = {j.node_id: canopen.encode_nmt(start, j.node_id) for _, j in joints}
-        link = Link(f"can/{bus.name}", ports.can.get(bus.name), ports.can_openers.get(bus.name))
-        buses.append(BusInput(bus.name, nodes, link, JointBusSource(bus, joints), clock))
+    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses]
 
     def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
         return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
@@ -394,3 +402,25 @@ def build(
         jobs=jobs,
         passive=ports.passive,
     )
+
+
+def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
+    """Return the input of one bus; with its redundant one, where nodes may be commanded."""
+    from fsw.drivers.codecs import canopen
+    from fsw.drivers.sources import BusSelector, JointBusSource
+
+    joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
+    names = [bus.name]
+    nodes: dict[int, tuple[int, bytes]] = {}
+    selector = None
+    if not ports.passive:
+        start = canopen.NmtCommand.START
+        nodes = {j.node_id: canopen.encode_nmt(start, j.node_id) for _, j in joints}
+        if bus.redundant is not None:
+            names.append(bus.name + SECOND)
+            selector = BusSelector(bus.redundant)
+    links: list[Link[FramePort]] = [
+        Link(CAN + name, ports.can.get(name), ports.can_openers.get(name)) for name in names
+    ]
+    beat = canopen.encode_heartbeat(canopen.NmtState.OPERATIONAL, canopen.MASTER_NODE)
+    return BusInput(bus.name, nodes, links, JointBusSource(bus, joints), clock, beat, selector)

@@ -37,6 +37,10 @@ class Link(Generic[P]):
         """Whether the port is open."""
         return self.port is not None
 
+    def summary(self) -> dict[str, int]:
+        """Return its state as plain values."""
+        return {"up": self.up, "losses": self.losses}
+
     def wake_fds(self) -> tuple[int, ...]:
         """Descriptors of the open port; none while it is lost."""
         return self.port.wake_fds() if self.port is not None else ()

@@ -44,6 +44,12 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--out", type=Path, metavar="DIR", help="keep configuration, recording, picture, result"
     )
+    run.add_argument(
+        "--bus",
+        choices=("auto", "socketcan", "udp_multicast"),
+        default="auto",
+        help="of a run in real time; auto: vcan0 where this kernel has it and nobody uses it",
+    )
     run.add_argument("--method", choices=("mrnea", "fused"), help="instead of the scenario's")
     run.add_argument("--weighting", choices=("ols", "wls", "eiv"), help="instead of the scenario's")
     run.set_defaults(command=_run)
@@ -159,6 +165,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from hil import bench, judgement, report
+    from hil.flight import on_socketcan
     from hil.progress import meter
     from hil.scenario import load
 
@@ -172,6 +179,8 @@ def _run(arguments: argparse.Namespace) -> int:
         elif folder is None:
             folder = Path("runs") / f"{scenario.name}-{arguments.seed}"
         folder = folder.absolute()
+        if not arguments.fast and _has_socketcan(arguments.bus, stack):
+            scenario = on_socketcan(scenario)
         setup = bench.prepare(
             scenario,
             arguments.seed,
@@ -196,6 +205,21 @@ def _run(arguments: argparse.Namespace) -> int:
         else:
             _print(outcome, picture, _wide(Console()))
     return 0 if outcome["valid"] else FAILED_EXIT
+
+
+def _has_socketcan(choice: str, stack: ExitStack) -> bool:
+    """Tell whether the run goes over vcan0, held until the stack is left."""
+    from hil.live import LiveError
+    from hil.vcan import kernel
+
+    if choice == "udp_multicast":
+        return False
+    ready = stack.enter_context(kernel.claimed())
+    if not ready and choice == "socketcan":
+        raise LiveError(
+            "no vcan0 and vcan1 here, or another run has them; `hil vcan -- hil run ...`"
+        )
+    return ready
 
 
 def _wide(console: Console) -> Console:

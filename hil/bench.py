@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config, load
-from fsw.daemon import Ports, build
+from fsw.daemon import SECOND, Ports, build
 from fsw.drivers.wire import ByteChunk
 from fsw.messages import Block, Estimate, Event
 from fsw.recorder import RecorderSink, open_recording
@@ -61,7 +61,7 @@ class Setup:
     robot: Robot
     spline: JointSpline
     history: TruthHistory
-    bus_port: int
+    bus_port: int | None  # of udp_multicast
 
     @property
     def total_s(self) -> float:
@@ -134,7 +134,9 @@ def prepare(
     robot = Robot.load(scenario.urdf, scenario.tool_frame, bodies.get("base"), bodies.get("target"))
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
-    port = live.free_udp_port() if real_time else int(scenario.flight["bus"]["port"])
+    port = scenario.flight["bus"].get("port")
+    if port is not None and real_time:
+        port = live.free_udp_port()
     speeds = spline.evaluate(np.arange(0.0, spline.duration_s, 0.01))[1]
     fastest_rad_s = float(np.sqrt(np.mean(speeds**2, axis=0)).max())
     jitter_s = float(scenario.flight["sync_jitter_s"]) if real_time else 0.0
@@ -199,7 +201,8 @@ def run_virtual(
     if record:
         writer = open_recording(setup.config, setup.folder / "recording.mcap")
         sink = Fanout(collector, RecorderSink(writer, lambda _s, _c, _t: None))
-    ports = Ports(can={BUS: bench.can}, imu=bench.imu, star_tracker=bench.star_tracker)
+    cans = {BUS: bench.can, BUS + SECOND: bench.redundant}
+    ports = Ports(can=cans, imu=bench.imu, star_tracker=bench.star_tracker)
     began_s = time.perf_counter()
     daemon = build(setup.config, bench.clock, ports, sink)
     end_ns = T0_NS + round(setup.total_s * 1e9)
@@ -262,6 +265,7 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
         imu_times=outcome.plant["imu"],
         wall_s=outcome.wall_s,
         extra={
+            "bus": scenario.flight["bus"]["interface"],
             "recording": str(outcome.recording),
             "replay_difference_sigma": float(np.max(np.abs(again.x - result.x) / scale)),
             "recorder_dropped": replayed.dropped,

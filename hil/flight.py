@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ def flight_document(
     priors: Mapping[str, Prior],
     joint_names: tuple[str, ...],
     folder: Path,
-    bus_port: int,
+    bus_port: int | None,
     overrides: Mapping[str, Any],
     *,
     stamp_noise_rad: float = 0.0,
@@ -169,7 +170,9 @@ def _star_tracker(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
     }
 
 
-def plant_document(scenario: Scenario, seed: int, folder: Path, bus_port: int) -> dict[str, Any]:
+def plant_document(
+    scenario: Scenario, seed: int, folder: Path, bus_port: int | None
+) -> dict[str, Any]:
     """Return the real-time plant's file: the truth; the flight side never reads it."""
     bus = scenario.flight["bus"]
     sensors = SensorConfig.from_dict(scenario.sensors)
@@ -181,6 +184,7 @@ def plant_document(scenario: Scenario, seed: int, folder: Path, bus_port: int) -
                 "channel": bus["channel"],
                 "port": bus_port,
                 "fd": any(node.format == "fd" for node in sensors.joints.nodes),
+                "redundant": _second_link(bus),
             }
         ],
         "imu": "imu",
@@ -203,6 +207,21 @@ def plant_document(scenario: Scenario, seed: int, folder: Path, bus_port: int) -
         "seed": seed,
         "realtime": {"priority": 40},
     }
+
+
+def _second_link(bus: Mapping[str, Any]) -> dict[str, Any] | None:
+    second = bus.get("redundant")
+    return None if second is None else {key: second.get(key) for key in ("channel", "port")}
+
+
+def on_socketcan(scenario: Scenario) -> Scenario:
+    """Return the scenario with its bus on vcan0, the redundant one on vcan1."""
+    bus = {key: value for key, value in scenario.flight["bus"].items() if key != "port"}
+    bus |= {"interface": "socketcan", "channel": "vcan0"}
+    if bus.get("redundant") is not None:
+        second = {key: value for key, value in bus["redundant"].items() if key != "port"}
+        bus["redundant"] = second | {"channel": "vcan1"}
+    return replace(scenario, flight=scenario.flight | {"bus": bus})
 
 
 def write_flight(

@@ -34,22 +34,30 @@ class VirtualCan:
     produces SYNC: then its stamp is the joints' time of validity.
     """
 
-    def __init__(self, plant: Plant, clock: SimClock, bus: str) -> None:
+    def __init__(self, plant: Plant, clock: SimClock, bus: str, line: int = 0) -> None:
+        """`line` 1 is the redundant bus of a pair."""
         self._producer = plant.sync_producer(clock.now_ns())
         self.tap: FrameTap = _pass_frames
-        self.bus = bus
+        self.outages_ns: list[tuple[int, int]] = []  # [from, to): nothing passes, nobody is told
+        self.bus, self.line = bus, line
         self._plant, self._clock = plant, clock
         self._queue: list[tuple[int, int, TimedFrame]] = []
         self._order = count()
 
     def _deliver(self, frames: Sequence[TimedFrame]) -> None:
+        if self._is_cut():
+            return
         for frame in self.tap(frames) if frames else ():
             heapq.heappush(self._queue, (frame[0], next(self._order), frame))
+
+    def _is_cut(self) -> bool:
+        now_ns = self._clock.now_ns()
+        return any(start <= now_ns < stop for start, stop in self.outages_ns)
 
     def read(self) -> list[CanFrame]:
         """Return the frames whose end on the bus has come, stamped now."""
         now_ns = self._clock.now_ns()
-        self._deliver(self._plant.frames_until(now_ns, self.bus))
+        self._deliver(self._plant.frames_until(now_ns, self.bus, self.line))
         producer = self._producer
         while producer is not None and producer.next_ns() <= now_ns:
             sync_ns, payload = producer.next_ns(), producer.payload()
@@ -65,7 +73,8 @@ class VirtualCan:
     def write(self, can_id: int, data: bytes) -> CanFrame:
         """Send a frame; the nodes' answers queue up."""
         now_ns = self._clock.now_ns()
-        self._deliver(self._plant.on_frame(now_ns, can_id, data, self.bus))
+        if not self._is_cut():
+            self._deliver(self._plant.on_frame(now_ns, can_id, data, self.bus, self.line))
         return CanFrame(now_ns, can_id, data)
 
     def take_dropped(self) -> int:
@@ -135,6 +144,7 @@ class VirtualBench:
         self.clock = SimClock(t0_ns, generator(seed, "host"), wake_latency_s)
         self.cans = {name: VirtualCan(plant, self.clock, name) for name in plant.segments}
         self.can = next(iter(self.cans.values()))
+        self.redundant = VirtualCan(plant, self.clock, self.can.bus, line=1)
         self.serials = {name: VirtualSerial(plant, self.clock, name) for name in plant.lines}
         self.imu = self.serials.get("imu")
         self.star_tracker = self.serials.get("star_tracker")

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.devices.bus_toggle import BusToggle
 from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, JointNode, Reading
 from hil.devices.imu import Imu
@@ -86,6 +87,7 @@ class Plant:
                 is_fd=node.format == "fd",
                 autostart=joints.autostart,
                 sync_counter_max=joints.sync_counter_max,
+                toggle=None if joints.redundancy is None else BusToggle(joints.redundancy),
             )
             for i, node in enumerate(self.nodes)
             if node.bus == name
@@ -131,16 +133,16 @@ class Plant:
         return self.segments[bus] if bus is not None else next(iter(self.segments.values()))
 
     def on_frame(
-        self, t_ns: int, can_id: int, data: bytes, bus: str | None = None
+        self, t_ns: int, can_id: int, data: bytes, bus: str | None = None, line: int = 0
     ) -> list[TimedFrame]:
         """Take a frame the host sent at `t_ns`; return the answers with their arrival times."""
         if can_id == SYNC_ID:
             self.clock.start(t_ns)
-        return self._bus(bus).on_frame(t_ns, can_id, data)
+        return self._bus(bus).on_frame(t_ns, can_id, data, line)
 
-    def frames_until(self, t_ns: int, bus: str | None = None) -> list[TimedFrame]:
+    def frames_until(self, t_ns: int, bus: str | None = None, line: int = 0) -> list[TimedFrame]:
         """Return boot-up frames and heartbeats due by the time, with their arrival times."""
-        return self._bus(bus).frames_until(t_ns)
+        return self._bus(bus).frames_until(t_ns, line)
 
     def next_serial_ns(self, device: str | None = None) -> int | None:
         """Return when a serial line next needs the host's attention."""

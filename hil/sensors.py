@@ -39,6 +39,17 @@ class NodeConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BusToggleConfig:
+    """Nodes on a redundant pair of buses: object 0x2000, and the heartbeat they follow (0x1016)."""
+
+    __pydantic_config__ = STRICT
+    ttoggle: int = 2  # consumer heartbeat times without a heartbeat, then the node toggles
+    ntoggle: int = 10  # toggles in a row, then the node stays
+    consumer_heartbeat_s: float = 0.15
+    master_node_id: int = 0x01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JointSensorConfig:
     """Joint encoders and link-side torque sensors."""
 
@@ -55,6 +66,7 @@ class JointSensorConfig:
     autostart: bool = True  # become operational at the first SYNC unless told otherwise
     sync_counter_max: int = 240
     sync_rate_hz: float | None = None  # the plant produces SYNC itself (host a consumer)
+    redundancy: BusToggleConfig | None = None  # None: one bus
     nodes: tuple[NodeConfig, ...] = ()  # empty: node 0x11 and on, classic, bus "arm"
 
 

@@ -13,7 +13,14 @@ from fsw.config.base import (
     Section,
     Vector3,
 )
-from fsw.config.devices import BusConfig, ImuConfig, JointConfig, Mounting, StarTrackerConfig
+from fsw.config.devices import (
+    BusConfig,
+    ImuConfig,
+    JointConfig,
+    Mounting,
+    RedundantBusConfig,
+    StarTrackerConfig,
+)
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BodyConfig, BodySigma, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
@@ -36,6 +43,7 @@ __all__ = [
     "Positive",
     "PositiveVector3",
     "RecorderConfig",
+    "RedundantBusConfig",
     "RobotConfig",
     "SchedulerConfig",
     "Section",

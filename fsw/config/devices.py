@@ -9,6 +9,15 @@ from pydantic import Field, field_validator
 from fsw.config.base import Finite, NonNegative, Positive, Quaternion, Section, Vector3
 
 
+class RedundantBusConfig(Section):
+    """The second bus of a pair; the nodes listen on either, one at a time (ECSS-E-ST-50-15C)."""
+
+    channel: str
+    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast only
+    lost_after_s: Positive = 0.3  # without a frame of any node the active bus counts as lost
+    nodes_toggle_s: Positive  # Ttoggle times the nodes' consumer heartbeat time
+
+
 class BusConfig(Section):
     """One CAN bus. `name` is also the recording's topic: /can/<name>."""
 
@@ -23,6 +32,15 @@ class BusConfig(Section):
     rate_hz: Positive
     sync_counter_max: int = Field(default=240, ge=2, le=240)
     latch_offset_s: Finite = 0.0  # time of validity minus SYNC stamp
+    heartbeat_s: Positive | None = None  # period of the computer's heartbeat; None: it sends none
+    redundant: RedundantBusConfig | None = None
+
+    def second(self) -> BusConfig | None:
+        """Return the redundant bus as a bus of its own; None without one."""
+        if self.redundant is None:
+            return None
+        changes = {"channel": self.redundant.channel, "port": self.redundant.port}
+        return self.model_copy(update=changes)
 
 
 class JointConfig(Section):

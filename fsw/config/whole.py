@@ -18,6 +18,9 @@ from fsw.config.telemetry import TelemetryConfig
 from fsw.config_text import explain, read_yaml
 from fsw.errors import ConfigError
 
+HEARTBEATS_MISSED = 1.5  # a node that leaves sooner would leave a sound bus
+SYNCS_UNANSWERED = 5  # fewer may be chance
+
 
 class Config(Section):
     """The whole configuration of one daemon."""
@@ -87,8 +90,11 @@ class Config(Section):
         if self.star_tracker:
             ports["star_tracker.port"] = self.star_tracker.port
         for i, bus in enumerate(self.buses):
-            link = bus.channel if bus.port is None else f"{bus.channel}:{bus.port}"
-            ports[f"buses.{i}.channel"] = f"{bus.interface}:{link}"
+            ports[f"buses.{i}.channel"] = _device(bus)
+            second = bus.second()
+            if second is not None:
+                ports[f"buses.{i}.redundant.channel"] = _device(second)
+                _redundancy_works(i, bus)
         _one_device_each(ports)
         _unique(list(self.unknown), "unknown")
         if self.orbit is not None and self.star_tracker is None:
@@ -118,6 +124,32 @@ class Config(Section):
                     f"{self.scheduler.tick_rate_hz}"
                 )
         return self
+
+
+def _device(bus: BusConfig) -> str:
+    link = bus.channel if bus.port is None else f"{bus.channel}:{bus.port}"
+    return f"{bus.interface}:{link}"
+
+
+def _redundancy_works(i: int, bus: BusConfig) -> None:
+    """Refuse a pair of buses on which master and nodes could not find each other."""
+    pair = bus.redundant
+    if pair is None:
+        return
+    if bus.sync != "producer":
+        raise ValueError(f"buses.{i}.redundant: needs sync: producer; the master selects the bus")
+    if bus.heartbeat_s is None:
+        raise ValueError(f"buses.{i}.redundant: needs heartbeat_s; the nodes follow the heartbeat")
+    if bus.heartbeat_s * HEARTBEATS_MISSED > pair.nodes_toggle_s:
+        raise ValueError(
+            f"buses.{i}.redundant.nodes_toggle_s: {pair.nodes_toggle_s} must be at least "
+            f"{HEARTBEATS_MISSED:g} heartbeat_s, {bus.heartbeat_s * HEARTBEATS_MISSED:g}"
+        )
+    if pair.lost_after_s * bus.rate_hz < SYNCS_UNANSWERED:
+        raise ValueError(
+            f"buses.{i}.redundant.lost_after_s: {pair.lost_after_s} must be at least "
+            f"{SYNCS_UNANSWERED} SYNC periods, {SYNCS_UNANSWERED / bus.rate_hz:g}"
+        )
 
 
 def _unique(values: list[str], key: str) -> None:

@@ -55,7 +55,10 @@ class SyncProducer:
 
 
 class CanSegment:
-    """Nodes of one bus. Frames queue by identifier behind whatever holds the bus."""
+    """Nodes of one bus, or of a redundant pair (lines 0 and 1) on which each listens to one.
+
+    Frames queue by identifier behind whatever holds the line.
+    """
 
     def __init__(
         self,
@@ -77,7 +80,10 @@ class CanSegment:
         self._stuffing = np.empty(0)
         self._next_draw = 0
         self._t0_ns = t0_ns
-        self._busy_ns = float(t0_ns)
+        self._busy_ns = [float(t0_ns), float(t0_ns)]
+        for node in nodes.values():
+            if node.toggle is not None:
+                node.toggle.power_on(t0_ns)
         period = heartbeat_s * 1e9
         self._period_ns = period
         # boot-up frames at power-on, then heartbeats spread over the period
@@ -93,32 +99,49 @@ class CanSegment:
         self._next_draw += 1
         return float(self._stuffing[self._next_draw - 1])
 
-    def _place(self, ready_ns: float, can_id: int, data: bytes, is_fd: bool) -> TimedFrame:
-        """Put one frame on the bus as soon as it is ready and the bus is free."""
+    def _place(
+        self, ready_ns: float, can_id: int, data: bytes, is_fd: bool, line: int = 0
+    ) -> TimedFrame:
+        """Put one frame on a line as soon as it is ready and the line is free."""
         length = len(data)
         stuff_bits = self._uniform() * (34 + 8 * length) / 8.0
-        self._busy_ns = max(ready_ns, self._busy_ns) + duration_ns(length, is_fd, stuff_bits)
-        return round(self._busy_ns), can_id, data, is_fd
+        start_ns = max(ready_ns, self._busy_ns[line])
+        self._busy_ns[line] = start_ns + duration_ns(length, is_fd, stuff_bits)
+        return round(self._busy_ns[line]), can_id, data, is_fd
 
-    def on_frame(self, t_ns: int, can_id: int, data: bytes) -> list[TimedFrame]:
-        """Take a frame of the host and return what the nodes answer, in bus order."""
+    def _listening(self, t_ns: int, line: int) -> dict[int, JointNode]:
+        """Return the nodes that are on a line at this time, by joint."""
+        for node in self.nodes.values():
+            if node.toggle is not None:
+                node.toggle.advance(t_ns)
+        return {joint: node for joint, node in self.nodes.items() if node.line == line}
+
+    def on_frame(self, t_ns: int, can_id: int, data: bytes, line: int = 0) -> list[TimedFrame]:
+        """Take a frame of the host; return what the nodes of that line answer, in bus order."""
+        listening = self._listening(t_ns, line)
+        nodes = listening.values()
         if can_id == canopen.SYNC_ID and len(data) == 1:
-            return self._on_sync(t_ns, data[0])
+            return self._on_sync(t_ns, data[0], listening, line)
         if can_id == canopen.NMT_ID and len(data) == 2:
-            restarted = [n for n in self.nodes.values() if n.on_nmt(data[0], data[1])]
-            return [self._place(t_ns + 1e6, *self._state_of(n, boot=True)) for n in restarted]
+            restarted = [n for n in nodes if n.on_nmt(data[0], data[1])]
+            return [self._place(t_ns + 1e6, *self._state_of(n, boot=True), line) for n in restarted]
         if 0x600 < can_id < 0x680:
-            for node in self.nodes.values():
+            for node in nodes:
                 reply = node.on_sdo(data) if node.node_id == can_id - 0x600 else None
                 if reply is not None:
-                    return [self._place(t_ns + 5e5, 0x580 + node.node_id, reply, False)]
+                    return [self._place(t_ns + 5e5, 0x580 + node.node_id, reply, False, line)]
+        for toggle in (node.toggle for node in nodes):
+            if toggle is not None and can_id == 0x700 + toggle.config.master_node_id:
+                toggle.heard(t_ns)
         return []
 
-    def _on_sync(self, t_ns: int, counter: int) -> list[TimedFrame]:
+    def _on_sync(
+        self, t_ns: int, counter: int, nodes: dict[int, JointNode], line: int
+    ) -> list[TimedFrame]:
         readings = self._latch(t_ns)
         t_us = (t_ns - self._t0_ns) // 1000
         frames: list[tuple[int, bytes, bool]] = []
-        for joint, node in self.nodes.items():
+        for joint, node in nodes.items():
             reading = readings[joint]
             status = canopen.STATUS_GOOD
             if abs(reading.torque_nm) > self._range_nm:
@@ -128,25 +151,29 @@ class CanSegment:
         frames.sort()
         sync_end = t_ns + duration_ns(1, False, 4.0)
         ready_ns = sync_end + RESPONSE_NS + RESPONSE_JITTER_NS * self._uniform()
-        return [self._place(ready_ns, *frame) for frame in frames]
+        return [self._place(ready_ns, *frame, line) for frame in frames]
 
     @staticmethod
     def _state_of(node: JointNode, *, boot: bool = False) -> tuple[int, bytes, bool]:
         state = NodeState.BOOT_UP if boot else node.state
         return 0x700 + node.node_id, bytes([state]), False
 
-    def frames_until(self, t_ns: int) -> list[TimedFrame]:
-        """Return what nodes said unasked: boot-up frames, heartbeats."""
-        frames = [self._place(self._t0_ns, *self._state_of(n, boot=True)) for n in self._booting]
-        self._booting = []
-        for joint, node in self.nodes.items():
+    def frames_until(self, t_ns: int, line: int = 0) -> list[TimedFrame]:
+        """Return what the nodes of a line said unasked: boot-up frames, heartbeats."""
+        listening = self._listening(t_ns, line)
+        booting = [node for node in self._booting if node.line == line]
+        self._booting = [node for node in self._booting if node.line != line]
+        frames = [self._place(self._t0_ns, *self._state_of(n, boot=True), line) for n in booting]
+        for joint, node in listening.items():
             while self._heartbeat_ns[joint] <= t_ns:
                 if not node.silent:
-                    frames.append(self._place(self._heartbeat_ns[joint], *self._state_of(node)))
+                    beat = self._state_of(node)
+                    frames.append(self._place(self._heartbeat_ns[joint], *beat, line))
                 self._heartbeat_ns[joint] += self._period_ns
         return frames
 
     def emergency(self, t_ns: int, joint: int, code: int, register: int) -> TimedFrame:
         """Return an EMCY frame of the joint's node."""
         data = canopen.encode_emergency(code, register)
-        return self._place(t_ns, canopen.SYNC_ID + self.nodes[joint].node_id, data, False)
+        node = self.nodes[joint]
+        return self._place(t_ns, canopen.SYNC_ID + node.node_id, data, False, node.line)

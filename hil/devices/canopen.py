@@ -10,6 +10,8 @@ import struct
 from dataclasses import dataclass, field
 from enum import IntEnum
 
+from hil.devices.bus_toggle import BusToggle
+
 SYNC_ID = 0x080
 NMT_ID = 0x000
 COUNTS_PER_RAD = 2**24 / (2.0 * math.pi)
@@ -100,6 +102,7 @@ class JointNode:
     state: NodeState = NodeState.PRE_OPERATIONAL
     status_extra: int = 0  # further status bits a fault scenario wants set
     silent: bool = False  # a dead node
+    toggle: BusToggle | None = None  # of a node on two buses
     _commanded: bool = False
     _syncs_left: int | None = None  # until the next TPDO2; None: start value not seen yet
     _objects: dict[tuple[int, int], bytes] = field(default_factory=dict)
@@ -114,6 +117,11 @@ class JointNode:
             (0x1018, 4): struct.pack("<I", self.node_id),
             (0x1019, 0): bytes([self.sync_counter_max]),
         }
+
+    @property
+    def line(self) -> int:
+        """Which bus of a pair the node listens and talks on."""
+        return 0 if self.toggle is None else self.toggle.line
 
     def on_nmt(self, command: int, node_id: int) -> bool:
         """Apply an NMT command; True when the node restarted (and sends its boot-up frame)."""
@@ -163,11 +171,12 @@ class JointNode:
         if self.silent or self.state is NodeState.STOPPED or len(data) != 8 or data[0] >> 5 == 4:
             return None
         index, subindex = struct.unpack_from("<HB", data, 1)
-        value = self._objects.get((index, subindex))
+        objects = self._objects | ({} if self.toggle is None else self.toggle.objects())
+        value = objects.get((index, subindex))
         if data[0] >> 5 == 2 and value is not None:
             flags = 0x43 | (4 - len(value)) << 2
             return struct.pack("<BHB", flags, index, subindex) + value.ljust(4, b"\0")
-        known = any(key[0] == index for key in self._objects)
+        known = any(key[0] == index for key in objects)
         if data[0] >> 5 not in (1, 2):
             code = ABORT_COMMAND
         elif not known:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,15 @@ class TrueBodies:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RedundantLink:
+    """The second bus of a pair."""
+
+    __pydantic_config__ = STRICT
+    channel: str
+    port: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BusLink:
     """One python-can bus; `name` is the one the nodes refer to."""
 
@@ -49,6 +58,14 @@ class BusLink:
     fd: bool = False
     bitrate: int | None = None
     data_bitrate: int | None = None
+    redundant: RedundantLink | None = None
+
+    def lines(self) -> tuple[BusLink, ...]:
+        """Return the bus, and the redundant one where there is one, as buses of their own."""
+        if self.redundant is None:
+            return (self,)
+        second = self.redundant
+        return self, replace(self, channel=second.channel, port=second.port, redundant=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -36,16 +36,18 @@ class BusEnd:
     Any interface whose bus has a descriptor to wait on (all but python-can's `virtual`).
     """
 
-    def __init__(self, link: BusLink, plant: Plant) -> None:
+    def __init__(self, link: BusLink, plant: Plant, line: int = 0) -> None:
+        """`line` 1 is the redundant bus of a pair."""
         options = {"port": link.port, "bitrate": link.bitrate, "data_bitrate": link.data_bitrate}
         given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
         self._bus = can.Bus(interface=link.interface, channel=link.channel, fd=link.fd, **given)
-        self._plant, self._name = plant, link.name
+        self._plant, self._name, self._line = plant, link.name, line
         self._producer = plant.sync_producer(time.monotonic_ns())
         self._queue: list[tuple[int, int, TimedFrame]] = []
         self._order = count()
         self.sync_seen = False
         self.send_errors = 0
+        self.receive_errors = 0
 
     def fileno(self) -> int:
         """Return the descriptor that becomes readable with frames."""
@@ -55,7 +57,11 @@ class BusEnd:
         """Drain the bus; answers join the queue. SYNC is latched at its kernel stamp."""
         offset_ns = time.monotonic_ns() - time.time_ns()
         for _ in range(READ_LIMIT):
-            message = self._bus.recv(0)
+            try:
+                message = self._bus.recv(0)
+            except can.CanError:  # a link that is down; it comes back to the same socket
+                self.receive_errors += 1
+                return
             if message is None:
                 return
             can_id = message.arbitration_id
@@ -63,12 +69,12 @@ class BusEnd:
                 continue
             if can_id == SYNC_ID and self._producer is not None:
                 continue
-            if can_id not in (SYNC_ID, 0) and not 0x600 < can_id < 0x680:
+            if can_id not in (SYNC_ID, 0) and can_id <= 0x600:
                 continue
             stamp_ns = round(message.timestamp * 1e9) + offset_ns
             self.sync_seen |= can_id == SYNC_ID
-            frames = self._plant.on_frame(stamp_ns, can_id, bytes(message.data), self._name)
-            self._enqueue(frames)
+            data = bytes(message.data)
+            self._enqueue(self._plant.on_frame(stamp_ns, can_id, data, self._name, self._line))
 
     def _enqueue(self, frames: list[TimedFrame]) -> None:
         for frame in frames:
@@ -83,7 +89,7 @@ class BusEnd:
             self.sync_seen = True
             stamp_ns = time.monotonic_ns()
             self._enqueue(self._plant.on_frame(stamp_ns, SYNC_ID, payload, self._name))
-        self._enqueue(self._plant.frames_until(now_ns, self._name))
+        self._enqueue(self._plant.frames_until(now_ns, self._name, self._line))
         while self._queue and self._queue[0][0] <= now_ns:
             _, can_id, data, is_fd = heapq.heappop(self._queue)[2]
             self._send(can_id, data, is_fd=is_fd)
@@ -201,7 +207,11 @@ def _say(line: dict[str, Any]) -> None:
 
 def _open(file: PlantFile, folder: Path, plant: Plant) -> tuple[list[BusEnd], list[PtyEnd]]:
     paths = {"imu": file.links.imu, "star_tracker": file.links.star_tracker}
-    buses = [BusEnd(link, plant) for link in file.links.buses]
+    buses = [
+        BusEnd(link, plant, line)
+        for pair in file.links.buses
+        for line, link in enumerate(pair.lines())
+    ]
     ptys = [
         PtyEnd(device, folder / path, plant)
         for device, path in paths.items()

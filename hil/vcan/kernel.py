@@ -15,6 +15,7 @@ from hil.vcan import links
 from hil.vcan.job import GRACE_S, NO_COMMAND, TIMED_OUT, Job, exit_status
 
 NET = Path("/sys/class/net")
+CLAIM = "\0inertia-daemon-hil-vcan"  # a name without a file
 FORWARDED = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -55,6 +56,19 @@ def provided() -> Iterator[bool]:
     finally:
         if made:
             _ip(links.deleted(made))
+
+
+@contextmanager
+def claimed() -> Iterator[bool]:
+    """Claim the links against other runs on this machine; yield whether they are ours and ready."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
+        try:
+            claim.bind(CLAIM)  # goes with the process, however that ends
+        except OSError:
+            yield False
+            return
+        with provided() as ready:
+            yield ready
 
 
 def _ip(lines: str) -> bool:

@@ -20,6 +20,7 @@ COB_TPDO2 = 0x280  # + node
 COB_SDO_REPLY = 0x580  # + node
 COB_SDO_REQUEST = 0x600  # + node
 COB_HEARTBEAT = 0x700  # + node
+MASTER_NODE = 0x01
 FUNCTION_MASK = 0x780
 NODE_MASK = 0x07F
 
@@ -175,3 +176,8 @@ def encode_sync(counter: int) -> tuple[int, bytes]:
 def encode_nmt(command: NmtCommand, node_id: int) -> tuple[int, bytes]:
     """Return COB-ID and data of an NMT command; node 0 addresses all."""
     return COB_NMT, bytes((command, node_id))
+
+
+def encode_heartbeat(state: NmtState, node_id: int) -> tuple[int, bytes]:
+    """Return COB-ID and data of a heartbeat."""
+    return COB_HEARTBEAT + node_id, bytes((state,))

@@ -1,7 +1,8 @@
 """Sources: one device each, wire items in, samples and counters out; no clock, no thread."""
 
+from fsw.drivers.sources.bus_selection import BusSelector
 from fsw.drivers.sources.imu import ImuSource
 from fsw.drivers.sources.joints import JointBusSource
 from fsw.drivers.sources.star_tracker import StarTrackerSource
 
-__all__ = ["ImuSource", "JointBusSource", "StarTrackerSource"]
+__all__ = ["BusSelector", "ImuSource", "JointBusSource", "StarTrackerSource"]

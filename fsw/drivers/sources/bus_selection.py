@@ -1,0 +1,54 @@
+"""Which of two redundant buses is the active one: the master's side of ECSS-E-ST-50-15C.
+
+The master sends SYNC and its heartbeat on the active bus only. A node that misses the heartbeat
+toggles between the buses until it finds it again. So the master is free to change: it does when no
+node is heard on the active bus any more, or when its own port there is down.
+"""
+
+from __future__ import annotations
+
+from fsw.config import RedundantBusConfig
+
+NAMES = ("nominal", "redundant")
+
+
+class BusSelector:
+    """Decides from the nodes' frames on the active bus."""
+
+    def __init__(self, config: RedundantBusConfig) -> None:
+        self._lost_ns = round(config.lost_after_s * 1e9)
+        # Nodes that left just before the master may toggle away and back before they meet it.
+        self._search_ns = self._lost_ns + round(2 * config.nodes_toggle_s * 1e9)
+        self.active = 0
+        self.switches = 0
+        self._heard = False  # since the bus became active
+        self._quiet_since_ns: int | None = None
+
+    @property
+    def name(self) -> str:
+        """What the active bus is called."""
+        return NAMES[self.active]
+
+    def hear(self, t_ns: int) -> None:
+        """Take note of a frame of a configured node on the active bus."""
+        self._heard = True
+        self._quiet_since_ns = t_ns
+
+    def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:
+        """Switch when the active bus is lost and the other is there; return why, or nothing."""
+        if self._quiet_since_ns is None:
+            self._quiet_since_ns = now_ns
+        if not up[1 - self.active]:
+            return ""
+        quiet_ns = now_ns - self._quiet_since_ns
+        if not up[self.active]:
+            reason = "the port is down"
+        elif quiet_ns > (self._lost_ns if self._heard else self._search_ns):
+            reason = f"no frame of any node for {quiet_ns * 1e-9:.2f} s"
+        else:
+            return ""
+        self.active = 1 - self.active
+        self.switches += 1
+        self._heard = False
+        self._quiet_since_ns = now_ns
+        return reason

@@ -1,0 +1,54 @@
+"""Which of two buses a node listens on: the slave's side of ECSS-E-ST-50-15C, object 0x2000.
+
+A node starts on Bdefault. Without the master's heartbeat for Ttoggle consumer heartbeat times it
+toggles to the other bus and counts that in Ctoggle. After Ntoggle of them it stays where it is. The
+bus on which it hears the heartbeat again becomes Bdefault, and Ctoggle is zero.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from hil.sensors import BusToggleConfig
+
+
+@dataclass(slots=True)
+class BusToggle:
+    """The choice of one node; times in nanoseconds of the host's clock."""
+
+    config: BusToggleConfig
+    line: int = 0
+    bdefault: int = 0
+    ctoggle: int = 0
+    _deadline_ns: int | None = None
+
+    def power_on(self, t_ns: int) -> None:
+        """Start on the default bus; Bdefault is kept in the node's memory."""
+        self.line, self.ctoggle = self.bdefault, 0
+        self._deadline_ns = t_ns + self._patience_ns()
+
+    def heard(self, t_ns: int) -> None:
+        """Take the master's heartbeat on the bus the node listens on."""
+        self.bdefault, self.ctoggle = self.line, 0
+        self._deadline_ns = t_ns + self._patience_ns()
+
+    def advance(self, t_ns: int) -> None:
+        """Toggle as often as was due by this time."""
+        while self._deadline_ns is not None and self._deadline_ns <= t_ns:
+            self.line = 1 - self.line
+            self.ctoggle += 1
+            self._deadline_ns += self._patience_ns()
+            if self.ctoggle >= self.config.ntoggle:
+                self.bdefault, self._deadline_ns = self.line, None
+
+    def objects(self) -> dict[tuple[int, int], bytes]:
+        """Return the object dictionary's entries, as an SDO upload gives them."""
+        config = self.config
+        consumer = config.master_node_id << 16 | round(1e3 * config.consumer_heartbeat_s)
+        values = (4, self.bdefault, config.ttoggle, config.ntoggle, self.ctoggle)
+        entries = {(0x2000, i): bytes([value]) for i, value in enumerate(values)}
+        return entries | {(0x1016, 0): b"\x01", (0x1016, 1): struct.pack("<I", consumer)}
+
+    def _patience_ns(self) -> int:
+        return round(1e9 * self.config.ttoggle * self.config.consumer_heartbeat_s)
