@@ -70,6 +70,6 @@ def _laid(section: S, changes: Mapping[str, Any]) -> S:
     if not changes:
         return section
     try:
-        return type(section).model_validate(section.model_dump() | changes)
+        return type(section).model_validate({**section.model_dump(), **changes})
     except ValidationError as error:
         raise ConfigError("\n".join(explain(type(section), error))) from error
