@@ -14,6 +14,7 @@ from typing import Protocol, TypeVar
 from fsw.clock import Clock
 from fsw.drivers.wire import ByteChunk, BytePort, CanFrame, FramePort
 from fsw.errors import PortError
+from fsw.findings import Finding
 from fsw.link import Link
 from fsw.messages import Event, Sample
 from fsw.sinks import Sink
@@ -47,6 +48,10 @@ class FrameSource(Protocol):
         """Return and forget what happened: severity, code, text."""
         ...
 
+    def findings(self) -> Sequence[Finding]:
+        """Return and forget what was found wrong."""
+        ...
+
 
 class ChunkSource(Protocol):
     """Codec and counters of one serial device."""
@@ -58,6 +63,14 @@ class ChunkSource(Protocol):
 
     def feed(self, chunks: Sequence[ByteChunk]) -> Sequence[Sample]:
         """Decode chunks in order."""
+        ...
+
+    def findings(self) -> Sequence[Finding]:
+        """Return and forget what was found wrong."""
+        ...
+
+    def watch(self, now_ns: int) -> None:
+        """Look whether the device has fallen silent."""
         ...
 
 
@@ -198,6 +211,9 @@ class BusInput:
         ready, self.pending = split(self.pending, until_ns)
         return self.source.feed(ready) if ready else ()
 
+    def watch(self, now_ns: int) -> None:
+        """Nothing: SYNC is what tells a silent node."""
+
     def _send(self, can_id: int, data: bytes) -> None:
         port = self.link.port
         if port is not None:
@@ -284,6 +300,11 @@ class LineInput:
         """Decode what is stamped at or before `until_ns`."""
         ready, self.pending = split(self.pending, until_ns)
         return self.source.feed(ready) if ready else ()
+
+    def watch(self, now_ns: int) -> None:
+        """Look whether the device has fallen silent; a lost port is an event of its own."""
+        if self.link.up:
+            self.source.watch(now_ns)
 
 
 def split(items: list[Item], until_ns: int) -> tuple[list[Item], list[Item]]:

@@ -18,10 +18,11 @@ from fsw.config import BusConfig, Config
 from fsw.dispatch import Dispatcher, settle
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import CommandError, EstimatorError
+from fsw.health import Health
 from fsw.link import Link
 from fsw.messages import Estimate, Event, Window
 from fsw.overlay import overlay
-from fsw.pipeline import Estimator, Eventful, Gating, Pipeline, default_pipeline
+from fsw.pipeline import Estimator, Eventful, Finder, Gating, Pipeline, default_pipeline
 from fsw.restart import Restart, resume, take
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
@@ -78,6 +79,7 @@ class Daemon:
         self._closed: list[Window] = []
         self._window_limit = FOREVER_NS
         self.aligner = Aligner(config, len(config.joints))
+        self.health = Health(config)
         telemetry = config.telemetry
         self.dispatcher = Dispatcher(
             pipeline.estimator,
@@ -181,6 +183,7 @@ class Daemon:
                 "future": align.future,
                 "overflow": align.overflow,
             },
+            "health": self.health.status(),
             "identifying": self.dispatcher.identifying,
             "unknown": list(self._config.unknown),
             "job": self.dispatcher.job_summary(),
@@ -217,6 +220,7 @@ class Daemon:
             Task("ingest", 1, self._ingest),
             *science,
             Task("estimate", 1, self._estimate),
+            Task("health", 1, self._health),
             Task("commands", 1, self._commands),
             Task("links", max(1, round(rate_hz / 10.0)), self._retry),
             Task("status", status, self._status),
@@ -272,11 +276,11 @@ class Daemon:
                 self._report(severity, code, text)
 
     def _feed(self, until_ns: int) -> None:
-        push = self.aligner.push
+        push, screen = self.aligner.push, self.health.screen
         for member in self._members:
             samples = member.feed(until_ns)
             for sample in samples:
-                push(sample)
+                push(screen(sample))
             if samples and self._science is not None:
                 self._science.keep(samples)
 
@@ -290,7 +294,7 @@ class Daemon:
             self._guarded(partial(self._use, window))
 
     def _use(self, window: Window) -> None:
-        block = self._pipeline.conditioner.condition(window)
+        block = self._pipeline.conditioner.condition(self.health.judge(window))
         if block is None:
             self.unusable_windows += 1
             return
@@ -315,6 +319,18 @@ class Daemon:
         self._pipeline = default_pipeline(changed, text)
         self._config, self._urdf_text = changed, text
         return self._pipeline.estimator
+
+    def _health(self, tick: Tick) -> None:
+        health, pipeline = self.health, self._pipeline
+        for member in self._members:
+            member.watch(tick.now_ns)
+            health.take(member.source.findings(), tick.now_ns)
+        for part in (pipeline.conditioner, pipeline.estimator):
+            if isinstance(part, Finder):
+                health.take(part.findings(), tick.now_ns)
+        health.tick(tick.index, self.executive.slips.slips, tick.now_ns)
+        for event in health.events():
+            self._sink.event(event)
 
     def _guarded(self, action: Callable[[], object]) -> None:
         try:
@@ -388,9 +404,9 @@ def build(
     def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
         return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
 
-    lines = [line(IMU, ports.imu, ImuSource(config.imu), b"")]
+    lines = [line(IMU, ports.imu, ImuSource(config.imu, None, config.health), b"")]
     if config.star_tracker is not None:
-        tracker = StarTrackerSource(config.star_tracker)
+        tracker = StarTrackerSource(config.star_tracker, config.health)
         lines.append(line(STAR_TRACKER, ports.star_tracker, tracker, tracker.start_bytes()))
     return Daemon(
         config,
@@ -423,4 +439,5 @@ def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> Bu
         Link(CAN + name, ports.can.get(name), ports.can_openers.get(name)) for name in names
     ]
     beat = canopen.encode_heartbeat(canopen.NmtState.OPERATIONAL, canopen.MASTER_NODE)
-    return BusInput(bus.name, nodes, links, JointBusSource(bus, joints), clock, beat, selector)
+    source = JointBusSource(bus, joints, config.health)
+    return BusInput(bus.name, nodes, links, source, clock, beat, selector)

@@ -24,7 +24,7 @@ class JointSample:
     joint: int  # index in the configured joint list
     seq: int  # SYNC counter echoed
     position_rad: float  # calibrated: sign and zero offset applied
-    torque_nm: float  # calibrated: sign, gain and offset applied
+    torque_nm: float | None  # calibrated: sign, gain and offset applied; None: sensor at fault
     status: int  # raw status bits
 
 
@@ -72,7 +72,7 @@ class Window:
     index: int
     start_ns: int
     stop_ns: int
-    joints: tuple[ChannelWindow, ...]  # values: [position_rad, torque_nm]
+    joints: tuple[ChannelWindow, ...]  # values: [position_rad, torque_nm], NaN: torque unusable
     gyro: ChannelWindow  # values: w_NS_S_rad_s
     accelerometer: ChannelWindow  # values: f_NS_S_m_s2
     attitude: ChannelWindow  # values: q_NB_xyzw

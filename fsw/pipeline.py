@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from fsw.config import Config
+from fsw.findings import Finding
 from fsw.messages import Block, Estimate, Window
 
 
@@ -51,6 +52,15 @@ class Gating(Protocol):
     """Signal conditioning that leaves single implausible samples out, and counts them."""
 
     outliers: int
+
+
+@runtime_checkable
+class Finder(Protocol):
+    """Conditioning or an estimator that finds sensors at fault."""
+
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,7 +34,8 @@ class Science:
                 place = sample.joint
                 if place < JOINT_SLOTS:
                     self._joints[2 * place] = sample.position_rad
-                    self._joints[2 * place + 1] = sample.torque_nm
+                    if sample.torque_nm is not None:
+                        self._joints[2 * place + 1] = sample.torque_nm
                     self._times_ns[0] = sample.t_ns
                     self._fresh |= 1 << (_FIRST_JOINT + place)
             elif isinstance(sample, ImuSample):

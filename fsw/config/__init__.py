@@ -21,6 +21,7 @@ from fsw.config.devices import (
     RedundantBusConfig,
     StarTrackerConfig,
 )
+from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BodyConfig, BodySigma, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
@@ -35,6 +36,7 @@ __all__ = [
     "Config",
     "EstimatorConfig",
     "Finite",
+    "HealthConfig",
     "ImuConfig",
     "JointConfig",
     "Mounting",

@@ -11,6 +11,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from fsw.config.base import BodyName, Section
 from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig
+from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
@@ -35,6 +36,7 @@ class Config(Section):
     orbit: OrbitConfig | None = None
     scheduler: SchedulerConfig
     estimator: EstimatorConfig = EstimatorConfig()
+    health: HealthConfig = HealthConfig()
     recorder: RecorderConfig = RecorderConfig()
     service: ServiceConfig
     telemetry: TelemetryConfig | None = None

@@ -7,6 +7,8 @@ window's own polynomial and counted.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
@@ -15,12 +17,17 @@ from fsw.config import Config
 from fsw.estimators.model import RobotModel
 from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.problem import joint_order
+from fsw.findings import Fault, Finding
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
 MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is junk
+SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
+MIN_SPIKES = 3
 EXTRA_POSITION_DEGREE = 3  # the position's polynomial must still have a good second derivative
+GYRO_FAULTS = ("gyro", Fault.GYRO_SPIKE, Fault.GYRO_INCONSISTENT)
+ACC_FAULTS = ("accelerometer", Fault.ACC_SPIKE, Fault.ACC_INCONSISTENT)
 
 
 def rotation_from_xyzw(q: FloatArray) -> FloatArray:
@@ -43,6 +50,7 @@ class Conditioner:
 
     def __init__(self, config: Config, order: tuple[int, ...]) -> None:
         self._nodes = config.estimator.nodes
+        self._min_fill = config.estimator.min_fill_ratio
         self._order = order
         self._joints = tuple(config.joints[k] for k in order)
         imu = config.imu
@@ -54,6 +62,12 @@ class Conditioner:
         self._R_NB = np.eye(3)
         self._attitude_ns = 0
         self._attitude_known = False
+        self._found: list[Finding] = []
+
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong in the windows."""
+        found, self._found = self._found, []
+        return found
 
     def condition(self, window: Window) -> Block | None:
         """Return the block of a window, or None when the arm's motion cannot be known in it.
@@ -68,34 +82,42 @@ class Conditioner:
         if any(joint.missing for joint in joints):
             self.unusable_windows += 1
             return None
-        q, qd, qdd, tau = (np.empty((m, n)) for _ in range(4))
-        cov_joint, cov_tau = np.empty((n, 2 * m, 2 * m)), np.empty((n, m, m))
+        q, qd, qdd, tau = (np.zeros((m, n)) for _ in range(4))
+        cov_joint = np.empty((n, 2 * m, 2 * m))
+        cov_tau = np.broadcast_to(np.eye(m), (n, m, m)).copy()
+        has_joint = np.ones(n, dtype=bool)
         shared: _JointFits | None = None
         for k, (joint, channel) in enumerate(zip(self._joints, joints, strict=True)):
             t_s = _seconds(channel, centre_ns)
             if shared is None or not shared.fits(t_s):
                 shared = _JointFits(t_s, half_s, m)
-            fits, coefficients, removed = shared.solve(
-                channel.values, joint.position_noise_rad, joint.torque_noise_nm
-            )
-            self.outliers += removed
-            if fits is None:
+            position = shared.solve_position(channel.values[:, 0], joint.position_noise_rad)
+            self._tell(position.removed, Fault.ENCODER_SPIKE, joint.name, window)
+            if position.fit is None:
                 self.unusable_windows += 1
                 return None
-            position, torque = coefficients
-            q[:, k] = fits.position.operator(0) @ position
-            qd[:, k] = fits.position.operator(1) @ position
-            qdd[:, k] = fits.position.operator(2) @ position
-            tau[:, k] = fits.torque.operator(0) @ torque
-            cov_joint[k] = fits.position.covariance((1, 2), joint.position_noise_rad)
-            cov_tau[k] = fits.torque.covariance((0,), joint.torque_noise_nm)
+            torque = shared.solve_torque(
+                channel.values[:, 1], joint.torque_noise_nm, self._min_fill
+            )
+            if self._is_doubtful(torque.removed, len(t_s)):
+                self._tell(torque.removed, Fault.TORQUE_INCONSISTENT, joint.name, window)
+                torque = NO_FIT
+            self._tell(torque.removed, Fault.TORQUE_SPIKE, joint.name, window)
+            q[:, k] = position.fit.operator(0) @ position.coefficients
+            qd[:, k] = position.fit.operator(1) @ position.coefficients
+            qdd[:, k] = position.fit.operator(2) @ position.coefficients
+            cov_joint[k] = position.fit.covariance((1, 2), joint.position_noise_rad)
+            has_joint[k] = torque.fit is not None
+            if torque.fit is not None:
+                tau[:, k] = torque.fit.operator(0) @ torque.coefficients
+                cov_tau[k] = torque.fit.covariance((0,), joint.torque_noise_nm)
         still = _still(qd, qdd, cov_joint)
         qd[:, still] = qdd[:, still] = 0.0
         gyro, cov_gyro, has_gyro = self._inertial(
-            window.gyro, centre_ns, half_s, self._sigma_gyro, (0, 1)
+            window, window.gyro, self._sigma_gyro, (0, 1), GYRO_FAULTS
         )
         force, cov_acc, has_acc = self._inertial(
-            window.accelerometer, centre_ns, half_s, self._sigma_acc, (0,)
+            window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS
         )
         t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
         R_NB = self._attitude(window.attitude, t_ns, (gyro[:m] @ self._R_BS.T).mean(axis=0))
@@ -114,7 +136,7 @@ class Conditioner:
             cov_tau=cov_tau,
             cov_gyro=cov_gyro,
             cov_acc=cov_acc,
-            has_joint=np.ones(n, dtype=bool),
+            has_joint=has_joint,
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
             has_attitude=self._attitude_known,
@@ -143,30 +165,81 @@ class Conditioner:
 
     def _inertial(
         self,
+        window: Window,
         channel: ChannelWindow,
-        centre_ns: int,
-        half_s: float,
         sigma: float,
         orders: tuple[int, ...],
+        faults: tuple[str, Fault, Fault],
     ) -> tuple[FloatArray, FloatArray, bool]:
         """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable."""
         m = self._nodes
-        rows = m * len(orders)
         if not channel.missing:
-            t_s, values = _seconds(channel, centre_ns), channel.values
-            keep = np.ones(len(t_s), dtype=bool)
-            for _ in range(MAX_PASSES):
-                fit = NodeFit(t_s[keep], half_s, m - 1, m)
-                coefficients = fit.coefficients(values[keep])
-                good = _inliers(fit.residuals(values[keep], coefficients), sigma)
-                if good.all():
-                    E = np.concatenate([fit.operator(order) for order in orders])
-                    return E @ coefficients, fit.covariance(orders, sigma), True
-                self.outliers += int(np.sum(~good))
-                keep[keep] = good
-                if keep.sum() < 2 * m:
-                    break
+            subject, spike, inconsistent = faults
+            half_s = (window.stop_ns - window.start_ns) * 0.5e-9
+            t_s = _seconds(channel, (window.start_ns + window.stop_ns) // 2)
+            fit = NodeFit(t_s, half_s, m - 1, m)
+            found = _robust(fit, t_s, half_s, (m - 1, m), channel.values, sigma, 2 * m)
+            if self._is_doubtful(found.removed, len(t_s)):
+                self._tell(found.removed, inconsistent, subject, window)
+            else:
+                self._tell(found.removed, spike, subject, window)
+                if found.fit is not None:
+                    E = np.concatenate([found.fit.operator(order) for order in orders])
+                    return E @ found.coefficients, found.fit.covariance(orders, sigma), True
+        rows = m * len(orders)
         return np.zeros((rows, 3)), np.eye(rows), False
+
+    @staticmethod
+    def _is_doubtful(removed: int, samples: int) -> bool:
+        return removed > max(MIN_SPIKES, SPIKE_RATIO * samples)
+
+    def _tell(self, removed: int, fault: Fault, subject: str, window: Window) -> None:
+        self.outliers += removed
+        if removed:
+            text = f"{removed} samples off the window's polynomial"
+            self._found.append(Finding(window.stop_ns, fault, subject, text))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Robust:
+    """A polynomial without its outliers; fit None: none can be had."""
+
+    fit: NodeFit | None
+    coefficients: FloatArray
+    removed: int
+
+
+NO_FIT = _Robust(None, np.empty(0), 0)
+
+
+def _robust(
+    fit: NodeFit,
+    t_s: FloatArray,
+    half_s: float,
+    shape: tuple[int, int],
+    values: FloatArray,
+    sigma: float,
+    least: int,
+) -> _Robust:
+    """Fit values (k, width) of one channel, leaving outliers out.
+
+    Parameters
+    ----------
+    fit : polynomial over all the instants t_s (k,); `shape` is its degree and number of nodes
+    least : samples that must be left
+    """
+    keep, removed = np.ones(len(t_s), dtype=bool), 0
+    for _ in range(MAX_PASSES):
+        coefficients = fit.coefficients(values[keep])
+        good = _inliers(fit.residuals(values[keep], coefficients), sigma)
+        if good.all():
+            return _Robust(fit, coefficients, removed)
+        removed += int(np.sum(~good))
+        keep[keep] = good
+        if keep.sum() < least:
+            break
+        fit = NodeFit(t_s[keep], half_s, *shape)
+    return _Robust(None, np.empty(0), removed)
 
 
 class _JointFits:
@@ -182,26 +255,34 @@ class _JointFits:
     def fits(self, t_s: FloatArray) -> bool:
         return np.array_equal(t_s, self._t_s)
 
-    def solve(
-        self, values: FloatArray, sigma_position: float, sigma_torque: float
-    ) -> tuple[_JointFits | None, tuple[FloatArray, FloatArray], int]:
-        """Return the fits without outliers, both coefficients, how many outliers."""
-        fits, removed = self, 0
-        for _ in range(MAX_PASSES):
-            position = fits.position.coefficients(values[:, 0])
-            torque = fits.torque.coefficients(values[:, 1])
-            good = _inliers(
-                fits.position.residuals(values[:, :1], position[:, None]), sigma_position
-            )
-            good &= _inliers(fits.torque.residuals(values[:, 1:], torque[:, None]), sigma_torque)
-            if good.all():
-                return fits, (position, torque), removed
-            removed += int(np.sum(~good))
-            if good.sum() < 2 * (self._nodes + EXTRA_POSITION_DEGREE):
-                break
-            values = values[good]
-            fits = _JointFits(fits._t_s[good], self._half_s, self._nodes)
-        return None, (np.empty(0), np.empty(0)), removed
+    def solve_position(self, values: FloatArray, sigma: float) -> _Robust:
+        """Return the position's polynomial."""
+        degree = self._nodes - 1 + EXTRA_POSITION_DEGREE
+        shape, least = (degree, self._nodes), 2 * (self._nodes + EXTRA_POSITION_DEGREE)
+        return self._column(self.position, self._t_s, shape, values, sigma, least)
+
+    def solve_torque(self, values: FloatArray, sigma: float, min_fill: float) -> _Robust:
+        """Return the torque's polynomial over the samples that have one; not over too few."""
+        shape, t_s, fit = (self._nodes - 1, self._nodes), self._t_s, self.torque
+        usable = np.isfinite(values)
+        if not usable.all():
+            if usable.sum() < max(min_fill * len(values), 2 * self._nodes):
+                return NO_FIT
+            t_s, values = t_s[usable], values[usable]
+            fit = NodeFit(t_s, self._half_s, *shape)
+        return self._column(fit, t_s, shape, values, sigma, 2 * self._nodes)
+
+    def _column(
+        self,
+        fit: NodeFit,
+        t_s: FloatArray,
+        shape: tuple[int, int],
+        values: FloatArray,
+        sigma: float,
+        least: int,
+    ) -> _Robust:
+        found = _robust(fit, t_s, self._half_s, shape, values[:, None], sigma, least)
+        return replace(found, coefficients=found.coefficients.reshape(-1))
 
 
 def _still(qd: FloatArray, qdd: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:

@@ -218,11 +218,13 @@ def fused_rows(
     )[:, use]
     X = np.concatenate([prediction.J_tau, prediction.J_f, prediction.J_w], axis=1)[:, use]
     size = r.size
-    L = np.linalg.cholesky(_covariance(block, prediction, use, rate))
+    L = np.asarray(np.linalg.cholesky(_covariance(block, prediction, use, rate)), np.float64)
     return Rows(
         solve_triangular(L, X.reshape(size, len(x)), lower=True),
         solve_triangular(L, r.ravel(), lower=True),
         prediction.after,
+        L,
+        use,
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fsw.estimators.impulse import Impulse, external_wrench
@@ -25,6 +26,8 @@ class Rows:
     A: FloatArray
     b: FloatArray
     after: Impulse | None = None  # momentum gained up to the block's end; see `impulse`
+    root: FloatArray | None = None  # (k, k) lower root of the noise covariance whitened with
+    use: NDArray[np.bool_] | None = None  # (n + 6,) channels at each node: torque, force, rate
 
 
 def base_acceleration(

@@ -23,6 +23,7 @@ from fsw.estimators.change import InnovationMonitor
 from fsw.estimators.diagnosis import conflict_limit, diagnose, plain, prior_conflict
 from fsw.estimators.impulse import Impulse
 from fsw.estimators.inertia import is_consistent, nearest_consistent
+from fsw.estimators.isolation import ChannelScreen
 from fsw.estimators.memory import Memory, data_within
 from fsw.estimators.model import RobotModel
 from fsw.estimators.mrnea import Rows
@@ -33,6 +34,7 @@ from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.row_functions import RowsFunction, row_function
 from fsw.estimators.snapshot import Values, check_fit, kept, put, to_information
 from fsw.estimators.square_root import SquareRootInformation
+from fsw.findings import Finding
 from fsw.messages import Block, Estimate, FloatArray
 
 WORK_PER_BLOCK = 16  # units of background work due between two blocks
@@ -61,8 +63,11 @@ class OnlineEstimator:
         rows: RowsFunction,
         *,
         linear: bool,
+        false_alarm: float = 1e-9,
     ) -> None:
+        """`false_alarm`: probability of calling one channel of one block inconsistent."""
         self._problem = problem
+        self._false_alarm = false_alarm
         self._settings = settings
         self._rows = rows
         self._linear = linear
@@ -73,6 +78,7 @@ class OnlineEstimator:
         """Forget all blocks; return to the prior."""
         self._changes = self._blocks = self._gated = self._ignored = 0
         self._monitor = InnovationMonitor(self._settings.gate_probability)
+        self._screen = ChannelScreen(self._problem.model.joint_names, self._false_alarm)
         self._q_rad: FloatArray | None = None
         self._after = -1
         self._span_ns: tuple[int, int] | None = None  # of the blocks since the prior
@@ -213,6 +219,10 @@ class OnlineEstimator:
         self._events.clear()
         return drained
 
+    def findings(self) -> list[Finding]:
+        """Return and forget which sensors were found not to fit the model."""
+        return self._screen.take()
+
     def report(self) -> dict[str, Any]:
         """Diagnose the current estimate on demand; plain values.
 
@@ -305,6 +315,19 @@ class OnlineEstimator:
         if rows is None:
             self._gated += 1
             return
+        if self._armed:
+            used = self._screen.judge(
+                block,
+                rows,
+                self._x - at,
+                self._store.information.covariance_root(),
+                self._monitor.level,
+            )
+            if used is not block:
+                block, rows = used, self._usable_rows(used, at, self._store.gained)
+                if rows is None:
+                    self._gated += 1
+                    return
         end_ns = int(block.t_ns[-1])
         self._age(end_ns)
         white = self._whitened(rows.A, rows.b - rows.A @ (self._x - at))
@@ -478,4 +501,5 @@ def build_online(
         return BiasCompensatedEstimator(problem, settings)
     rows = row_function(settings.method, settings.weighting, problem)
     linear = settings.method == "mrnea" and settings.weighting != "eiv"
-    return OnlineEstimator(problem, settings, rows, linear=linear)
+    false_alarm = config.health.false_alarm_probability
+    return OnlineEstimator(problem, settings, rows, linear=linear, false_alarm=false_alarm)

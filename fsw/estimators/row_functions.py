@@ -26,6 +26,7 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
 
     A block without accelerometer or gyro leaves MRNEA's base rows without their measurement: its
     torques are then used as RDA's, with the rate that the momentum gives where the gyro is missing.
+    So are the other torques of a block in which one is missing.
 
     Raises
     ------
@@ -33,7 +34,7 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     """
 
     def mrnea(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        if block.has_gyro and block.has_accelerometer:
+        if block.has_gyro and block.has_accelerometer and block.has_joint.all():
             return mrnea_rows(block, x, problem, weighting)
         return rda(block, x, before)
 

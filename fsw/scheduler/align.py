@@ -6,6 +6,7 @@ samples it holds depends on recorded stamps only, never on when the loop looked.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -144,7 +145,8 @@ class Aligner:
             return
         received = sample.t_receive_ns
         if isinstance(sample, JointSample):
-            value = (sample.position_rad, sample.torque_nm)
+            torque_nm = math.nan if sample.torque_nm is None else sample.torque_nm
+            value = (sample.position_rad, torque_nm)
             late = self._add(self._joints[sample.joint], sample.t_ns, received, value)
             source = self._joint_names[sample.joint]
         elif isinstance(sample, ImuSample):

@@ -39,7 +39,7 @@ def fly(folder: Path, commands: dict[int, Command]) -> Live:
     arm = ArmProject(folder, 7)
     for joint in arm.data["joints"]:
         joint["speed_limit_rad_s"] = 10.0
-    config = arm_config(arm, estimator={"settle_blocks": 2})
+    config = arm_config(arm, estimator={"settle_blocks": 2}, health={"stuck": False})
     world = VirtualBench(Plant(AnalyticHistory(), sensor_config(), 3, t0_ns=T0), T0, seed=3)
     keep = KeepSink()
     path = folder / "live.mcap"

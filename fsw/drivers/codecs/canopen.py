@@ -38,8 +38,9 @@ STATUS_ENCODER_FAULT = 0x10
 STATUS_BRAKE_ENGAGED = 0x20
 STATUS_SYNC_LOST = 0x40
 STATUS_TEST_DATA = 0x80
-STATUS_REQUIRED = STATUS_TORQUE_VALID | STATUS_ENCODER_VALID
-STATUS_CHECKED = 0xFF & ~STATUS_BRAKE_ENGAGED  # a braked joint is held, its readings are real
+STATUS_OF_TORQUE = STATUS_TORQUE_VALID | STATUS_TORQUE_OVERLOAD | STATUS_TORQUE_FAULT
+# a braked joint is held, its readings are real
+STATUS_OF_POSITION = 0xFF & ~STATUS_OF_TORQUE & ~STATUS_BRAKE_ENGAGED
 
 _TPDO1 = struct.Struct("<ihBB")
 _FD = struct.Struct("<iiiHBbI")
@@ -106,9 +107,14 @@ class Emergency:
     detail: bytes
 
 
-def usable(status: int) -> bool:
-    """Tell whether both readings are valid and no fault is flagged; the brake does not matter."""
-    return status & STATUS_CHECKED == STATUS_REQUIRED
+def position_usable(status: int) -> bool:
+    """Tell whether the position is valid and real; the brake does not matter."""
+    return status & STATUS_OF_POSITION == STATUS_ENCODER_VALID
+
+
+def torque_usable(status: int) -> bool:
+    """Tell whether the torque is valid and no fault of its sensor is flagged."""
+    return status & STATUS_OF_TORQUE == STATUS_TORQUE_VALID
 
 
 def decode_tpdo1(data: bytes) -> Tpdo1 | Reject:

@@ -4,19 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fsw.config import ImuConfig
+from fsw.config import HealthConfig, ImuConfig
 from fsw.drivers.codecs.framing import Frame
 from fsw.drivers.codecs.imu_datagram import ImuCodec, ImuDatagram, Vector3
 from fsw.drivers.codecs.mip import MipCodec
-from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2, Stim300Codec
+from fsw.drivers.codecs.stim300 import (
+    STANDARD_GRAVITY_M_S2,
+    STATUS_OVERLOAD,
+    STATUS_START_UP,
+    Stim300Codec,
+)
 from fsw.drivers.sources.arrival import Arrival, ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
+from fsw.drivers.sources.line_watch import IMU_LINE, LineWatch
 from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
 from fsw.drivers.wire import ByteChunk, Reject
+from fsw.findings import Fault, Finding
 from fsw.messages import ImuSample
 
+SUBJECT = "imu"
 MIN_LATENCY_LIMIT_S = 0.01  # a latency field above this and above two periods is no latency
+JITTER_SAMPLES, JITTER_OF = 3, 16  # so many late ones among so many make jitter
 _REFUSED = {Step.WRONG: Reject.SEQUENCE, Step.UNTRUE: Reject.RANGE}
 
 
@@ -38,7 +47,13 @@ class ImuSource:
     as far as it bounds the sample itself; so it is known at once and does not depend on junk.
     """
 
-    def __init__(self, config: ImuConfig, codec: ImuCodec | None = None) -> None:
+    def __init__(
+        self,
+        config: ImuConfig,
+        codec: ImuCodec | None = None,
+        health: HealthConfig | None = None,
+    ) -> None:
+        health = health or HealthConfig()
         if codec is None:
             codec = make_codec(config.driver, config.acc_range_g, config.crlf)
         self._codec = codec
@@ -53,6 +68,9 @@ class ImuSource:
         self._gyro_delay_ns = config.gyro_group_delay_s * 1e9
         self._acc_delay_ns = config.acc_group_delay_s * 1e9
         self._group: list[tuple[Arrival, ImuDatagram]] = []
+        self._watch = LineWatch(IMU_LINE, SUBJECT, 1e9 / config.rate_hz, health.silent_periods)
+        self._jitter_ns = health.jitter_s * 1e9
+        self._late = 0  # bit i: the i-th newest sample was late
 
     @property
     def counters(self) -> dict[str, int]:
@@ -64,6 +82,14 @@ class ImuSource:
     def clock_rate_error_ppm(self) -> float:
         """Rate error of the unit's clock as fitted."""
         return self._clock.rate_error_ppm
+
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        return self._watch.take()
+
+    def watch(self, now_ns: int) -> None:
+        """Look whether the unit has fallen silent; everything received has been fed."""
+        self._watch.watch(now_ns)
 
     def feed(self, chunks: Sequence[ByteChunk]) -> list[ImuSample]:
         """Take chunks in, in order, and return the samples they complete."""
@@ -83,10 +109,13 @@ class ImuSource:
                 self._counts.accepted_bytes += len(frame.data)
             elif isinstance(datagram, Reject):
                 self._counts.reject(datagram, len(frame.data))
+                self._watch.refused(frame.skipped)
             elif self._is_in_range(datagram):
                 good.append((frame, datagram))
             else:
                 self._counts.reject(Reject.RANGE, len(frame.data))
+                self._watch.refused(frame.skipped)
+                self._watch.find(frame.pieces[-1].t_ns, Fault.IMU_RANGE)
         return good
 
     def _is_in_range(self, datagram: ImuDatagram) -> bool:
@@ -110,6 +139,7 @@ class ImuSource:
             step = track.check(counted, clock)
             if step in _REFUSED:
                 self._counts.reject(_REFUSED[step], length)
+                self._doubt(step, frame, datagram.counter)
                 continue
             if arrivals.is_new_chunk(frame):
                 self._release(samples)
@@ -120,11 +150,47 @@ class ImuSource:
                 self._release(samples)
                 clock.reset()
                 arrivals.clear()
+            lost = track.lost
             n = track.accept(counted, clock, step)
+            lost = 0 if step is Step.RESTART else track.lost - lost
+            self._watch.accepted(t_ns, frame.skipped, lost, length)
+            self._look_at_status(datagram, t_ns)
             self._counts.accepted += 1
             self._counts.accepted_bytes += length
             self._group.append((arrivals.add(frame, n, delay_ns), datagram))
         self._release(samples)
+
+    def _doubt(self, step: Step, frame: Frame, counter: int) -> None:
+        t_ns = frame.pieces[-1].t_ns
+        if self._track.is_repeated(counter):
+            self._watch.find(t_ns, Fault.IMU_DUPLICATE)
+            return  # it stands for no sample that is missing now
+        self._watch.refused(frame.skipped)
+        fault = Fault.IMU_LATENCY if step is Step.UNTRUE else Fault.IMU_COUNTER
+        self._watch.find(t_ns, fault, f"counter {counter}")
+
+    def _look_at_status(self, datagram: ImuDatagram, t_ns: int) -> None:
+        """Find clusters that their own status makes unusable (STIM300, data sheet 7.5.2.1)."""
+        gyro, acc = datagram.gyro_status, datagram.acc_status
+        if not gyro | acc:
+            return
+        if (gyro | acc) & STATUS_START_UP:
+            self._watch.find(t_ns, Fault.IMU_START_UP)
+            return
+        for status, value, overload, fault in (
+            (gyro, datagram.w_NS_S_rad_s, Fault.GYRO_OVERLOAD, Fault.GYRO_FAULT),
+            (acc, datagram.f_NS_S_m_s2, Fault.ACC_OVERLOAD, Fault.ACC_FAULT),
+        ):
+            if status and value is None:
+                found = overload if status & STATUS_OVERLOAD else fault
+                self._watch.find(t_ns, found, f"status 0x{status:02x}")
+
+    def _look_at_lateness(self, late_ns: float, t_ns: int) -> None:
+        late = late_ns > self._jitter_ns
+        self._late = (self._late << 1 | late) & (1 << JITTER_OF) - 1
+        if late and self._late.bit_count() >= JITTER_SAMPLES:
+            text = f"{late_ns * 1e-6:.1f} ms later than the unit's clock allows"
+            self._watch.find(t_ns, Fault.IMU_JITTER, text)
 
     def _release(self, samples: list[ImuSample]) -> None:
         """Give the accepted datagrams of one chunk their times."""
@@ -134,7 +200,9 @@ class ImuSource:
             sent_ns = arrival.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns) - arrival.delay_ns
             if clock.ready:
                 reference_ns, rest_ns = clock.predict_ns(arrival.n)
-                sent_ns = min(sent_ns, (reference_ns - base_ns) + rest_ns)
+                predicted_ns = (reference_ns - base_ns) + rest_ns
+                self._look_at_lateness(sent_ns - predicted_ns, base_ns)
+                sent_ns = min(sent_ns, predicted_ns)
             samples.append(
                 ImuSample(
                     base_ns + round(sent_ns - self._gyro_delay_ns),

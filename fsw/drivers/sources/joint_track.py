@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from fsw.config import JointConfig
 from fsw.drivers.sources.counters import Counters
+from fsw.drivers.sources.encoder_watch import EncoderWatch
 from fsw.drivers.wire import Reject
+from fsw.findings import Fault
 
 HISTORY_SYNCS = 256  # SYNCs over which duplicates are known and losses settled
 CHAIN = 3  # samples in unbroken, consistent order ...
@@ -33,12 +35,13 @@ class JointTrack:
         self.counts = Counters()
         self.first_sync = -1  # index of the first SYNC an accepted sample came for
         self.last_t_ns = 0
-        self.silent = False
+        self.fault: Fault | None = None  # what the newest sample was refused for
         self._last_rad = 0.0
         self._newest = 0
         self._seen = 0  # bit i: a sample for SYNC newest - i was accepted
         self._slack_rad = SLACK_SIGMAS * config.position_noise_rad
         self._slack_rad += config.speed_limit_rad_s * period_s
+        self._encoder = EncoderWatch(period_s, config.speed_limit_rad_s, self._slack_rad)
         self._chain = 0
         self._chain_start_ns = 0
         self._doubted_t_ns = 0
@@ -49,19 +52,28 @@ class JointTrack:
         back = self._newest - sync
         return 0 <= back < HISTORY_SYNCS and bool(self._seen >> back & 1)
 
-    def judge(self, sync: int, t_ns: int, position_rad: float, torque_nm: float) -> Reject | None:
+    def judge(
+        self, sync: int, t_ns: int, position_rad: float, torque_nm: float | None
+    ) -> Reject | None:
         """Return why calibrated values for a SYNC are refused, or None and take them as seen.
 
-        A node's frames never overtake one another, so a counter behind the last one is wrong.
+        A node's frames never overtake one another, so a counter behind the last one is wrong. A
+        torque of None is not judged.
         """
+        self.fault = None
         first = self.first_sync < 0
         if not first and sync <= self._newest:
             return Reject.SEQUENCE
         limit_nm = self.config.torque_limit_nm
-        if not -limit_nm <= torque_nm <= limit_nm:
+        if torque_nm is not None and not -limit_nm <= torque_nm <= limit_nm:
+            self.fault = Fault.TORQUE_RANGE
+            return Reject.RANGE
+        self.fault = self._encoder.look(t_ns, position_rad)
+        if self.fault is not None:
             return Reject.RANGE
         near = first or self._is_reachable(self.last_t_ns, self._last_rad, t_ns, position_rad)
         if not near and not self._is_believed(t_ns, position_rad):
+            self.fault = Fault.ENCODER_JUMP
             return Reject.RANGE
         if first:
             self.first_sync = sync

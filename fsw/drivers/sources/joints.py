@@ -5,18 +5,29 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from fsw.config import BusConfig, JointConfig
+from fsw.config import BusConfig, HealthConfig, JointConfig
 from fsw.drivers.codecs import canopen
 from fsw.drivers.sources.bus_errors import BusErrors
+from fsw.drivers.sources.bus_watch import BusWatch
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_track import JointTrack, calibrate
 from fsw.drivers.sources.sync import SyncHistory
 from fsw.drivers.wire import CanFrame, Reject
+from fsw.findings import Fault, Finding
 from fsw.messages import JointSample
 
 LOST_AFTER_NS = 100_000_000  # a SYNC without a sample for so long counts as a lost sample
-SILENT_AFTER_NS = 500_000_000
 MAX_EVENTS = 256
+ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100  # classes of a SocketCAN error frame
+_FAULT_OF_REJECT = {
+    Reject.LENGTH: Fault.JOINT_LENGTH,
+    Reject.STALE: Fault.JOINT_COUNTER,
+}
+_FAULT_OF_STATUS = (  # first that holds; what makes the whole sample unusable
+    (canopen.STATUS_TEST_DATA, Fault.NODE_TEST_DATA),
+    (canopen.STATUS_SYNC_LOST, Fault.NODE_NO_SYNC),
+    (0xFF, Fault.ENCODER_FAULT),
+)
 
 
 class JointBusSource:
@@ -27,8 +38,21 @@ class JointBusSource:
     lost samples are the SYNCs after its first accepted one that are 0.1 s old and have none.
     """
 
-    def __init__(self, bus: BusConfig, joints: list[tuple[int, JointConfig]]) -> None:
+    def __init__(
+        self,
+        bus: BusConfig,
+        joints: list[tuple[int, JointConfig]],
+        health: HealthConfig | None = None,
+    ) -> None:
+        health = health or HealthConfig()
         self._bus = bus
+        self._watch = BusWatch(
+            bus.name,
+            {config.node_id: config.name for _, config in joints},
+            bus.rate_hz,
+            health.silent_periods,
+            health.late_periods,
+        )
         self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
         self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
         self._unsettled: deque[tuple[int, int]] = deque()  # SYNC stamp and index
@@ -38,6 +62,7 @@ class JointBusSource:
         self._states: dict[int, int] = {}
         self._other_frames = 0
         self._errors = BusErrors()
+        self._torque_unusable = 0
         self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
         self.slow: dict[int, canopen.Tpdo2] = {}  # newest TPDO2 by joint index
 
@@ -54,6 +79,7 @@ class JointBusSource:
         out["other_frames"] = self._other_frames
         out["error_frames"] = self._errors.frames
         out.update({f"can_{name}": count for name, count in self._errors.counts.items()})
+        out["torque_unusable"] = self._torque_unusable
         return out
 
     @property
@@ -72,6 +98,10 @@ class JointBusSource:
         self._events.clear()
         return out
 
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        return self._watch.take()
+
     def next_sync(self) -> tuple[int, bytes]:
         """Return COB-ID and data of the next SYNC to send; feed it back once sent."""
         return canopen.encode_sync(self._syncs.next_counter())
@@ -87,10 +117,10 @@ class JointBusSource:
         for frame in frames:
             can_id = frame.can_id
             if frame.is_error:
-                for severity, code, text in self._errors.feed(frame):
-                    self._events.append((severity, code, f"{self._bus.name}: {text}"))
+                self._error(frame)
             elif frame.is_remote or frame.is_extended:
                 self._other_frames += 1
+                self._watch.stranger()
             elif first < can_id <= last:
                 sample = self._sample(frame)
                 if sample is not None:
@@ -98,45 +128,79 @@ class JointBusSource:
             elif can_id == canopen.COB_SYNC:
                 if self._syncs.add(frame.data, frame.t_ns):
                     self._settle(frame.t_ns)
+                    self._watch.sync(self._syncs.count - 1, frame.t_ns)
             else:
                 self._route(frame)
         return samples
 
+    def _error(self, frame: CanFrame) -> None:
+        """Take in what the controller reports of the bus."""
+        for severity, code, text in self._errors.feed(frame):
+            self._events.append((severity, code, f"{self._bus.name}: {text}"))
+        if frame.can_id & ERROR_BUS_OFF:
+            self._watch.find(frame.t_ns, Fault.BUS_OFF, None, "the controller went bus-off")
+        elif not frame.can_id & ERROR_RESTARTED:
+            self._watch.find(frame.t_ns, Fault.BUS_ERRORS, None, f"class 0x{frame.can_id:03x}")
+
     def _sample(self, frame: CanFrame) -> JointSample | None:
-        track = self._tracks.get(frame.can_id & canopen.NODE_MASK)
+        node = frame.can_id & canopen.NODE_MASK
+        track = self._tracks.get(node)
         length = len(frame.data)
         if track is None:
             self._counts.received_bytes += length
             self._counts.reject(Reject.NODE, length)
+            self._watch.stranger()
+            self._watch.find(frame.t_ns, Fault.NODE_UNKNOWN, None, f"sample of node 0x{node:02x}")
             return None
         counts = track.counts
         counts.received_bytes += length
         fd = track.config.format == "fd"
         pdo = canopen.decode_fd(frame.data) if fd else canopen.decode_tpdo1(frame.data)
+        sync = None
+        reason: Reject | None = None
         if isinstance(pdo, Reject):
-            counts.reject(pdo, length)
+            reason = pdo
+        else:
+            sync = self._syncs.find(pdo.sync_counter, frame.t_ns)
+            if sync is None:
+                reason = Reject.STALE
+        if isinstance(pdo, Reject) or sync is None or reason is not None:
+            # whatever it says, the node is there and has answered the newest SYNC or the one before
+            self._watch.answer_of_no_sync(node)
+            self._refuse(track, frame, reason or Reject.STALE)
             return None
-        if not canopen.usable(pdo.status):
-            counts.reject(Reject.STATUS, length)
+        self._watch.answer(node, sync[1], frame.t_ns)
+        if not canopen.position_usable(pdo.status):
+            fault = next(f for bits, f in _FAULT_OF_STATUS if pdo.status & bits or bits == 0xFF)
+            self._watch.find(frame.t_ns, fault, node, f"status 0x{pdo.status:02x}")
+            self._refuse(track, frame, Reject.STATUS)
             return None
-        sync = self._syncs.find(pdo.sync_counter, frame.t_ns)
-        if sync is None:
-            counts.reject(Reject.STALE, length)
-            return None
-        position, torque = calibrate(track.config, pdo.position_rad, pdo.torque_nm)
+        position, reading = calibrate(track.config, pdo.position_rad, pdo.torque_nm)
+        torque: float | None = reading
+        if not canopen.torque_usable(pdo.status):
+            torque = None
         reason = track.judge(sync[1], sync[0], position, torque)
+        if track.fault is not None:
+            self._watch.find(frame.t_ns, track.fault, node)
         if reason is not None:
-            counts.reject(reason, length)
+            self._refuse(track, frame, reason)
             return None
+        if torque is None:
+            self._torque_unusable += 1
+            overload = pdo.status & canopen.STATUS_TORQUE_OVERLOAD
+            fault = Fault.TORQUE_OVERLOAD if overload else Fault.TORQUE_FAULT
+            self._watch.find(frame.t_ns, fault, node, f"status 0x{pdo.status:02x}")
         counts.accepted += 1
         counts.accepted_bytes += length
-        if track.silent:
-            track.silent = False
-            self._event("info", "joint_back", track, "delivers samples again")
         t_ns = sync[0] + self._latch_offset_ns
         return JointSample(
             t_ns, frame.t_ns, track.index, pdo.sync_counter, position, torque, pdo.status
         )
+
+    def _refuse(self, track: JointTrack, frame: CanFrame, reason: Reject) -> None:
+        track.counts.reject(reason, len(frame.data))
+        if reason in _FAULT_OF_REJECT:
+            self._watch.find(frame.t_ns, _FAULT_OF_REJECT[reason], track.config.node_id)
 
     def _settle(self, now_ns: int) -> None:
         """Count the samples that did not come for SYNCs of some age."""
@@ -146,9 +210,6 @@ class JointBusSource:
             for track in self._tracks.values():
                 if 0 <= track.first_sync < sync and not track.has(sync):
                     track.counts.lost += 1
-                    if not track.silent and now_ns - track.last_t_ns > SILENT_AFTER_NS:
-                        track.silent = True
-                        self._event("medium", "joint_silent", track, "has sent no sample for 0.5 s")
 
     def _route(self, frame: CanFrame) -> None:
         """Take in the slower services of the configured nodes; everything else is not ours."""
@@ -156,6 +217,7 @@ class JointBusSource:
         function, node = frame.can_id & canopen.FUNCTION_MASK, frame.can_id & canopen.NODE_MASK
         track = self._tracks.get(node)
         if track is None or frame.can_id > 0x7FF:
+            self._watch.stranger()
             return
         if function == canopen.COB_TPDO2:
             slow = canopen.decode_tpdo2(frame.data)
@@ -173,6 +235,8 @@ class JointBusSource:
                 self._states[node] = state
                 code = "boot_up" if state == canopen.NmtState.BOOT_UP else "node_state"
                 self._event("info", code, track, f"NMT state 0x{state:02x}")
+            if state == canopen.NmtState.BOOT_UP:
+                self._watch.boot(node, frame.t_ns)
 
     def _event(self, severity: str, code: str, track: JointTrack, text: str) -> None:
         name = f"{track.config.name} (node 0x{track.config.node_id:02x})"

@@ -69,6 +69,10 @@ class CounterTrack:
         self.index = 0  # of the last accepted sample [ticks]
         self.lost = 0
 
+    def is_repeated(self, counter: int) -> bool:
+        """Tell whether this is the counter of the last accepted sample."""
+        return self._started and counter == self._counter
+
     def check(self, item: Counted, clock: ClockModel) -> Step:
         """Judge a counter without believing it yet; `accept` does so for NEXT and RESTART."""
         if not self._started:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fsw.config import StarTrackerConfig
+from fsw.config import HealthConfig, StarTrackerConfig
 from fsw.drivers.codecs.framing import Frame
 from fsw.drivers.codecs.sagitta import (
     PLAIN_SOLUTION_BYTES,
@@ -16,12 +16,16 @@ from fsw.drivers.codecs.sagitta import (
 from fsw.drivers.sources.arrival import ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
+from fsw.drivers.sources.line_watch import TRACKER_LINE, LineWatch
 from fsw.drivers.wire import ByteChunk, Reject
+from fsw.findings import Fault, Finding
 from fsw.messages import AttitudeSample
 
+SUBJECT = "star_tracker"
 CLOCK_TOLERANCE_PPM = 200.0
 JUMP_S = 0.5  # unit time and host time may not part by more from one solution to the next
 PERIOD_RATIO = 0.5  # of a period: solutions are not closer, nor ahead of the unit's clock by more
+_FAULT_OF_REJECT = {Reject.STATUS: Fault.TRACKER_BLIND, Reject.RANGE: Fault.TRACKER_RANGE}
 CHAIN = 3  # solutions in order that are believed to be the unit's new time
 
 Quaternion = tuple[float, float, float, float]
@@ -60,8 +64,12 @@ def to_bus(q_wxyz: Quaternion, q_BS_xyzw: Quaternion, rotation: str) -> Quaterni
 class StarTrackerSource:
     """One star tracker; times by its own time stamp, or by arrival less latency."""
 
-    def __init__(self, config: StarTrackerConfig) -> None:
+    def __init__(self, config: StarTrackerConfig, health: HealthConfig | None = None) -> None:
+        health = health or HealthConfig()
         self._config = config
+        period_ns = 1e9 / config.rate_hz
+        self._watch = LineWatch(TRACKER_LINE, SUBJECT, period_ns, health.silent_periods)
+        self._late_ns = health.tracker_late_s * 1e9
         self._codec = SagittaCodec()
         self._arrivals = ArrivalTracker(config.baud_rate)
         self._clock = ClockModel(1e-6, CLOCK_TOLERANCE_PPM)
@@ -77,6 +85,14 @@ class StarTrackerSource:
     def counters(self) -> dict[str, int]:
         """Counters of samples and bytes."""
         return serial_counters(self._counts, self._codec.framer)
+
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        return self._watch.take()
+
+    def watch(self, now_ns: int) -> None:
+        """Look whether the unit has fallen silent; everything received has been fed."""
+        self._watch.watch(now_ns)
 
     def start_bytes(self) -> bytes:
         """Return what to send at start: the subscription, or nothing."""
@@ -95,31 +111,49 @@ class StarTrackerSource:
     def _take(self, frame: Frame) -> AttitudeSample | None:
         length = len(frame.data)
         decoded = self._codec.decode(frame.data)
+        t_ns = frame.pieces[-1].t_ns
         if isinstance(decoded, Reject):
-            self._counts.reject(decoded, length)
+            self._refuse(frame, decoded, _FAULT_OF_REJECT.get(decoded, Fault.TRACKER_DAMAGED))
             return None
         if not isinstance(decoded, Solution):
             self._counts.accepted_bytes += length
             return None
-        t_ns = frame.pieces[-1].t_ns
         restart = False
         if not self._is_next(decoded.unix_us, t_ns, frame.data):
             restart = self._is_chain(decoded.unix_us, t_ns)
             if not restart:
-                self._counts.reject(Reject.SEQUENCE, length)
+                again = frame.data == self._last_frame
+                fault = Fault.TRACKER_DUPLICATE if again else Fault.TRACKER_CLOCK
+                self._refuse(frame, Reject.SEQUENCE, fault)
                 return None
-        self._count_lost(t_ns)
+        lost = 0 if restart else self._count_lost(decoded.unix_us, t_ns)
         self._last, self._last_frame, self._chain = (decoded.unix_us, t_ns), frame.data, 0
+        sample_ns, late_ns = self._time_of_validity(frame, decoded, restart)
+        self._watch.accepted(t_ns, frame.skipped, lost, length)
+        if late_ns > self._late_ns:
+            text = f"{late_ns * 1e-6:.0f} ms later than its own clock allows"
+            self._watch.find(t_ns, Fault.TRACKER_LATE, text)
+            self._counts.reject(Reject.STALE, length)
+            return None
         self._counts.accepted += 1
         self._counts.accepted_bytes += length
         return AttitudeSample(
-            self._time_of_validity(frame, decoded, restart),
+            sample_ns,
             t_ns,
             decoded.ticks,
             to_bus(decoded.q_wxyz, self._config.mounting.q_BS_xyzw, self._config.rotation),
         )
 
-    def _time_of_validity(self, frame: Frame, solution: Solution, restart: bool) -> int:
+    def _refuse(self, frame: Frame, reason: Reject, fault: Fault) -> None:
+        self._counts.reject(reason, len(frame.data))
+        self._watch.find(frame.pieces[-1].t_ns, fault)
+        if fault is not Fault.TRACKER_DUPLICATE:
+            self._watch.refused(frame.skipped)
+
+    def _time_of_validity(
+        self, frame: Frame, solution: Solution, restart: bool
+    ) -> tuple[int, float]:
+        """Return the time of validity, and how much later the solution came than it should."""
         arrivals, clock, n = self._arrivals, self._clock, solution.unix_us
         if arrivals.is_new_chunk(frame):
             for done in arrivals.finish(frame):
@@ -134,10 +168,14 @@ class StarTrackerSource:
         delay_ns = length * arrivals.byte_ns
         arrival = arrivals.add(frame, n, delay_ns)
         sent_ns = arrival.bound_ns(arrival.bytes_before, arrivals.byte_ns) - delay_ns
-        if by_unit and clock.ready:
+        late_ns = 0.0
+        if clock.ready:
             reference_ns, rest_ns = clock.predict_ns(n)
-            sent_ns = min(sent_ns, (reference_ns - arrival.t_receive_ns) + rest_ns)
-        return arrival.t_receive_ns + round(sent_ns - self._latency_ns)
+            predicted_ns = (reference_ns - arrival.t_receive_ns) + rest_ns
+            late_ns = sent_ns - predicted_ns
+            if by_unit:
+                sent_ns = min(sent_ns, predicted_ns)
+        return arrival.t_receive_ns + round(sent_ns - self._latency_ns), late_ns
 
     def _is_next(self, unix_us: int, t_ns: int, frame: bytes) -> bool:
         if self._last is None:
@@ -158,10 +196,17 @@ class StarTrackerSource:
         self._doubted = now
         return self._chain >= CHAIN
 
-    def _count_lost(self, t_ns: int) -> None:
-        if self._last is not None:
-            periods = round((t_ns - self._last[1]) * 1e-9 * self._config.rate_hz)
-            self._counts.lost += max(0, periods - 1)
+    def _count_lost(self, unix_us: int, t_ns: int) -> int:
+        """Count by the unit's time, or by arrival where that is not set."""
+        if self._last is None:
+            return 0
+        elapsed_s = (unix_us - self._last[0]) * 1e-6
+        if not unix_us or not self._last[0]:
+            elapsed_s = (t_ns - self._last[1]) * 1e-9
+        periods = round(elapsed_s * self._config.rate_hz)
+        lost = max(0, periods - 1)
+        self._counts.lost += lost
+        return lost
 
 
 def _follows(now: tuple[int, int], before: tuple[int, int], least_ns: float) -> bool:

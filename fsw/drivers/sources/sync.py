@@ -19,7 +19,6 @@ class SyncHistory:
         self._before: list[tuple[int, int] | None] = [None] * (counter_max + 1)
         self._echo_ns = 0.5e9 * counter_max / rate_hz
         self._last_counter = 0
-        self._last_t_ns = 0
         self.echoes = 0  # the same SYNC seen again: as sent, and as the bus handed it back
         self.count = 0
         self.lost = 0  # gaps in the counter as seen here
@@ -32,15 +31,22 @@ class SyncHistory:
             self.invalid += 1
             return False
         if self.count:
-            if counter == self._last_counter and t_ns - self._last_t_ns < self._echo_ns:
+            if self._is_echo(counter, t_ns):
                 self.echoes += 1
                 return False
             self.lost += (counter - self._last_counter - 1) % self._counter_max
-        self._last_counter, self._last_t_ns = counter, t_ns
+        self._last_counter = counter
         self._before[counter] = self._latest[counter]
         self._latest[counter] = (t_ns, self.count)
         self.count += 1
         return True
+
+    def _is_echo(self, counter: int, t_ns: int) -> bool:
+        """Tell whether this SYNC was seen before: the newest, or one whose repetition came late."""
+        behind = (self._last_counter - counter) % self._counter_max
+        before = self._latest[counter]
+        recent = before is not None and t_ns - before[0] < self._echo_ns
+        return recent and behind < max(1, self._counter_max // 4)
 
     def next_counter(self) -> int:
         """Return the counter that follows the last one."""

@@ -74,9 +74,13 @@ def test_only_the_right_length_decodes(data: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "good"),
-    [(0x09, True), (0x29, True), (0x08, False), (0x01, False), (0x0B, False), (0x0D, False),
-     (0x19, False), (0x49, False), (0x89, False), (0x00, False)],
+    ("status", "position", "torque"),
+    [(0x09, True, True), (0x29, True, True), (0x08, True, False), (0x01, False, True),
+     (0x0B, True, False), (0x0D, True, False), (0x19, False, True), (0x49, False, True),
+     (0x89, False, True), (0x00, False, False)],
 )  # fmt: skip
-def test_status_tells_usable_samples(status: int, good: bool) -> None:
-    assert canopen.usable(status) is good
+def test_status_tells_usable_positions_and_torques(
+    status: int, position: bool, torque: bool
+) -> None:
+    assert canopen.position_usable(status) is position
+    assert canopen.torque_usable(status) is torque

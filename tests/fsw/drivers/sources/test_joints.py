@@ -93,7 +93,7 @@ def test_calibration_is_undone_by_its_inverse(
         (CanFrame(T0 + 101 * MS, 0x191, bytes(7)), "length"),
         (CanFrame(T0 + 101 * MS, 0x191, bytes(20), is_fd=True), "length"),
         (CanFrame(T0 + 101 * MS, 0x1A5, tpdo1(0.1, 1.0, 9, 51)), "node"),
-        (reading(50, status=0x08), "status"),
+        (reading(50, status=0x01), "status"),
         (reading(50, status=0x89), "status"),
         (CanFrame(T0 + 101 * MS, 0x191, tpdo1(0.1, 1.0, 9, 0)), "stale"),
         (CanFrame(T0 + 101 * MS, 0x191, tpdo1(0.1, 1.0, 9, 241)), "stale"),
@@ -153,12 +153,14 @@ def test_lost_samples_are_counted_per_joint_and_announced() -> None:
         bus.feed([sync(k), reading(k, 1)])
     assert bus.joint_counters[0]["lost"] in range(245, 256)
     assert bus.joint_counters[1]["lost"] == 0
-    assert [code for _, code, _ in bus.events()] == ["joint_silent"]
+    assert {f.fault for f in bus.findings()} == {"JOINT_SILENT"}
     for k in range(400, 600):
         bus.feed([sync(k), reading(k, 1)])
     run(bus, range(600, 700))
     assert bus.joint_counters[0]["lost"] == 500
-    assert [code for _, code, _ in bus.events()] == ["joint_back"]
+    assert {f.fault for f in bus.findings()} == {"JOINT_SILENT"}
+    run(bus, range(700, 800))
+    assert bus.findings() == []
 
 
 def test_other_services_are_routed_or_ignored_and_never_rejected() -> None:
@@ -215,6 +217,21 @@ def test_an_echo_of_a_sync_moves_no_time() -> None:
         samples += dirty.feed([first, echo, *rest])
     assert samples == reference
     assert dirty.counters["lost"] == dirty.counters["rejected"] == 0
+
+
+def test_a_sync_repeated_after_the_next_one_moves_no_time() -> None:
+    """Another producer's repetition is read behind the next SYNC, which was sent before reading."""
+    bus = source(1)
+    samples = []
+    for k in range(300):
+        frames = [sync(k + 1), reading(k, delay_ns=2 * MS)]
+        if k % 7 == 3:
+            frames.append(CanFrame(T0 + 2 * MS * (k + 1), 0x080, bytes([k % 240 + 1])))
+            frames.append(reading(k, delay_ns=2 * MS))
+        samples += bus.feed([sync(0), *frames] if k == 0 else frames)
+    assert [s.t_ns for s in samples] == [T0 + 2 * MS * k for k in range(300)]
+    assert bus.counters["sync_lost"] == 0
+    assert bus.counters["reject_sequence"] == sum(k % 7 == 3 for k in range(300))
 
 
 def test_fd_nodes_deliver_the_same() -> None:

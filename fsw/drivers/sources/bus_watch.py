@@ -1,0 +1,173 @@
+"""Who answered which SYNC: lost, doubled, late and overtaken frames, silent and restarted nodes.
+
+A SYNC is settled three SYNCs later: until then a frame may be late and no cause is known. If every
+node misses it, it is the SYNC that was lost, not the answers; if most answer twice, it was doubled.
+Everything is counted in SYNCs, so a loop that was late itself finds nothing wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fsw.findings import Fault, Finding
+
+SETTLE_SYNCS = 3
+ESTABLISHED_SYNCS = 50  # a node that answers for longer has started; its next boot-up is another
+REPEAT_SYNCS = 50  # a silence that goes on is told again after so many
+BABBLE_FRAMES_PER_S = 3000.0  # of nobody's, a third of what a bus can carry
+BABBLE_SYNCS = 3
+FOREVER = 1 << 62
+
+
+class _Node:
+    __slots__ = ("excused", "first", "name", "newest", "silent_at")
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.first = 0  # index of the first SYNC answered
+        self.newest = -1  # and of the newest; -1: not heard yet
+        self.excused = 0  # missing answers to SYNCs before this one are explained
+        self.silent_at = -1  # SYNC at which its silence was told last; -1: not silent
+
+
+class BusWatch:
+    """Bookkeeping of one bus's answers.
+
+    Parameters
+    ----------
+    bus : its name
+    names : joint by node
+    rate_hz : of SYNC
+    silent_syncs : SYNCs without an answer that make a node silent
+    late_syncs : an answer so many SYNCs behind its own is late; one is usual
+    """
+
+    def __init__(
+        self,
+        bus: str,
+        names: Mapping[int, str],
+        rate_hz: float,
+        silent_syncs: float,
+        late_syncs: int,
+    ) -> None:
+        self._bus = bus
+        self._nodes = {node: _Node(name) for node, name in names.items()}
+        self._silent, self._late = silent_syncs, late_syncs
+        self._answers: dict[int, dict[int, int]] = {}
+        self._heard = 0  # nodes heard at all
+        self._index = -1  # of the newest SYNC
+        self._bus_silent = False
+        self._strangers = 0
+        self._babble_limit = BABBLE_FRAMES_PER_S * BABBLE_SYNCS / rate_hz
+        self._found: list[Finding] = []
+
+    def take(self) -> list[Finding]:
+        """Return and forget what was found."""
+        found, self._found = self._found, []
+        return found
+
+    def find(self, t_ns: int, fault: Fault, node: int | None = None, text: str = "") -> None:
+        """Note a finding about a node's joint, or about the bus."""
+        subject = self._bus if node is None else self._nodes[node].name
+        self._found.append(Finding(t_ns, fault, subject, text))
+
+    def sync(self, index: int, t_ns: int) -> None:
+        """Take a SYNC in; settle an earlier one."""
+        self._index = index
+        self._settle(index - SETTLE_SYNCS, t_ns)
+        self._watch_silence(index, t_ns)
+        if index % BABBLE_SYNCS == 0:
+            if self._strangers > self._babble_limit:
+                text = f"{self._strangers} frames of nobody's in {BABBLE_SYNCS} SYNCs"
+                self.find(t_ns, Fault.BUS_BABBLE, None, text)
+            self._strangers = 0
+
+    def stranger(self) -> None:
+        """Count a frame that belongs to no service of a configured node."""
+        self._strangers += 1
+
+    def answer(self, node: int, sync: int, t_ns: int) -> None:
+        """Take in that a node answered a SYNC, whatever its answer is worth."""
+        state = self._nodes[node]
+        answers = self._answers.setdefault(sync, {})
+        count = answers.get(node, 0)
+        answers[node] = count + 1
+        if self._index - sync >= self._late and sync > state.newest:
+            self.find(t_ns, Fault.JOINT_LATE, node, f"{self._index - sync} SYNCs behind its own")
+        if sync > state.newest:
+            if state.newest < 0:
+                self._heard += 1
+                state.excused = state.first = sync
+            elif state.silent_at >= 0 or state.excused == FOREVER:
+                state.excused = sync
+            state.newest, state.silent_at = sync, -1
+            self._bus_silent = False
+        elif not count:
+            self.find(t_ns, Fault.JOINT_ORDER, node, "overtaken by a newer sample")
+
+    def answer_of_no_sync(self, node: int) -> None:
+        """Take in a frame that cannot be matched to a SYNC: it stands for the one expected."""
+        state = self._nodes[node]
+        if state.newest >= 0:
+            state.newest = max(state.newest + 1, self._index - 1)
+            self._answers.setdefault(state.newest, {})[node] = 1
+
+    def boot(self, node: int, t_ns: int) -> None:
+        """Take in a boot-up message; samples that miss until the next answer are explained."""
+        state = self._nodes[node]
+        established = state.newest - state.first >= ESTABLISHED_SYNCS
+        if established and state.silent_at < 0:
+            self.find(t_ns, Fault.NODE_RESTARTED, node, "boot-up message")
+        if state.newest >= 0:
+            state.excused = FOREVER
+
+    def _settle(self, index: int, t_ns: int) -> None:
+        answers = self._answers.pop(index, {})
+        if len(answers) == self._heard == sum(answers.values()):
+            return
+        doubled = [node for node, count in answers.items() if count > 1]
+        if len(doubled) > max(1, self._heard // 2):
+            self.find(t_ns, Fault.SYNC_DOUBLED, None, "its answers came twice")
+        else:
+            for node in doubled:
+                self.find(t_ns, Fault.JOINT_DUPLICATE, node)
+        if len(answers) < self._heard:
+            self._settle_missing(index, t_ns, answers)
+        for old in [key for key in self._answers if key < index]:
+            del self._answers[old]  # answers to a SYNC settled before
+
+    def _settle_missing(self, index: int, t_ns: int, answers: Mapping[int, int]) -> None:
+        lost = [
+            node
+            for node, state in self._nodes.items()
+            if node not in answers and state.excused <= index < state.newest
+        ]
+        if not answers and len(lost) > 1 and len(lost) == self._heard:
+            self.find(t_ns, Fault.SYNC_LOST, None, "no node answered it")
+            return
+        for node in lost:
+            self.find(t_ns, Fault.JOINT_LOST, node)
+
+    def _watch_silence(self, index: int, t_ns: int) -> None:
+        silent = [
+            (node, state)
+            for node, state in self._nodes.items()
+            if state.newest >= 0 and index - state.newest > self._silent
+        ]
+        if not silent:
+            return
+        whole = len(silent) > 1 and len(silent) == self._heard
+        for node, state in silent:
+            if state.silent_at >= 0 and index - state.silent_at < REPEAT_SYNCS:
+                continue
+            restarting = state.excused == FOREVER and state.silent_at < 0
+            if restarting and index - state.newest < REPEAT_SYNCS:
+                continue
+            first = state.silent_at < 0
+            state.silent_at = index
+            if not whole:
+                text = f"no sample for {index - state.newest} SYNCs" if first else ""
+                self.find(t_ns, Fault.JOINT_SILENT, node, text)
+        if whole and (not self._bus_silent or index % REPEAT_SYNCS == 0):
+            self._bus_silent = True
+            self.find(t_ns, Fault.BUS_SILENT, None, "no node answers")

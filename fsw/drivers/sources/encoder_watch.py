@@ -1,0 +1,81 @@
+"""One joint's encoder from sample to sample: whether it jumps, or stands while the joint moves.
+
+A joint cannot move faster than its limit, so a larger step between neighbouring samples is the
+encoder's. Steps are added up: after the one back the position is trusted again at once. A position
+that never comes back is taken as it is after a while, for without it there is no estimate at all.
+"""
+
+from __future__ import annotations
+
+from fsw.findings import Fault
+
+GAP_PERIODS = 3.5  # a longer gap hides what happened in it
+CONFIDENT_SAMPLES = 50  # in a row, before a step is held against the newer sample
+HOLD_S = 10.0
+STUCK_SAMPLES = 3  # equal readings ...
+STUCK_RATE_RATIO = 0.02  # ... where the rate just before was more than this much of the limit
+RATE_GAIN = 0.125  # of the running mean of the rate
+
+
+class EncoderWatch:
+    """What the newest raw positions of one joint say."""
+
+    def __init__(self, period_s: float, speed_limit_rad_s: float, slack_rad: float) -> None:
+        self._gap_ns = GAP_PERIODS * period_s * 1e9
+        self._slack_rad = slack_rad
+        self._stuck_rate_rad_s = STUCK_RATE_RATIO * speed_limit_rad_s
+        self._t_ns = 0
+        self._position = 0.0
+        self._restart()
+
+    def _restart(self) -> None:
+        self._run = 0  # samples in a row without a step
+        self._equal = 0
+        self._stuck = False
+        self._rate = 0.0
+        self._offset = 0.0  # sum of the steps
+        self._since_ns = 0
+
+    def look(self, t_ns: int, position_rad: float) -> Fault | None:
+        """Take the next raw position in; return what is wrong with it."""
+        dt_ns, step = t_ns - self._t_ns, position_rad - self._position
+        self._t_ns, self._position = t_ns, position_rad
+        if not 0 < dt_ns <= self._gap_ns:
+            self._restart()
+            return None
+        if step == 0.0 and self._is_stuck():
+            return Fault.ENCODER_STUCK
+        if step != 0.0:
+            self._equal = 0
+            if self._stuck:  # how far it is off does not matter: the joint has moved meanwhile
+                self._restart()
+                return None
+        self._add(step, dt_ns * 1e-9, t_ns)
+        if abs(self._offset) <= self._slack_rad:
+            self._offset = 0.0
+            return None
+        return Fault.ENCODER_JUMP
+
+    def _add(self, step: float, dt_s: float, t_ns: int) -> None:
+        """Add a step to the rate, or to the offset where no joint could have made it."""
+        jump = step - self._rate * dt_s
+        if abs(jump) > self._slack_rad:
+            if self._run < CONFIDENT_SAMPLES and not self._offset:
+                self._restart()
+                return
+            if not self._offset:
+                self._since_ns = t_ns
+            self._offset += jump
+        elif step != 0.0 or abs(self._rate) < self._stuck_rate_rad_s:
+            self._rate += RATE_GAIN * (step / dt_s - self._rate)
+            self._run += 1
+        if self._offset and t_ns - self._since_ns > HOLD_S * 1e9:
+            self._restart()
+
+    def _is_stuck(self) -> bool:
+        self._equal += 1
+        moving = abs(self._rate) > self._stuck_rate_rad_s
+        # the first of the equal readings was a step still
+        if self._equal >= STUCK_SAMPLES - 1 and moving and self._run >= CONFIDENT_SAMPLES:
+            self._stuck = True
+        return self._stuck

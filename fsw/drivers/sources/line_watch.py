@@ -1,0 +1,111 @@
+"""What happened between two accepted frames of a serial device, from counts alone.
+
+So many datagrams are missing by the device's own counter, and so many bytes were in no frame. A
+damaged datagram leaves its own length, one that lost bytes less; junk takes none away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fsw.findings import Fault, Finding
+
+ESCAPED_RATIO = 1.2  # escapes make a frame longer by less
+REPEAT_NS = 100_000_000  # a silence that goes on is told again after so long
+
+
+@dataclass(frozen=True, slots=True)
+class LineFaults:
+    """What a device's line faults are called."""
+
+    silent: Fault
+    lost: Fault
+    bytes_lost: Fault
+    damaged: Fault
+    noise: Fault
+
+
+IMU_LINE = LineFaults(
+    Fault.IMU_SILENT, Fault.IMU_LOST, Fault.IMU_BYTES_LOST, Fault.IMU_CRC, Fault.IMU_NOISE
+)
+TRACKER_LINE = LineFaults(
+    Fault.TRACKER_SILENT,
+    Fault.TRACKER_LOST,
+    Fault.TRACKER_DAMAGED,
+    Fault.TRACKER_DAMAGED,
+    Fault.TRACKER_NOISE,
+)
+
+
+class LineWatch:
+    """Findings about one line.
+
+    Parameters
+    ----------
+    faults : their names
+    subject : the device
+    period_ns : of its frames
+    silent_periods : without a frame; then it is silent
+    """
+
+    def __init__(
+        self, faults: LineFaults, subject: str, period_ns: float, silent_periods: float
+    ) -> None:
+        self._faults, self._subject = faults, subject
+        self._silent_periods = silent_periods
+        self._silent_ns = round(silent_periods * period_ns)
+        self._last_ns: int | None = None
+        self._told_ns = 0
+        self._skipped = 0
+        self._refused = 0
+        self._found: list[Finding] = []
+
+    def take(self) -> list[Finding]:
+        """Return and forget what was found."""
+        found, self._found = self._found, []
+        return found
+
+    def find(self, t_ns: int, fault: Fault, text: str = "") -> None:
+        """Note a finding."""
+        self._found.append(Finding(t_ns, fault, self._subject, text))
+
+    def refused(self, skipped: int) -> None:
+        """Take in a frame that was intact and not used, and the bytes skipped before it."""
+        self._refused += 1
+        self._skipped += skipped
+
+    def accepted(self, t_ns: int, skipped: int, lost: int, length: int) -> None:
+        """Take in an accepted frame.
+
+        Parameters
+        ----------
+        skipped : bytes in no frame since the frame before
+        lost : frames missing by the device's own count since the last accepted one
+        length : of a frame in bytes
+        """
+        skipped, self._skipped = skipped + self._skipped, 0
+        missing, self._refused = lost - self._refused, 0
+        self._last_ns = t_ns
+        if missing <= 0:
+            if skipped:
+                self.find(t_ns, self._faults.noise, f"{skipped} bytes of no frame")
+        elif not skipped:
+            silent = missing >= self._silent_periods
+            fault = self._faults.silent if silent else self._faults.lost
+            self.find(t_ns, fault, f"{missing} frames missing")
+        elif skipped < missing * length:
+            text = f"{missing * length - skipped} bytes missing of {missing} frames"
+            self.find(t_ns, self._faults.bytes_lost, text)
+        elif skipped <= ESCAPED_RATIO * missing * length:
+            self.find(t_ns, self._faults.damaged, f"{missing} frames damaged")
+        else:
+            self.find(t_ns, self._faults.noise, f"{skipped} bytes of no frame")
+
+    def watch(self, now_ns: int) -> None:
+        """Find a line silent that has spoken before."""
+        if self._last_ns is None or now_ns - self._last_ns < self._silent_ns:
+            return
+        if now_ns - self._told_ns >= REPEAT_NS:
+            self._told_ns = now_ns
+            text = f"nothing usable for {(now_ns - self._last_ns) * 1e-9:.3f} s"
+            self.find(now_ns, self._faults.silent, text)

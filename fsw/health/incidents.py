@@ -1,0 +1,143 @@
+"""Findings to incidents, with hysteresis: one event when a fault begins, one when it is over.
+
+An incident is open from its first finding until none has come for the recovery time. A finding that
+an open incident explains (a silent node of a bus that is off) is a consequence: counted as such, it
+keeps the incident open and raises nothing of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fsw.findings import Fault, Finding, severity
+from fsw.messages import Event
+
+RECOVERED = "RECOVERED"
+
+_NODE = frozenset(
+    {
+        Fault.JOINT_SILENT,
+        Fault.JOINT_LOST,
+        Fault.JOINT_LATE,
+        Fault.JOINT_ORDER,
+        Fault.JOINT_DUPLICATE,
+        Fault.JOINT_COUNTER,
+        Fault.NODE_RESTARTED,
+    }
+)
+_BUS = _NODE | {Fault.SYNC_LOST, Fault.BUS_SILENT}
+# what an incident explains; on the same subject, or on anything where the cause is a bus's
+EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
+    Fault.BUS_OFF: _BUS | {Fault.BUS_ERRORS},
+    Fault.BUS_SILENT: _BUS,
+    Fault.BUS_BABBLE: frozenset({Fault.JOINT_LATE, Fault.JOINT_LOST}),
+    Fault.NODE_UNKNOWN: _NODE,
+    Fault.JOINT_SILENT: _NODE | {Fault.ENCODER_JUMP},
+    Fault.NODE_RESTARTED: _NODE,
+    Fault.IMU_SILENT: frozenset(
+        {
+            Fault.IMU_COUNTER,
+            Fault.IMU_START_UP,
+            Fault.IMU_LOST,
+            Fault.IMU_BYTES_LOST,
+            Fault.IMU_NOISE,
+            Fault.IMU_JITTER,
+        }
+    ),
+    Fault.TRACKER_SILENT: frozenset(
+        {Fault.TRACKER_CLOCK, Fault.TRACKER_LOST, Fault.TRACKER_NOISE, Fault.TRACKER_LATE}
+    ),
+    Fault.TORQUE_STUCK: frozenset({Fault.TORQUE_INCONSISTENT, Fault.TORQUE_SPIKE}),
+    Fault.TORQUE_INCONSISTENT: frozenset({Fault.TORQUE_SPIKE}),
+    Fault.GYRO_STUCK: frozenset({Fault.GYRO_INCONSISTENT, Fault.GYRO_SPIKE}),
+    Fault.GYRO_INCONSISTENT: frozenset({Fault.GYRO_SPIKE}),
+    Fault.ACC_STUCK: frozenset({Fault.ACC_INCONSISTENT, Fault.ACC_SPIKE}),
+    Fault.ACC_INCONSISTENT: frozenset({Fault.ACC_SPIKE}),
+}
+
+
+@dataclass(slots=True)
+class _Incident:
+    since_ns: int
+    last_ns: int
+    findings: int
+    consequences: int
+
+
+class Incidents:
+    """Open incidents by fault and subject, and counters by fault.
+
+    Parameters
+    ----------
+    recover_ns : an incident without a finding for so long is over
+    bus_of : the bus of every joint, by name
+    """
+
+    def __init__(self, recover_ns: int, bus_of: Mapping[str, str]) -> None:
+        self._recover_ns = recover_ns
+        self._bus_of = bus_of
+        self._open: dict[tuple[Fault, str], _Incident] = {}
+        self.findings = dict.fromkeys(Fault, 0)
+        self.incidents = dict.fromkeys(Fault, 0)
+        self.consequences = 0
+
+    def take(self, finding: Finding, now_ns: int) -> Event | None:
+        """Count one finding; return the event, stamped now, of an incident it opens."""
+        cause = self._cause(finding)
+        if cause is not None:
+            self.consequences += 1
+            cause.consequences += 1
+            cause.last_ns = max(cause.last_ns, finding.t_ns)
+            return None
+        fault, subject, t_ns = finding.fault, finding.subject, finding.t_ns
+        self.findings[fault] += 1
+        incident = self._open.get((fault, subject))
+        if incident is not None:
+            incident.findings += 1
+            incident.last_ns = max(incident.last_ns, t_ns)
+            return None
+        self._open[fault, subject] = _Incident(t_ns, t_ns, 1, 0)
+        self.incidents[fault] += 1
+        text = f"{subject}: {finding.text}" if finding.text else subject
+        return Event(now_ns, severity(fault), str(fault), text)
+
+    def advance(self, now_ns: int) -> list[Event]:
+        """Close incidents without a finding for the recovery time; return their events."""
+        if not self._open:
+            return []
+        events = []
+        for key, incident in list(self._open.items()):
+            if now_ns - incident.last_ns < self._recover_ns:
+                continue
+            del self._open[key]
+            fault, subject = key
+            lasted_s = (incident.last_ns - incident.since_ns) * 1e-9
+            text = f"{subject}: {fault} over after {lasted_s:.2f} s, {incident.findings} findings"
+            events.append(Event(now_ns, "info", RECOVERED, text))
+        return events
+
+    def is_open(self, fault: Fault, subject: str) -> bool:
+        """Tell whether an incident goes on."""
+        return (fault, subject) in self._open
+
+    def status(self) -> dict[str, object]:
+        """Return open incidents by subject and the counters that are not zero."""
+        faulty: dict[str, list[str]] = {}
+        for fault, subject in self._open:
+            faulty.setdefault(subject, []).append(fault)
+        return {
+            "faulty": {subject: sorted(faults) for subject, faults in faulty.items()},
+            "incidents": {str(f): n for f, n in self.incidents.items() if n},
+            "findings": {str(f): n for f, n in self.findings.items() if n},
+            "consequences": self.consequences,
+        }
+
+    def _cause(self, finding: Finding) -> _Incident | None:
+        if not self._open:
+            return None
+        places = (finding.subject, self._bus_of.get(finding.subject, finding.subject))
+        for (fault, subject), incident in self._open.items():
+            if subject in places and finding.fault in EXPLAINS.get(fault, ()):
+                return incident
+        return None

@@ -1,0 +1,84 @@
+"""The daemon's health: what everybody found, what follows for the window, what is told.
+
+What changes an estimate depends on stamped samples and windows alone, so a replay isolates the same
+samples. Silence and overruns, which only a clock shows, change nothing but events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Protocol
+
+from fsw.config import Config
+from fsw.findings import Fault, Finding
+from fsw.health.incidents import Incidents
+from fsw.health.rotation import RotationMonitor
+from fsw.health.stuck import StuckScreen
+from fsw.messages import Event, Sample, Window
+
+SLIP_WINDOW_S = 0.5
+LOOP = "loop"
+
+
+class Finder(Protocol):
+    """A part that finds something wrong now and then."""
+
+    def findings(self) -> Iterable[Finding]:
+        """Return and forget what was found."""
+        ...
+
+
+class Health:
+    """Fault detection, isolation and recovery of one daemon."""
+
+    def __init__(self, config: Config) -> None:
+        settings = config.health
+        bus_of = {joint.name: joint.bus for joint in config.joints}
+        self._incidents = Incidents(round(settings.recover_s * 1e9), bus_of)
+        self._stuck = StuckScreen(config) if settings.stuck else None
+        self._rotation = RotationMonitor(config)
+        self._slip_ticks = max(1, round(SLIP_WINDOW_S * config.scheduler.tick_rate_hz))
+        self._slip_limit = max(1, round(settings.slip_ratio * self._slip_ticks))
+        self._slip_start = (0, 0)  # tick index, slips
+        self._waiting: list[Finding] = []
+        self._events: list[Event] = []
+
+    def screen(self, sample: Sample) -> Sample:
+        """Return a sample without the values of sensors that are stuck."""
+        return sample if self._stuck is None else self._stuck.screen(sample)
+
+    def take(self, findings: Iterable[Finding], now_ns: int) -> None:
+        """Take findings in, in order."""
+        for finding in findings:
+            event = self._incidents.take(finding, now_ns)
+            if event is not None:
+                self._events.append(event)
+
+    def judge(self, window: Window) -> Window:
+        """Return the window with what is not plausible marked as missing."""
+        window, findings = self._rotation.judge(window)
+        self._waiting += findings
+        return window
+
+    def tick(self, index: int, slips: int, now_ns: int) -> None:
+        """Look at the loop's own slips, and close incidents that are over."""
+        waiting, self._waiting = self._waiting, []
+        if self._stuck is not None:
+            waiting += self._stuck.take()
+        self.take(waiting, now_ns)
+        if index - self._slip_start[0] >= self._slip_ticks:
+            missed = slips - self._slip_start[1]
+            self._slip_start = (index, slips)
+            if missed >= self._slip_limit:
+                text = f"{missed} of the last {self._slip_ticks} ticks missed"
+                self.take([Finding(now_ns, Fault.LOOP_OVERRUN, LOOP, text)], now_ns)
+        self._events += self._incidents.advance(now_ns)
+
+    def events(self) -> list[Event]:
+        """Return and forget the events since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def status(self) -> dict[str, Any]:
+        """Return open incidents and counters as plain values."""
+        return self._incidents.status()

@@ -1,0 +1,183 @@
+"""Gyro and star tracker watch each other: the rotation between two solutions is known twice.
+
+The last trusted attitude, turned on by the gyro, predicts the next solution. One that is off while
+the solutions after it agree with it is the tracker's fault (another star field, a flip); if pair
+after pair is off, it is the rate between them that is wrong, the gyro's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.findings import Fault, Finding
+from fsw.messages import FloatArray, Window
+
+TRACKER = "star_tracker"
+SIGMAS = 8.0  # of all that is white in the comparison
+TIMING_S = 0.005  # how far the two sensors' times may be apart
+FLIP_RAD = 2.0  # no jump of a star field but half a turn is larger
+GYRO_PAIRS = 2  # pairs off in a row that tell the gyro's fault, and good ones that end it
+RETRUST = 50  # solutions in a row that agree with one another and not with what was trusted
+RETRUST_NEAR = 5  # likewise where they are so near that a short fault of the gyro explains it
+TURN_LIMIT_RAD = 0.2  # a step between two solutions that a gyro may have got wrong
+
+
+class RotationMonitor:
+    """Judges the solutions and the gyro of every window.
+
+    Rotations are quaternions xyzw; rates in base axes.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._enabled = config.star_tracker is not None
+        imu = config.imu
+        self._R_BS = _matrix(np.array(imu.mounting.q_BS_xyzw))
+        tracker = config.star_tracker
+        noise = max(tracker.noise_about_rad, tracker.noise_across_rad) if tracker else 0.0
+        self._pair_variance = 2.0 * noise**2
+        self._walk_variance = imu.angle_random_walk_rad_sqrt_s**2
+        self._bias = SIGMAS * imu.gyro_bias_sigma_rad_s
+        self._trusted: tuple[int, FloatArray] | None = None  # time, q_NB
+        self._newest: tuple[int, FloatArray] | None = None  # last solution, right or wrong
+        self._since_trusted = np.zeros(3)  # integral of the rate since then, to the window's start
+        self._since_newest = np.zeros(3)
+        self._bad_pairs = self._good_pairs = self._off = 0
+        self._from_ns = 0  # end of the integrals
+        self.gyro_faulty = False
+
+    def judge(self, window: Window) -> tuple[Window, list[Finding]]:
+        """Return the window without what was found wrong, and the findings."""
+        if not self._enabled:
+            return window, []
+        gyro = window.gyro
+        if gyro.missing or len(gyro.t_ns) < 2:
+            self._forget()
+            return window, []
+        rates = gyro.values @ self._R_BS.T
+        keep = np.ones(len(window.attitude.t_ns), dtype=bool)
+        findings: list[Finding] = []
+        start_ns = window.start_ns
+        for k, t in enumerate(window.attitude.t_ns.tolist()):
+            self._turn(gyro.t_ns, rates, start_ns, t)
+            start_ns = t
+            found = self._solution(t, window.attitude.values[k])
+            keep[k] = found is None or found.fault is Fault.GYRO_INCONSISTENT
+            if found is not None:
+                findings.append(found)
+        self._turn(gyro.t_ns, rates, start_ns, window.stop_ns)
+        if not keep.all():
+            held = window.attitude
+            held = replace(
+                held,
+                t_ns=held.t_ns[keep],
+                values=held.values[keep],
+                missing=held.missing or not keep.any(),
+            )
+            window = replace(window, attitude=held)
+        if self.gyro_faulty:
+            window = replace(window, gyro=replace(gyro, missing=True))
+        return window, [f for f in findings if f.text]
+
+    def _forget(self) -> None:
+        """Start anew: without the gyro nothing ties the next solution to the last."""
+        self._trusted = self._newest = None
+        self._bad_pairs = self._good_pairs = self._off = 0
+
+    def _turn(self, t_ns: np.ndarray, rates: FloatArray, start_ns: int, stop_ns: int) -> None:
+        """Extend the integrals of the rate from start to stop, by the mean of the samples there."""
+        inside = (t_ns >= start_ns) & (t_ns < stop_ns)
+        if inside.any():
+            rate = rates[inside].mean(axis=0)
+        else:
+            rate = rates[np.abs(t_ns - start_ns).argmin()]
+        step = rate * (stop_ns - start_ns) * 1e-9
+        self._since_trusted = self._since_trusted + step
+        self._since_newest = self._since_newest + step
+
+    def _solution(self, t_ns: int, q: FloatArray) -> Finding | None:
+        """Judge one solution; a finding without text marks a solution not to use yet."""
+        if self._trusted is None or self._newest is None:
+            self._trust(t_ns, q)
+            self._follow(t_ns, q)
+            return None
+        off, limit = self._distance(self._trusted, self._since_trusted, t_ns, q)
+        pair, pair_limit = self._distance(self._newest, self._since_newest, t_ns, q)
+        self._follow(t_ns, q)
+        steady = pair <= pair_limit
+        if not steady and pair < TURN_LIMIT_RAD:
+            self._bad_pairs, self._good_pairs = self._bad_pairs + 1, 0
+        else:
+            self._good_pairs, self._bad_pairs = self._good_pairs + 1, 0
+        if not self.gyro_faulty and off <= limit:
+            self._trust(t_ns, q)
+            self._bad_pairs = 0
+            return None
+        if self.gyro_faulty or self._bad_pairs >= GYRO_PAIRS:
+            return self._gyro(t_ns, q, pair)
+        self._off = self._off + 1 if steady else 1
+        if self._off >= (RETRUST if off > TURN_LIMIT_RAD else RETRUST_NEAR):
+            self._trust(t_ns, q)
+            return None
+        if not steady and pair < TURN_LIMIT_RAD:
+            return Finding(
+                t_ns, Fault.TRACKER_JUMP, "star_tracker"
+            )  # not told: whose, is not known
+        fault = Fault.TRACKER_FLIP if off > FLIP_RAD else Fault.TRACKER_JUMP
+        text = f"{np.degrees(off):.3g} deg from what the gyro says"
+        return Finding(t_ns, fault, TRACKER, text)
+
+    def _gyro(self, t_ns: int, q: FloatArray, pair: float) -> Finding | None:
+        self._trust(t_ns, q)
+        self.gyro_faulty = self._good_pairs < GYRO_PAIRS
+        if not self.gyro_faulty:
+            return None
+        text = f"{pair:.2g} rad off between two solutions"
+        return Finding(t_ns, Fault.GYRO_INCONSISTENT, "gyro", text)
+
+    def _trust(self, t_ns: int, q: FloatArray) -> None:
+        self._trusted, self._since_trusted, self._off = (t_ns, q), np.zeros(3), 0
+
+    def _follow(self, t_ns: int, q: FloatArray) -> None:
+        self._newest, self._since_newest = (t_ns, q), np.zeros(3)
+
+    def _distance(
+        self, start: tuple[int, FloatArray], turned: FloatArray, t_ns: int, q: FloatArray
+    ) -> tuple[float, float]:
+        """Return the angle between prediction and solution, and what noise explains of it."""
+        elapsed_s = (t_ns - start[0]) * 1e-9
+        between = _product(_conjugate(start[1]), q)
+        error = _product(_conjugate(_quaternion(turned)), between)
+        angle = 2.0 * float(np.arctan2(np.linalg.norm(error[:3]), abs(error[3])))
+        spread = np.sqrt(self._pair_variance + self._walk_variance * max(elapsed_s, 0.0))
+        rate = float(np.linalg.norm(turned)) / max(elapsed_s, 1e-3)
+        limit = SIGMAS * float(spread) + self._bias * elapsed_s + rate * TIMING_S
+        # angles add up like the halves of a sphere's arcs: second order in what was turned
+        return angle, limit + 0.5 * float(turned @ turned) * min(elapsed_s, 1.0)
+
+
+def _matrix(q: FloatArray) -> FloatArray:
+    """Return the rotation matrix of a unit quaternion."""
+    x, y, z, w = q
+    v = np.array([x, y, z])
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    R: FloatArray = (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * K
+    return R
+
+
+def _conjugate(q: FloatArray) -> FloatArray:
+    return np.concatenate([-q[:3], q[3:]])
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the Hamilton product: rotation b, then a."""
+    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])
+
+
+def _quaternion(turn_rad: FloatArray) -> FloatArray:
+    """Return the quaternion of a rotation vector."""
+    angle = float(np.linalg.norm(turn_rad))
+    return np.append(0.5 * np.sinc(angle / (2.0 * np.pi)) * turn_rad, np.cos(0.5 * angle))

@@ -1,0 +1,57 @@
+"""What is missing and what was skipped tell the faults of a line apart."""
+
+from __future__ import annotations
+
+import pytest
+
+from fsw.drivers.sources.line_watch import IMU_LINE, LineWatch
+
+PERIOD_NS = 2_000_000
+LENGTH = 42
+
+
+def watch() -> LineWatch:
+    return LineWatch(IMU_LINE, "imu", PERIOD_NS, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("skipped", "lost", "fault"),
+    [
+        (0, 1, "IMU_LOST"),
+        (0, 2, "IMU_LOST"),
+        (0, 3, "IMU_SILENT"),
+        (42, 1, "IMU_CRC"),
+        (84, 2, "IMU_CRC"),
+        (41, 1, "IMU_BYTES_LOST"),
+        (1, 1, "IMU_BYTES_LOST"),
+        (7, 0, "IMU_NOISE"),
+        (90, 1, "IMU_NOISE"),
+    ],
+)
+def test_counts_tell_the_fault(skipped: int, lost: int, fault: str) -> None:
+    tested = watch()
+    tested.accepted(0, 0, 0, LENGTH)
+    assert tested.take() == []
+    tested.accepted(PERIOD_NS, skipped, lost, LENGTH)
+    (found,) = tested.take()
+    assert (found.fault, found.subject, found.t_ns) == (fault, "imu", PERIOD_NS)
+
+
+def test_a_frame_that_was_refused_is_not_missing() -> None:
+    tested = watch()
+    tested.accepted(0, 0, 0, LENGTH)
+    tested.refused(0)
+    tested.accepted(2 * PERIOD_NS, 0, 1, LENGTH)
+    assert tested.take() == []
+
+
+def test_silence_is_told_after_three_periods_and_again_while_it_lasts() -> None:
+    tested = watch()
+    tested.watch(10**9)
+    assert tested.take() == []  # has never spoken
+    tested.accepted(10**9, 0, 0, LENGTH)
+    told = []
+    for k in range(1, 120):
+        tested.watch(10**9 + k * PERIOD_NS)
+        told += [k] * len(tested.take())
+    assert told == [3, 53, 103]
