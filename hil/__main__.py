@@ -65,6 +65,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     seeds.add_argument("--json", action="store_true", help="print outcomes and summary as JSON")
     seeds.set_defaults(command=_seeds)
+    faults = commands.add_parser("faults", help="every fault in a run of its own, against bounds")
+    faults.add_argument(
+        "--only", action="append", default=[], metavar="NAME", help="this fault; may be repeated"
+    )
+    faults.add_argument("--seed", type=int, default=1, metavar="N", help="fixes every bit, 1")
+    faults.add_argument("--jobs", type=int, default=2, metavar="N", help="processes, 2")
+    faults.add_argument("--short", action="store_true", help="the selection that the tests run")
+    faults.add_argument("--json", action="store_true", help="print one JSON object")
+    faults.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
+    faults.set_defaults(command=_faults)
     listing = commands.add_parser("list", help="list the scenarios")
     listing.set_defaults(command=_list)
     _study_parser(commands)
@@ -113,6 +123,19 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     methods.set_defaults(command=_study_methods)
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
     energy.set_defaults(command=_study_energy)
+
+
+def _faults(arguments: argparse.Namespace) -> int:
+    from hil.fault_matrix.command import run
+
+    return run(
+        only=arguments.only,
+        seed=arguments.seed,
+        jobs=arguments.jobs,
+        out=arguments.out,
+        as_json=arguments.json,
+        short=arguments.short,
+    )
 
 
 def _study_methods(arguments: argparse.Namespace) -> int:

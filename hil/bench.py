@@ -24,6 +24,7 @@ from fsw.sinks import Fanout, NullSink, Sink
 from fsw.status import estimate_summary
 from hil import live
 from hil.environment.wrench import simulate_in
+from hil.fault_script import install
 from hil.flight import (
     BUS,
     flight_document,
@@ -183,7 +184,8 @@ def run_virtual(
 ) -> Recorded:
     """Run plant and daemon in one thread in virtual time; a seed fixes every bit.
 
-    `disturb` may put taps on the links before the run (see `hil.faults`).
+    The scenario's own faults are installed; `disturb` may put further taps on the links before the
+    run (see `hil.faults`).
     """
     sensors = SensorConfig.from_dict(setup.scenario.sensors)
     plant = Plant(
@@ -194,6 +196,7 @@ def run_virtual(
         t0_ns=T0_NS,
     )
     bench = VirtualBench(plant, T0_NS, seed=setup.seed)
+    install(setup.scenario.faults, bench, setup.seed)
     if disturb is not None:
         disturb(bench)
     collector = Collector()
@@ -201,8 +204,13 @@ def run_virtual(
     if record:
         writer = open_recording(setup.config, setup.folder / "recording.mcap")
         sink = Fanout(collector, RecorderSink(writer, lambda _s, _c, _t: None))
-    cans = {BUS: bench.can, BUS + SECOND: bench.redundant}
-    ports = Ports(can=cans, imu=bench.imu, star_tracker=bench.star_tracker)
+    ports = Ports(
+        can={BUS: bench.can, BUS + SECOND: bench.redundant},
+        imu=bench.imu,
+        star_tracker=bench.star_tracker,
+        can_openers={BUS: bench.can.open, BUS + SECOND: bench.redundant.open},
+        line_openers={name: serial.reopen for name, serial in bench.serials.items()},
+    )
     began_s = time.perf_counter()
     daemon = build(setup.config, bench.clock, ports, sink)
     end_ns = T0_NS + round(setup.total_s * 1e9)

@@ -57,6 +57,8 @@ class Struck(Generic[Item]):
         rest: int = 0,
     ) -> None:
         self.count = 0
+        self.first_ns: int | None = None  # of the items struck
+        self.last_ns: int | None = None
         self._rest, self._resting = rest, 0
         self._action: Action[Item] = action
         self._only: Callable[[Item], bool] | None = only
@@ -74,6 +76,8 @@ class Struck(Generic[Item]):
             self._resting = max(0, self._resting - asked)
             if struck:
                 self.count += 1
+                self.first_ns = item[0] if self.first_ns is None else self.first_ns
+                self.last_ns = item[0]
                 self._resting = self._rest
                 out += self._action(item, self._rng)
             else:
@@ -129,6 +133,53 @@ def delay(delay_ns: int) -> Action[Item]:
         return [(item[0] + delay_ns, *item[1:])]
 
     return late
+
+
+def keep(item: Item, _rng: np.random.Generator) -> list[Item]:
+    """Leave the item as it is."""
+    return [item]
+
+
+class Delayed(Generic[Item]):
+    """Action that makes items later by a delay and a random part of a jitter, never overtaking."""
+
+    def __init__(self, delay_ns: int, jitter_ns: int = 0) -> None:
+        self._delay_ns, self._jitter_ns = delay_ns, jitter_ns
+        self._newest_ns = 0
+
+    def __call__(self, item: Item, rng: np.random.Generator) -> list[Item]:
+        """Deliver the item later."""
+        extra_ns = round(self._jitter_ns * float(rng.random()))
+        self._newest_ns = max(self._newest_ns, item[0] + self._delay_ns + extra_ns)
+        return [(self._newest_ns, *item[1:])]
+
+    def follow(self, item: Item, _rng: np.random.Generator) -> list[Item]:
+        """Deliver an item after the delay, not before those it held back."""
+        self._newest_ns = max(self._newest_ns, item[0])
+        return [(self._newest_ns, *item[1:])]
+
+
+class Overtaken:
+    """Frame tap: a struck frame of a node comes right behind the node's next one."""
+
+    def __init__(self, struck: Struck[TimedFrame]) -> None:
+        self._struck = struck
+        self._held: list[TimedFrame] = []
+
+    def __call__(self, items: Sequence[TimedFrame]) -> list[TimedFrame]:
+        """Return the frames in their new order."""
+        out: list[TimedFrame] = []
+        for item in items:
+            before = self._struck.count
+            (kept,) = self._struck([item])
+            if self._struck.count > before:
+                self._held.append(kept)
+                continue
+            out.append(kept)
+            ready = [held for held in self._held if held[1] == kept[1]]
+            self._held = [held for held in self._held if held[1] != kept[1]]
+            out += [(kept[0] + 1000, *held[1:]) for held in ready]
+        return out
 
 
 def noise(max_bytes: int) -> ByteAction:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from itertools import count
 
 from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.errors import PortError
 from hil.clock import SimClock
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import SYNC_ID
@@ -16,11 +17,18 @@ from hil.sensors import generator
 
 FrameTap = Callable[[Sequence[TimedFrame]], Sequence[TimedFrame]]
 ByteTap = Callable[[Sequence[TimedBytes]], Sequence[TimedBytes]]
+HostTap = Callable[[TimedFrame], Sequence[TimedFrame]]
 WAKE_LATENCY_S = 4e-5
+ERROR_FLAG = 0x20000000  # in an identifier: an error frame, its class in the low bits
+ERROR_CLASSES = 0x1FFFFFFF
 
 
 def _pass_frames(frames: Sequence[TimedFrame]) -> Sequence[TimedFrame]:
     return frames
+
+
+def _pass_host(frame: TimedFrame) -> Sequence[TimedFrame]:
+    return (frame,)
 
 
 def _pass_bytes(chunks: Sequence[TimedBytes]) -> Sequence[TimedBytes]:
@@ -29,6 +37,9 @@ def _pass_bytes(chunks: Sequence[TimedBytes]) -> Sequence[TimedBytes]:
 
 class VirtualCan:
     """A CAN port. `tap` may drop, change, delay or add frames on their way to the host.
+
+    `host_tap` may do so with each frame of the host on its way to the nodes. Within `lost_ns` the
+    port fails as if its device were gone.
 
     Frames are stamped when read, or by their end on the bus, like a kernel does, where the plant
     produces SYNC: then its stamp is the joints' time of validity.
@@ -40,6 +51,8 @@ class VirtualCan:
         self.tap: FrameTap = _pass_frames
         self.outages_ns: list[tuple[int, int]] = []  # [from, to): nothing passes, nobody is told
         self.bus, self.line = bus, line
+        self.host_tap: HostTap = _pass_host
+        self.lost_ns = (0, 0)
         self._plant, self._clock = plant, clock
         self._queue: list[tuple[int, int, TimedFrame]] = []
         self._order = count()
@@ -57,6 +70,7 @@ class VirtualCan:
     def read(self) -> list[CanFrame]:
         """Return the frames whose end on the bus has come, stamped now."""
         now_ns = self._clock.now_ns()
+        self.open()
         self._deliver(self._plant.frames_until(now_ns, self.bus, self.line))
         producer = self._producer
         while producer is not None and producer.next_ns() <= now_ns:
@@ -67,15 +81,31 @@ class VirtualCan:
         while self._queue and self._queue[0][0] <= now_ns:
             end_ns, can_id, data, is_fd = heapq.heappop(self._queue)[2]
             stamp_ns = now_ns if producer is None else end_ns
-            frames.append(CanFrame(stamp_ns, can_id, data, is_fd, bitrate_switch=is_fd))
+            is_error = bool(can_id & ERROR_FLAG)
+            can_id &= ERROR_CLASSES
+            frames.append(
+                CanFrame(stamp_ns, can_id, data, is_fd, is_error=is_error, bitrate_switch=is_fd)
+            )
         return frames
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
         """Send a frame; the nodes' answers queue up."""
         now_ns = self._clock.now_ns()
-        if not self._is_cut():
-            self._deliver(self._plant.on_frame(now_ns, can_id, data, self.bus, self.line))
+        self.open()
+        for t_ns, received_id, received, _ in self.host_tap((now_ns, can_id, data, False)):
+            self.command(t_ns, received_id, received)
         return CanFrame(now_ns, can_id, data)
+
+    def command(self, t_ns: int, can_id: int, data: bytes) -> None:
+        """Let the nodes receive a frame, whoever sent it."""
+        if not self._is_cut():
+            self._deliver(self._plant.on_frame(t_ns, can_id, data, self.bus, self.line))
+
+    def open(self) -> VirtualCan:
+        """Return the port; PortError while its device is gone."""
+        if self.lost_ns[0] <= self._clock.now_ns() < self.lost_ns[1]:
+            raise PortError(f"{self.bus}: no such device")
+        return self
 
     def take_dropped(self) -> int:
         """Return 0: the queue is boundless."""
@@ -99,6 +129,7 @@ class VirtualSerial:
 
     def __init__(self, plant: Plant, clock: SimClock, device: str) -> None:
         self.tap: ByteTap = _pass_bytes
+        self.lost_ns = (0, 0)
         self.device = device
         self._plant, self._clock = plant, clock
         self._line = plant.lines[device]
@@ -113,6 +144,7 @@ class VirtualSerial:
     def read(self) -> list[ByteChunk]:
         """Return the chunks that have come, stamped now."""
         now_ns = self._clock.now_ns()
+        self.open()
         chunks = self._line.take(now_ns)
         for arrival_ns, data in self.tap(chunks) if chunks else ():
             heapq.heappush(self._queue, (arrival_ns, next(self._order), data))
@@ -123,7 +155,20 @@ class VirtualSerial:
 
     def write(self, data: bytes) -> None:
         """Send bytes to the device."""
+        self.open()
         self._plant.write_serial(self._clock.now_ns(), self.device, data)
+
+    def open(self) -> VirtualSerial:
+        """Return the port; PortError while its device is gone."""
+        if self.lost_ns[0] <= self._clock.now_ns() < self.lost_ns[1]:
+            raise PortError(f"{self.device}: no such device")
+        return self
+
+    def reopen(self) -> VirtualSerial:
+        """Return the port without what was sent while nobody had it open."""
+        self.open()
+        self._line.take(self._clock.now_ns())
+        return self
 
     def wake_fds(self) -> tuple[int, ...]:
         """Return the descriptor that ends the simulated clock's sleep."""

@@ -61,6 +61,18 @@ class TimingSection(_Section):
     after_s: Annotated[float, Field(ge=0)]
 
 
+class FaultEntry(_Section):
+    """One fault: its type (see `hil.fault_script.TYPES`), when, on what, how much."""
+
+    type: str
+    at_s: Annotated[float, Field(ge=0)]  # from power-on, which is the first SYNC
+    for_s: Annotated[float, Field(gt=0)]
+    device: Literal["arm", "imu", "star_tracker"] | None = None  # where a type suits several
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of the joint in question
+    size: float | None = None  # in the type's unit
+    rate: Annotated[float, Field(gt=0, le=1)] | None = None  # share of items struck
+
+
 class Document(_Section):
     """A scenario file as written; `sensors` and `flight` may be paths of files to include."""
 
@@ -74,6 +86,7 @@ class Document(_Section):
     sensors: dict[str, Any] | Path
     flight: dict[str, Any] | Path
     environment: dict[str, Any] | Path | None = None  # null: nothing acts from outside
+    faults: tuple[FaultEntry, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,6 +106,7 @@ class Scenario:
     sensors: dict[str, Any]
     flight: dict[str, Any]
     environment: EnvironmentSection | None = None
+    faults: tuple[FaultEntry, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,6 +161,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         sensors=_section(home, document.sensors),
         flight=_section(home, document.flight),
         environment=environment,
+        faults=document.faults,
     )
 
 

@@ -76,10 +76,10 @@ KINDS: dict[str, tuple[tuple[Any, set[str]], ...]] = {
         (rewrite(sagitta_fields(time_step_us=300_000)), {"sequence"}),
         (change_frame(counter_step=7), {"stale"}),
     ),
-    "bits flipped, torque sensor at fault": (
+    "bits flipped, encoder at fault": (
         (faults.flip, FRAMING),
         (faults.flip, FRAMING),
-        (change_frame(status=0x0D), {"status"}),
+        (change_frame(status=0x19), {"status"}),
     ),
     "forged behind the true one, another node's identifier": (
         (forge(stim_fields(counter_step=1)), {"sequence"}),
@@ -107,7 +107,7 @@ KINDS: dict[str, tuple[tuple[Any, set[str]], ...]] = {
 GROUPED = {
     "end missing, short frame",
     "duplicated",
-    "bits flipped, torque sensor at fault",
+    "bits flipped, encoder at fault",
     "absurd rate, quaternion, position",
     "latency that moves time by 8 ms, wrong length, half a turn",
 }
@@ -231,7 +231,7 @@ def test_every_flipped_bit_of_a_solution_in_mid_stream_is_rejected(clean: Clean)
 
 
 def test_bytes_are_conserved_and_accepted_frames_encode_to_themselves(clean: Clean) -> None:
-    struck = strikes("bits flipped, torque sensor at fault")
+    struck = strikes("bits flipped, encoder at fault")
     records = cases.tapped(clean.records, struck)
     stim, star = Stim300Codec(10, crlf=False), SagittaCodec()
     done = {IMU: 0, TRACKER: 0, ARM: 0}
@@ -388,7 +388,9 @@ def test_devices_silent_for_two_seconds_come_back_and_nothing_stops(tmp_path: Pa
         assert samples[source]["rejected"] == samples[source]["late"] == 0, source
         assert samples[source]["received"] > 40
     codes = [event.code for event in recorded.events]
-    assert codes.count("joint_silent") == codes.count("joint_back") == 1
+    for code in ("JOINT_SILENT", "IMU_SILENT", "TRACKER_SILENT"):
+        assert codes.count(code) == 1
+    assert codes.count("RECOVERED") == 3
     assert 4 <= windows["unusable"] <= 6  # those without joint 3
     assert windows["closed"] == 34
     final = recorded.final

@@ -1,1 +1,0 @@
-"""The live page: telemetry decoded by the XTCE, shown by Open MCT. It commands nothing."""

@@ -1,0 +1,86 @@
+"""The table of bounds, `table.yaml`: read, checked, and nothing computed from a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from hil.scenario import FaultEntry
+
+PATH = Path(__file__).with_name("table.yaml")
+Device = Literal["arm", "imu", "star_tracker", "machine"]
+
+
+class Row(BaseModel):
+    """One fault: what is done, what must be seen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    type: str
+    sensor: Device
+    event: str
+    also: tuple[str, ...] = Field(default=(), alias="with")
+    recovered: str = "RECOVERED"
+    detect_periods: float = 3.0
+    detect_s: float | None = None
+    reason: str = ""
+    loses: Literal["samples", "nothing"] = "samples"
+    at_s: float | None = None
+    for_s: float | None = None
+    node_id: int | None = None
+    size: float | None = None
+    rate: float | None = None
+    device: Literal["arm", "imu", "star_tracker"] | None = None
+    short: bool = False  # part of the short form that the tests run
+
+
+class Table(BaseModel):
+    """All bounds."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    recover_s: float
+    filter_s: float
+    probability: float
+    sigma_ratio: float
+    before_s: float
+    total_s: float
+    at_s: float
+    for_s: float
+    period_s: dict[str, float]
+    reasons: dict[str, str]
+    faults: tuple[Row, ...]
+
+    def entry(self, row: Row) -> FaultEntry:
+        """Return the row as a scenario's fault."""
+        values: dict[str, Any] = {
+            key: getattr(row, key) for key in ("type", "device", "node_id", "size", "rate")
+        }
+        at_s = self.at_s if row.at_s is None else row.at_s
+        return FaultEntry(at_s=at_s, for_s=row.for_s or self.for_s, **values)
+
+    def detect_bound_s(self, row: Row) -> float:
+        """Return within what a fault must be told."""
+        if row.detect_s is not None:
+            return row.detect_s
+        return row.detect_periods * self.period_s[row.sensor]
+
+    @property
+    def recover_bound_s(self) -> float:
+        """Return within what its end must be told."""
+        return self.recover_s + self.filter_s
+
+
+def load(path: Path = PATH) -> Table:
+    """Read the table; ValueError where it is wrong."""
+    table = Table.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+    for row in table.faults:
+        if row.reason and row.reason not in table.reasons:
+            raise ValueError(f"{row.type}: reason {row.reason!r} is not listed")
+        loose = row.detect_s is not None or row.detect_periods > 3.0
+        if loose and not row.reason:
+            raise ValueError(f"{row.type}: more than 3 periods to detect it, and no reason")
+    return table

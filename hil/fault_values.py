@@ -1,0 +1,156 @@
+"""Faults of what a sensor measures, written into its own frames: stuck, spike, drift, scale, jump.
+
+Every function returns an action for `hil.faults.Struck`; check values are correct afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hil.devices import sagitta, stim300
+from hil.devices.can_segment import TimedFrame
+from hil.devices.canopen import COUNTS_PER_RAD, clamp
+from hil.devices.uart import TimedBytes
+from hil.faults import ByteAction, FrameAction
+
+NM_PER_COUNT = 0.01
+CLUSTER_AT = {"gyro": 1, "acc": 11}
+LSB = {"gyro": stim300.RATE_LSB_RAD_S, "acc": stim300.ACC_LSB_G[10] * stim300.G_M_S2}
+STATUS_OFFSET = 9  # behind a cluster's first byte
+VALID_AT = 77  # in a solution's payload
+Change = Callable[[float, int], float]  # value and time [ns] to the value measured instead
+
+
+def scaled(ratio: float) -> Change:
+    """Return value times ratio."""
+    return lambda value, _t_ns: value * ratio
+
+
+def shifted(offset: float) -> Change:
+    """Return value plus offset."""
+    return lambda value, _t_ns: value + offset
+
+
+def drifting(rate_per_s: float, since_ns: int) -> Change:
+    """Return value plus what has drifted since."""
+    return lambda value, t_ns: value + rate_per_s * (t_ns - since_ns) * 1e-9
+
+
+class Stuck:
+    """The first value seen, for ever."""
+
+    def __init__(self) -> None:
+        self._value: float | None = None
+
+    def __call__(self, value: float, _t_ns: int) -> float:
+        """Return it."""
+        if self._value is None:
+            self._value = value
+        return self._value
+
+
+def torque(change: Change) -> FrameAction:
+    """Return the action that changes the torque [N m] of a classic TPDO1."""
+
+    def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
+        t_ns, can_id, data, is_fd = frame
+        position, raw, status, counter = struct.unpack("<ihBB", data)
+        raw = clamp(change(raw * NM_PER_COUNT, t_ns) / NM_PER_COUNT, 16)
+        return [(t_ns, can_id, struct.pack("<ihBB", position, raw, status, counter), is_fd)]
+
+    return changed
+
+
+def position(change: Change) -> FrameAction:
+    """Return the action that changes the position [rad] of a classic TPDO1."""
+
+    def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
+        t_ns, can_id, data, is_fd = frame
+        raw, *rest = struct.unpack("<ihBB", data)
+        raw = clamp(change(raw / COUNTS_PER_RAD, t_ns) * COUNTS_PER_RAD, 32)
+        return [(t_ns, can_id, struct.pack("<ihBB", raw, *rest), is_fd)]
+
+    return changed
+
+
+def _resealed(body: bytearray) -> bytes:
+    padded = bytes(body) + bytes(-len(body) % 4)
+    return bytes(body) + stim300.crc32_mpeg2(padded).to_bytes(4, "big")
+
+
+def inertial(cluster: str, changes: Sequence[Change]) -> ByteAction:
+    """Return the action that changes the three axes [rad/s or m/s^2] of a cluster."""
+
+    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
+        t_ns, data = item
+        body, lsb = bytearray(data[:-4]), LSB[cluster]
+        for axis, change in enumerate(changes):
+            at = CLUSTER_AT[cluster] + 3 * axis
+            raw = int.from_bytes(body[at : at + 3], "big", signed=True)
+            raw = clamp(change(raw * lsb, t_ns) / lsb, 24)
+            body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
+        return [(t_ns, _resealed(body))]
+
+    return changed
+
+
+def flip_unseen(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
+    """Invert an upper bit of the specific force of a datagram whose CRC holds all the same."""
+    t_ns, data = item
+    body = bytearray(data[:-4])
+    at = CLUSTER_AT["acc"] + 3 * int(rng.integers(3))
+    bit = int(rng.integers(16, 22))
+    raw = int.from_bytes(body[at : at + 3], "big", signed=True) ^ (1 << bit)
+    body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
+    return [(t_ns, _resealed(body))]
+
+
+def flagged(*, gyro: int = 0, acc: int = 0) -> ByteAction:
+    """Return the action that sets status bits of the clusters."""
+
+    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
+        body = bytearray(item[1][:-4])
+        body[CLUSTER_AT["gyro"] + STATUS_OFFSET] |= gyro
+        body[CLUSTER_AT["acc"] + STATUS_OFFSET] |= acc
+        return [(item[0], _resealed(body))]
+
+    return changed
+
+
+def counted_on(step: int) -> ByteAction:
+    """Return the action that adds to a datagram's counter."""
+
+    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
+        body = bytearray(item[1][:-4])
+        body[-3] = (body[-3] + step) & 0xFF
+        return [(item[0], _resealed(body))]
+
+    return changed
+
+
+def solution(*, turn_rad: float = 0.0, blind: bool = False, time_step_us: int = 0) -> ByteAction:
+    """Return the action that changes a solution: turned about the tracker's y, invalid, clock off.
+
+    Other transmissions of the unit pass as they are.
+    """
+
+    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
+        payload = sagitta.unframe(item[1][1:-1])
+        if payload is None or len(payload) <= VALID_AT:
+            return [item]
+        body = bytearray(payload)
+        (unix_us,) = struct.unpack_from("<Q", body, 8)
+        struct.pack_into("<Q", body, 8, unix_us + time_step_us)
+        w, x, y, z = struct.unpack_from("<4f", body, 16)
+        c, s = math.cos(0.5 * turn_rad), math.sin(0.5 * turn_rad)
+        turned = (c * w - s * y, c * x - s * z, c * y + s * w, c * z + s * x)
+        if turn_rad:
+            struct.pack_into("<4f", body, 16, *turned)
+        body[VALID_AT] = 0 if blind else body[VALID_AT]
+        return [(item[0], sagitta.frame(bytes(body)))]
+
+    return changed
