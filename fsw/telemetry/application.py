@@ -1,0 +1,329 @@
+"""The telemetry application: its services put together, in the service process.
+
+`poll` is called some hundred times a second and never waits. What comes from the loop arrives by
+the methods of a sink; what goes to it goes by `Host.forward` into the one command queue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fsw.commands import CommandName, JobReport, Reply
+from fsw.config import Config, TelemetryConfig
+from fsw.errors import PortError
+from fsw.messages import Block, Estimate, Event
+from fsw.telemetry.boot import Boot
+from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
+from fsw.telemetry.dispatcher import Handler, TcDispatcher
+from fsw.telemetry.downlink import Downlink
+from fsw.telemetry.effective import BOOT, PARAMETERS, TABLES
+from fsw.telemetry.eventing import SEVERITIES, Eventing
+from fsw.telemetry.filing import Filing
+from fsw.telemetry.functions import Functions
+from fsw.telemetry.housekeeping import Housekeeping
+from fsw.telemetry.knowledge import Knowledge
+from fsw.telemetry.link import LinkServer
+from fsw.telemetry.loop_commands import LoopCommands
+from fsw.telemetry.modes import ModeMachine
+from fsw.telemetry.monitors import Monitoring
+from fsw.telemetry.own_commands import OwnCommands
+from fsw.telemetry.packets import HEADER_BYTES
+from fsw.telemetry.parameters import Parameters
+from fsw.telemetry.ports import FileDelivery, Host
+from fsw.telemetry.schedule import Schedule
+from fsw.telemetry.sdls import FrameReceiver
+from fsw.telemetry.sdls_numbers import NumberStore
+from fsw.telemetry.sets import Sets
+from fsw.telemetry.splitter import Uplinked
+from fsw.telemetry.store import GenerationStore
+from fsw.telemetry.supervision import Supervision
+from fsw.telemetry.table_effects import TableEffects
+from fsw.telemetry.tables import Tables
+from fsw.telemetry.uplink import ClearUplink, SecureUplink, Uplink
+
+SECOND_NS = 1_000_000_000
+LOGS = ("events.jsonl", "status.json")  # of the state directory, that may go down
+CRASHED = RESET_CAUSE.value("CRASH")
+
+
+class TelemetryApplication:
+    """Telemetry, telecommands and everything of service 1 to 23.
+
+    Parameters
+    ----------
+    config : in force, the telemetry section included
+    base : as it was read, nothing laid over
+    receiver : of authenticated frames; None: telecommands in clear
+    numbers : of those frames, closed at the end
+    resume : this service process goes on where one of the same loop has died
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        base: Config,
+        telemetry: TelemetryConfig,
+        host: Host,
+        *,
+        receiver: FrameReceiver | None = None,
+        numbers: NumberStore | None = None,
+        resume: bool = False,
+    ) -> None:
+        self._telemetry, self.host = telemetry, host
+        self.receiver = receiver
+        self.delivery: FileDelivery | None = None
+        self._numbers = numbers
+        self.config_crc32 = config.crc32
+        state = config.resolve(config.service.state_directory)
+        self._boot_store = GenerationStore(state / BOOT)
+        self.boot = Boot.begin(self._boot_store, resume=resume)
+        self.down = Downlink(host.now_ns)
+        self.link: LinkServer | None = None
+        self._restart = False
+        self.time_due_ns = 0
+        self.time_exponent: int | None = None  # commanded for this run
+
+        self.modes = ModeMachine(safe=telemetry.start_mode == "safe")
+        self.knowledge = Knowledge(config, host.now_ns)
+        self.loop = LoopCommands(host.forward, host.now_ns, self._heard)
+        self.parameters = Parameters(
+            base,
+            GenerationStore(state / PARAMETERS),
+            self.loop,
+            lambda: self.modes.mode,
+            self.down.send,
+            self.report,
+        )
+        self.sets = Sets(self)
+        self._wire_reports()
+        self._wire_reactions(base)
+        self._wire_storage(config, base, state)
+        self.dispatcher = TcDispatcher(lambda: self.modes.mode, self.down.send, self.report)
+        self.schedule = Schedule(
+            self.dispatcher.check,
+            self.dispatcher.receive,
+            partial(self.parameters.get, "schedule_margin_s"),
+            host.now_ns,
+            self.down.send,
+            self.report,
+        )
+        self.dispatcher.add(self._handlers())
+        self.loop.dispatcher = self.filing.dispatcher = self.dispatcher
+
+    def _wire_reports(self) -> None:
+        get = self.parameters.get
+        self.events = Eventing(
+            self.down.send_at,
+            self.down.send,
+            lambda: (int(get("event_throttle_count")), get("event_throttle_period_s")),
+        )
+        self.housekeeping = Housekeeping(
+            self._telemetry, self.sets.builders(), self.down.send, self.down.wrap
+        )
+
+    def _wire_reactions(self, base: Config) -> None:
+        self.functions = Functions(
+            self.loop,
+            self.modes,
+            self.host.recording,
+            lambda: base.unknown,
+            partial(self.parameters.get, "batch_last_s"),
+            self.knowledge.asked,
+            self.down.send,
+            self._mode_changed,
+        )
+        self.monitoring = Monitoring(
+            self.sets.watched, self.host.now_ns, self.down.send, self.report, self.functions.act
+        )
+        self.supervision = Supervision(
+            self.knowledge,
+            self.modes,
+            self.host.now_ns,
+            base.service.status_rate_hz,
+            partial(self.parameters.get, "command_loss_time_s"),
+            self.report,
+            self.functions.go_safe,
+        )
+
+    def _wire_storage(self, config: Config, base: Config, state: Path) -> None:
+        files = state / self._telemetry.file_directory
+        self.filing = self._filing(config, state, files)
+        self.effects = TableEffects(
+            base, state, self.loop, self.housekeeping, self.monitoring, self._configured
+        )
+        self.tables = Tables(
+            state / TABLES,
+            files / TABLES,
+            self.effects.validate,
+            self.effects.apply,
+            self.effects.dump,
+            self.filing.find,
+            self.down.send,
+            self.report,
+        )
+        self.effects.config, self.effects.active = config, self.tables.active
+        for table in Table:
+            if self.tables.active(table):
+                self.effects.recall(table, self.tables.active(table))
+
+    def deliver_by(self, delivery: FileDelivery) -> None:
+        """Use this file delivery."""
+        self.delivery = self.filing.delivery = delivery
+
+    def open(self) -> None:
+        """Open the link; what cannot be opened is an event."""
+        try:
+            self.link = LinkServer(self._telemetry, self._uplink, self.report)
+        except PortError as error:
+            self.report("LINK_FAILED", str(error))
+        else:
+            self.down.out = self.link.send
+        cause = ("first start", "stopped before", "restart commanded", "the last run crashed")
+        self.report("STARTED", f"run {self.boot.count}: {cause[self.boot.cause]}")
+        if self.boot.cause == CRASHED:
+            self.supervision.health.set(Health.UNCLEAN_RESTART)
+
+    def poll(self, now_ns: int) -> None:
+        """Serve the link, timers and transfers; never waits."""
+        if self.link is not None:
+            for item in self.link.serve(now_ns):
+                self._take(item, now_ns)
+        self.loop.poll()
+        self.schedule.poll(now_ns)
+        self.supervision.poll(now_ns)
+        self.monitoring.poll(now_ns)
+        self.filing.poll()
+        if self.delivery is not None:
+            for pdu in self.delivery.poll(now_ns):
+                self.down.file_unit(pdu)
+        self.housekeeping.poll(now_ns)
+        if now_ns >= self.time_due_ns:
+            exponent = self.time_exponent
+            if exponent is None:
+                exponent = int(self.parameters.get("time_report_exponent"))
+            self.time_due_ns = now_ns + (SECOND_NS << exponent)
+            self.down.time(exponent)
+        if self.link is not None:
+            self.link.flush()
+
+    def close(self) -> None:
+        """Close the link; write down that the end was in order."""
+        if self.link is not None:
+            self.link.close()
+        if self._numbers is not None:
+            self._numbers.close()
+        self.boot.keep(self._boot_store, running=False, commanded=self._restart)
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for the status file."""
+        return {
+            "port": self.link.port if self.link is not None else None,
+            "mode": self.modes.mode.name,
+            "health": self.supervision.health.latched,
+            "boot_count": self.boot.count,
+            "tc": asdict(self.dispatcher.counters),
+            "link": asdict(self.link.counters) if self.link is not None else {},
+        }
+
+    def status(self, status: Mapping[str, Any]) -> None:
+        """Take the loop's summary."""
+        self.knowledge.heard_status(status)
+        self.supervision.heard_status()
+        if self.modes.mode is Mode.SAFE and status.get("identifying", False):
+            self.functions.go_safe()  # a restored state may have been identifying
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Take an estimate."""
+        self.knowledge.estimate = estimate
+
+    def block(self, block: Block) -> None:
+        """Take a window."""
+        self.knowledge.heard_block(block)
+
+    def science(self, t_ns: int, record: bytes) -> None:
+        """Take the newest samples."""
+        self.housekeeping.science(t_ns, record)
+
+    def event(self, event: Event) -> None:
+        """Take an event, whoever reported it."""
+        self.events.take(event)
+        self.supervision.event(event.code)
+
+    def reply(self, reply: Reply) -> None:
+        """Take the loop's answer to a command."""
+        self.loop.reply(reply)
+
+    def job(self, report: JobReport) -> None:
+        """Take progress or end of a batch job."""
+        self.knowledge.heard_job(report)
+        self.modes.job(report.state == "running")
+        self.supervision.mode_changed()
+        self.loop.job(report)
+
+    def report(self, code: str, text: str) -> None:
+        """Report an event of our own, with the severity the dictionary has for it."""
+        self.host.report(SEVERITIES[code], code, text)
+
+    def _uplink(self) -> Uplink:
+        return ClearUplink() if self.receiver is None else SecureUplink(self.receiver)
+
+    def _take(self, item: Uplinked, now_ns: int) -> None:
+        """Pass one packet from the ground to where it belongs."""
+        if item.error is not None:
+            self.dispatcher.refuse(item.packet, item.error, item.text)
+        elif not item.is_file:
+            if self.dispatcher.receive(item.packet):
+                self.supervision.commanded()
+        elif self.delivery is not None:
+            self.delivery.receive(item.packet[HEADER_BYTES:], now_ns)
+
+    def _mode_changed(self) -> None:
+        self.supervision.mode_changed()
+
+    def _heard(self, name: CommandName) -> None:
+        """Take a command the loop has applied, whoever sent it."""
+        if name in (CommandName.REST, CommandName.RESUME):
+            self.modes.identifying(name is CommandName.RESUME)
+        elif name is CommandName.RUN_BATCH:
+            self.modes.job(True)
+        elif name is CommandName.RESTART:
+            self._restart = True
+        self.supervision.mode_changed()
+
+    def _configured(self, config: Config) -> None:
+        self.knowledge.configured(config)
+        self.host.configured(config)
+
+    def _filing(self, config: Config, state: Path, files: Path) -> Filing:
+        folders = {"files": files}
+        if config.recorder.directory is not None:
+            folders["recordings"] = config.resolve(config.recorder.directory)
+        recording = self.host.recording
+        return Filing(
+            folders,
+            {name: state / name for name in LOGS},
+            tuple(folders),
+            lambda: recording.path,
+            self.down.send,
+            self.report,
+        )
+
+    def _handlers(self) -> dict[str, Handler]:
+        found: dict[str, Handler] = {}
+        for part in (
+            OwnCommands(self),
+            self.parameters,
+            self.events,
+            self.housekeeping,
+            self.functions,
+            self.monitoring,
+            self.filing,
+            self.tables,
+            self.schedule,
+        ):
+            found |= part.handlers()
+        return found

@@ -1,0 +1,71 @@
+"""The health word: one bit per fault, latched until cleared; 0 is healthy."""
+
+from __future__ import annotations
+
+from fsw.telemetry.dictionary.codes import Health
+
+# the event that sets a bit, and the one that says the fault is over
+SET_BY = {
+    "PORT_LOST": Health.PORT_LOST,
+    "ESTIMATOR_RESET": Health.ESTIMATOR_RESET,
+    "NOISE_ABOVE_DECLARED": Health.MODEL_MISMATCH,
+    "PRIOR_CONFLICT": Health.MODEL_MISMATCH,
+    "RECORDER_FAILED": Health.RECORDER,
+    "BLOCKS_FAILED": Health.RECORDER,
+    "RING_DROPS": Health.RING_DROPS,
+    "BATCH_FAILED": Health.BATCH_FAILED,
+    "TABLE_CORRUPT": Health.TABLE,
+    "PARAMETERS_CORRUPT": Health.PARAMETER_STORE,
+    "STATE_REFUSED": Health.STATE,
+    "CHECKPOINT_REFUSED": Health.STATE,
+    "CHECKPOINT_FAILED": Health.STATE,
+    "BUS_SWITCHED": Health.BUS,
+    "LIMIT_VIOLATED": Health.LIMIT,
+    "COMMAND_LOSS": Health.COMMAND_LOSS,
+    "LOOP_SILENT": Health.LOOP_SILENT,
+    "LINK_FAILED": Health.LINK,
+    "CONTROL_FAILED": Health.LINK,
+    "SERVICE_LOST": Health.SERVICE,
+    "TC_AUTH_FAILED": Health.SECURITY,
+}
+CLEARED_BY = {"COMMAND_BACK": Health.COMMAND_LOSS, "LIMIT_RECOVERED": Health.LIMIT}
+
+
+class HealthWord:
+    """Latched bits, and the same bits as they are now where that is known."""
+
+    def __init__(self) -> None:
+        self.latched = 0
+        self._standing = 0
+
+    @property
+    def now(self) -> int:
+        """Faults that stand."""
+        return self._standing
+
+    def event(self, code: str) -> int:
+        """Take an event; return the bits it newly latched."""
+        if code in CLEARED_BY:
+            self._standing &= ~(1 << CLEARED_BY[code])
+        bit = SET_BY.get(code)
+        return 0 if bit is None else self.set(bit)
+
+    def set(self, bit: Health) -> int:
+        """Latch a bit; return it when it is new, else 0."""
+        mask = 1 << bit
+        new = mask & ~self.latched
+        self.latched |= mask
+        return new
+
+    def standing(self, bit: Health, present: bool) -> int:
+        """Take whether a fault stands now; return the bit when newly latched, else 0."""
+        mask = 1 << bit
+        if not present:
+            self._standing &= ~mask
+            return 0
+        self._standing |= mask
+        return self.set(bit)
+
+    def clear(self, mask: int) -> None:
+        """Unlatch; a fault that stands stays latched."""
+        self.latched &= ~mask | self._standing

@@ -1,0 +1,117 @@
+"""Files that a power cut leaves old or new, never a mixture: numbered generations with a CRC.
+
+A generation is written under another name, brought to the disk, and only then given its own name;
+what is read is the highest whose check value is right. The one before it stays for a rollback.
+Layout, big-endian: magic (4), format version u16, generation u32, length u32, CRC-32 of the content
+u32; content.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+MAGIC = b"FSWG"
+FORMAT_VERSION = 1
+KEPT = 3  # generations
+TEMPORARY = "new.tmp"
+_HEAD = struct.Struct(">4sHIII")
+_NAME = re.compile(r"(\d{8})\.gen$")
+
+
+@dataclass(frozen=True, slots=True)
+class Generation:
+    """One stored content."""
+
+    number: int
+    content: bytes
+
+    @property
+    def crc32(self) -> int:
+        """CRC-32 of the content."""
+        return zlib.crc32(self.content)
+
+
+class GenerationStore:
+    """One thing that is kept, in a directory of its own."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def read(self) -> tuple[list[Generation], int]:
+        """Return what can be read, newest first, and how many files could not be."""
+        found, damaged = [], 0
+        for number, path in self._files():
+            generation = _parse(path, number)
+            if generation is None:
+                damaged += 1
+            else:
+                found.append(generation)
+        return found, damaged
+
+    def prepare(self, content: bytes) -> int:
+        """Bring the next generation to the disk under another name; return its number.
+
+        Raises
+        ------
+        OSError; then nothing has changed.
+        """
+        self.directory.mkdir(parents=True, exist_ok=True)
+        number = max((n for n, _ in self._files()), default=0) + 1
+        head = _HEAD.pack(MAGIC, FORMAT_VERSION, number, len(content), zlib.crc32(content))
+        with (self.directory / TEMPORARY).open("wb") as file:
+            file.write(head + content)
+            file.flush()
+            os.fsync(file.fileno())
+        return number
+
+    def commit(self, number: int) -> None:
+        """Make the prepared generation the newest; it survives a power cut. Raises OSError."""
+        (self.directory / TEMPORARY).replace(self.directory / f"{number:08d}.gen")
+        _sync(self.directory)
+        for _, path in self._files()[KEPT:]:
+            path.unlink(missing_ok=True)
+
+    def discard(self) -> None:
+        """Drop what was prepared."""
+        (self.directory / TEMPORARY).unlink(missing_ok=True)
+
+    def write(self, content: bytes) -> int:
+        """Prepare and commit; return the number. Raises OSError."""
+        number = self.prepare(content)
+        self.commit(number)
+        return number
+
+    def _files(self) -> list[tuple[int, Path]]:
+        """Return numbers and paths, newest first."""
+        if not self.directory.is_dir():
+            return []
+        named = [(_NAME.match(path.name), path) for path in self.directory.iterdir()]
+        return sorted(((int(m[1]), path) for m, path in named if m), reverse=True)
+
+
+def _parse(path: Path, number: int) -> Generation | None:
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    if len(data) < _HEAD.size:
+        return None
+    magic, version, told, length, crc = _HEAD.unpack_from(data)
+    content = data[_HEAD.size :]
+    good = magic == MAGIC and version == FORMAT_VERSION and told == number
+    if not good or len(content) != length or zlib.crc32(content) != crc:
+        return None
+    return Generation(number, content)
+
+
+def _sync(directory: Path) -> None:
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

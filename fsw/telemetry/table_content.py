@@ -1,0 +1,102 @@
+"""What the tables hold: read, checked, and written out; none of it has an effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import ValidationError
+
+from fsw.config import Config, Section
+from fsw.config.tables import (
+    ImuNoise,
+    JointNoise,
+    ModelNoise,
+    MonitorsTable,
+    NoiseTable,
+    RatesTable,
+    TrackerNoise,
+)
+from fsw.config_text import explain, read_yaml
+from fsw.errors import ConfigError
+from fsw.overlay import overlay
+from fsw.telemetry.dictionary.codes import Table
+from fsw.telemetry.monitors import check_table
+
+SUFFIX = {Table.ROBOT: "urdf", Table.NOISE: "yaml", Table.RATES: "yaml", Table.MONITORS: "yaml"}
+S = TypeVar("S", bound=Section)
+
+
+def read_table(model: type[S], content: bytes) -> S:
+    """Return a YAML table. Raises ConfigError with one line per fault."""
+    try:
+        return model.model_validate(read_yaml(content))
+    except (yaml.YAMLError, ValidationError) as error:
+        words = explain(model, error) if isinstance(error, ValidationError) else [str(error)]
+        raise ConfigError("\n".join(words)) from error
+    except ValueError as error:  # an impossible date or number
+        raise ConfigError(f"not YAML: {error}") from error
+
+
+def validate_table(config: Config, table: Table, content: bytes) -> None:
+    """Check a table against the configuration it would stand above.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    from fsw.check import validate
+
+    if not content:
+        return  # nothing laid over: the configuration as it is
+    if table is Table.RATES:
+        read_table(RatesTable, content)
+    elif table is Table.MONITORS:
+        check_table(read_table(MonitorsTable, content))
+    elif table is Table.NOISE:
+        validate(overlay(config, noise_changes(content)))
+    else:
+        with TemporaryDirectory(prefix="fsw-table-") as folder:
+            path = Path(folder) / "robot.urdf"
+            path.write_bytes(content)
+            validate(overlay(config, {"urdf": path}))
+
+
+def noise_changes(content: bytes) -> dict[str, Any]:
+    """Return a noise table as changes to the configuration. Raises ConfigError."""
+    table = read_table(NoiseTable, content) if content else NoiseTable()
+    return {"noise": table.model_dump(mode="json", exclude_none=True)}
+
+
+def configured_noise(config: Config) -> bytes:
+    """Return the noise in use as a table."""
+    table = NoiseTable.model_validate(
+        {
+            "joints": {joint.name: _only("joints", joint) for joint in config.joints},
+            "imu": _only("imu", config.imu),
+            "star_tracker": _only("star_tracker", config.star_tracker),
+            "estimator": _only("estimator", config.estimator),
+            "bodies": {name: body.model_dump() for name, body in config.bodies.items()},
+        }
+    )
+    return to_yaml(table.model_dump(mode="json", exclude_none=True))
+
+
+def to_yaml(values: Mapping[str, Any]) -> bytes:
+    """Return plain values as YAML."""
+    return yaml.safe_dump(dict(values), sort_keys=False).encode()
+
+
+def _only(name: str, section: Section | None) -> dict[str, Any]:
+    models: dict[str, type[Section]] = {
+        "joints": JointNoise,
+        "imu": ImuNoise,
+        "star_tracker": TrackerNoise,
+        "estimator": ModelNoise,
+    }
+    if section is None:
+        return {}
+    return {key: getattr(section, key) for key in models[name].model_fields}
