@@ -50,13 +50,14 @@ def random_values(packet: Packet, rng: np.random.Generator) -> dict[str, Any]:
     return {item.name: match.get(item.name, random_value(item, rng)) for item in packet.fields}
 
 
-def pack(packet: Packet, values: dict[str, Any], count: int = 0) -> bytes:
-    """Return a whole packet; the time is 1.5 s."""
+def pack(packet: Packet, values: dict[str, Any], count: int = 0, met_s: float = 1.5) -> bytes:
+    """Return a whole packet."""
     body = b"".join(pack_value(item, values[item.name]) for item in packet.fields)
     if packet.secondary_header:
         body = (
             struct.pack(">BBBHH", 0x20, packet.service, packet.subtype, count, 0)
-            + bytes.fromhex("2f00000001800000")
+            + b"\x2f"
+            + round(met_s * 2**24).to_bytes(7, "big")
             + body
         )
     packet_id = packet.secondary_header << 11 | packet.apid

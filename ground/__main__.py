@@ -1,0 +1,178 @@
+"""Ground side of the daemon: telecommands, telemetry, files, a live page.
+
+Exit codes: 0 done, 1 no link, 2 wrong command line, 3 rejected, 4 failed, 5 no answer in time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ground.errors import LINK, USAGE, GroundError
+from ground.sdls import Sealer
+
+PORT = 10025
+STATE = Path("~/.local/state/ground")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand and return the exit code."""
+    arguments = _parser().parse_args(argv)
+    command: Callable[[argparse.Namespace], int] = arguments.command
+    try:
+        return command(arguments)
+    except GroundError as error:
+        print(f"ground: {error}", file=sys.stderr)
+        return error.exit_code
+    except ImportError as error:
+        print(f"ground: {error}; pip install 'inertia-daemon[ground]'", file=sys.stderr)
+        return USAGE
+    except (BrokenPipeError, KeyboardInterrupt):
+        return LINK
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="ground", description=__doc__)
+    parser.add_argument("--host", default="127.0.0.1", help="of the daemon, 127.0.0.1")
+    parser.add_argument("--port", type=int, default=PORT, help=f"of its link, {PORT}")
+    sealing = parser.add_argument_group("authenticated telecommands (tc_security: sdls)")
+    sealing.add_argument("--key", type=Path, metavar="FILE", help="32 bytes, mode 0600")
+    sealing.add_argument(
+        "--spi", type=int, default=1, help="security parameter index of the key, 1"
+    )
+    sealing.add_argument("--spacecraft-id", type=int, default=42, metavar="N", help="42")
+    sealing.add_argument("--virtual-channel", type=int, default=0, metavar="N", help="0")
+    sealing.add_argument(
+        "--state", type=Path, default=STATE, metavar="DIR", help="numbers used so far"
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _tc_parser(commands)
+    _tm_parser(commands)
+    _file_parser(commands)
+    _serve_parser(commands)
+    return parser
+
+
+def _tc_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    listing = commands.add_parser("list", help="list telecommands, or one with its arguments")
+    listing.add_argument("name", nargs="?", metavar="NAME")
+    listing.set_defaults(command=_list)
+    tc = commands.add_parser("tc", help="send a telecommand and follow it to its end")
+    tc.add_argument("name", metavar="NAME", help="from `ground list`")
+    tc.add_argument("arguments", nargs="*", metavar="ARGUMENT=VALUE")
+    tc.add_argument("--at", type=float, metavar="S", help="keep it until this mission elapsed time")
+    tc.add_argument("--timeout", type=float, default=10.0, metavar="S", help="10")
+    tc.add_argument("--force", action="store_true", help="send values out of range")
+    tc.add_argument("--json", action="store_true", help="print one JSON object")
+    tc.set_defaults(command=_tc)
+
+
+def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    tm = commands.add_parser("tm", help="show telemetry as it comes")
+    tm.add_argument("packets", nargs="*", metavar="PACKET", help="only these; all when none")
+    tm.add_argument("--field", action="append", default=[], metavar="NAME", help="only these")
+    tm.add_argument("--count", type=int, metavar="N", help="stop after so many packets")
+    tm.add_argument("--seconds", type=float, default=1e9, metavar="S", help="stop after this time")
+    tm.add_argument("--json", action="store_true", help="one JSON object a line")
+    tm.add_argument("--raw", type=Path, metavar="FILE", help="also keep the packets as they come")
+    tm.set_defaults(command=_tm)
+
+
+def _file_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    files = commands.add_parser("file", help="get, put and list files of the daemon")
+    files.add_argument(
+        "--timeout", type=float, default=600.0, metavar="S", help="of a transfer, 600"
+    )
+    actions = files.add_subparsers(required=True, metavar="ACTION")
+    get = actions.add_parser("get", help="fetch a file and compare its CRC")
+    get.add_argument("remote", metavar="REMOTE")
+    get.add_argument("local", nargs="?", type=Path, metavar="LOCAL")
+    get.set_defaults(command=_file_get)
+    put = actions.add_parser("put", help="send a file into the folder `files`")
+    put.add_argument("local", type=Path, metavar="LOCAL")
+    put.add_argument("remote", nargs="?", metavar="REMOTE")
+    put.set_defaults(command=_file_put)
+    listing = actions.add_parser("list", help="list a folder")
+    listing.add_argument("remote", metavar="FOLDER")
+    listing.set_defaults(command=_file_list)
+
+
+def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    fetch = commands.add_parser("fetch-assets", help="fetch Open MCT by npm, once")
+    fetch.add_argument("--assets", type=Path, metavar="DIR", help="where to keep it")
+    fetch.set_defaults(command=_fetch)
+    serve = commands.add_parser("serve", help="live page in the browser; shows, commands nothing")
+    serve.add_argument("--http-host", default="127.0.0.1", help="127.0.0.1")
+    serve.add_argument("--http-port", type=int, default=8080, help="8080; 0: any free one")
+    serve.add_argument("--assets", type=Path, metavar="DIR", help="of `ground fetch-assets`")
+    serve.add_argument(
+        "--recordings", type=Path, metavar="PATH", help="recording or folder of them, for history"
+    )
+    serve.set_defaults(command=_serve)
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from ground.show import list_commands
+
+    return list_commands(arguments.name)
+
+
+def _tc(arguments: argparse.Namespace) -> int:
+    from ground.show import send
+
+    return send(arguments, _sealer(arguments))
+
+
+def _tm(arguments: argparse.Namespace) -> int:
+    from ground.show import watch
+
+    return watch(arguments)
+
+
+def _file_get(arguments: argparse.Namespace) -> int:
+    from ground.show import get_file
+
+    return get_file(arguments, _sealer(arguments))
+
+
+def _file_put(arguments: argparse.Namespace) -> int:
+    from ground.show import put_file
+
+    return put_file(arguments, _sealer(arguments))
+
+
+def _file_list(arguments: argparse.Namespace) -> int:
+    from ground.show import list_files
+
+    return list_files(arguments, _sealer(arguments))
+
+
+def _fetch(arguments: argparse.Namespace) -> int:
+    from ground.assets import default_folder, fetch
+
+    print(fetch(arguments.assets or default_folder()))
+    return 0
+
+
+def _serve(arguments: argparse.Namespace) -> int:
+    from ground.gateway.server import serve
+
+    return serve(arguments)
+
+
+def _sealer(arguments: argparse.Namespace) -> Sealer | None:
+    if arguments.key is None:
+        return None
+    return Sealer(
+        arguments.key,
+        arguments.state.expanduser(),
+        spi=arguments.spi,
+        spacecraft_id=arguments.spacecraft_id,
+        virtual_channel=arguments.virtual_channel,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

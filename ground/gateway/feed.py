@@ -1,0 +1,143 @@
+"""The daemon's telemetry, kept connected, decoded, kept and handed on."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ground.errors import LinkError
+from ground.gateway.history import Ring
+from ground.gateway.points import Points, event_of
+from ground.telemetry import Decoder, split
+
+RETRY_S = 1.0
+READ_BYTES = 65536
+MAX_EVENTS = 2000
+FEWEST_STALE_S = 2.0
+STALE_INTERVALS = 3.0
+JUMP_MS = 1000.0  # a clock that has jumped so far is another clock
+Listener = Callable[[str, float, dict[str, float]], None]
+
+
+@dataclass(slots=True)
+class Arrivals:
+    """When a packet came, and how often it comes."""
+
+    last_s: float = -math.inf
+    gaps_s: deque[float] = field(default_factory=lambda: deque(maxlen=5))
+
+    def note(self, now_s: float) -> None:
+        """Note one."""
+        if math.isfinite(self.last_s):
+            self.gaps_s.append(now_s - self.last_s)
+        self.last_s = now_s
+
+    def is_stale(self, now_s: float) -> bool:
+        """Whether the next one is overdue; only what has come again and again can be."""
+        if len(self.gaps_s) < 2:
+            return False
+        usual_s = sorted(self.gaps_s)[len(self.gaps_s) // 2]
+        return now_s - self.last_s > max(FEWEST_STALE_S, STALE_INTERVALS * usual_s)
+
+
+class Feed:
+    """One connection to the daemon, opened again when it is lost.
+
+    Parameters
+    ----------
+    listener : told the packet, its time [ms since 1970] and its numbers by field
+    """
+
+    def __init__(self, host: str, port: int, points: Points, listener: Listener) -> None:
+        self._host, self._port = host, port
+        self._points, self._listener = points, listener
+        self._decoder = Decoder()
+        self._rings: dict[str, Ring] = {}
+        self._arrivals: dict[str, Arrivals] = {}
+        self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
+        self.latest: dict[str, tuple[float, dict[str, float]]] = {}
+        self.offset_ms: float | None = None  # from the daemon's clock to the time of day
+        self.connected = False
+        self.reason = "not connected yet"
+        self.packets = 0
+
+    async def run(self) -> None:
+        """Read until cancelled."""
+        while True:
+            try:
+                reader, writer = await asyncio.open_connection(self._host, self._port)
+            except OSError as error:
+                self.reason = error.strerror or str(error)
+            else:
+                self.connected = True
+                try:
+                    await self._read(reader)
+                except (OSError, LinkError) as error:
+                    self.reason = str(error)
+                finally:
+                    self.connected = False
+                    writer.close()
+            await asyncio.sleep(RETRY_S)
+
+    def stale_packets(self) -> set[str]:
+        """Return what is overdue; without a connection everything."""
+        if not self.connected:
+            return set(self._points.packets)
+        now_s = time.monotonic()
+        return {name for name, arrivals in self._arrivals.items() if arrivals.is_stale(now_s)}
+
+    def between(
+        self, packet: str, name: str, start_ms: float, end_ms: float
+    ) -> NDArray[np.float64]:
+        """Return times and values (n, 2) of a field within an interval."""
+        ring = self._rings.get(packet)
+        return np.empty((0, 2)) if ring is None else ring.between(name, start_ms, end_ms)
+
+    async def _read(self, reader: asyncio.StreamReader) -> None:
+        buffer = bytearray()
+        while data := await reader.read(READ_BYTES):
+            buffer += data
+            for packet in split(buffer):
+                self._take(packet)
+        self.reason = "closed by the daemon"
+
+    def _take(self, packet: bytes) -> None:
+        sample = self._decoder.decode(packet)
+        if sample is None:
+            return
+        self.packets += 1
+        t_ms = self._time_of_day_ms(sample.time_s)
+        event = event_of(sample)
+        if event is not None:
+            self.events.append({**event, "utc": t_ms})
+            self._listener("events", t_ms, {})
+            return
+        if sample.packet not in self._points.packets:
+            return
+        self._arrivals.setdefault(sample.packet, Arrivals()).note(time.monotonic())
+        numbers = self._points.numbers(sample)
+        if sample.packet not in self._rings:
+            fields = [point.field for point in self._points.packets[sample.packet]]
+            self._rings[sample.packet] = Ring(fields)
+        self._rings[sample.packet].add(t_ms, numbers)
+        self.latest[sample.packet] = t_ms, numbers
+        self._listener(sample.packet, t_ms, numbers)
+
+    def _time_of_day_ms(self, time_s: float) -> float:
+        """Return a mission elapsed time as time of day; the packets that came fastest set it."""
+        now_ms = time.time_ns() / 1e6
+        if math.isnan(time_s):
+            return now_ms
+        offset_ms = now_ms - 1e3 * time_s
+        known_ms = self.offset_ms
+        if known_ms is None or offset_ms < known_ms or offset_ms - known_ms > JUMP_MS:
+            self.offset_ms = known_ms = offset_ms
+        return 1e3 * time_s + known_ms

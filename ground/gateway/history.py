@@ -1,0 +1,200 @@
+"""What was: a ring of the newest values per packet, and recordings."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
+from numpy.typing import NDArray
+
+FIRST_ROWS, MAX_ROWS = 256, 20_000
+SAME_CLOCK_MS = 10_000.0
+ESTIMATES = "/estimate"
+TOPICS = (ESTIMATES, "/events")
+AXES = ("x", "y", "z")
+INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
+Row = tuple[float, float]  # time [ms since 1970], value
+
+
+class Ring:
+    """The newest numbers of one packet; grows to a limit, then forgets the oldest."""
+
+    def __init__(self, fields: Sequence[str]) -> None:
+        self._places = {field: k for k, field in enumerate(fields, start=1)}
+        self._rows = np.empty((FIRST_ROWS, len(fields) + 1))
+        self._count = 0
+
+    def add(self, t_ms: float, numbers: Mapping[str, float]) -> None:
+        """Keep one packet."""
+        if self._count == len(self._rows):
+            if self._count < MAX_ROWS:
+                self._rows = np.concatenate((self._rows, np.empty_like(self._rows)))
+            else:
+                half = self._count // 2
+                self._rows[:half] = self._rows[self._count - half : self._count]
+                self._count = half
+        row = self._rows[self._count]
+        row[:] = np.nan
+        row[0] = t_ms
+        for field, value in numbers.items():
+            place = self._places.get(field)
+            if place is not None:
+                row[place] = value
+        self._count += 1
+
+    def between(self, field: str, start_ms: float, end_ms: float) -> NDArray[np.float64]:
+        """Return times and values (n, 2) within an interval."""
+        rows = self._rows[: self._count]
+        first, last = np.searchsorted(rows[:, 0], (start_ms, end_ms))
+        return rows[first:last][:, [0, self._places[field]]]
+
+
+def thinned(rows: NDArray[np.float64], size: int) -> list[Row]:
+    """Return at most about `size` rows: of every stretch its lowest and its highest value."""
+    rows = rows[np.isfinite(rows[:, 1])]
+    if size <= 0 or len(rows) <= size:
+        return [(float(t), float(v)) for t, v in rows]
+    kept: list[Row] = []
+    for part in np.array_split(rows, max(1, size // 2)):
+        extremes = sorted({int(np.argmin(part[:, 1])), int(np.argmax(part[:, 1]))})
+        kept += [(float(part[k, 0]), float(part[k, 1])) for k in extremes]
+    return kept
+
+
+class Recordings:
+    """Estimates and events of recordings, read when they are asked for.
+
+    Parameters
+    ----------
+    path : a recording, or a folder of them; None: there is none
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._read: dict[Path, tuple[tuple[int, int], Recorded]] = {}
+
+    def between(
+        self, field: str, start_ms: float, end_ms: float, offset_ms: float | None
+    ) -> NDArray[np.float64]:
+        """Return times and values (n, 2) of a field of the estimate within an interval.
+
+        Parameters
+        ----------
+        offset_ms : from the daemon's clock to the time of day, where it is known
+        """
+        found = [np.empty((0, 2))]
+        for recorded in self._recorded():
+            column = recorded.columns.get(field)
+            if column is None:
+                continue
+            times = recorded.times_ms + recorded.offset_ms(offset_ms)
+            first, last = np.searchsorted(times, (start_ms, end_ms))
+            found.append(np.column_stack((times[first:last], column[first:last])))
+        return np.concatenate(found)
+
+    def events(
+        self, start_ms: float, end_ms: float, offset_ms: float | None
+    ) -> list[dict[str, Any]]:
+        """Return events within an interval."""
+        found = []
+        for recorded in self._recorded():
+            shift = recorded.offset_ms(offset_ms)
+            found += [
+                {**event, "utc": t_ms + shift}
+                for t_ms, event in recorded.events
+                if start_ms <= t_ms + shift <= end_ms
+            ]
+        return found
+
+    def _recorded(self) -> Iterator[Recorded]:
+        """Yield the recordings in order of time, read again where they have grown."""
+        if self._path is None:
+            return
+        files = sorted(self._path.glob("*.mcap")) if self._path.is_dir() else [self._path]
+        for path in files:
+            facts = path.stat()
+            mark = facts.st_mtime_ns, facts.st_size
+            if path not in self._read or self._read[path][0] != mark:
+                self._read[path] = (mark, read_recording(path))
+            if len(self._read[path][1].times_ms):
+                yield self._read[path][1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """Contents of one recording on the daemon's clock."""
+
+    times_ms: NDArray[np.float64]
+    columns: Mapping[str, NDArray[np.float64]]
+    events: Sequence[tuple[float, Mapping[str, str]]]
+    changed_ms: float  # when the file was last changed, time of day
+    last_ms: float
+
+    def offset_ms(self, known_ms: float | None) -> float:
+        """Return what turns the daemon's clock into the time of day.
+
+        A recording does not say when it was made: its last message and the last change of its file
+        belong together, and where that is close to what is known now, it is the same clock.
+        """
+        own_ms = self.changed_ms - self.last_ms
+        if known_ms is not None and abs(known_ms - own_ms) < SAME_CLOCK_MS:
+            return known_ms
+        return own_ms
+
+
+def read_recording(path: Path) -> Recorded:
+    """Read a recording, whole or still being written, up to where it ends."""
+    times: list[float] = []
+    rows: list[dict[str, float]] = []
+    events: list[tuple[float, dict[str, str]]] = []
+    last_ms = 0.0
+    with path.open("rb") as file:
+        try:
+            reader = NonSeekingReader(file)
+            for _, channel, message in reader.iter_messages(list(TOPICS), log_time_order=False):
+                last_ms = max(last_ms, message.log_time / 1e6)
+                values = json.loads(message.data)
+                if channel.topic == ESTIMATES:
+                    times.append(message.log_time / 1e6)
+                    rows.append(estimate_fields(values))
+                else:
+                    event = {name: str(values[name]) for name in ("severity", "code", "text")}
+                    events.append((message.log_time / 1e6, event))
+        except (McapError, ValueError, KeyError, struct.error):
+            pass  # as far as it goes
+    names = {name for row in rows for name in row}
+    columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+    changed_ms = path.stat().st_mtime_ns / 1e6
+    return Recorded(np.array(times), columns, events, changed_ms, last_ms)
+
+
+def estimate_fields(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return a recorded estimate as the fields of the telemetry packet `estimate`."""
+    fields: dict[str, float] = {"valid": float(values["valid"])}
+    for name in ("blocks", "gated", "nis", "nis_dof", "condition_number"):
+        if isinstance(values.get(name), int | float):
+            fields[name] = float(values[name])
+    for body, numbers in values["estimate"].items():
+        sigmas = values["sigma"][body]
+        pairs = list(zip(_flat(numbers), _flat(sigmas), strict=True))
+        for (name, value), (_, sigma) in pairs:
+            fields[f"{body}_{name}"] = value
+            fields[f"{body}_sigma_{name}"] = sigma
+            fields[f"{body}_{name}_low"] = value - sigma
+            fields[f"{body}_{name}_high"] = value + sigma
+    return fields
+
+
+def _flat(body: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    yield "mass_kg", float(body["mass_kg"])
+    for axis, value in zip(AXES, body["com_m"], strict=True):
+        yield f"com_{axis}_m", float(value)
+    for pair, value in zip(INERTIA, body["inertia_kg_m2"], strict=True):
+        yield f"inertia_{pair}_kg_m2", float(value)

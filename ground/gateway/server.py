@@ -1,0 +1,208 @@
+"""The web server of the live page: files, objects, history, and a stream of live values."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+from collections import deque
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from aiohttp import WSMsgType, web
+
+from ground.assets import ENTRY, default_folder
+from ground.errors import UsageError
+from ground.gateway.feed import Feed
+from ground.gateway.history import Recordings, thinned
+from ground.gateway.objects import page_objects
+from ground.gateway.points import EVENTS, Points
+
+STATIC = Path(__file__).parent / "static"
+PERIOD_S = 0.1  # at most ten messages a second to a client
+KEPT = 50  # values of one point that wait for a client; then the oldest are dropped
+MAX_SIZE = 5000
+
+
+class Client:
+    """One open page: what it has asked for, and what waits for it."""
+
+    def __init__(self) -> None:
+        self.wanted: set[str] = set()
+        self.waiting: dict[str, deque[list[float]]] = {}
+        self.events: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self.dropped = 0
+
+    def offer(self, packet: str, t_ms: float, numbers: dict[str, float]) -> None:
+        """Keep the wanted numbers of a packet until the next message."""
+        for field, value in numbers.items():
+            key = f"{packet}.{field}"
+            if key not in self.wanted:
+                continue
+            waiting = self.waiting.setdefault(key, deque(maxlen=KEPT))
+            self.dropped += len(waiting) == KEPT
+            waiting.append([t_ms, value])
+
+    def take(self) -> dict[str, Any]:
+        """Return what waits."""
+        points = {key: list(values) for key, values in self.waiting.items()}
+        events = list(self.events)
+        self.waiting.clear()
+        self.events.clear()
+        return {"points": points, "events": events}
+
+
+class Gateway:
+    """Handlers of the page's requests."""
+
+    def __init__(self, host: str, port: int, recordings: Recordings) -> None:
+        self._points, self._recordings = Points(), recordings
+        self.feed = Feed(host, port, self._points, self.take)
+        self._clients: set[Client] = set()
+        self._objects = page_objects(self._points)
+
+    def take(self, packet: str, t_ms: float, numbers: dict[str, float]) -> None:
+        """Hand a packet to every page."""
+        for client in self._clients:
+            if packet == EVENTS:
+                client.events.append(self.feed.events[-1])
+            else:
+                client.offer(packet, t_ms, numbers)
+
+    async def index(self, _request: web.Request) -> web.FileResponse:
+        """Return the page."""
+        return web.FileResponse(STATIC / "index.html")
+
+    async def objects(self, _request: web.Request) -> web.Response:
+        """Return everything the page's tree holds."""
+        return web.json_response(self._objects)
+
+    async def history(self, request: web.Request) -> web.Response:
+        """Return values of a point, of memory and recordings, within an interval."""
+        key = request.match_info["key"]
+        try:
+            start_ms, end_ms = (float(request.query[name]) for name in ("start", "end"))
+            size = min(int(request.query.get("size", MAX_SIZE)), MAX_SIZE)
+        except (KeyError, ValueError) as error:
+            raise web.HTTPBadRequest(text="start, end, size: numbers") from error
+        if key == EVENTS:
+            return web.json_response(self._old_events(start_ms, end_ms)[-size:])
+        point = self._points.by_key.get(key)
+        if point is None:
+            raise web.HTTPNotFound(text=key)
+        rows = self.feed.between(point.packet, point.field, start_ms, end_ms)
+        if point.packet == "estimate":
+            until_ms = min(end_ms, float(rows[0, 0])) if len(rows) else end_ms
+            offset_ms = self.feed.offset_ms
+            loop = asyncio.get_running_loop()
+            old = await loop.run_in_executor(
+                None, self._recordings.between, point.field, start_ms, until_ms, offset_ms
+            )
+            rows = np.concatenate((old, rows))
+        return web.json_response(thinned(rows, size))
+
+    async def latest(self, request: web.Request) -> web.Response:
+        """Return the newest value of a point."""
+        packet, _, field = request.match_info["key"].partition(".")
+        t_ms, numbers = self.feed.latest.get(packet, (0.0, {}))
+        found = [[t_ms, numbers[field]]] if field in numbers else []
+        return web.json_response(found)
+
+    async def stream(self, request: web.Request) -> web.WebSocketResponse:
+        """Send live values, staleness and the state of the link until the page goes."""
+        socket = web.WebSocketResponse(heartbeat=10.0)
+        await socket.prepare(request)
+        client = Client()
+        self._clients.add(client)
+        sender = asyncio.create_task(self._send(socket, client))
+        try:
+            async for message in socket:
+                if message.type == WSMsgType.TEXT:
+                    _change_wanted(client, message.data)
+        finally:
+            self._clients.discard(client)
+            sender.cancel()
+            with suppress(asyncio.CancelledError, ConnectionError):
+                await sender
+        return socket
+
+    async def _send(self, socket: web.WebSocketResponse, client: Client) -> None:
+        told: tuple[bool, set[str]] | None = None
+        while not socket.closed:
+            message = client.take()
+            state = self.feed.connected, self.feed.stale_packets()
+            if state != told:
+                told = state
+                link = {"connected": state[0], "reason": self.feed.reason}
+                message |= {"link": link, "stale": sorted(state[1])}
+            if any(message.values()) or "stale" in message:
+                await socket.send_str(json.dumps(message | {"dropped": client.dropped}))
+            await asyncio.sleep(PERIOD_S)
+
+    def _old_events(self, start_ms: float, end_ms: float) -> list[dict[str, Any]]:
+        live = [event for event in self.feed.events if start_ms <= event["utc"] <= end_ms]
+        until_ms = live[0]["utc"] - 1.0 if live else end_ms
+        return [*self._recordings.events(start_ms, until_ms, self.feed.offset_ms), *live]
+
+
+def _change_wanted(client: Client, text: str) -> None:
+    """Add or remove what a page wants; what it does not say properly is ignored."""
+    try:
+        message = json.loads(text)
+        client.wanted |= set(map(str, message.get("subscribe", ())))
+        client.wanted -= set(map(str, message.get("unsubscribe", ())))
+    except (ValueError, AttributeError, TypeError):
+        return
+
+
+def application(host: str, port: int, assets: Path, recordings: Path | None) -> web.Application:
+    """Return the server. Raises UsageError when Open MCT is not there."""
+    if not (assets / ENTRY).exists():
+        raise UsageError(f"{assets}: Open MCT is not there; run `ground fetch-assets`")
+    gateway = Gateway(host, port, Recordings(recordings))
+    app = web.Application()
+    app.add_routes(
+        [
+            web.get("/", gateway.index),
+            web.get("/objects", gateway.objects),
+            web.get("/history/{key}", gateway.history),
+            web.get("/latest/{key}", gateway.latest),
+            web.get("/stream", gateway.stream),
+            web.static("/static", STATIC),
+            web.static("/openmct", assets),
+        ]
+    )
+
+    async def reading(_app: web.Application) -> AsyncIterator[None]:
+        task = asyncio.create_task(gateway.feed.run())
+        yield
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+    app.cleanup_ctx.append(reading)
+    return app
+
+
+def serve(arguments: argparse.Namespace) -> int:
+    """Serve until interrupted; the first line printed is the page's address."""
+    assets = arguments.assets or default_folder()
+    app = application(arguments.host, arguments.port, assets, arguments.recordings)
+    asyncio.run(_serve(app, arguments.http_host, arguments.http_port))
+    return 0
+
+
+async def _serve(app: web.Application, host: str, port: int) -> None:
+    runner = web.AppRunner(app, access_log=None)
+    await runner.setup()
+    site = web.TCPSite(runner, host, port)
+    await site.start()
+    shown = runner.addresses[0]
+    print(f"http://{shown[0]}:{shown[1]}/", flush=True)
+    try:
+        await asyncio.Event().wait()
+    finally:
+        await runner.cleanup()

@@ -1,0 +1,73 @@
+"""A connection to the daemon: packets down, telecommands up, in clear or sealed."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import time
+from collections.abc import Iterator
+
+from ground.errors import LinkError
+from ground.sdls import Sealer
+from ground.telemetry import split
+
+CONNECT_TIMEOUT_S = 5.0
+READ_BYTES = 65536
+COUNT_14 = 1 << 14
+
+
+class Link:
+    """One TCP connection.
+
+    Parameters
+    ----------
+    sealer : seals what goes up; None: it goes in clear, which the daemon takes on loopback only
+
+    Raises
+    ------
+    LinkError when the daemon cannot be reached.
+    """
+
+    def __init__(self, host: str, port: int, sealer: Sealer | None) -> None:
+        self._sealer = sealer
+        self._buffer = bytearray()
+        self._sequence = secrets.randbelow(COUNT_14)
+        try:
+            self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT_S)
+        except OSError as error:
+            raise LinkError(f"{host}:{port}: {error.strerror or error}") from error
+
+    def next_sequence(self) -> int:
+        """Return the sequence count of the next telecommand; other clients have other ones."""
+        self._sequence = (self._sequence + 1) % COUNT_14
+        return self._sequence
+
+    def send(self, packet: bytes) -> None:
+        """Send one packet. Raises LinkError."""
+        data = packet if self._sealer is None else self._sealer.seal(packet)
+        try:
+            self._socket.sendall(data)
+        except OSError as error:
+            raise LinkError(f"lost: {error.strerror or error}") from error
+
+    def packets(self, until_s: float) -> Iterator[bytes]:
+        """Yield packets until a time of the monotonic clock. Raises LinkError when it is lost."""
+        while True:
+            yield from split(self._buffer)
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0:
+                return
+            self._socket.settimeout(left_s)
+            try:
+                data = self._socket.recv(READ_BYTES)
+            except TimeoutError:
+                return
+            except OSError as error:
+                raise LinkError(f"lost: {error.strerror or error}") from error
+            if not data:
+                raise LinkError("the daemon has closed the connection")
+            self._buffer += data
+
+    def close(self) -> None:
+        """Close."""
+        self._socket.close()

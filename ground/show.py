@@ -1,0 +1,195 @@
+"""The subcommands that print: telecommands with their reports, telemetry, files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ground.commands import Argument, Catalogue, given_arguments
+from ground.delivery import Delivery
+from ground.errors import LinkError
+from ground.link import Link
+from ground.sdls import Sealer
+from ground.telemetry import Decoder, Sample
+from ground.verification import EXIT_CODES, Outcome, Verification, follow
+
+ASKED_FOR_SET = "REPORT_SET"
+
+
+@contextmanager
+def connected(arguments: argparse.Namespace, sealer: Sealer | None) -> Iterator[Link]:
+    """Give a link for a block."""
+    link = Link(arguments.host, arguments.port, sealer)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+def list_commands(name: str | None) -> int:
+    """List all telecommands, or one with its arguments."""
+    catalogue = Catalogue()
+    if name is None:
+        for command in catalogue.commands.values():
+            print(f"{command.service:3d},{command.subtype:<3d} {command.name:32s} {command.doc}")
+        return 0
+    command = catalogue.find(name)
+    print(f"{command.name} ({command.service},{command.subtype}): {command.doc}")
+    for argument in command.arguments:
+        print(f"  {argument.name}: {_argument_words(argument)}")
+    return 0
+
+
+def send(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+    """Send a telecommand, show its reports and answers, return the exit code."""
+    catalogue, decoder = Catalogue(), Decoder()
+    given = given_arguments(arguments.arguments)
+    wanted = given.get("sid", "").lower() if arguments.name.upper() == ASKED_FOR_SET else ""
+    with connected(arguments, sealer) as link:
+        while True:
+            packet = catalogue.build(
+                arguments.name, given, link.next_sequence(), checked=not arguments.force
+            )
+            if arguments.at is not None:
+                packet = catalogue.at(packet, arguments.at, link.next_sequence())
+            verification = _follow(link, decoder, packet, arguments, wanted)
+            number = verification.expected_number
+            if sealer is None or number is None or not sealer.is_behind(number):
+                break
+            sealer.skip_to(number)  # refused, so without effect: once more under a fresh number
+    if arguments.json:
+        print(json.dumps(_as_json(verification)))
+    else:
+        print(verification.outcome)
+    return EXIT_CODES[verification.outcome]
+
+
+def watch(arguments: argparse.Namespace) -> int:
+    """Show telemetry until told to stop."""
+    decoder = Decoder()
+    shown = 0
+    with connected(arguments, None) as link:
+        raw_file = arguments.raw.open("wb") if arguments.raw is not None else None
+        try:
+            for raw in link.packets(time.monotonic() + arguments.seconds):
+                if raw_file is not None:
+                    raw_file.write(raw)
+                sample = decoder.decode(raw)
+                if sample is None or (arguments.packets and sample.packet not in arguments.packets):
+                    continue
+                print(_line(sample, arguments.field, as_json=arguments.json), flush=True)
+                shown += 1
+                if shown == arguments.count:
+                    return 0
+        finally:
+            if raw_file is not None:
+                raw_file.close()
+    if arguments.count is not None:
+        raise LinkError(f"{shown} of {arguments.count} packets in {arguments.seconds:g} s")
+    return 0
+
+
+def get_file(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+    """Fetch a file."""
+    local = arguments.local or Path(PurePosixPath(arguments.remote).name)
+    with connected(arguments, sealer) as link:
+        size = _delivery(arguments, link).get(arguments.remote, local.absolute())
+    print(f"{local}: {size} bytes")
+    return 0
+
+
+def put_file(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+    """Send a file."""
+    remote = arguments.remote or arguments.local.name
+    with connected(arguments, sealer) as link:
+        size = _delivery(arguments, link).put(arguments.local, remote)
+    print(f"{remote}: {size} bytes")
+    return 0
+
+
+def list_files(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+    """List a folder."""
+    with connected(arguments, sealer) as link:
+        for sample in _delivery(arguments, link).ask("LIST_FILES", path=arguments.remote):
+            if sample.values["entry"]:
+                print(f"{sample.values['size_bytes']:12d}  {sample.values['path']}")
+    return 0
+
+
+def _delivery(arguments: argparse.Namespace, link: Link) -> Delivery:
+    def tell(text: str) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{text}", end="", file=sys.stderr, flush=True)
+
+    return Delivery(link, Catalogue(), Decoder(), arguments.timeout, tell)
+
+
+def _follow(
+    link: Link, decoder: Decoder, packet: bytes, arguments: argparse.Namespace, wanted: str
+) -> Verification:
+    """Follow one telecommand and show what comes of it."""
+    begun_s = time.monotonic()
+    verification = Verification(request=(0, 0))
+    for verification, sample in follow(link, decoder, packet, arguments.timeout, wanted):  # noqa: B007
+        if sample is None or arguments.json:
+            continue
+        if sample.service == 1:
+            after_s = time.monotonic() - begun_s
+            print(f"{after_s:8.3f} s  {_report_words(sample)}")
+        else:
+            print(f"            {_line(sample, (), as_json=False)}")
+    return verification
+
+
+def _report_words(sample: Sample) -> str:
+    words = sample.packet.replace("_", " ")
+    if "step" in sample.values:
+        words += f" {sample.values['step']} %"
+    if "error" in sample.values:
+        words += f": {sample.values['error']}"
+        if sample.values["error_argument"]:
+            words += f", argument {sample.values['error_argument']}"
+        if sample.values["error_value"]:
+            words += f", {sample.values['error_value']:g}"
+    return words
+
+
+def _line(sample: Sample, fields: Sequence[str], *, as_json: bool) -> str:
+    chosen = {k: v for k, v in sample.values.items() if not fields or k in fields}
+    if as_json:
+        return json.dumps(_sample_json(sample) | {"values": chosen})
+    when = "" if math.isnan(sample.time_s) else f"{sample.time_s:.3f} s  "
+    return f"{when}{sample.packet}  " + "  ".join(
+        f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in chosen.items()
+    )
+
+
+def _sample_json(sample: Sample) -> dict[str, Any]:
+    time_s = None if math.isnan(sample.time_s) else sample.time_s
+    return {"packet": sample.packet, "time_s": time_s, "values": dict(sample.values)}
+
+
+def _as_json(verification: Verification) -> dict[str, Any]:
+    return {
+        "outcome": str(verification.outcome),
+        "completed": verification.outcome is Outcome.COMPLETED,
+        "reports": [_sample_json(sample) for sample in verification.reports],
+        "answers": [_sample_json(sample) for sample in verification.answers],
+    }
+
+
+def _argument_words(argument: Argument) -> str:
+    if argument.labels is not None:
+        return f"one of {', '.join(argument.labels)}" + (
+            f"; {argument.doc}" if argument.doc else ""
+        )
+    words = {"binary": "bytes: hex digits or @FILE", "string": f"text, {argument.bits // 8} bytes"}
+    text = words.get(argument.kind, f"{argument.kind} {argument.low:g} to {argument.high:g}")
+    return f"{text}; {argument.doc}" if argument.doc else text
