@@ -25,7 +25,7 @@ MAX_BYTES = 1 << 30
 _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
 _ARRAY = 1
-_KINDS = frozenset("bifu")  # boolean, integers, floating point
+_TYPES = ("|b1", "<i8", "<f8")
 _BLOCK = tuple(item.name for item in fields(Block))
 
 
@@ -139,7 +139,7 @@ def _packed(values: object) -> bytes:
 
 
 def _extension(value: object) -> Any:  # noqa: ANN401 - MessagePack's hook
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and value.dtype.str in _TYPES:
         parts = (value.dtype.str, value.shape, np.ascontiguousarray(value).tobytes())
         return msgpack.ExtType(_ARRAY, _packed(parts))
     if isinstance(value, np.generic):
@@ -153,10 +153,9 @@ def _array(code: int, data: bytes) -> Any:  # noqa: ANN401 - MessagePack's hook
     if code != _ARRAY:
         raise ValueError(f"extension type {code} is unknown")
     kind, shape, content = msgpack.unpackb(data)
-    dtype = np.dtype(str(kind))
-    if dtype.kind not in _KINDS or dtype.hasobject:
+    if kind not in _TYPES:
         raise ValueError(f"arrays of type {kind!r} have no place in a checkpoint")
-    array = np.frombuffer(bytes(content), dtype).reshape(tuple(shape))
+    array = np.frombuffer(bytes(content), kind).reshape(tuple(shape))
     array.setflags(write=False)
     return array
 

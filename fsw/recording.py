@@ -208,15 +208,9 @@ def contents(path: Path) -> Contents:
     ConfigError when the file cannot be read or is no MCAP file.
     """
     with _open(path) as file:
-        summary = _summary(file)
-        if summary is not None:
-            reader = make_reader(file)
-            return Contents(
-                topics=tuple(channel.topic for channel in summary.channels.values()),
-                attachments={item.name: item.data for item in reader.iter_attachments()},
-                metadata={item.name: item.metadata for item in reader.iter_metadata()},
-                truncated=False,
-            )
+        whole_file = _whole_contents(file)
+        if whole_file is not None:
+            return whole_file
     topics: dict[str, None] = {}
     attachments: dict[str, bytes] = {}
     metadata: dict[str, dict[str, str]] = {}
@@ -258,6 +252,23 @@ def messages(path: Path, topics: Sequence[str]) -> Iterator[Record]:
     yield from sorted(found, key=lambda record: record.t_ns)
 
 
+def _whole_contents(file: IO[bytes]) -> Contents | None:
+    """Return what the summary and what it points at say; None of a file without, or a wrong one."""
+    summary = _summary(file)
+    if summary is None:
+        return None
+    try:
+        reader = make_reader(file)
+        return Contents(
+            topics=tuple(channel.topic for channel in summary.channels.values()),
+            attachments={item.name: item.data for item in reader.iter_attachments()},
+            metadata={item.name: item.metadata for item in reader.iter_metadata()},
+            truncated=False,
+        )
+    except _BROKEN:
+        return None
+
+
 def _summary(file: IO[bytes]) -> Summary | None:
     try:
         return make_reader(file).get_summary()
@@ -275,11 +286,14 @@ def _indexed(path: Path, file: IO[bytes], summary: Summary, wanted: set[str]) ->
     held: list[tuple[int, int, int, str, bytes]] = []  # time, place in the file, topic, data
     for position, index in enumerate(chunks):
         offset = index.chunk_start_offset
-        file.seek(offset + 9)
         try:
+            file.seek(offset + 9)
             stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), True)
             data = stream.read(size)
-            held += _chunk_messages(data, offset, topics)
+            found = _chunk_messages(data, offset, topics)
+            if found and min(found)[0] < index.message_start_time:
+                raise ValueError("messages before the time its index says")
+            held += found
         except _BROKEN as error:
             raise ConfigError(f"{path}: damaged at byte {offset}: {error}") from error
         held.sort()
@@ -340,6 +354,7 @@ def _broken() -> tuple[type[Exception], ...]:
     """Return what a broken file can raise in the MCAP reader."""
     kinds: list[type[Exception]] = [McapError, ValueError, struct.error, zlib.error, EOFError]
     kinds.append(RuntimeError)  # what lz4 raises
+    kinds += [MemoryError, OverflowError, OSError]  # a length or place no file has
     try:
         from zstandard import ZstdError
     except ImportError:

@@ -15,6 +15,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hil import evidence
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -79,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     listing.set_defaults(command=_list)
     _study_parser(commands)
     _vcan_parser(commands)
+    evidence.add_parsers(commands)
     return parser
 
 

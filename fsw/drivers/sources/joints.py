@@ -76,6 +76,7 @@ class JointBusSource:
         out["sync"] = self._syncs.count
         out["sync_lost"] = self._syncs.lost
         out["sync_invalid"] = self._syncs.invalid
+        out["sync_echoes"] = self._syncs.echoes
         out["other_frames"] = self._other_frames
         out["error_frames"] = self._errors.frames
         out.update({f"can_{name}": count for name, count in self._errors.counts.items()})

@@ -1,0 +1,46 @@
+"""What every target may ask, and how an input becomes a stream with the check values right.
+
+An input is read as segments `op | length | payload`. Random bytes hardly ever have a right CRC, so
+a segment may be sealed: its check value is put behind it by an encoder the flight software does not
+share. The rest goes as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+SEALED = 0x01
+ENDS_CHUNK = 0x02
+MAX_INPUT_BYTES = 4096
+Target = Callable[[bytes], None]
+Seal = Callable[[bytes], bytes]
+
+
+class OracleError(AssertionError):
+    """A parser did what it must not."""
+
+
+def require(condition: object, what: str, *details: object) -> None:
+    """Raise OracleError unless the condition holds."""
+    if not condition:
+        raise OracleError(f"{what}: {details}")
+
+
+def segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield op and payload of every segment; the last one may be short."""
+    at = 0
+    while at + 2 <= len(data):
+        op, length = data[at], data[at + 1]
+        yield op, data[at + 2 : at + 2 + length]
+        at += 2 + length
+
+
+def chunks(data: bytes, seal: Seal) -> list[bytes]:
+    """Return the stream of an input in the pieces it says."""
+    out, piece = [], b""
+    for op, payload in segments(data):
+        piece += seal(payload) if op & SEALED else payload
+        if op & ENDS_CHUNK:
+            out.append(piece)
+            piece = b""
+    return [*out, piece]

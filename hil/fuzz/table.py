@@ -1,0 +1,41 @@
+"""Every target by name; what it needs is imported when it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+
+from hil.fuzz.oracle import Target
+
+SLOW = frozenset(
+    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame"}
+)  # get fewer inputs
+TARGETS: dict[str, tuple[str, str]] = {
+    "canopen": ("hil.fuzz.frame_targets", "canopen_target"),
+    "recorded_frame": ("hil.fuzz.frame_targets", "recorded_frame_target"),
+    "stim300": ("hil.fuzz.serial_targets", "stim_target"),
+    "mip": ("hil.fuzz.serial_targets", "mip_target"),
+    "sagitta": ("hil.fuzz.serial_targets", "sagitta_target"),
+    "command": ("hil.fuzz.text_targets", "command_target"),
+    "config": ("hil.fuzz.text_targets", "config_target"),
+    "checkpoint": ("hil.fuzz.file_targets", "checkpoint_target"),
+    "recording": ("hil.fuzz.file_targets", "recording_target"),
+    "tc_packet": ("hil.fuzz.telemetry_targets", "packet_target"),
+    "tc_frame": ("hil.fuzz.telemetry_targets", "frame_target"),
+}
+
+
+def quota(inputs: int) -> dict[str, int]:
+    """Return how many of all inputs each target gets: at least a twentieth, fast ones more."""
+    least = -(-inputs // 20)
+    fast = len(TARGETS) - len(SLOW)
+    rest = max(0, inputs - least * len(SLOW))
+    return {name: least if name in SLOW else max(least, -(-rest // fast)) for name in TARGETS}
+
+
+def make(name: str) -> Target:
+    """Return a target. Raises KeyError for an unknown name."""
+    module, function = TARGETS[name]
+    factory: Callable[[], Target] = partial(getattr(import_module(module), function))
+    return factory()
