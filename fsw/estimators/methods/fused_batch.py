@@ -10,11 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from fsw.errors import EstimatorError
 from fsw.estimators.curvature import VERY_WEAK, WEAK
-from fsw.estimators.methods.levenberg import minimise, straighten
+from fsw.estimators.methods.levenberg import Minimum, minimise, straighten
 from fsw.estimators.methods.prediction_pass import Channels, prediction_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
+from fsw.estimators.mobility import NOTE, Mapped, by_mobility
 from fsw.estimators.problem import Problem
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
@@ -54,8 +56,10 @@ def solve_channels(
         start = first.x if np.isfinite(first.cost) else start
     run = _Pass(samples, system, use)
     found = minimise(run, system, start, options.max_iterations)
-    weak = VERY_WEAK if use.torque else WEAK
-    looked = straighten(run, system, found, weak) if options.max_iterations > 0 else None
+    mapped = _through_mobility(found, system) if use.torque else None
+    looked = None
+    if mapped is None and options.max_iterations > 0:
+        looked = straighten(run, system, found, VERY_WEAK if use.torque else WEAK)
     width = problem.model.n * use.torque + 3 * (use.accelerometer + use.gyro + use.velocity)
     return build_result(
         system,
@@ -68,8 +72,26 @@ def solve_channels(
         duration_s=float(samples.t_s[-1] - samples.t_s[0]),
         iterations=iterations + found.iterations,
         converged=found.converged,
+        covariance=mapped.covariance if mapped is not None and mapped.bent else None,
+        bias_note=NOTE if mapped is not None and mapped.bent else "",
         widening=looked,
     )
+
+
+def _through_mobility(found: Minimum, system: System) -> Mapped | None:
+    """Return the covariance by way of the base's mobility; None where that is no description.
+
+    Torque is straight in it. The momentum fixes the scale of base and target only together, which
+    no such coordinates straighten: there the likelihood's profile is looked at.
+    """
+    if "base" not in system.problem.unknown or not found.converged:
+        return None
+    try:
+        covariance = invert(found.information + system.prior_information)
+        mapped = by_mobility(found.x, covariance, system.problem.body("base"))
+    except (EstimatorError, np.linalg.LinAlgError):  # singular to working precision
+        return None
+    return mapped if mapped.holds else None
 
 
 class _Pass:

@@ -76,7 +76,7 @@ def minimise(
             break
         accepted = False
         while damping < MAX_DAMPING and not accepted:
-            step = _solve(A, gradient, damping)
+            step = _bounded(_solve(A, gradient, damping), scale, system)
             gain = step @ (2.0 * gradient - A @ step)
             trial = coordinates + step / scale
             trial_x = _from_coordinates(trial, system)
@@ -96,6 +96,19 @@ def minimise(
     return Minimum(x, G[:p, :p], G[:p, p], cost, iterations, converged)
 
 
+def _bounded(step: FloatArray, scale: FloatArray, system: System) -> FloatArray:
+    """Return the scaled step, shortened so that no diagonal of a factor changes by more than e.
+
+    At the edge of the possible bodies the logarithms have no gradient: a leap there never returns.
+    """
+    largest = max(
+        np.abs(step[k.start : k.start + 4] / scale[k.start : k.start + 4]).max()
+        for k in map(system.problem.body, system.problem.unknown)
+    )
+    bounded: FloatArray = step / max(1.0, float(largest))
+    return bounded
+
+
 def _settle(
     gram: Gram,
     system: System,
@@ -103,10 +116,11 @@ def _settle(
     at: tuple[FloatArray, FloatArray, float],
     decrement: float,
 ) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Return x, Gram, cost at the root of the score, and whether it was reached.
+    """Return x, Gram, cost at the root of the score, or the start if it is not reached, and if so.
 
     A score that is centred for the squared noise of its inputs is not quite the cost's gradient, so
-    the last fraction of a sigma may cost a little; undamped steps are taken while they shrink.
+    the last fraction of a sigma may cost a little; undamped steps are taken while they shrink. When
+    they stall nothing was found, and the point of least cost stands.
     """
     x, G, cost = at
     p = len(x)
@@ -132,7 +146,7 @@ def _settle(
         if not np.isfinite(trial_cost):
             break
         coordinates, x, G, cost = trial, trial_x, trial_G, trial_cost
-    return x, G, cost, False
+    return *at, False
 
 
 def straighten(gram: Gram, system: System, found: Minimum, weak: float) -> Widening | None:

@@ -14,6 +14,7 @@ from tests.fsw.estimators.cases import BASE, TARGET, N, motion, parameters, robo
 TRUE = {"base": parameters(BASE), "target": parameters(TARGET)}
 PLAIN = Noise.of(N, tau_nm=0.05, wd_rad_s2=1e-3, a_m_s2=1e-3)
 FULL = Noise.of(N, tau_nm=0.05, w_rad_s=4e-4, wd_rad_s2=1e-2, a_m_s2=5e-3)
+FINE = Noise.of(N, tau_nm=0.0158, w_rad_s=1.5e-4, wd_rad_s2=1e-3, a_m_s2=5e-3)  # 0.05 at 500 Hz
 
 
 @lru_cache(maxsize=4)
@@ -64,4 +65,4 @@ def band(dof: int, seeds: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-__all__ = ["FULL", "PLAIN", "band", "exact", "nees", "robot_model", "start", "truth"]
+__all__ = ["FINE", "FULL", "PLAIN", "band", "exact", "nees", "robot_model", "start", "truth"]

@@ -19,7 +19,7 @@ from fsw.estimators.methods.system import Options, build_system
 from fsw.estimators.orbit import CircularOrbit
 from fsw.estimators.samples import Noise, with_noise
 from tests.fsw.estimators.cases import N, make_problem
-from tests.fsw.estimators.methods_cases import FULL, PLAIN, band, exact, nees, start, truth
+from tests.fsw.estimators.methods_cases import FINE, FULL, PLAIN, band, exact, nees, start, truth
 
 SOLVERS = {
     "rda": solve_rda,
@@ -82,16 +82,16 @@ def test_errors_agree_with_the_covariance(method, unknown):
     ("method", "unknown"),
     [("rda", ("base",)), ("rda", ("base", "target")), ("mrnea", ("base",))],
 )
-def test_likelihood_ratio_of_the_truth_where_sigma_is_too_large_for_a_quadratic(method, unknown):
-    """The base alone is known to 8 % (MRNEA) or 45 % (RDA) here: no Gaussian, NEES says little."""
+def test_errors_agree_with_the_covariance_of_a_weakly_known_base(method, unknown):
+    """The base's mass is known to about a tenth: RDA's covariance comes by way of the mobility."""
     problem, samples = problem_of(unknown)
     options = Options(start=truth(problem), body_prior=False)
     total = 0.0
     for seed in range(SEEDS):
-        noisy = with_noise(samples, FULL, np.random.default_rng(seed))
-        least = SOLVERS[method](noisy, problem, options)
-        at_truth = SOLVERS[method](noisy, problem, replace(options, max_iterations=0))
-        total += at_truth.cost - least.cost
+        noisy = with_noise(samples, FINE, np.random.default_rng(seed))
+        result = SOLVERS[method](noisy, problem, options)
+        assert result.status == "OK"
+        total += nees(result, problem)
     low, high = band(len(problem.names), SEEDS)
     assert low <= total <= high
 

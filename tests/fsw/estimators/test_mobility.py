@@ -1,0 +1,87 @@
+"""Covariance by way of the base's mobility: exact where straight, right where bent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fsw.estimators.mobility import (
+    by_mobility,
+    from_mobility,
+    mobility_jacobian,
+    to_mobility,
+)
+from tests.fsw.estimators.cases import BASE, parameters
+
+PI = parameters(BASE)
+
+
+def covariance_of(relative: float) -> np.ndarray:
+    """Return the covariance in pi of independent relative errors of the mobility."""
+    J = np.linalg.solve(mobility_jacobian(PI), np.diag(relative * np.abs(to_mobility(PI))))
+    return J @ J.T
+
+
+def test_mobility_and_back():
+    assert from_mobility(to_mobility(PI)) == pytest.approx(PI, rel=1e-12)
+
+
+def test_jacobian_matches_finite_differences():
+    J = mobility_jacobian(PI)
+    for k in range(10):
+        d = np.zeros(10)
+        d[k] = 1e-4 * max(1.0, abs(PI[k]))
+        slope = (to_mobility(PI + d) - to_mobility(PI - d)) / (2 * d[k])
+        assert J[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-12)
+
+
+def test_a_small_covariance_comes_back_as_it_is():
+    covariance = covariance_of(1e-6)
+    mapped = by_mobility(PI, covariance, slice(0, 10))
+    assert not mapped.bent
+    assert mapped.impossible == 0.0
+    scale = np.sqrt(np.diag(covariance))
+    assert mapped.covariance / np.outer(scale, scale) == pytest.approx(
+        covariance / np.outer(scale, scale), abs=1e-4
+    )
+
+
+def test_other_states_keep_their_covariance():
+    covariance = np.zeros((12, 12))
+    covariance[2:, 2:] = covariance_of(0.05)
+    covariance[:2, :2] = np.diag([4.0, 9.0])
+    x = np.concatenate([[1.0, 2.0], PI])
+    mapped = by_mobility(x, covariance, slice(2, 12))
+    assert mapped.covariance[:2, :2] == pytest.approx(np.diag([4.0, 9.0]), abs=1e-6)
+
+
+def test_mean_squared_errors_of_a_gaussian_mobility_are_those_published():
+    """1/m Gaussian with sigma 10 %: E[(1/u - 1)^2] by quadrature, 3 sigma of 2000 draws allowed."""
+    covariance = covariance_of(0.1)
+    mapped = by_mobility(PI, covariance, slice(0, 10))
+    points, weights = np.polynomial.hermite_e.hermegauss(40)
+    u = 1.0 + 0.1 * points
+    kept = u > 0.3  # beyond 7 sigma the inverse has no moments
+    exact = float(weights[kept] @ (1.0 / u[kept] - 1.0) ** 2 / weights.sum()) * PI[0] ** 2
+    assert mapped.bent
+    assert mapped.covariance[0, 0] == pytest.approx(exact, rel=0.1)
+    assert mapped.covariance[0, 0] > 1.02 * covariance[0, 0]
+
+
+def test_errors_of_a_gaussian_mobility_have_the_degrees_of_freedom_as_mean_square():
+    """Estimates scattered in the mobility, judged in pi: right by way of it, not without it."""
+    rng = np.random.default_rng(1)
+    size, plain, by_way = 0.1 * np.abs(to_mobility(PI)), [], []
+    for _ in range(60):
+        estimate = from_mobility(to_mobility(PI) + size * rng.standard_normal(10))
+        J = np.linalg.solve(mobility_jacobian(estimate), np.diag(size))
+        covariance, e = J @ J.T, estimate - PI
+        plain.append(e @ np.linalg.solve(covariance, e))
+        published = by_mobility(estimate, covariance, slice(0, 10)).covariance
+        by_way.append(e @ np.linalg.solve(published, e))
+    assert 8.9 <= np.mean(by_way) <= 11.2  # 95 % band of 60 seeds
+    assert np.mean(plain) > 11.2
+
+
+def test_a_gaussian_that_is_no_body_says_so():
+    assert not by_mobility(PI, covariance_of(1.0), slice(0, 10)).holds
