@@ -100,9 +100,12 @@ def _run(arguments: argparse.Namespace) -> int:
 
     config = _checked(load(arguments.config))
     validate_outputs(config)
-    from fsw.app import run_live  # only now anything that can open a device
+    from fsw.app import RESTART_EXIT, run_live  # only now anything that can open a device
 
-    return run_live(config, cold=arguments.cold)
+    code = run_live(config, cold=arguments.cold)
+    if code == RESTART_EXIT:
+        os.execv(sys.executable, [sys.executable, "-m", "fsw", *sys.argv[1:]])
+    return code
 
 
 def _replay(arguments: argparse.Namespace) -> int:

@@ -24,6 +24,7 @@ from fsw.sinks import Sink
 
 __all__ = ["Daemon", "Ports", "build", "open_ports", "run_live"]
 
+RESTART_EXIT = 75  # the caller is to start again
 SERVICE_WAIT_S = 20.0  # for the service to write what is left
 P = TypeVar("P", FramePort, BytePort)
 
@@ -77,6 +78,8 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
 def run_live(config: Config, *, cold: bool = False) -> int:
     """Run until told to stop; return the exit code. `cold` ignores checkpoints.
 
+    Returns RESTART_EXIT when a restart was commanded.
+
     Raises
     ------
     PortError when another daemon runs on the same state directory.
@@ -84,6 +87,10 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     stop, notifier = StopSignal(), Notifier(os.environ)
     clock = MonotonicClock()
     lock_fd = lock_state(config.resolve(config.service.state_directory), clock)
+    if config.telemetry is not None:
+        from fsw.telemetry.effective import effective_config  # only where something can come up
+
+        config = effective_config(config)
     service = ServiceProcess(config, clock, lock_fd)
     sink, jobs = service.sink, service.jobs
     daemon = build(config, clock, open_ports(config, clock, sink), sink, jobs=jobs)
@@ -104,7 +111,10 @@ def run_live(config: Config, *, cold: bool = False) -> int:
                 notifier.send("WATCHDOG=1")
     notifier.send("STOPPING=1")
     daemon.shutdown()
-    return 0 if service.wait(SERVICE_WAIT_S) else 1
+    ended = service.wait(SERVICE_WAIT_S)
+    if daemon.dispatcher.restart_requested:
+        return RESTART_EXIT
+    return 0 if ended else 1
 
 
 def go_on(daemon: Daemon, config: Config, clock: Clock, sink: Sink) -> bool:

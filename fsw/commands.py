@@ -31,6 +31,7 @@ class CommandName(StrEnum):
     CONFIGURE = "configure"  # other unknowns, noise, robot or settings: begin at the prior
     SAVE_STATE = "save_state"  # checkpoint now, and remember the state to come back to
     RESTORE_STATE = "restore_state"  # back to what was saved, or restored at the start
+    RESTART = "restart"  # end and start again
     STOP = "stop"  # end the daemon as SIGTERM does
 
 

@@ -93,6 +93,7 @@ class Dispatcher:
         self._report: JobReport | None = None
         self._result: Mapping[str, Any] | None = None
         self.stop_requested = False
+        self.restart_requested = False
         self.saved: Snapshot | None = None  # what restore_state goes back to
         self.checkpoint_due = False  # a command has changed the state, or wants it kept
 
@@ -182,8 +183,9 @@ class Dispatcher:
             estimate = put_back(self._estimator, self.saved)
         elif name is CommandName.FINISH:
             estimate = settle(self._estimator)
-        elif name is CommandName.STOP:
+        elif name in (CommandName.STOP, CommandName.RESTART):
             self.stop_requested = True
+            self.restart_requested = name is CommandName.RESTART
         elif name is CommandName.RUN_BATCH:
             self._run_batch(command, now_ns)
         elif name is CommandName.ABORT_BATCH:

@@ -24,6 +24,10 @@ class JobProcess:
         self._buffer = b""
         self._ended = False
 
+    def configured(self, config: Config) -> None:
+        """Take the configuration of the next job."""
+        self._config = config
+
     def submit(self, request: BatchRequest) -> None:
         """Start the worker on a request."""
         self.close()

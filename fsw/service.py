@@ -13,8 +13,7 @@ import pickle
 import signal
 import sys
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fsw.blockstore import BlockWriter, read_blocks
 from fsw.checkpoint_keeper import CheckpointKeeper
@@ -22,13 +21,18 @@ from fsw.clock import Clock, MonotonicClock
 from fsw.commands import BatchRequest, Command, JobReport, Reply
 from fsw.config import Config
 from fsw.control import SOCKET_NAME, ControlServer
-from fsw.errors import PortError
+from fsw.errors import ConfigError, PortError
 from fsw.job_process import JobProcess
-from fsw.messages import Block, Event, Snapshot
-from fsw.recorder import CHECKPOINT, Parts, RecorderSink, event_values
+from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.recorder import CHECKPOINT, event_values
+from fsw.recorder_switch import RecorderSwitch
 from fsw.ring import RingReader, RingWriter
 from fsw.ringlink import Kind, deliver, load
 from fsw.sinks import NullSink, Record
+from fsw.telemetry.ports import Host
+
+if TYPE_CHECKING:
+    from fsw.telemetry.application import TelemetryApplication
 
 BLOCKS_NAME = "blocks.bin"
 POLL_S = 0.01
@@ -50,7 +54,8 @@ class Service(NullSink):
         self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
         self._event_count = 0
-        self._recorder: RecorderSink | None = None
+        self._switch = RecorderSwitch(config, self._report)
+        self._telemetry: TelemetryApplication | None = None
         blocks = self._directory / BLOCKS_NAME
         self._keeper = CheckpointKeeper(config, self._directory, self._report)
         if resume:
@@ -64,9 +69,9 @@ class Service(NullSink):
 
     def open(self) -> None:
         """Open files and socket; what cannot be opened is an event."""
-        directory = self._config.recorder.directory
-        if directory is not None:
-            self._recorder = self._open_recorder(self._config.resolve(directory))
+        self._switch.open(resume=self._resume)
+        if self._config.telemetry is not None:
+            self._open_telemetry()
         try:
             self._control = ControlServer(
                 self._directory / SOCKET_NAME, lambda: self._status, self._forward
@@ -74,20 +79,22 @@ class Service(NullSink):
         except PortError as error:
             self._report("high", "CONTROL_FAILED", str(error))
 
-    def _open_recorder(self, directory: Path) -> RecorderSink:
-        parts, settings = Parts(self._config, directory, resume=self._resume), self._config.recorder
-        writer = None
-        try:
-            writer = parts.open()
-        except OSError as error:
-            self._report("high", "RECORDER_FAILED", f"{directory}: {error.strerror or error}")
-        return RecorderSink(
-            writer,
-            self._report,
-            parts=parts.open,
-            part_bytes=settings.part_bytes,
-            part_s=settings.part_s,
+    def _open_telemetry(self) -> None:
+        from fsw.telemetry.assembly import build_application  # only where it is configured
+
+        host = Host(
+            now_ns=self._clock.now_ns,
+            forward=self._forward,
+            report=self._report,
+            configured=self._configured,
+            recording=self._switch,
         )
+        try:
+            self._telemetry = build_application(self._config, host, resume=self._resume)
+        except (ConfigError, OSError) as error:
+            self._report("high", "LINK_FAILED", str(error))
+        else:
+            self._telemetry.open()
 
     def cycle(self) -> bool:
         """Take what the ring holds, serve clients, follow the worker; False at the loop's end."""
@@ -102,13 +109,17 @@ class Service(NullSink):
             elif record.kind == Kind.JOB_ABORT:
                 self._jobs.abort()
             else:
-                if self._recorder is not None:
-                    deliver(record, self._recorder)
+                if self._switch.sink is not None:
+                    deliver(record, self._switch.sink)
                 if record.kind not in (Kind.CAN, Kind.SERIAL):
                     deliver(record, self)
         self._watch_drops()
         for report in self._jobs.poll():
             self._send(Kind.JOB_REPORT, report)
+            if self._telemetry is not None:
+                self._telemetry.job(report)
+        if self._telemetry is not None:
+            self._telemetry.poll(self._clock.now_ns())
         wait_s = 0.0 if taken >= BATCH_RECORDS or not going else POLL_S
         if self._control is not None:
             self._control.serve(wait_s, self._clock.now_ns())
@@ -119,9 +130,9 @@ class Service(NullSink):
     def close(self) -> None:
         """Write the rest and close everything."""
         self._jobs.close()
-        if self._recorder is not None:
-            self._recorder.dropped = self._down.dropped
-            self._recorder.close()
+        if self._telemetry is not None:
+            self._telemetry.close()
+        self._switch.close(self._down.dropped)
         if self._control is not None:
             self._control.close()
         self._write_status(running=False)
@@ -129,6 +140,8 @@ class Service(NullSink):
     def block(self, block: Block) -> None:
         """Store a block for batch jobs and for checkpoints."""
         self._keeper.block(block)
+        if self._telemetry is not None:
+            self._telemetry.block(block)
         if self._blocks_failed:
             return
         try:
@@ -144,12 +157,14 @@ class Service(NullSink):
     def restored(self, sequence: int) -> None:
         """Put what this run went on from into its recording."""
         data = self._keeper.adopt(sequence)
-        if data is not None and self._recorder is not None:
-            self._recorder.attach(CHECKPOINT, data)
+        if data is not None and self._switch.sink is not None:
+            self._switch.sink.attach(CHECKPOINT, data)
 
     def event(self, event: Event) -> None:
-        """Append to the event log."""
+        """Append to the event log, and telemeter."""
         self._event_count += 1
+        if self._telemetry is not None:
+            self._telemetry.event(event)
         path = self._directory / "events.jsonl"
         try:
             if path.exists() and path.stat().st_size > LOG_LIMIT_BYTES:
@@ -162,21 +177,41 @@ class Service(NullSink):
     def status(self, t_ns: int, status: Record) -> None:  # noqa: ARG002
         """Keep and publish the newest summary."""
         self._status = status
-        if self._recorder is not None:
-            self._recorder.dropped = self._down.dropped
-            self._recorder.sync()
+        if self._switch.sink is not None:
+            self._switch.sink.dropped = self._down.dropped
+            self._switch.sink.sync()
+        if self._telemetry is not None:
+            self._telemetry.status(status)
         self._write_status(running=True)
 
     def reply(self, reply: Reply) -> None:
         """Answer the client that asked."""
+        if self._telemetry is not None:
+            self._telemetry.reply(reply)
         if self._control is not None:
             self._control.reply(reply)
 
+    def estimate(self, estimate: Estimate) -> None:
+        """Telemeter."""
+        if self._telemetry is not None:
+            self._telemetry.estimate(estimate)
+
+    def science(self, t_ns: int, record: bytes) -> None:
+        """Telemeter."""
+        if self._telemetry is not None:
+            self._telemetry.science(t_ns, record)
+
+    def _configured(self, config: Config) -> None:
+        """Take what was laid over the configuration: jobs and recordings are to have it too."""
+        self._config = config
+        self._switch.configured(config)
+        self._jobs.configured(config)
+
     def _write_status(self, *, running: bool) -> None:
-        path = self._recorder.path if self._recorder is not None else None
+        path = self._switch.path
         recorder: Mapping[str, Any] = {
             "path": str(path) if path is not None else None,
-            "failed_messages": self._recorder.lost if self._recorder is not None else 0,
+            "failed_messages": self._switch.lost,
             "dropped": self._down.dropped,
         }
         extra = {
@@ -185,6 +220,8 @@ class Service(NullSink):
             "checkpoint": self._keeper.summary(),
             "events": self._event_count,
         }
+        if self._telemetry is not None:
+            extra["telemetry"] = self._telemetry.summary()
         self._status = {**self._status, **extra}
         path = self._directory / "status.json"
         temporary = path.with_suffix(".tmp")
@@ -218,8 +255,8 @@ class Service(NullSink):
     def _report(self, severity: str, code: str, text: str) -> None:
         event = Event(self._clock.now_ns(), severity, code, text)
         self.event(event)
-        if self._recorder is not None:
-            self._recorder.event(event)
+        if self._switch.sink is not None:
+            self._switch.sink.event(event)
 
 
 def serve(service: Service, down: RingReader, parent: int, clock: Clock) -> int:

@@ -65,6 +65,13 @@ class Config(Section):
         """The text the configuration was read from."""
         return self._source
 
+    def as_read(self) -> Self:
+        """Return the configuration its text gives: what was laid over it since is left out."""
+        if not self._source:
+            return self
+        data = read_yaml(self._source)
+        return type(self).model_validate(data).read_from(self._source, self._folder, self._name)
+
     def resolve(self, path: Path) -> Path:
         """Return a path of the configuration, relative ones taken from its folder."""
         return path if path.is_absolute() else self._folder / path

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
+
+from fsw.commands import Command
+from fsw.config import Config
 
 
 class FileDelivery(Protocol):
     """Class 2 file delivery (CFDP); never blocks. Its packets are what goes over the link."""
 
     def send(self, path: Path, *, remove: bool) -> int:
-        """Begin to send a file down; return the transaction's number.
+        """Begin to send a file down; return the transaction's number, at least 1.
 
         Raises
         ------
-        FswError when it cannot begin.
+        CommandError when it cannot begin; its code is a name of the dictionary's errors.
         """
         ...
 
@@ -37,3 +41,42 @@ class FileDelivery(Protocol):
     def counters(self) -> Mapping[str, int]:
         """Return files_sent, files_received, files_failed, pdus_sent, pdus_received."""
         ...
+
+
+class Recording(Protocol):
+    """The recorder, as telecommands see it."""
+
+    @property
+    def path(self) -> Path | None:
+        """Return the recording in progress, or the last one."""
+        ...
+
+    def values(self) -> Mapping[str, Any]:
+        """Return recording, failed_messages, dropped_messages, recordings."""
+        ...
+
+    def start(self) -> None:
+        """Begin a recording. Raises CommandError."""
+        ...
+
+    def stop(self) -> None:
+        """Close the recording. Raises CommandError."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Host:
+    """The service process around the telemetry application.
+
+    Parameters
+    ----------
+    forward : takes a command to the loop; False when it cannot
+    report : an event of our own: severity, code, text
+    configured : told the configuration that is in force now
+    """
+
+    now_ns: Callable[[], int]
+    forward: Callable[[Command], bool]
+    report: Callable[[str, str, str], None]
+    configured: Callable[[Config], None]
+    recording: Recording

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fastcrc import crc16
 
-from fsw.telemetry.dictionary.codes import APID_FILES
+from fsw.telemetry.dictionary.codes import APID_FILES, Error
 from fsw.telemetry.packets import CRC_BYTES, HEADER_BYTES, TC_HEADER_BYTES
 
 MAX_PACKET_BYTES = 2048
@@ -17,10 +17,11 @@ FILE_ID = 0x1000 | APID_FILES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uplinked:
-    """One packet from the ground; `crc_good` is True of file packets, which have no CRC of ours."""
+    """One packet from the ground, or what is known of a refused one; file packets have no CRC."""
 
     packet: bytes
-    crc_good: bool = True
+    error: Error | None = None
+    text: str = ""
 
     @property
     def is_file(self) -> bool:
@@ -76,7 +77,7 @@ class PacketSplitter:
             identity = int.from_bytes(packet[:2], "big")
             good = identity == FILE_ID or crc16.ibm_3740(packet) == 0
             if good or identity == self._known:
-                found.append(Uplinked(packet=packet, crc_good=good))
+                found.append(Uplinked(packet=packet, error=None if good else Error.BAD_CRC))
             if good:
                 del self._buffer[:length]
                 self._in_sync = True
