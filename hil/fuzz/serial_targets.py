@@ -190,7 +190,12 @@ def stim_target(*, crlf: bool = False) -> Target:
 
 def seal_mip(payload: bytes) -> bytes:
     """Return a packet of data set and fields: length and check bytes put in."""
-    body = bytes.fromhex("7565") + payload[:1].ljust(1, b"\x80") + bytes((len(payload[1:129]),)) + payload[1:129]
+    body = (
+        bytes.fromhex("7565")
+        + payload[:1].ljust(1, b"\x80")
+        + bytes((len(payload[1:129]),))
+        + payload[1:129]
+    )
     first = np.cumsum(np.frombuffer(body, np.uint8), dtype=np.int64)
     return body + bytes((int(first[-1]) & 0xFF, int(first.sum()) & 0xFF))
 

@@ -45,7 +45,7 @@ def packet_target() -> Target:
         good = 0
         for k, piece in enumerate(pieces):
             for found in splitter.feed(piece, k):
-                good += len(found.packet) if found.crc_good else 0
+                good += len(found.packet) if found.error is None else 0
                 if not found.is_file:
                     check_telecommand(reader, found.packet)
             require(splitter.pending_bytes <= MAX_PENDING_BYTES, "buffer grows")
@@ -54,7 +54,7 @@ def packet_target() -> Target:
             now_ns += PATIENCE_NS
             before = splitter.pending_bytes
             for found in splitter.expire(now_ns):
-                good += len(found.packet) if found.crc_good else 0
+                good += len(found.packet) if found.error is None else 0
             if splitter.pending_bytes == before:
                 break
         total = sum(map(len, pieces))

@@ -7,6 +7,7 @@ Everything is counted in SYNCs, so a loop that was late itself finds nothing wro
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 
 from fsw.findings import Fault, Finding
@@ -16,6 +17,7 @@ ESTABLISHED_SYNCS = 50  # a node that answers for longer has started; its next b
 REPEAT_SYNCS = 50  # a silence that goes on is told again after so many
 BABBLE_FRAMES_PER_S = 3000.0  # of nobody's, a third of what a bus can carry
 BABBLE_SYNCS = 3
+MAX_FINDINGS = 1024  # until they are taken; the oldest go
 FOREVER = 1 << 62
 
 
@@ -59,11 +61,12 @@ class BusWatch:
         self._bus_silent = False
         self._strangers = 0
         self._babble_limit = BABBLE_FRAMES_PER_S * BABBLE_SYNCS / rate_hz
-        self._found: list[Finding] = []
+        self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
     def take(self) -> list[Finding]:
         """Return and forget what was found."""
-        found, self._found = self._found, []
+        found = list(self._found)
+        self._found.clear()
         return found
 
     def find(self, t_ns: int, fault: Fault, node: int | None = None, text: str = "") -> None:

@@ -6,11 +6,13 @@ damaged datagram leaves its own length, one that lost bytes less; junk takes non
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 from fsw.findings import Fault, Finding
 
 ESCAPED_RATIO = 1.2  # escapes make a frame longer by less
+MAX_FINDINGS = 1024  # until they are taken; the oldest go
 REPEAT_NS = 100_000_000  # a silence that goes on is told again after so long
 
 
@@ -58,11 +60,12 @@ class LineWatch:
         self._told_ns = 0
         self._skipped = 0
         self._refused = 0
-        self._found: list[Finding] = []
+        self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
     def take(self) -> list[Finding]:
         """Return and forget what was found."""
-        found, self._found = self._found, []
+        found = list(self._found)
+        self._found.clear()
         return found
 
     def find(self, t_ns: int, fault: Fault, text: str = "") -> None:
