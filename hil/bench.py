@@ -132,7 +132,9 @@ def prepare(
     ScenarioError, or the flight software's ConfigError, when something does not fit.
     """
     bodies = {name: _body(report) for name, report in scenario.truth.items()}
-    robot = Robot.load(scenario.urdf, scenario.tool_frame, bodies.get("base"), bodies.get("target"))
+    robot = Robot.load(
+        scenario.urdf, scenario.tool_frame, bodies.get("base"), bodies.get("target"), scenario.slosh
+    )
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
     port = scenario.flight["bus"].get("port")
@@ -194,6 +196,7 @@ def run_virtual(
         setup.seed,
         start_delay_s=setup.scenario.before_s,
         t0_ns=T0_NS,
+        sync_rate_hz=float(setup.scenario.flight["bus"]["rate_hz"]),
     )
     bench = VirtualBench(plant, T0_NS, seed=setup.seed)
     install(setup.scenario.faults, bench, setup.seed)

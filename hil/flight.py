@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,16 @@ from hil.bound import Sensors
 from hil.environment.config import OrbitSection
 from hil.environment.orbit import Orbit
 from hil.inertia import FloatArray
+from hil.noise import BandLimitedWhiteNoise
 from hil.robot import Robot
 from hil.scenario import Prior, Scenario, ScenarioError, mapping_from, replace_base
-from hil.sensors import JointSensorConfig, NodeConfig, SensorConfig, rotation_of
+from hil.sensors import (
+    ImuSensorConfig,
+    JointSensorConfig,
+    NodeConfig,
+    SensorConfig,
+    rotation_of,
+)
 
 BUS = "arm"
 FIRST_NODE_ID = 0x11
@@ -41,16 +48,24 @@ def nodes_of(sensors: SensorConfig, n: int) -> tuple[NodeConfig, ...]:
     return nodes
 
 
-def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig) -> float:
+def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:
     """Return 1 sigma of one torque sample with the wire's rounding."""
-    return math.hypot(joints.torque_noise_nm, TORQUE_STEP_NM[node.format] / math.sqrt(12))
+    sigma = _sigma(joints.torque_noise, rate_hz, joints.torque_noise_nm)
+    return math.hypot(sigma, TORQUE_STEP_NM[node.format] / math.sqrt(12))
 
 
-def position_noise_rad(joints: JointSensorConfig, stamp_noise_rad: float = 0.0) -> float:
+def _sigma(noise: BandLimitedWhiteNoise | None, rate_hz: float, otherwise: float) -> float:
+    return otherwise if noise is None else noise.sigma(rate_hz)
+
+
+def position_noise_rad(
+    joints: JointSensorConfig, stamp_noise_rad: float = 0.0, rate_hz: float = 500.0
+) -> float:
     """Return 1 sigma of one position sample: noise, encoder step, wire step, uncertain stamp."""
     encoder = 2 * math.pi / 2**joints.encoder_bits
     step = math.hypot(encoder, POSITION_STEP_RAD) / math.sqrt(12)
-    return math.hypot(joints.encoder_noise_rad, step, stamp_noise_rad)
+    noise = _sigma(joints.position_noise, rate_hz, joints.encoder_noise_rad)
+    return math.hypot(noise, step, stamp_noise_rad)
 
 
 def flight_document(
@@ -70,6 +85,7 @@ def flight_document(
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
+    rate_hz = float(flight["bus"]["rate_hz"])
     bodies: dict[str, Any] = {}
     for body, report in scenario.truth.items():
         if body in priors:
@@ -87,9 +103,9 @@ def flight_document(
             "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
             "torque_limit_nm": flight["torque_limit_nm"],
             "speed_limit_rad_s": flight["speed_limit_rad_s"],
-            "torque_noise_nm": torque_noise_nm(sensors.joints, node),
+            "torque_noise_nm": torque_noise_nm(sensors.joints, node, rate_hz),
             "torque_offset_sigma_nm": sensors.joints.torque_offset_sigma_nm,
-            "position_noise_rad": position_noise_rad(sensors.joints, stamp_noise_rad),
+            "position_noise_rad": position_noise_rad(sensors.joints, stamp_noise_rad, rate_hz),
         }
         for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
     ]
@@ -132,6 +148,18 @@ def _orbit(section: OrbitSection, before_s: float) -> dict[str, Any]:
     }
 
 
+def _gyro_sigma(imu: ImuSensorConfig) -> float:
+    """Return 1 sigma of one rate sample [rad/s]."""
+    white = imu.angle_random_walk_rad_sqrt_s * math.sqrt(imu.rate_hz)
+    return _sigma(imu.gyro_noise, imu.rate_hz, white)
+
+
+def _acc_sigma(imu: ImuSensorConfig) -> float:
+    """Return 1 sigma of one acceleration sample [m/s^2]."""
+    white = imu.velocity_random_walk_m_s_sqrt_s * math.sqrt(imu.rate_hz)
+    return _sigma(imu.acc_noise, imu.rate_hz, white)
+
+
 def _imu(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
     imu = sensors.imu
     if imu is None:
@@ -145,8 +173,8 @@ def _imu(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
         "mounting": {"p_BS_m": list(imu.p_BS_m), "q_BS_xyzw": list(imu.q_BS_xyzw)},
         "gyro_group_delay_s": imu.gyro_group_delay_s,
         "acc_group_delay_s": imu.acc_group_delay_s,
-        "angle_random_walk_rad_sqrt_s": imu.angle_random_walk_rad_sqrt_s,
-        "velocity_random_walk_m_s_sqrt_s": imu.velocity_random_walk_m_s_sqrt_s,
+        "angle_random_walk_rad_sqrt_s": _gyro_sigma(imu) / math.sqrt(imu.rate_hz),
+        "velocity_random_walk_m_s_sqrt_s": _acc_sigma(imu) / math.sqrt(imu.rate_hz),
         "gyro_bias_sigma_rad_s": imu.gyro_bias_sigma_rad_s,
         "acc_bias_sigma_m_s2": imu.acc_bias_sigma_m_s2,
     }
@@ -156,6 +184,7 @@ def _star_tracker(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
     tracker = sensors.star_tracker
     if tracker is None:
         return {}
+    noise = tracker.attitude_noise
     return {
         "port": str(folder.absolute() / "star_tracker"),
         "baud_rate": tracker.baud_rate,
@@ -164,8 +193,8 @@ def _star_tracker(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
         "time": "arrival",
         "latency_s": tracker.latency_s,
         "rotation": tracker.rotation,
-        "noise_across_rad": tracker.noise_across_rad,
-        "noise_about_rad": tracker.noise_about_rad,
+        "noise_across_rad": _sigma(noise, tracker.rate_hz, tracker.noise_across_rad),
+        "noise_about_rad": _sigma(noise, tracker.rate_hz, tracker.noise_about_rad),
         "subscribe": not tracker.subscribed,
     }
 
@@ -203,6 +232,7 @@ def plant_document(
         "environment": (
             None if scenario.environment is None else scenario.environment.model_dump(mode="json")
         ),
+        "slosh": [asdict(part) for part in scenario.slosh],
         "start_delay_s": scenario.before_s,
         "seed": seed,
         "realtime": {"priority": 40},
@@ -247,15 +277,16 @@ def bound_sensors(scenario: Scenario, n: int) -> Sensors:
     imu = sensors.imu
     if imu is None:
         raise ScenarioError("sensors.imu: missing; the bound needs one")
-    root_rate = math.sqrt(imu.rate_hz)
+    rate_hz = float(scenario.flight["bus"]["rate_hz"])
+    torque_nm = _sigma(sensors.joints.torque_noise, rate_hz, sensors.joints.torque_noise_nm)
     return Sensors(
-        joint_rate_hz=float(scenario.flight["bus"]["rate_hz"]),
-        torque_noise_nm=np.full(n, sensors.joints.torque_noise_nm),
+        joint_rate_hz=rate_hz,
+        torque_noise_nm=np.full(n, torque_nm),
         torque_offset_sigma_nm=np.full(n, sensors.joints.torque_offset_sigma_nm),
         imu_rate_hz=float(imu.rate_hz),
-        gyro_noise_rad_s=imu.angle_random_walk_rad_sqrt_s * root_rate,
+        gyro_noise_rad_s=_gyro_sigma(imu),
         gyro_bias_sigma_rad_s=imu.gyro_bias_sigma_rad_s,
-        acc_noise_m_s2=imu.velocity_random_walk_m_s_sqrt_s * root_rate,
+        acc_noise_m_s2=_acc_sigma(imu),
         acc_bias_sigma_m_s2=imu.acc_bias_sigma_m_s2,
         p_BS_m=np.array(imu.p_BS_m),
         R_BS=rotation_of(imu.q_BS_xyzw),

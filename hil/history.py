@@ -81,6 +81,7 @@ class TruthHistory:
     quat_wxyz: FloatArray  # (k, 4)
     w_B: FloatArray  # (k, 3)
     wd_B: FloatArray
+    liquid_m: FloatArray | None = None  # (k, s) displacement along every slide
     field: Field | None = None
     centre_N: FloatArray | None = None  # (k, 3) centre of mass of the whole; with a field
 

@@ -36,6 +36,7 @@ class Plant:
     sensors : what the devices are and how wrong they measure
     seed : fixes every random bit of every device
     t0_ns : power-on, on the host's clock
+    sync_rate_hz : of the host's SYNC; what a noise block is sampled at
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Plant:
         *,
         start_delay_s: float = 4.0,
         t0_ns: int = 0,
+        sync_rate_hz: float = 500.0,
     ) -> None:
         self.sensors = sensors
         self.clock = TruthClock(start_delay_s)
@@ -56,7 +58,8 @@ class Plant:
         self.nodes = sensors.joints.nodes or default
         if len(self.nodes) != n:
             raise ValueError(f"joints.nodes: {len(self.nodes)} nodes for a robot of {n} joints")
-        self.joint_errors = JointErrors(sensors.joints, n, seed)
+        rate_hz = sensors.joints.sync_rate_hz or sync_rate_hz
+        self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz)
         self._signs = np.array([node.sign for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
         self._latched: tuple[int, list[Reading]] | None = None

@@ -6,6 +6,7 @@ gets a free joint, every link stays a body, and a target is one more body welded
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -30,6 +31,21 @@ class Body:
     mass_kg: float
     com_m: tuple[float, float, float]
     inertia_kg_m2: tuple[float, float, float, float, float, float]  # xx xy xz yy yz zz
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SloshMass:
+    """Liquid that moves in a tank of the base: a mass on springs, one slide per axis.
+
+    It is part of the base's mass; at rest it leaves the base's inertial data as given.
+    """
+
+    mass_kg: float
+    place_m: tuple[float, float, float]  # at rest, base frame
+    axes: tuple[tuple[float, float, float], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    frequency_hz: float  # with the tank held
+    damping_ratio: float
+    stroke_m: float  # a stiff wall beyond it
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +78,7 @@ class Robot:
     tool_id: int
     mount_p_BM_B_m: FloatArray  # (3,) the arm's base: frame of the first joint at zero
     mount_R_BM: FloatArray  # (3, 3)
+    slides: tuple[SloshMass, ...] = ()  # the mass of every slide, in order of its coordinate
 
     @property
     def n(self) -> int:
@@ -70,7 +87,11 @@ class Robot:
 
     @staticmethod
     def load(
-        urdf: Path, tool_frame: str, base: Body | None = None, target: Body | None = None
+        urdf: Path,
+        tool_frame: str,
+        base: Body | None = None,
+        target: Body | None = None,
+        slosh: Sequence[SloshMass] = (),
     ) -> Robot:
         """Read a URDF.
 
@@ -80,6 +101,7 @@ class Robot:
         tool_frame : name of the link (or of the fixed joint) that grasps
         base : replaces the root link's inertial data
         target : grasped body, in the tool frame; None: nothing is grasped
+        slosh : liquid of the base; its coordinates stand between the base's and the joints'
 
         Raises
         ------
@@ -94,7 +116,9 @@ class Robot:
         _require_serial(urdf, links, arm, tool)
         if base is None and links[0].body is None:
             raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
-        model = _compile(links, tool.name, base, target)
+        model = _compile(
+            links, tool.name, base if base is not None else links[0].body, target, slosh
+        )
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         first = model.body(arm[0].name).id
@@ -108,6 +132,7 @@ class Robot:
             tool_id=int(model.body(tool.name).id),
             mount_p_BM_B_m=data.xpos[first].copy(),
             mount_R_BM=data.xmat[first].reshape(3, 3).copy(),
+            slides=tuple(mass for mass in slosh for _ in mass.axes),
         )
 
     def tool_poses(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -125,7 +150,7 @@ class Robot:
         positions = np.empty((len(q_rad), 3))
         rotations = np.empty((len(q_rad), 3, 3))
         for k, q in enumerate(q_rad):
-            data.qpos[BASE_NQ:] = q
+            data.qpos[BASE_NQ + len(self.slides) :] = q
             mujoco.mj_kinematics(self.model, data)
             positions[k] = data.xpos[self.tool_id]
             rotations[k] = data.xmat[self.tool_id].reshape(3, 3)
@@ -245,8 +270,46 @@ def _require_serial(urdf: Path, links: list[Link], arm: list[Link], tool: Link) 
         raise ValueError(f"{urdf}: must be one serial arm to {tool.name!r}; beside it: {beside}")
 
 
+def without(body: Body, slosh: Sequence[SloshMass]) -> Body:
+    """Return what is rigid of a body that holds liquid at rest.
+
+    Raises
+    ------
+    ValueError if nothing physical is left.
+    """
+    mass = body.mass_kg - sum(part.mass_kg for part in slosh)
+    if mass <= 0:
+        raise ValueError(f"the liquid outweighs the base's {body.mass_kg} kg")
+    c, inertia = _about_origin(body)
+    first = body.mass_kg * c - sum(part.mass_kg * np.array(part.place_m) for part in slosh)
+    for part in slosh:
+        inertia = inertia - part.mass_kg * _steiner(np.array(part.place_m))
+    com = first / mass
+    inertia = inertia - mass * _steiner(com)
+    moments = np.linalg.eigvalsh(inertia)
+    if not (moments[0] > 0 and moments[0] + moments[1] >= moments[2]):
+        raise ValueError(f"no rigid body is left of the base: moments {moments.round(3).tolist()}")
+    x, y, z = com.tolist()
+    xx, xy, xz, yy, yz, zz = inertia[np.triu_indices(3)].tolist()
+    return Body(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+def _about_origin(body: Body) -> tuple[FloatArray, FloatArray]:
+    c, inertia = np.array(body.com_m), np.zeros((3, 3))
+    inertia[np.triu_indices(3)] = body.inertia_kg_m2
+    return c, inertia + np.triu(inertia, 1).T + body.mass_kg * _steiner(c)
+
+
+def _steiner(r: FloatArray) -> FloatArray:
+    return np.asarray(r @ r * np.eye(3) - np.outer(r, r))
+
+
 def _compile(
-    links: list[Link], tool: str, base: Body | None, target: Body | None
+    links: list[Link],
+    tool: str,
+    base: Body | None,
+    target: Body | None,
+    slosh: Sequence[SloshMass],
 ) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -261,21 +324,34 @@ def _compile(
         x, y, z, w = link.q_PL_xyzw
         node = parent.add_body(name=link.name, pos=link.p_PL_P_m, quat=[w, x, y, z])
         bodies[link.name] = node
-        inertial = base if base is not None and link.parent is None else link.body
+        inertial = base if link.parent is None else link.body
         if inertial is not None:
-            _set_inertia(node, inertial)
+            _set_inertia(node, without(inertial, slosh) if link.parent is None else inertial)
         if link.parent is None:
             node.add_joint(
                 name="free",
                 type=mujoco.mjtJoint.mjJNT_FREE,
                 align=mujoco.mjtAlignFree.mjALIGNFREE_FALSE,
             )
+            _add_slosh(node, slosh)
         elif link.axis is not None:
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
             node.add_joint(name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
     if target is not None:
         _set_inertia(bodies[tool].add_body(name="grasped target"), target)
     return spec.compile()
+
+
+def _add_slosh(base: mujoco.MjsBody, slosh: Sequence[SloshMass]) -> None:
+    """Add the moving masses; springs and dampers are the truth's."""
+    for k, part in enumerate(slosh):
+        node = base.add_body(name=f"liquid {k}", pos=part.place_m)
+        speck = 1e-9 * part.mass_kg  # a point; MuJoCo wants a positive inertia
+        _set_inertia(node, Body(part.mass_kg, (0.0, 0.0, 0.0), (speck, 0, 0, speck, 0, speck)))
+        for axis in part.axes:
+            node.add_joint(
+                type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.array(axis) / np.linalg.norm(axis)
+            )
 
 
 def _set_inertia(node: mujoco.MjsBody, body: Body) -> None:

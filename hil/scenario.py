@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hil.environment.config import EnvironmentSection
 from hil.inertia import FloatArray, is_physical
+from hil.robot import SloshMass
 
 FOLDER = Path(__file__).parent / "scenarios"
 BODY_NAMES = ("base", "target")
@@ -87,6 +88,7 @@ class Document(_Section):
     flight: dict[str, Any] | Path
     environment: dict[str, Any] | Path | None = None  # null: nothing acts from outside
     faults: tuple[FaultEntry, ...] = ()
+    slosh: tuple[SloshMass, ...] = ()  # liquid in the base
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,6 +109,7 @@ class Scenario:
     flight: dict[str, Any]
     environment: EnvironmentSection | None = None
     faults: tuple[FaultEntry, ...] = ()
+    slosh: tuple[SloshMass, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -162,6 +165,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         flight=_section(home, document.flight),
         environment=environment,
         faults=document.faults,
+        slosh=document.slosh,
     )
 
 

@@ -15,12 +15,14 @@ from pydantic import ConfigDict, TypeAdapter
 from scipy.spatial.transform import Rotation
 
 from hil.devices.truth_port import FloatArray, State
+from hil.noise import BandLimitedWhiteNoise, Hysteresis, NoiseStream
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Chunking = Literal["datagram", "ms1", "random"]
 DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5}
 STRICT = ConfigDict(extra="forbid")
+HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: torque that takes a sensor from branch to branch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +60,9 @@ class JointSensorConfig:
     torque_offset_sigma_nm: float  # the constant offset of each joint is drawn once per seed
     torque_scale_error_ratio: float = 0.0  # 1 sigma, drawn once per joint and seed
     torque_range_nm: float = 327.0  # beyond it the node reports an overload
+    torque_hysteresis_ratio: float = 0.0  # of full scale, the rated torque
+    torque_noise: BandLimitedWhiteNoise | None = None  # instead of torque_noise_nm
+    position_noise: BandLimitedWhiteNoise | None = None  # instead of encoder_noise_rad
     encoder_bits: int = 24
     encoder_noise_rad: float = 0.0
     latch_offset_s: float = 0.0  # latch instant minus the SYNC stamp
@@ -89,6 +94,8 @@ class ImuSensorConfig:
     crlf: bool = False
     acc_range_g: Literal[5, 10, 30, 80] = 10
     acceleration: Literal["specific_force", "kinematic"] = "specific_force"
+    gyro_noise: BandLimitedWhiteNoise | None = None  # instead of the angle random walk
+    acc_noise: BandLimitedWhiteNoise | None = None  # instead of the velocity random walk
     gyro_group_delay_s: float = 2.2e-3
     acc_group_delay_s: float = 6.3e-3
     latency_s: float = 3.0e-4  # sample instant to first bit
@@ -108,6 +115,7 @@ class StarTrackerSensorConfig:
     q_BS_xyzw: Quaternion
     noise_across_rad: float = math.radians(2.0 / 3600.0)
     noise_about_rad: float = math.radians(10.0 / 3600.0)
+    attitude_noise: BandLimitedWhiteNoise | None = None  # instead of both
     rate_hz: float = 5.0
     baud_rate: int = 115200
     latency_s: float = 0.1  # mid-exposure to the last byte of an unescaped frame
@@ -165,27 +173,49 @@ class NormalStream:
 class JointErrors:
     """Encoder and torque sensor errors of n joints, drawn joint by joint."""
 
-    def __init__(self, config: JointSensorConfig, n: int, seed: int) -> None:
+    def __init__(
+        self, config: JointSensorConfig, n: int, seed: int, rate_hz: float = 500.0
+    ) -> None:
         draws = [generator(seed, "joint", i, 1).standard_normal(2) for i in range(n)]
         self.config = config
         self.torque_offset_nm = config.torque_offset_sigma_nm * np.array([d[0] for d in draws])
         self.torque_scale = 1.0 + config.torque_scale_error_ratio * np.array([d[1] for d in draws])
         self._streams = [generator(seed, "joint", i, 0) for i in range(n)]
+        self._blocks = [
+            None if noise is None else NoiseStream(noise, rate_hz, n, seed, channel)
+            for channel, noise in enumerate((config.position_noise, config.torque_noise))
+        ]
+        sigmas = (config.encoder_noise_rad, config.torque_noise_nm)
+        self._sigmas = [
+            sigma if block is None else 1.0
+            for sigma, block in zip(sigmas, self._blocks, strict=True)
+        ]
+        size_nm = config.torque_hysteresis_ratio * config.rated_torque_nm
+        width_nm = HYSTERESIS_WIDTH_RATIO * config.rated_torque_nm
+        self._hysteresis = Hysteresis(size_nm, width_nm, n) if size_nm > 0 else None
         self._rows = np.empty((0, n, 2))
+        self._next = 0
+
+    def _refill(self) -> None:
+        self._rows = np.stack([s.standard_normal((256, 2)) for s in self._streams], axis=1)
+        for column, block in enumerate(self._blocks):
+            if block is not None:
+                self._rows[:, :, column] = block.take(256)
         self._next = 0
 
     def measure(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return measured position [rad], quantised, and link torque [N m] of one latch."""
         if self._next >= len(self._rows):
-            self._rows = np.stack([s.standard_normal((256, 2)) for s in self._streams], axis=1)
-            self._next = 0
+            self._refill()
         noise = self._rows[self._next]
         self._next += 1
         config = self.config
         step_rad = 2.0 * math.pi / 2**config.encoder_bits
-        position = np.rint((q + config.encoder_noise_rad * noise[:, 0]) / step_rad) * step_rad
+        position = np.rint((q + self._sigmas[0] * noise[:, 0]) / step_rad) * step_rad
         torque = tau * self.torque_scale + self.torque_offset_nm
-        return position, torque + config.torque_noise_nm * noise[:, 1]
+        if self._hysteresis is not None:
+            torque = torque + self._hysteresis.error_nm(tau)
+        return position, torque + self._sigmas[1] * noise[:, 1]
 
 
 class ImuErrors:
@@ -208,10 +238,17 @@ class ImuErrors:
         self._white = generator(seed, "imu", 0, 0)
         self._drift = generator(seed, "imu", 0, 2)
         self._bias = np.concatenate([self.gyro_bias_rad_s, self.acc_bias_m_s2])
+        self._blocks = [
+            None if noise is None else NoiseStream(noise, config.rate_hz, 3, seed, 2 + channel)
+            for channel, noise in enumerate((config.gyro_noise, config.acc_noise))
+        ]
 
     def next(self, count: int) -> FloatArray:
         """Return the next `count` errors, columns gyro [rad/s] 3, accelerometer [m/s^2] 3."""
         white = self._sigma * self._white.standard_normal((count, 6))
+        for channel, block in enumerate(self._blocks):
+            if block is not None:
+                white[:, 3 * channel : 3 * channel + 3] = block.take(count)
         steps = self._walk * self._drift.standard_normal((count, 6))
         bias: FloatArray = self._bias + np.cumsum(steps, axis=0)
         self._bias = bias[-1]
@@ -258,6 +295,8 @@ def attitude(
     """
     R_SN = rotation_of(config.q_BS_xyzw).T @ R_NB.T
     sigma = np.array([config.noise_across_rad, config.noise_across_rad, config.noise_about_rad])
+    if config.attitude_noise is not None:
+        sigma = np.full(3, config.attitude_noise.sigma(config.rate_hz))
     measured = Rotation.from_rotvec(sigma * normal) * Rotation.from_matrix(R_SN)
     if config.rotation == "tracker_to_inertial":
         measured = measured.inv()

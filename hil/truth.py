@@ -6,7 +6,7 @@ controller sits inside the integration (every stage of every step), so it has no
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from hil.history import Field, TruthHistory, TruthState
-from hil.robot import BASE_NQ, BASE_NV, Body, Robot, load_bodies
+from hil.robot import BASE_NQ, BASE_NV, Body, Robot, SloshMass, load_bodies
 from hil.spline import JointSpline
 
 __all__ = ["Body", "Robot", "TruthHistory", "TruthState", "load_bodies", "simulate"]
@@ -29,6 +29,7 @@ Wrench = Callable[[float, Any], None]
 
 POSITION_GAIN_1_S2 = 100.0
 SPEED_GAIN_1_S = 20.0
+WALL_HZ = 1.0  # of a liquid's mass against its tank: soft enough for the step
 
 
 class _Plant:
@@ -42,18 +43,20 @@ class _Plant:
         self.model = robot.model
         self.data = mujoco.MjData(robot.model)
         self.wrench = wrench
-        self.nq = BASE_NQ + robot.n
-        self.H = np.zeros((BASE_NV + robot.n, BASE_NV + robot.n))
-        self.c = np.zeros(BASE_NV + robot.n)
+        self.passive = BASE_NV + len(robot.slides)  # coordinates nobody drives
+        self.nq = self.passive + 1 + robot.n
+        self.H = np.zeros((self.passive + robot.n, self.passive + robot.n))
+        self.c = np.zeros(self.passive + robot.n)
         self.tau = np.zeros(robot.n)
+        self.springs = Springs(robot.slides) if robot.slides else None
 
     def derivative(
         self, t_s: float, y: FloatArray, wanted: tuple[FloatArray, FloatArray, FloatArray]
     ) -> FloatArray:
         """Return dy/dt under computed torque towards `wanted` (q, qd, qdd); leaves tau.
 
-        The controller cancels the known dynamics with the base reaction eliminated,
-        a_b = -H_bb^-1 (c_b + H_bm qdd); it does not know of external wrenches.
+        The controller cancels the known dynamics with the reaction of base (and liquid)
+        eliminated, a_b = -H_bb^-1 (c_b + H_bm qdd); it does not know of external wrenches.
         """
         model, data, nq = self.model, self.data, self.nq
         data.qpos[:] = y[:nq]
@@ -64,9 +67,13 @@ class _Plant:
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 0, self.c)
         mujoco.mj_fullM(model, data, self.H)
-        H, c, m = self.H, self.c, BASE_NV
+        H, c, m = self.H, self.c, self.passive
         q, qd, qdd = wanted
-        command = qdd + SPEED_GAIN_1_S * (qd - y[nq + m :]) + POSITION_GAIN_1_S2 * (q - y[7:nq])
+        command = (
+            qdd + SPEED_GAIN_1_S * (qd - y[nq + m :]) + POSITION_GAIN_1_S2 * (q - y[m + 1 : nq])
+        )
+        if self.springs is not None:
+            c[BASE_NV:m] -= self.springs.force_n(y[BASE_NQ : m + 1], y[nq + BASE_NV : nq + m])
         _, reaction, info = dposv(H[:m, :m], -(c[:m] + H[:m, m:] @ command))
         if info != 0:
             raise ValueError(f"base inertia not positive definite at t = {t_s} s")
@@ -77,8 +84,8 @@ class _Plant:
         return np.concatenate(
             [
                 y[nq : nq + 3],
-                _quaternion_rate(y[3:7], y[nq + 3 : nq + m]),
-                y[nq + m :],
+                _quaternion_rate(y[3:7], y[nq + 3 : nq + BASE_NV]),
+                y[nq + BASE_NV :],
                 acceleration,
             ]
         )
@@ -94,6 +101,29 @@ class _Plant:
             mujoco.mj_applyFT(self.model, data, f, t, data.xipos[body], int(body), force)
         _, acceleration, _ = dposv(self.H, force)
         return np.asarray(acceleration, dtype=np.float64)
+
+
+class Springs:
+    """Springs and dampers of the liquid's slides: k = m w^2, d = 2 zeta m w, and the tank's wall.
+
+    Beyond the stroke a wall pushes back, a spring of WALL_HZ with half its critical damping.
+    """
+
+    def __init__(self, slides: Sequence[SloshMass]) -> None:
+        mass = np.array([part.mass_kg for part in slides])
+        rate = 2.0 * np.pi * np.array([part.frequency_hz for part in slides])
+        self._stiffness = mass * rate**2
+        self._damping = 2.0 * np.array([part.damping_ratio for part in slides]) * mass * rate
+        self._stroke = np.array([part.stroke_m for part in slides])
+        wall_rate = 2.0 * np.pi * WALL_HZ
+        self._wall = mass * wall_rate**2
+        self._wall_damping = mass * wall_rate
+
+    def force_n(self, x_m: FloatArray, v_m_s: FloatArray) -> FloatArray:
+        """Return the force on every slide (s,) at its displacement and speed."""
+        beyond = np.sign(x_m) * np.maximum(np.abs(x_m) - self._stroke, 0.0)
+        wall = self._wall * beyond + self._wall_damping * v_m_s * (beyond != 0.0)
+        return np.asarray(-self._stiffness * x_m - self._damping * v_m_s - wall)
 
 
 def _quaternion_rate(quat_wxyz: FloatArray, w_B: FloatArray) -> FloatArray:
@@ -144,7 +174,8 @@ def simulate(
     wanted = spline.evaluate(times)
     q, qd, qdd = wanted
     x, y_, z, w = np.array(q_NB_xyzw) / np.linalg.norm(q_NB_xyzw)
-    y = np.concatenate([np.zeros(3), [w, x, y_, z], q[0], np.zeros(BASE_NV), qd[0]])
+    liquid = np.zeros(len(robot.slides))
+    y = np.concatenate([np.zeros(3), [w, x, y_, z], liquid, q[0], np.zeros(BASE_NV), liquid, qd[0]])
     states = np.empty((steps + 1, len(y)))
     rates = np.empty((steps + 1, len(y)))
     torques = np.empty((steps + 1, robot.n))
@@ -171,13 +202,16 @@ def simulate(
 def _history(
     start_s: float, dt_s: float, y: FloatArray, rate: FloatArray, tau: FloatArray
 ) -> TruthHistory:
-    nq = BASE_NQ + tau.shape[1]
+    n = tau.shape[1]
+    slides = (y.shape[1] - BASE_NQ - BASE_NV - 2 * n) // 2
+    nq = BASE_NQ + slides + n
+    joints = nq + BASE_NV + slides
     return TruthHistory(
         start_s=start_s,
         dt_s=dt_s,
-        q=y[:, 7:nq],
-        qd=y[:, nq + 6 :],
-        qdd=rate[:, nq + 6 :],
+        q=y[:, BASE_NQ + slides : nq],
+        qd=y[:, joints:],
+        qdd=rate[:, joints:],
         tau=tau,
         p_N=y[:, :3],
         v_N=y[:, nq : nq + 3],
@@ -185,4 +219,5 @@ def _history(
         quat_wxyz=y[:, 3:7],
         w_B=y[:, nq + 3 : nq + 6],
         wd_B=rate[:, nq + 3 : nq + 6],
+        liquid_m=y[:, BASE_NQ : BASE_NQ + slides],
     )

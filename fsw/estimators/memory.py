@@ -250,6 +250,10 @@ class Memory:
         levels = [float(np.mean((s.c - s.A @ x) ** 2)) for s in recent if len(s.c)]
         return np.array(levels), len(recent[-1].c) if recent else 0
 
+    def residuals(self, x: FloatArray) -> list[FloatArray]:
+        """Return the whitened residuals of every stored block, oldest first."""
+        return [s.c - s.A @ x for s in self._store if len(s.c)]
+
     def tempered(self, level: float) -> SquareRootInformation:
         """Return the information if the data's noise variance is `level` times the declared."""
         return self.information if level == 1.0 else _joined(self.prior, self.data, level**-0.5)

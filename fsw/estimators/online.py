@@ -19,7 +19,7 @@ import numpy as np
 from fsw.config import Config, EstimatorConfig
 from fsw.errors import EstimatorError
 from fsw.estimators.bias_compensated import BiasCompensatedEstimator
-from fsw.estimators.change import InnovationMonitor
+from fsw.estimators.change import InnovationMonitor, slow_power
 from fsw.estimators.diagnosis import conflict_limit, diagnose, plain, prior_conflict
 from fsw.estimators.impulse import Impulse
 from fsw.estimators.inertia import is_consistent, nearest_consistent
@@ -94,6 +94,7 @@ class OnlineEstimator:
         self._pacing = Pacing(settled=self._linear)
         self._armed = False  # whether blocks are gated: from the first valid estimate on
         self._conflict = False
+        self._slow = (1.0, float("inf"))  # slow power of the residuals and its limit
         self._check_due = False
         self._due = 0
         self._rss = 0.0
@@ -276,6 +277,7 @@ class OnlineEstimator:
             "noise_ratio": float(np.sqrt(monitor.level)),
             "innovation_lag1": lag,
             "innovation_lag1_bound": bound,
+            "slow_residual": self._slow[0],
         }
         if self._linear:
             extra["biased"] = 1.0
@@ -300,7 +302,7 @@ class OnlineEstimator:
             return "REOPENED" if self._changes else "TOO_FEW_BLOCKS"
         if not self._pacing.settled:
             return "NOT_CONVERGED"
-        if self._monitor.level > MISMATCH_LEVEL:
+        if self._monitor.level > MISMATCH_LEVEL or self._slow[0] > self._slow[1]:
             return "MODEL_MISMATCH"
         if self._conflict:
             return "PRIOR_CONFLICT"
@@ -414,6 +416,7 @@ class OnlineEstimator:
         known = self._monitor.level
         levels, dof = self._store.residual_levels(self._x, LEVEL_BLOCKS)
         self._monitor.learn_level(levels, dof, len(self._x) if self._since <= LEVEL_BLOCKS else 0)
+        self._slow = slow_power(self._store.residuals(self._x), self._monitor.level)
         if self._pacing.settled and self._monitor.level > 1.0 and known == 1.0:
             ratio = np.sqrt(self._monitor.level)
             text = (

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from hil.environment.config import EnvironmentSection
 from hil.environment.wrench import simulate_in
 from hil.plant import Plant
-from hil.robot import Body, Robot
+from hil.robot import Body, Robot, SloshMass
 from hil.sensors import STRICT, SensorConfig
 from hil.spline import JointSpline
 
@@ -98,6 +98,7 @@ class PlantFile:
     links: Links
     bodies: TrueBodies = TrueBodies()
     environment: EnvironmentSection | None = None
+    slosh: tuple[SloshMass, ...] = ()
     start_delay_s: float = 4.0
     seed: int = 0
     realtime: Realtime = Realtime()
@@ -113,7 +114,7 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
     """Simulate the truth and power the devices on at `t0_ns`; paths are relative to `folder`."""
     bodies = file.bodies
     urdf = folder / file.robot.urdf
-    robot = Robot.load(urdf, file.robot.tool_frame, bodies.base, bodies.target)
+    robot = Robot.load(urdf, file.robot.tool_frame, bodies.base, bodies.target, file.slosh)
     spline = JointSpline.load(folder / file.trajectory)
     before_s = TAIL_S if file.environment is None else max(TAIL_S, file.start_delay_s)
     end_s = spline.duration_s + TAIL_S

@@ -31,7 +31,8 @@ def exact_samples(case: str) -> TruthState:
 def true_robot(scenario: Scenario) -> Robot:
     """Return the scenario's robot with its true bodies."""
     bodies = {name: _body(report) for name, report in scenario.truth.items()}
-    return Robot.load(scenario.urdf, scenario.tool_frame, bodies["base"], bodies.get("target"))
+    base, target = bodies["base"], bodies.get("target")
+    return Robot.load(scenario.urdf, scenario.tool_frame, base, target, scenario.slosh)
 
 
 def base_velocity(state: TruthState) -> FloatArray:

@@ -1,0 +1,119 @@
+"""Noise of one sensor channel as a profile says it: Simulink's band-limited white noise, or white.
+
+Source of the paper's profile: Rackl, Lampariello, Albu-Schaeffer (2013), sec. 3.2: band-limited
+white noise of power 0.1 at 0.1 ms with seed 23000 and gain 0.01 on joint angle, torque, attitude,
+base acceleration and base rate. What that means is not certain, so the readings are options.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from hil.devices.truth_port import FloatArray
+
+STRICT = ConfigDict(extra="forbid")
+Reading = Literal["variance", "literal"]
+Decimation = Literal["pick", "average"]
+BLOCK_STREAM = 401  # spawn key of the noise blocks, apart from every device's
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BandLimitedWhiteNoise:
+    """A Simulink block of that name behind a gain, sampled down to a device's rate.
+
+    The block holds a new Gaussian value every `sample_time_s`, of variance power / sample_time_s
+    ("literal"); "variance" takes the power for the variance. `pick` reads the value that is held,
+    `average` the mean over the device's period.
+    """
+
+    __pydantic_config__ = STRICT
+    power: Annotated[float, Field(ge=0)] = 0.1
+    sample_time_s: Annotated[float, Field(gt=0)] = 1e-4
+    seed: int = 23000
+    gain: float = 0.01
+    reading: Reading = "variance"
+    decimation: Decimation = "pick"
+    shared: bool = False  # one seed gives every channel and axis the same sequence
+
+    @property
+    def block_sigma(self) -> float:
+        """1 sigma of one value of the block behind the gain."""
+        variance = self.power / self.sample_time_s if self.reading == "literal" else self.power
+        return abs(self.gain) * math.sqrt(variance)
+
+    def sigma(self, rate_hz: float) -> float:
+        """Return 1 sigma of one sample at a device's rate."""
+        held = self.held(rate_hz) if self.decimation == "average" else 1
+        return self.block_sigma / math.sqrt(held)
+
+    def held(self, rate_hz: float) -> int:
+        """Return the block's values per sample of a device.
+
+        Raises
+        ------
+        ValueError if they are no whole number.
+        """
+        count = 1.0 / (rate_hz * self.sample_time_s)
+        if count < 1.0 - 1e-9 or abs(count - round(count)) > 1e-6:
+            raise ValueError(
+                f"noise: {rate_hz} Hz does not divide the block's {1 / self.sample_time_s:g} Hz"
+            )
+        return round(count)
+
+
+class NoiseStream:
+    """The samples of one channel with several axes, in order.
+
+    Parameters
+    ----------
+    noise : the profile
+    rate_hz : of the device
+    axes : columns
+    run_seed, channel : the run's seed and the channel's number; not used by a shared sequence,
+        whose only seed is the block's own
+    """
+
+    def __init__(
+        self,
+        noise: BandLimitedWhiteNoise,
+        rate_hz: float,
+        axes: int,
+        run_seed: int = 0,
+        channel: int = 0,
+    ) -> None:
+        self._noise, self._held = noise, noise.held(rate_hz)
+        key = () if noise.shared else (BLOCK_STREAM, run_seed, channel)
+        self._rng = np.random.default_rng(np.random.SeedSequence(noise.seed, spawn_key=key))
+        self._axes = axes
+
+    def take(self, count: int) -> FloatArray:
+        """Return the next samples (count, axes)."""
+        columns = 1 if self._noise.shared else self._axes
+        values = self._rng.standard_normal((count, self._held, columns))
+        picked = values[:, 0] if self._noise.decimation == "pick" else values.mean(axis=1)
+        scaled: FloatArray = self._noise.block_sigma * picked
+        return np.broadcast_to(scaled, (count, self._axes)) if self._noise.shared else scaled
+
+
+class Hysteresis:
+    """Rate-independent hysteresis of a torque sensor: a stop of small width, scaled.
+
+    The error runs from -size to +size while the torque rises by 2 `width`, and back when it falls.
+    """
+
+    def __init__(self, size_nm: float, width_nm: float, n: int) -> None:
+        self._size, self._width = size_nm, width_nm
+        self._stop = np.zeros(n)
+        self._last: FloatArray | None = None
+
+    def error_nm(self, tau_nm: FloatArray) -> FloatArray:
+        """Return the error (n,) at the next torque."""
+        if self._last is not None:
+            self._stop = np.clip(self._stop + tau_nm - self._last, -self._width, self._width)
+        self._last = np.array(tau_nm)
+        return np.asarray(self._size / self._width * self._stop)
