@@ -44,6 +44,10 @@ class FrameSource(Protocol):
         """Return identifier and payload of the next SYNC."""
         ...
 
+    def sync_sent(self) -> None:
+        """Take note that the next SYNC is out."""
+        ...
+
     def events(self) -> Sequence[tuple[str, str, str]]:
         """Return and forget what happened: severity, code, text."""
         ...
@@ -85,8 +89,8 @@ class Selector(Protocol):
         """What the active bus is called."""
         ...
 
-    def hear(self, t_ns: int) -> None:
-        """Take note of a frame of a configured node on the active bus."""
+    def hear(self) -> None:
+        """Take note of a frame of a configured node, read from the active bus just now."""
         ...
 
     def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:
@@ -148,8 +152,8 @@ class BusInput:
 
     def send_sync(self) -> None:
         """Send the next SYNC. Raises PortError."""
-        if self.link.up:
-            self._send(*self.source.next_sync())
+        if self.link.up and self._send(*self.source.next_sync()):
+            self.source.sync_sent()
 
     def send_heartbeat(self) -> None:
         """Send the computer's heartbeat. Raises PortError."""
@@ -195,7 +199,7 @@ class BusInput:
             if node not in self._nodes or frame.is_error or frame.is_extended:
                 continue
             if self.selector is not None:
-                self.selector.hear(frame.t_ns)
+                self.selector.hear()
             if frame.can_id == COB_HEARTBEAT + node and frame.data in NOT_STARTED:
                 self._send(*self._nodes[node])
 
@@ -214,15 +218,18 @@ class BusInput:
     def watch(self, now_ns: int) -> None:
         """Nothing: SYNC is what tells a silent node."""
 
-    def _send(self, can_id: int, data: bytes) -> None:
+    def _send(self, can_id: int, data: bytes) -> bool:
+        """Send one frame; False when it is not out."""
         port = self.link.port
-        if port is not None:
-            before_ns = self._clock.now_ns()
-            sent = port.write(can_id, data)
-            if sent is None:
-                self.unsent += 1
-            else:
-                self._sent.append((before_ns, sent))
+        if port is None:
+            return False
+        before_ns = self._clock.now_ns()
+        sent = port.write(can_id, data)
+        if sent is None:
+            self.unsent += 1
+            return False
+        self._sent.append((before_ns, sent))
+        return True
 
     def _tell_trouble(self, sink: Sink) -> None:
         """Raise an event for frames lost in the port, at most one a second and kind."""

@@ -94,6 +94,11 @@ def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         " command's; 124: out of time, 125: it could not be run, 128 + n: ended by signal n.",
     )
     vcan.add_argument("--timeout", type=float, metavar="S", help="end the command after so long")
+    vcan.add_argument(
+        "--realtime",
+        action="store_true",
+        help="User-Mode Linux in SCHED_FIFO on one processor, where that is allowed",
+    )
     vcan.add_argument("--on", choices=("auto", "kernel", "uml"), default="auto", dest="where")
     vcan.add_argument("argv", nargs="+", metavar="COMMAND", help="and its arguments, after --")
     vcan.set_defaults(command=_vcan)
@@ -102,7 +107,12 @@ def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def _vcan(arguments: argparse.Namespace) -> int:
     from hil.vcan.command import run
 
-    return run(arguments.argv, timeout_s=arguments.timeout, where=arguments.where)
+    return run(
+        arguments.argv,
+        timeout_s=arguments.timeout,
+        where=arguments.where,
+        realtime=arguments.realtime,
+    )
 
 
 def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

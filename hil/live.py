@@ -103,6 +103,8 @@ def _process(name: str, arguments: list[str], folder: Path) -> Iterator[subproce
             if process.poll() is None:
                 process.kill()
             process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
 
 
 def _wait_ready(plant: subprocess.Popen[str], folder: Path) -> None:

@@ -11,15 +11,22 @@ from hil.vcan import kernel, uml
 from hil.vcan.job import FAILED, Job, VcanError
 
 
-def run(argv: Sequence[str], *, timeout_s: float | None = None, where: str = "auto") -> int:
+def run(
+    argv: Sequence[str],
+    *,
+    timeout_s: float | None = None,
+    where: str = "auto",
+    realtime: bool = False,
+) -> int:
     """Run a command with a vcan0 and a vcan1; return its exit status.
 
     Parameters
     ----------
     where : `kernel` or `uml`; `auto`: the kernel if it has CAN and the links can be had
+    realtime : run User-Mode Linux in SCHED_FIFO on one processor, where that is allowed
     """
-    env = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "HIL_VCAN": "1"}
-    job = Job(argv=argv, cwd=str(Path.cwd()), env=env, timeout_s=timeout_s)
+    env = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "HIL_VCAN": "kernel"}
+    job = Job(argv=argv, cwd=str(Path.cwd()), env=env, timeout_s=timeout_s, realtime=realtime)
     try:
         if where != "uml":
             with kernel.provided() as ready:

@@ -27,6 +27,7 @@ class Job:
     cwd: str
     env: Mapping[str, str]
     timeout_s: float | None = None
+    realtime: bool = False  # the machine in SCHED_FIFO on one processor, where that is allowed
 
 
 def exit_status(returncode: int) -> int:

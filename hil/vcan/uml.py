@@ -17,7 +17,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -40,6 +41,7 @@ BOOT_TIMEOUT_S = 120.0
 CHUNK_BYTES = 65536
 POLL_S = 0.1
 LOG_CHARACTERS = 500
+PRIORITY = 10  # of SCHED_FIFO: above every ordinary process, below what is really urgent
 GUEST_TMPDIR = "/dev/shm"  # a socket has no place on the host's file system
 SYSTEM_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
 GUEST = Path(__file__).with_name("guest.py")
@@ -115,10 +117,13 @@ class Machine:
         out, err = os.pipe(), os.pipe()
         far = (out[1], err[1], control.fileno())
         self._targets = {out[0]: sys.stdout.fileno(), err[0]: sys.stderr.fileno()}
-        start = write_job(folder, job)
         lines = (f"null,fd:{far[0]}", f"null,fd:{far[1]}", f"fd:{far[2]}")
         serial = [f"ssl{number}={channel}" for number, channel in enumerate(lines)]
-        with (folder / "kernel.log").open("wb") as log:
+        with (
+            (folder / "kernel.log").open("wb") as log,
+            preferred(wanted=job.realtime) as realtime,
+        ):
+            start = write_job(folder, job, realtime=realtime)
             self._process = subprocess.Popen(
                 [program, *KERNEL_ARGUMENTS, f"init={start}", *serial],
                 stdin=subprocess.DEVNULL,
@@ -239,14 +244,39 @@ class Machine:
         return exit_status(code)
 
 
-def write_job(folder: Path, job: Job) -> Path:
+@contextmanager
+def preferred(*, wanted: bool) -> Iterator[bool]:
+    """Start processes on one processor and before ordinary ones; yield whether that is allowed.
+
+    Every system call of a guest is a change between two processes out here: it costs half as much
+    on one processor, and a busy machine does not come between.
+    """
+    processors, policy = os.sched_getaffinity(0), os.sched_getscheduler(0)
+    parameters = os.sched_getparam(0)
+    granted = wanted
+    if wanted:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            os.sched_setaffinity(0, {max(processors)})
+        except OSError as error:
+            sys.stderr.write(f"hil vcan: no real time: {error.strerror}\n")
+            granted = False
+    try:
+        yield granted
+    finally:
+        if granted:
+            os.sched_setaffinity(0, processors)
+            os.sched_setscheduler(0, policy, parameters)
+
+
+def write_job(folder: Path, job: Job, *, realtime: bool) -> Path:
     """Write what the guest is to do, and the program it starts with; return the latter's path."""
     umask = os.umask(0o077)
     os.umask(umask)
     document = {
         "argv": list(job.argv),
         "cwd": job.cwd,
-        "env": {**job.env, "TMPDIR": GUEST_TMPDIR},
+        "env": {**job.env, "TMPDIR": GUEST_TMPDIR, "HIL_VCAN": "realtime" if realtime else "uml"},
         "umask": umask,
         "links": links.loopback() + links.added(),
     }

@@ -13,8 +13,10 @@ from hil.spline import REST_POINTS, JointSpline
 
 RATE_HZ = 200.0
 IMU_RATE_HZ = 125
-REDUNDANT = {"channel": "239.74.163.3", "port": 43114, "lost_after_s": 0.1, "nodes_toggle_s": 0.3}
+REDUNDANT = {"channel": "239.74.163.3", "port": 43114}
 HEARTBEAT_S = 0.1
+LOST_AFTER_S = 0.1
+CONSUMER_HEARTBEAT_S = 0.15
 
 
 class NoMeter:
@@ -24,14 +26,17 @@ class NoMeter:
         pass
 
 
-def short(folder: Path, points: int = 8, rate_hz: float = RATE_HZ) -> Scenario:
-    """Return target_leo at a low rate, coming to rest at its spline's control point `points`."""
+def short(folder: Path, points: int = 8, rate_hz: float = RATE_HZ, hurry: float = 1) -> Scenario:
+    """Return target_leo at a low rate, coming to rest at its spline's control point `points`.
+
+    `hurry` shortens the motion, and its excursions by the square, so that torques stay.
+    """
     scenario = load("target_leo")
     full = JointSpline.load(scenario.identification)
     rows = full.control_points_rad[: REST_POINTS + points]
     rows = np.vstack([rows, *(rows[-1:],) * (REST_POINTS - 1)])
-    motion = JointSpline(full.knot_spacing_s * (len(rows) - 5), rows)
-    motion.save(folder / "motion.yaml")
+    motion = JointSpline(full.knot_spacing_s * (len(rows) - 5) / hurry, rows)
+    motion.scaled(hurry**-2).save(folder / "motion.yaml")
     return replace(
         scenario,
         identification=folder / "motion.yaml",
@@ -46,10 +51,15 @@ def short(folder: Path, points: int = 8, rate_hz: float = RATE_HZ) -> Scenario:
     )
 
 
-def on_two_buses(scenario: Scenario) -> Scenario:
-    """Return the scenario with a redundant bus; the nodes toggle after 2 x 0.15 s."""
-    bus = scenario.flight["bus"] | {"heartbeat_s": HEARTBEAT_S, "redundant": REDUNDANT}
-    joints = scenario.sensors["joints"] | {"redundancy": {"consumer_heartbeat_s": 0.15}}
+def on_two_buses(scenario: Scenario, slower: float = 1.0) -> Scenario:
+    """Return the scenario with a redundant bus; the nodes toggle after 2 x 0.15 s, or `slower`."""
+    second = REDUNDANT | {
+        "lost_after_s": LOST_AFTER_S * slower,
+        "nodes_toggle_s": 2 * CONSUMER_HEARTBEAT_S * slower,
+    }
+    bus = scenario.flight["bus"] | {"heartbeat_s": HEARTBEAT_S, "redundant": second}
+    nodes = {"ttoggle": 2, "consumer_heartbeat_s": CONSUMER_HEARTBEAT_S * slower}
+    joints = scenario.sensors["joints"] | {"redundancy": nodes}
     return replace(
         scenario,
         flight=scenario.flight | {"bus": bus},

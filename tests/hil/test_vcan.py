@@ -136,7 +136,7 @@ def test_the_socketcan_suite_passes():
     addopts = "addopts=--import-mode=importlib --strict-markers --strict-config -ra"
     pytest_command = [sys.executable, "-m", "pytest", "-o", addopts, "-p", "no:xdist"]
     suite = ["-p", "no:cacheprovider", "tests/socketcan"]
-    done = vcan(*pytest_command, *suite, options=("--timeout", "800"), timeout=850)
+    done = vcan(*pytest_command, *suite, options=("--realtime", "--timeout", "800"), timeout=850)
     output = done.stdout.decode()
     assert done.returncode == 0, f"{output}\n{done.stderr.decode()}"
     closing = output.strip().splitlines()[-1]

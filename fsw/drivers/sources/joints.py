@@ -104,8 +104,12 @@ class JointBusSource:
         return self._watch.take()
 
     def next_sync(self) -> tuple[int, bytes]:
-        """Return COB-ID and data of the next SYNC to send; feed it back once sent."""
+        """Return COB-ID and data of the next SYNC to send; tell `sync_sent`, and feed it back."""
         return canopen.encode_sync(self._syncs.next_counter())
+
+    def sync_sent(self) -> None:
+        """Take note that it is out, however long it waits to be fed."""
+        self._syncs.issue()
 
     def start_frames(self) -> list[tuple[int, bytes]]:
         """Return the NMT frames that start every configured node."""

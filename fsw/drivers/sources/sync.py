@@ -19,6 +19,7 @@ class SyncHistory:
         self._before: list[tuple[int, int] | None] = [None] * (counter_max + 1)
         self._echo_ns = 0.5e9 * counter_max / rate_hz
         self._last_counter = 0
+        self._issued = 0  # counter of the last one sent from here
         self.echoes = 0  # the same SYNC seen again: as sent, and as the bus handed it back
         self.count = 0
         self.lost = 0  # gaps in the counter as seen here
@@ -49,8 +50,12 @@ class SyncHistory:
         return recent and behind < max(1, self._counter_max // 4)
 
     def next_counter(self) -> int:
-        """Return the counter that follows the last one."""
-        return self._last_counter % self._counter_max + 1
+        """Return the counter that follows the last one sent or, before that, seen."""
+        return (self._issued or self._last_counter) % self._counter_max + 1
+
+    def issue(self) -> None:
+        """Take note that a SYNC with `next_counter` was sent; it may be added much later."""
+        self._issued = self.next_counter()
 
     def find(self, counter: int, t_ns: int) -> tuple[int, int] | None:
         """Return stamp and index of the latest SYNC with this counter at or before t_ns."""

@@ -1,0 +1,88 @@
+"""Faults of a real SocketCAN link, for runs below `hil vcan`: error frames, babble, a link down.
+
+The virtual links have their own taps (`hil.faults`); these act on the kernel's.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import Enum
+
+import can
+import numpy as np
+
+BABBLE_STREAM = 0xBAB
+
+
+class ErrorKind(Enum):
+    """Error frames as a controller's driver sends them: class bits, data (linux/can/error.h)."""
+
+    BUS_OFF = (0x040, "0000000000000000")
+    RESTARTED = (0x100, "0000000000000000")
+    ERROR_PASSIVE = (0x204, "0020000000008000")
+    ERROR_WARNING = (0x204, "0008000000006000")
+    ERROR_ACTIVE = (0x204, "0040000000000000")
+    ARBITRATION_LOST = (0x002, "0b00000000000000")
+    NO_ACKNOWLEDGE = (0x020, "0000000000000000")
+    CONTROLLER_OVERFLOW = (0x004, "0001000000000000")
+    FORM_ERROR = (0x088, "0000020000000000")
+
+
+def inject(channel: str, *kinds: ErrorKind) -> None:
+    """Send error frames on a virtual link, where every listener takes them for its controller's."""
+    with can.Bus(interface="socketcan", channel=channel) as bus:
+        for kind in kinds:
+            classes, data = kind.value
+            message = can.Message(
+                arbitration_id=classes, data=bytes.fromhex(data), is_error_frame=True
+            )
+            bus.send(message)
+
+
+def set_link(channel: str, *, up: bool) -> None:
+    """Bring a link up or down; down, every socket on it fails with ENETDOWN."""
+    subprocess.run(["ip", "link", "set", "dev", channel, "up" if up else "down"], check=True)
+
+
+class Babble:
+    """A node that sends frames of random length and content as fast as it is told."""
+
+    def __init__(self, channel: str, can_id: int, rate_hz: float, seed: int) -> None:
+        self._channel, self._can_id, self._rate_hz = channel, can_id, rate_hz
+        sequence = np.random.SeedSequence(seed, spawn_key=(BABBLE_STREAM,))
+        self._rng = np.random.default_rng(sequence)
+        self._stop = threading.Event()
+        self.sent = 0
+
+    def run(self) -> None:
+        """Send until told to stop; what the link does not take is not sent."""
+        began_s = time.monotonic()
+        with can.Bus(interface="socketcan", channel=self._channel) as bus:
+            while not self._stop.wait(self._until_next_s(began_s)):
+                data = self._rng.bytes(int(self._rng.integers(0, 9)))
+                bus.send(can.Message(arbitration_id=self._can_id, data=data, is_extended_id=False))
+                self.sent += 1
+
+    def _until_next_s(self, began_s: float) -> float:
+        return max(0.0, began_s + self.sent / self._rate_hz - time.monotonic())
+
+    def stop(self) -> None:
+        """End the sending."""
+        self._stop.set()
+
+
+@contextmanager
+def babbling(channel: str, can_id: int, rate_hz: float, seed: int) -> Iterator[Babble]:
+    """Let a node babble beside what the block does."""
+    babble = Babble(channel, can_id, rate_hz, seed)
+    thread = threading.Thread(target=babble.run, name="babble")
+    thread.start()
+    try:
+        yield babble
+    finally:
+        babble.stop()
+        thread.join()
