@@ -20,7 +20,7 @@ from hil import bench
 from hil.flight import plant_document, write_yaml
 from hil.scenario import load
 
-PATIENCE_S = 90.0
+PATIENCE_S = 180.0
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -45,8 +45,8 @@ class LiveRun:
         document = yaml.safe_load(setup.config_path.read_text())
         document["telemetry"] = {
             "port": 0,
-            "housekeeping_interval_s": 0.2,
-            "science_interval_s": 0.01,
+            "housekeeping_interval_s": 0.5,
+            "science_interval_s": 0.1,
             **(telemetry or {}),
         }
         self.config_path = write_yaml(folder / "flight.yaml", document)

@@ -17,7 +17,7 @@ from spacepackets.ecss.tm import PusTm
 from tmtccmd.com.tcp import TcpSpacepacketsClient
 from tmtccmd.com.tcpip_utils import EthAddr
 
-APID, CUC_BYTES, PATIENCE_S = 100, 8, 30.0
+APID, CUC_BYTES, PATIENCE_S = 100, 8, 120.0
 
 
 def main(port: int) -> int:
