@@ -70,7 +70,7 @@ class Decoder:
             warnings.simplefilter("ignore")  # a packet longer than the dictionary has it
             try:
                 parsed = self._definition.parse_bytes(packet)
-            except UnrecognizedPacketTypeError:
+            except (UnrecognizedPacketTypeError, ValueError):
                 return None
         name = self._name(parsed)
         prefix = f"{name}_"

@@ -274,7 +274,7 @@ class TelemetryApplication:
     def _take(self, item: Uplinked, now_ns: int) -> None:
         """Pass one packet from the ground to where it belongs."""
         if item.error is not None:
-            self.dispatcher.refuse(item.packet, item.error, item.text)
+            self.dispatcher.refuse(item.packet, item.error, item.text, item.value)
         elif not item.is_file:
             if self.dispatcher.receive(item.packet):
                 self.supervision.commanded()

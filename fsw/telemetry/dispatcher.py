@@ -94,10 +94,11 @@ class TcDispatcher:
             self.finish(request)
         return True
 
-    def refuse(self, packet: bytes, error: Error, text: str) -> None:
+    def refuse(self, packet: bytes, error: Error, text: str, value: float = 0.0) -> None:
         """Reject what did not get through the uplink."""
         self.counters.tc_packets += 1
-        self._reject(RequestId.of(packet), TcError(error, text=text), known=len(packet) >= 4)
+        reason = TcError(error, value=value, text=text)
+        self._reject(RequestId.of(packet), reason, known=len(packet) >= 4)
 
     def progress(self, request: Request, percent: int) -> None:
         """Tell how far a request is."""

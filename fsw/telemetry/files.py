@@ -61,6 +61,7 @@ class FileEntity:
         max_file_bytes: int = MAX_FILE_BYTES,
         ends: Pair = DAEMONS,
     ) -> None:
+        self._directory = directory
         self._max_file_bytes, self._here = max_file_bytes, ends.here
         self._sender = FileSender(directory, ends, first_number)
         self._receiver = FileReceiver(directory, ends)
@@ -74,7 +75,7 @@ class FileEntity:
 
         Parameters
         ----------
-        path : below the directory
+        path : below the directory; relative to it, or whole
         remove : remove it here once it has arrived
         name : at the other end; empty: its name without the folders here
 
@@ -82,6 +83,8 @@ class FileEntity:
         ------
         CommandError FILE_NOT_FOUND or BUSY.
         """
+        if path.is_absolute() and path.is_relative_to(self._directory):
+            path = path.relative_to(self._directory)
         return self._sender.send(path, name or path.name, remove=remove)
 
     def receive(self, pdu: bytes, now_ns: int) -> None:

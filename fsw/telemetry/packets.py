@@ -100,7 +100,7 @@ class Layout:
 def _encode(field: Field, value: object) -> int | float | bytes:
     kind = field.type
     if kind is Type.TEXT:
-        return _text_bytes(str(value), field.size)
+        return _text_bytes(str(value), field.size - 1)  # readers look for a zero at its end
     if field.enumeration is not None and isinstance(value, str):
         value = field.enumeration.value(value)
     number = float(value) if not isinstance(value, int) else value  # type: ignore[arg-type]

@@ -22,6 +22,7 @@ class Uplinked:
     packet: bytes
     error: Error | None = None
     text: str = ""
+    value: float = 0.0  # told with the error
 
     @property
     def is_file(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
@@ -46,7 +46,6 @@ class SecureUplink:
 
     def __init__(self, receiver: FrameReceiver) -> None:
         self._splitter = FrameSplitter(receiver)
-        self._resyncs = 0
 
     @property
     def skipped_bytes(self) -> int:
@@ -56,24 +55,32 @@ class SecureUplink:
     @property
     def resyncs(self) -> int:
         """Times such bytes began."""
-        return self._resyncs
+        return self._splitter.resyncs
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
         """Return the packets of accepted frames, and what was refused."""
-        before = self._splitter.skipped_bytes
-        found: list[Uplinked] = []
-        for outcome in self._splitter.feed(chunk):
-            if isinstance(outcome, Accepted):
-                found += _packets(outcome.packet, now_ns)
-            elif isinstance(outcome, Rejected):
-                error = Error[outcome.reason.name]
-                found.append(Uplinked(packet=outcome.packet or b"", error=error, text=outcome.text))
-        self._resyncs += self._splitter.skipped_bytes > before
-        return found
+        return _told(self._splitter.feed(chunk, now_ns), now_ns)
 
-    def expire(self, now_ns: int) -> list[Uplinked]:  # noqa: ARG002
-        """Return nothing: what cannot be a frame's start is skipped at once."""
-        return []
+    def expire(self, now_ns: int) -> list[Uplinked]:
+        """Return what was behind something that waited too long for its rest."""
+        return _told(self._splitter.expire(now_ns), now_ns)
+
+
+def _told(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked]:
+    """Return frames as packets; of a repeated one also the number that is taken next."""
+    found: list[Uplinked] = []
+    for outcome in outcomes:
+        if isinstance(outcome, Accepted):
+            found += _packets(outcome.packet, now_ns)
+        else:
+            refused = Uplinked(
+                packet=outcome.packet or b"",
+                error=Error[outcome.reason.name],
+                text=outcome.text,
+                value=float(outcome.next_number or 0),
+            )
+            found.append(refused)
+    return found
 
 
 def _packets(data: bytes, now_ns: int) -> list[Uplinked]:

@@ -126,7 +126,7 @@ _OTHERS = (
         "What is running",
         (
             text("package", 32, "package and version"),
-            text("commit", 40, "commit of the source; empty where not known"),
+            text("commit", 41, "commit of the source; empty where not known"),
             text("python", 16),
             number("config_crc32", Type.U32),
             number("dictionary_crc32", Type.U32),

@@ -20,7 +20,7 @@ class Type(StrEnum):
     I64 = "i64"
     F32 = "f32"
     F64 = "f64"
-    TEXT = "text"  # UTF-8 of a fixed size, padded with zero bytes
+    TEXT = "text"  # UTF-8 of a fixed size, padded with zero bytes, at least one
     BYTES = "bytes"  # what is left of the packet; only the last argument of a telecommand
 
 

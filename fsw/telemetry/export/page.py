@@ -21,7 +21,8 @@ packets, big-endian:
   source u16; arguments; CRC-16 2
 
 APID 100 estimator, 102 science, 101 CFDP PDUs (no secondary header, no CRC), 0 time. Text is UTF-8
-of a fixed size, padded with zeros. CRC-16 is CCITT-FALSE over all before it.
+of a fixed size, padded with zeros, at least one in telemetry. CRC-16 is CCITT-FALSE over all
+before it.
 """
 
 

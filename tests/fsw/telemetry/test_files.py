@@ -230,6 +230,15 @@ def test_a_file_that_is_not_there_is_refused(entity):
             entity.send(Path(name), remove=False)
 
 
+def test_a_file_may_be_named_by_its_whole_path(entity, folder, tmp_path):
+    (folder / "sub").mkdir()
+    (folder / "sub" / "a").write_bytes(b"a")
+    assert entity.send(folder / "sub" / "a", remove=False) == 1
+    (tmp_path / "b").write_bytes(b"b")
+    with pytest.raises(CommandError):
+        entity.send(tmp_path / "b", remove=False)
+
+
 def test_no_more_files_wait_than_may(entity, folder):
     (folder / "a").write_bytes(b"a")
     for _ in range(8):

@@ -22,14 +22,14 @@ FORMATS = {
     Type.F32: "f",
     Type.F64: "d",
 }
-TEXTS = ("", "a", "µm per °", "run 7: done")
+TEXTS = ("", "a", "µm per °", "run 7: done", "x" * 200)
 
 
 def random_value(item: Field, rng: np.random.Generator) -> Any:
     if item.enumeration is not None:
         return int(rng.choice(list(item.enumeration.labels)))
     if item.type is Type.TEXT:
-        return str(rng.choice(TEXTS))[: item.size]
+        return str(rng.choice(TEXTS))[: item.size - 1]
     raw = rng.bytes(8)
     if item.type is Type.U24:
         return int.from_bytes(raw[:3], "big")
