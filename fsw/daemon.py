@@ -88,6 +88,7 @@ class Daemon:
             reconfigure=self._reconfigure,
             identifying=telemetry is None or telemetry.start_mode == "identify",
         )
+        self.hands_over = True  # the newest samples, where there is telemetry to take them
         self._science = None if telemetry is None or passive else Science()
         self.latest: Estimate | None = None
         self.unusable_windows = 0
@@ -304,6 +305,8 @@ class Daemon:
             self._publish(self._pipeline.estimator.push(block))
 
     def _hand_over(self, science: Science, tick: Tick) -> None:
+        if not self.hands_over:
+            return
         nis = self.latest.nis if self.latest is not None else 0.0
         self._sink.science(tick.now_ns, science.record(nis))
 

@@ -61,12 +61,12 @@ def run(config: Path, plant_file: Path, total_s: float, meter: Meter) -> Outcome
     state.unlink(missing_ok=True)
     before = set((folder / "recording").glob("*.mcap"))
     began_s = time.monotonic()
-    with _process("plant", ["-m", "hil.plant", str(plant_file)], folder) as plant:
-        _wait_ready(plant, folder)
-        with _process("daemon", ["-m", "fsw", "run", "--cold", str(config)], folder) as daemon:
+    with process_of("plant", ["-m", "hil.plant", str(plant_file)], folder) as plant:
+        wait_ready(plant, folder)
+        with process_of("daemon", ["-m", "fsw", "run", "--cold", str(config)], folder) as daemon:
             _watch(plant, daemon, state, total_s, meter, folder)
-            exit_code = _stop(daemon, "daemon")
-        _stop(plant, "plant")
+            exit_code = stop_process(daemon, "daemon")
+        stop_process(plant, "plant")
         output = plant.stdout.read() if plant.stdout is not None else ""
     closing = json.loads(output.strip().splitlines()[-1])
     recordings = sorted(set((folder / "recording").glob("*.mcap")) - before)
@@ -87,7 +87,7 @@ def run(config: Path, plant_file: Path, total_s: float, meter: Meter) -> Outcome
 
 
 @contextmanager
-def _process(name: str, arguments: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
+def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Start a Python process with its errors in a log file; kill it if it outlives the block."""
     with (folder / f"{name}.log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
@@ -107,7 +107,7 @@ def _process(name: str, arguments: list[str], folder: Path) -> Iterator[subproce
                 process.stdout.close()
 
 
-def _wait_ready(plant: subprocess.Popen[str], folder: Path) -> None:
+def wait_ready(plant: subprocess.Popen[str], folder: Path) -> None:
     """Read the plant's first line; it simulates the truth before that."""
     line = plant.stdout.readline() if plant.stdout is not None else ""
     if not line or not json.loads(line).get("ready"):
@@ -153,7 +153,8 @@ def read_status(path: Path) -> dict[str, Any] | None:
     return status if isinstance(status, dict) and "t_ns" in status else None
 
 
-def _stop(process: subprocess.Popen[str], name: str) -> int:
+def stop_process(process: subprocess.Popen[str], name: str) -> int:
+    """End a process by SIGTERM; return its exit code. Raises LiveError when it does not end."""
     process.send_signal(signal.SIGTERM)
     try:
         return process.wait(STOP_TIMEOUT_S)

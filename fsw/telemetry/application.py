@@ -191,7 +191,7 @@ class TelemetryApplication:
         """Serve the link, timers and transfers; never waits."""
         if self.link is not None:
             for item in self.link.serve(now_ns):
-                self._take(item, now_ns)
+                self.take(item, now_ns)
         self.loop.poll()
         self.schedule.poll(now_ns)
         self.supervision.poll(now_ns)
@@ -271,7 +271,7 @@ class TelemetryApplication:
     def _uplink(self) -> Uplink:
         return ClearUplink() if self.receiver is None else SecureUplink(self.receiver)
 
-    def _take(self, item: Uplinked, now_ns: int) -> None:
+    def take(self, item: Uplinked, now_ns: int) -> None:
         """Pass one packet from the ground to where it belongs."""
         if item.error is not None:
             self.dispatcher.refuse(item.packet, item.error, item.text, item.value)

@@ -52,6 +52,11 @@ class Eventing:
         self.total = 0
         self.suppressed = 0
 
+    @property
+    def disabled(self) -> list[int]:
+        """Return events that are not reported."""
+        return sorted(number for number, track in self._tracks.items() if not track.enabled)
+
     def take(self, event: Event) -> None:
         """Log an event; report it."""
         self._log.append(event)
@@ -125,7 +130,7 @@ class Eventing:
         return act
 
     def _tell_disabled(self) -> Done:
-        disabled = sorted(n for n, track in self._tracks.items() if not track.enabled)
+        disabled = self.disabled
         for start in range(0, max(len(disabled), 1), DISABLED_SLOTS):
             part = disabled[start : start + DISABLED_SLOTS]
             part += [0] * (DISABLED_SLOTS - len(part))
