@@ -19,6 +19,7 @@ from fsw.telemetry.uplink import Uplink
 
 READ_BYTES = 65536
 SEND_BYTES = 65536
+SYSTEM_BYTES = 1 << 18  # the system's own buffer: what waits there is old when it is taken
 Report = Callable[[str, str], None]  # event code, text
 
 
@@ -176,6 +177,8 @@ class LinkServer:
             return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        room = min(self._config.queue_bytes, SYSTEM_BYTES)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, room)
         client = _Client(connection, name, self._make_uplink())
         self._clients.append(client)
         self._selector.register(connection, selectors.EVENT_READ, client)

@@ -186,7 +186,7 @@ class TestSplitter:
         other = body + struct.pack(">H", binascii.crc_hqx(body, 0xFFFF))
         assert [item.packet for item in ClearUplink().feed(other, 0)] == [other]
 
-    @given(st.lists(st.binary(max_size=60), max_size=20))
+    @given(st.lists(st.binary(max_size=40), max_size=8))
     def test_no_byte_is_lost(self, chunks):
         uplink = ClearUplink()
         found = [item for chunk in chunks for item in uplink.feed(chunk, 0)]
