@@ -228,13 +228,15 @@ def _give_damaged(bench: Bench, packet: bytes, bad: bytes) -> None:
     while uplink.pending_bytes >= len(PING):
         bench.now_ns += PATIENCE_NS
         found += uplink.expire(bench.now_ns)
-    accepted = [item for item in found if item.error is None and item.packet != PING]
+    units = [item for item in found if item.is_file]  # have a check value of their own
+    accepted = [i for i in found if i.error is None and not i.is_file and i.packet != PING]
     if accepted or not any(item.packet == PING for item in found):
         raise FuzzError(f"{packet.hex()} damaged to {bad.hex()}: {found}")
     for item in found:
         if item.packet != PING:
             bench.app.take(item, bench.now_ns)
-    if uplink.skipped_bytes + uplink.pending_bytes != len(bad) or bench.digest() != before:
+    left = uplink.skipped_bytes + uplink.pending_bytes + sum(len(item.packet) for item in units)
+    if left != len(bad) or bench.digest() != before:
         raise FuzzError(f"{bad.hex()}: not all of it was counted, or it had an effect")
 
 
