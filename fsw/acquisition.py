@@ -123,6 +123,7 @@ class BusInput:
         self.source = source
         self.selector = selector
         self._heartbeat = heartbeat
+        self._talking_since_ns: int | None = None  # on the active bus
         self._nodes = nodes
         self._clock = clock
         self._sent: list[tuple[int, CanFrame]] = []
@@ -178,6 +179,7 @@ class BusInput:
         before = self.link
         reason = self.selector.poll(now_ns, (self.links[0].up, self.links[1].up))
         if reason:
+            self._talking_since_ns = None
             text = f"{before.name}: {reason}; {self.link.name} is active"
             sink.event(Event(now_ns, "high", "BUS_SWITCHED", text))
         return bool(reason)
@@ -198,7 +200,7 @@ class BusInput:
             node = frame.can_id & NODE_MASK
             if node not in self._nodes or frame.is_error or frame.is_extended:
                 continue
-            if self.selector is not None:
+            if self.selector is not None and self._is_answer(frame):
                 self.selector.hear()
             if frame.can_id == COB_HEARTBEAT + node and frame.data in NOT_STARTED:
                 self._send(*self._nodes[node])
@@ -229,7 +231,16 @@ class BusInput:
             self.unsent += 1
             return False
         self._sent.append((before_ns, sent))
+        if self._talking_since_ns is None:
+            self._talking_since_ns = before_ns
         return True
+
+    def _is_answer(self, frame: CanFrame) -> bool:
+        """Tell whether a frame came after the computer's first word on this bus.
+
+        Older ones have waited in the port; their nodes may have toggled away since.
+        """
+        return self._talking_since_ns is not None and frame.t_ns >= self._talking_since_ns
 
     def _tell_trouble(self, sink: Sink) -> None:
         """Raise an event for frames lost in the port, at most one a second and kind."""

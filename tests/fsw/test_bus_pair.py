@@ -193,3 +193,13 @@ def test_a_sync_that_waits_to_be_fed_is_followed_by_the_next_counter(pair: Pair)
     pair.cans[0].full = False
     bus.send_sync()
     assert pair.cans[0].written[-1][2] == b"\5"  # the one that was not sent is no gap
+
+
+def test_frames_that_waited_since_before_the_start_do_not_make_a_bus_heard(pair: Pair):
+    old = CanFrame(pair.clock.now - 500 * MS, 0x711, b"\x05")
+    pair.cans[0].queue.append(old)
+    pair.line = None
+    pair.run(345)  # 0.69 s: the long patience is 0.1 s + 2 x 0.3 s
+    assert pair.codes == []
+    pair.run(10)
+    assert pair.codes == ["BUS_SWITCHED"]
