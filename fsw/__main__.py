@@ -78,6 +78,14 @@ def _parser() -> argparse.ArgumentParser:
     ctl.add_argument("arguments", nargs="*", metavar="KEY=VALUE")
     ctl.set_defaults(command=_ctl)
 
+    install = commands.add_parser("install-service", help="write a systemd unit for it")
+    install.add_argument("config", type=Path, metavar="CONFIG")
+    install.add_argument("--user", default="fsw", help="who runs it, fsw; not root")
+    install.add_argument(
+        "--directory", type=Path, default=Path("/etc/systemd/system"), help="where units are"
+    )
+    install.set_defaults(command=_install_service)
+
     check = commands.add_parser("check", help="validate everything; touch no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
     check.set_defaults(command=_check)
@@ -196,6 +204,15 @@ def _check(arguments: argparse.Namespace) -> int:
     for warning in [*warnings, *missing_devices(config)]:
         print(f"warning: {warning}")
     print(f"{config.name}: correct; no device was opened")
+    return 0
+
+
+def _install_service(arguments: argparse.Namespace) -> int:
+    from fsw.config import load
+    from fsw.install_service import install
+
+    config = _checked(load(arguments.config))
+    print(install(config, arguments.config, arguments.user, arguments.directory))
     return 0
 
 

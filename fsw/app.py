@@ -86,13 +86,15 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     """
     stop, notifier = StopSignal(), Notifier(os.environ)
     clock = MonotonicClock()
-    lock_fd = lock_state(config.resolve(config.service.state_directory), clock)
+    lock_state(config.resolve(config.service.state_directory), clock)
     if config.telemetry is not None:
         from fsw.telemetry.effective import effective_config  # only where something can come up
 
         config = effective_config(config)
-    service = ServiceProcess(config, clock, lock_fd)
+    service = ServiceProcess(config, clock)
     sink, jobs = service.sink, service.jobs
+    _import_all()
+    sink.event(Event(clock.now_ns(), "info", "STARTED", f"imports done; process {os.getpid()}"))
     daemon = build(config, clock, open_ports(config, clock, sink), sink, jobs=jobs)
     if not cold and config.service.checkpoint_period_s is not None:
         go_on(daemon, config, clock, sink)
@@ -115,6 +117,16 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     if daemon.dispatcher.restart_requested:
         return RESTART_EXIT
     return 0 if ended else 1
+
+
+def _import_all() -> None:
+    """Import what the loop needs and has not imported yet: the heavy libraries."""
+    import fsw.drivers.ports.can_bus
+    import fsw.drivers.ports.serial_line
+    import fsw.drivers.sources
+    import fsw.estimators.conditioning
+    import fsw.estimators.model
+    import fsw.estimators.online  # noqa: F401
 
 
 def go_on(daemon: Daemon, config: Config, clock: Clock, sink: Sink) -> bool:

@@ -26,3 +26,8 @@ class Notifier:
         except OSError:
             return False
         return True
+
+    def close(self) -> None:
+        """Release the socket."""
+        if self._socket is not None:
+            self._socket.close()

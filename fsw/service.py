@@ -7,12 +7,14 @@ When the loop ends, however it ends, what is left in the ring is written and the
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
 import os
 import pickle
 import signal
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fsw.blockstore import BlockWriter, read_blocks
@@ -38,7 +40,8 @@ BLOCKS_NAME = "blocks.bin"
 POLL_S = 0.01
 BATCH_RECORDS = 2000  # taken from the ring before clients are looked at again
 LOG_LIMIT_BYTES = 8 << 20
-NICE = 10
+NICE = 5
+LOCK_NAME = "service.lock"
 
 
 class Service(NullSink):
@@ -259,9 +262,20 @@ class Service(NullSink):
             self._switch.sink.event(event)
 
 
+def wait_for_turn(directory: Path) -> None:
+    """Wait until the service of a loop that was killed has written what was left.
+
+    The lock is held to the end of the process; what the loop produces waits in the ring meanwhile.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        fcntl.flock(os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT), fcntl.LOCK_EX)
+    except OSError:
+        return  # a directory that cannot be written is told by everything that is to be written
+
+
 def serve(service: Service, down: RingReader, parent: int, clock: Clock) -> int:
     """Serve one loop process to its end; return the exit code."""
-    service.open()
     while service.cycle():
         if os.getppid() != parent and not down.used_bytes:
             service.event(Event(clock.now_ns(), "high", "LOOP_LOST", "the loop process has died"))
@@ -278,6 +292,8 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--config", type=int, required=True, help="descriptor of the configuration")
     parser.add_argument("--resume", action="store_true", help="take over from one that has died")
     arguments = parser.parse_args(argv)
+    clock = MonotonicClock()
+    began_ns = clock.now_ns()
     parent = os.getppid()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
@@ -286,9 +302,13 @@ def main(argv: list[str]) -> int:
     with os.fdopen(arguments.config, "rb", closefd=False) as file:
         file.seek(0)
         config: Config = pickle.load(file)
-    clock, down = MonotonicClock(), RingReader(arguments.down)
-    up = RingWriter(arguments.up)
-    return serve(Service(config, clock, down, up, resume=arguments.resume), down, parent, clock)
+    down, up = RingReader(arguments.down), RingWriter(arguments.up)
+    wait_for_turn(config.resolve(config.service.state_directory))
+    service = Service(config, clock, down, up, resume=arguments.resume)
+    service.open()
+    if arguments.resume:
+        service.event(Event(began_ns, "info", "SERVICE_BACK", f"process {os.getpid()}"))
+    return serve(service, down, parent, clock)
 
 
 if __name__ == "__main__":

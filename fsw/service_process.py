@@ -16,8 +16,8 @@ from fsw.messages import Event
 from fsw.ring import RingReader, RingWriter
 from fsw.ringlink import DOWN_BYTES, UP_BYTES, RingJobs, RingSink
 
-LOCK_NAME = "lock"
-LOCK_WAIT_NS = 20_000_000_000  # for the service of a loop that was killed to write what is left
+LOCK_NAME = "loop.lock"
+LOCK_WAIT_NS = 1_000_000_000  # for the kernel to be done with a loop that was killed
 LOCK_POLL_NS = 20_000_000
 MOST_RESTARTS = 5  # within RESTARTS_NS
 RESTARTS_NS = 60_000_000_000
@@ -25,9 +25,9 @@ STALL_NS = 5_000_000_000  # a service that leaves the ring alone for so long is 
 
 
 def lock_state(directory: Path, clock: Clock) -> int:
-    """Return the descriptor that holds a state directory for this loop and its service.
+    """Return the descriptor that holds a state directory for this loop.
 
-    The kernel releases it when the last of the two has ended, however they end.
+    The kernel releases it when the loop has ended, however it ends.
 
     Raises
     ------
@@ -54,13 +54,12 @@ def lock_state(directory: Path, clock: Clock) -> int:
 class ServiceProcess:
     """The rings, the process at their other end, and what becomes of it."""
 
-    def __init__(self, config: Config, clock: Clock, lock_fd: int) -> None:
+    def __init__(self, config: Config, clock: Clock) -> None:
         self._clock = clock
         self._down, self._up = RingWriter.create(DOWN_BYTES), RingWriter.create(UP_BYTES)
         self._config_fd = os.memfd_create("fsw-config")
         with os.fdopen(self._config_fd, "wb", closefd=False) as file:
             pickle.dump(config, file)
-        self._lock_fd = lock_fd
         self._deaths_ns: list[int] = []
         self._gave_up = False
         self._consumed = -1
@@ -111,7 +110,7 @@ class ServiceProcess:
         command += ["--config", str(config), *(["--resume"] if resume else [])]
         return subprocess.Popen(
             command,
-            pass_fds=(down, up, config, self._lock_fd),
+            pass_fds=(down, up, config),
             stdin=subprocess.DEVNULL,
             start_new_session=True,
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},

@@ -21,6 +21,18 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     fuzz.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     fuzz.add_argument("--keep", type=Path, metavar="DIR", help="copy a small corpus there")
     fuzz.set_defaults(command=_fuzz)
+    kills = commands.add_parser("kills", help="kill -9 of loop and service in a real-time run")
+    kills.add_argument("--count", type=int, default=200, metavar="N", help="in all, 200")
+    kills.add_argument("--seed", type=int, default=0, metavar="K", help="of instants and victims")
+    kills.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
+    kills.set_defaults(command=_kills)
+    soak = commands.add_parser("soak", help="hours in virtual time under random faults")
+    soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
+    soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
+    soak.add_argument("--imu-rate", type=int, default=500, metavar="HZ", help="500")
+    soak.add_argument("--seed", type=int, default=0, metavar="K", help="fixes every bit")
+    soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
+    soak.set_defaults(command=_soak)
 
 
 def bar() -> Progress:
@@ -49,3 +61,45 @@ def _fuzz(arguments: argparse.Namespace) -> int:
         keep(arguments.out.absolute(), arguments.keep, most=24, most_bytes=2048)
     print(json.dumps(result))
     return FAILED_EXIT if result["failed"] else 0
+
+
+def _kills(arguments: argparse.Namespace) -> int:
+    from hil.kills.campaign import run, summary
+    from hil.live import LiveError
+
+    folder, failed = arguments.out.absolute(), False
+    with bar() as progress:
+        task = progress.add_task("kills", total=arguments.count)
+        for kill in run(arguments.count, folder, arguments.seed):
+            if isinstance(kill, LiveError):
+                progress.console.print(str(kill), markup=False)
+                failed = True
+                continue
+            progress.advance(task)
+            for fault in (*kill.faults, *kill.late):
+                text = f"round {kill.round} kill {kill.number} ({kill.victim}): {fault}"
+                progress.console.print(text, markup=False)
+    result = summary(folder)
+    print(json.dumps(result))
+    return FAILED_EXIT if failed or result["faults"] or result["late"] else 0
+
+
+def _soak(arguments: argparse.Namespace) -> int:
+    from hil.scenario import load
+    from hil.soak.campaign import SCENARIO, plan, soak, summary
+    from hil.spline import JointSpline
+
+    folder = arguments.out.absolute()
+    motion_s = JointSpline.load(load(SCENARIO).identification).duration_s
+    epochs, segments = plan(arguments.hours, motion_s)
+    with bar() as progress:
+        task = progress.add_task("soak", total=epochs * segments)
+        chosen = (arguments.hours, arguments.rate, arguments.imu_rate, arguments.seed, folder)
+        for segment in soak(*chosen):
+            progress.update(task, completed=segment.epoch * segments + segment.number + 1)
+            for text in segment.broken:
+                place = f"epoch {segment.epoch} segment {segment.number}"
+                progress.console.print(f"{place}: {text}", markup=False)
+    result = summary(folder)
+    print(json.dumps(result))
+    return FAILED_EXIT if result["broken"] else 0

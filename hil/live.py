@@ -107,6 +107,14 @@ def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subpro
                 process.stdout.close()
 
 
+@contextmanager
+def started_plant(plant_file: Path, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start the plant and wait until it is ready. Raises LiveError."""
+    with process_of("plant", ["-m", "hil.plant", str(plant_file)], folder) as plant:
+        wait_ready(plant, folder)
+        yield plant
+
+
 def wait_ready(plant: subprocess.Popen[str], folder: Path) -> None:
     """Read the plant's first line; it simulates the truth before that."""
     line = plant.stdout.readline() if plant.stdout is not None else ""

@@ -8,7 +8,7 @@ drawn from the run's seed, so the flight configuration holds no truth of it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from xml.etree import ElementTree
@@ -251,3 +251,12 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise ScenarioError(f"{path}: must be a mapping")
     return document
+
+
+def at_rates(scenario: Scenario, rate_hz: float, imu_rate_hz: int) -> Scenario:
+    """Return a scenario with other rates of bus, loop and inertial unit."""
+    flight, sensors = dict(scenario.flight), dict(scenario.sensors)
+    flight["bus"] = {**flight["bus"], "rate_hz": rate_hz}
+    flight["tick_rate_hz"] = rate_hz
+    sensors["imu"] = {**sensors["imu"], "rate_hz": imu_rate_hz}
+    return replace(scenario, flight=flight, sensors=sensors)
