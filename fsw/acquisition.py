@@ -73,8 +73,8 @@ class ChunkSource(Protocol):
         """Return and forget what was found wrong."""
         ...
 
-    def watch(self, now_ns: int) -> None:
-        """Look whether the device has fallen silent."""
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Look whether the device has fallen silent; `up`: whether it has its port."""
         ...
 
 
@@ -321,8 +321,7 @@ class LineInput:
 
     def watch(self, now_ns: int) -> None:
         """Look whether the device has fallen silent; a lost port is an event of its own."""
-        if self.link.up:
-            self.source.watch(now_ns)
+        self.source.watch(now_ns, up=self.link.up)
 
 
 def split(items: list[Item], until_ns: int) -> tuple[list[Item], list[Item]]:

@@ -177,6 +177,77 @@ def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHist
     return simulate_in(scenario.environment, robot, spline, -before_s, end_s)
 
 
+class VirtualRun:
+    """Plant and daemon in one thread in virtual time; a seed fixes every bit."""
+
+    def __init__(self, setup: Setup, *, record: bool) -> None:
+        self.setup = setup
+        self._plant = Plant(
+            setup.history,
+            SensorConfig.from_dict(setup.scenario.sensors),
+            setup.seed,
+            start_delay_s=setup.scenario.before_s,
+            t0_ns=T0_NS,
+            sync_rate_hz=float(setup.scenario.flight["bus"]["rate_hz"]),
+        )
+        self.world = world = VirtualBench(self._plant, T0_NS, seed=setup.seed)
+        install(setup.scenario.faults, world, setup.seed, T0_NS)
+        self._collector = Collector()
+        sink: Sink = self._collector
+        if record:
+            writer = open_recording(setup.config, setup.folder / "recording.mcap")
+            sink = Fanout(self._collector, RecorderSink(writer, lambda _s, _c, _t: None))
+        ports = Ports(
+            can={BUS: world.can, BUS + SECOND: world.redundant},
+            imu=world.imu,
+            star_tracker=world.star_tracker,
+            can_openers={BUS: world.can.open, BUS + SECOND: world.redundant.open},
+            line_openers={name: serial.reopen for name, serial in world.serials.items()},
+        )
+        self._daemon = build(setup.config, world.clock, ports, sink)
+        self._wall_s = 0.0
+        self._shown_s = 0.0
+
+    def advance(self, until_s: float, meter: Meter) -> None:
+        """Go on until so long after power-on."""
+        clock, daemon = self.world.clock, self._daemon
+        end_ns = T0_NS + round(until_s * 1e9)
+        began_s = time.perf_counter()
+
+        def ended() -> bool:
+            now_ns = clock.now_ns()
+            wall_s = time.perf_counter()
+            if wall_s - self._shown_s > METER_PERIOD_S:
+                self._shown_s = wall_s
+                meter.update((now_ns - T0_NS) * 1e-9, estimate_summary(daemon.latest))
+            return now_ns >= end_ns
+
+        daemon.run(ended)
+        self._wall_s += time.perf_counter() - began_s
+
+    def finish(self, meter: Meter) -> Recorded:
+        """Settle the estimate and return what the run left behind."""
+        setup, collector, daemon = self.setup, self._collector, self._daemon
+        began_s = time.perf_counter()
+        final = daemon.shutdown()
+        self._wall_s += time.perf_counter() - began_s
+        status = daemon.status(self.world.clock.now_ns())
+        meter.update(setup.total_s, estimate_summary(final))
+        times = self._plant.times()
+        return Recorded(
+            estimates=collector.estimates,
+            blocks=collector.blocks,
+            imu_chunks=collector.imu_chunks,
+            events=collector.events,
+            final=result_of(final, setup.scenario.unknown),
+            method=final.method if final is not None else setup.config.estimator.method,
+            status=status,
+            origin_ns=int(times["origin_ns"] or T0_NS),
+            imu_times=times["imu"],
+            wall_s=self._wall_s,
+        )
+
+
 def run_virtual(
     setup: Setup,
     meter: Meter,
@@ -189,63 +260,11 @@ def run_virtual(
     The scenario's own faults are installed; `disturb` may put further taps on the links before the
     run (see `hil.faults`).
     """
-    sensors = SensorConfig.from_dict(setup.scenario.sensors)
-    plant = Plant(
-        setup.history,
-        sensors,
-        setup.seed,
-        start_delay_s=setup.scenario.before_s,
-        t0_ns=T0_NS,
-        sync_rate_hz=float(setup.scenario.flight["bus"]["rate_hz"]),
-    )
-    bench = VirtualBench(plant, T0_NS, seed=setup.seed)
-    install(setup.scenario.faults, bench, setup.seed)
+    run = VirtualRun(setup, record=record)
     if disturb is not None:
-        disturb(bench)
-    collector = Collector()
-    sink: Sink = collector
-    if record:
-        writer = open_recording(setup.config, setup.folder / "recording.mcap")
-        sink = Fanout(collector, RecorderSink(writer, lambda _s, _c, _t: None))
-    ports = Ports(
-        can={BUS: bench.can, BUS + SECOND: bench.redundant},
-        imu=bench.imu,
-        star_tracker=bench.star_tracker,
-        can_openers={BUS: bench.can.open, BUS + SECOND: bench.redundant.open},
-        line_openers={name: serial.reopen for name, serial in bench.serials.items()},
-    )
-    began_s = time.perf_counter()
-    daemon = build(setup.config, bench.clock, ports, sink)
-    end_ns = T0_NS + round(setup.total_s * 1e9)
-    shown_s = 0.0
-
-    def ended() -> bool:
-        nonlocal shown_s
-        now_ns = bench.clock.now_ns()
-        wall_s = time.perf_counter()
-        if wall_s - shown_s > METER_PERIOD_S:
-            shown_s = wall_s
-            meter.update((now_ns - T0_NS) * 1e-9, estimate_summary(daemon.latest))
-        return now_ns >= end_ns
-
-    daemon.run(ended)
-    final = daemon.shutdown()
-    wall_s = time.perf_counter() - began_s
-    status = daemon.status(bench.clock.now_ns())
-    meter.update(setup.total_s, estimate_summary(final))
-    times = plant.times()
-    return Recorded(
-        estimates=collector.estimates,
-        blocks=collector.blocks,
-        imu_chunks=collector.imu_chunks,
-        events=collector.events,
-        final=result_of(final, setup.scenario.unknown),
-        method=final.method if final is not None else setup.config.estimator.method,
-        status=status,
-        origin_ns=int(times["origin_ns"] or T0_NS),
-        imu_times=times["imu"],
-        wall_s=wall_s,
-    )
+        disturb(run.world)
+    run.advance(setup.total_s, meter)
+    return run.finish(meter)
 
 
 def run_live(setup: Setup, meter: Meter) -> Recorded:

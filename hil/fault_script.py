@@ -222,7 +222,7 @@ def _delayed_line(
 
 
 def _jitter(place: Place) -> None:
-    scattered: faults.Delayed[TimedBytes] = faults.Delayed(0, round(place.size(0.02) * 1e9))
+    scattered: faults.Delayed[TimedBytes] = faults.Delayed(0, round(place.size(0.0039) * 1e9))
     _delayed_line(place, "imu", scattered, faults.keep)
 
 
@@ -475,9 +475,16 @@ TYPES: Mapping[str, Type] = {
 
 
 def install(
-    entries: Sequence[FaultEntry], world: VirtualBench, seed: int, *, reference: bool = False
+    entries: Sequence[FaultEntry],
+    world: VirtualBench,
+    seed: int,
+    start_ns: int,
+    *,
+    reference: bool = False,
 ) -> list[Place]:
-    """Put faults onto a bench that has just been powered on; return where they went.
+    """Put faults onto a bench that was powered on at the start; return where they went.
+
+    They may be put on at any time before the first of them begins.
 
     Raises
     ------
@@ -488,7 +495,7 @@ def install(
         put = TYPES.get(entry.type)
         if put is None:
             raise ScenarioError(f"faults: type {entry.type!r} is none of {sorted(TYPES)}")
-        place = Place(entry, world, 1000 * seed + index, reference, world.clock.now_ns())
+        place = Place(entry, world, 1000 * seed + index, reference, start_ns)
         put(place)
         places.append(place)
     return places

@@ -9,13 +9,14 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
 
 from hil.progress import Meter
 
@@ -49,8 +50,19 @@ def free_udp_port() -> int:
     return port
 
 
-def run(config: Path, plant_file: Path, total_s: float, meter: Meter) -> Outcome:
+Disturb = Callable[[float, int, int], None]  # seconds done, process ids of plant and daemon
+
+
+def _leave(_done_s: float, _plant: int, _daemon: int) -> None:
+    return None
+
+
+def run(
+    config: Path, plant_file: Path, total_s: float, meter: Meter, disturb: Disturb = _leave
+) -> Outcome:
     """Start plant and daemon, wait for the motion to end, stop both.
+
+    `disturb` is called a few times a second while they run.
 
     Raises
     ------
@@ -64,7 +76,7 @@ def run(config: Path, plant_file: Path, total_s: float, meter: Meter) -> Outcome
     with process_of("plant", ["-m", "hil.plant", str(plant_file)], folder) as plant:
         wait_ready(plant, folder)
         with process_of("daemon", ["-m", "fsw", "run", "--cold", str(config)], folder) as daemon:
-            _watch(plant, daemon, state, total_s, meter, folder)
+            _watch(plant, daemon, state, total_s, meter, folder, disturb)
             exit_code = stop_process(daemon, "daemon")
         stop_process(plant, "plant")
         output = plant.stdout.read() if plant.stdout is not None else ""
@@ -129,6 +141,7 @@ def _watch(
     total_s: float,
     meter: Meter,
     folder: Path,
+    disturb: Disturb,
 ) -> None:
     """Follow the daemon's status file until the motion and its tail are over."""
     began_s = time.monotonic()
@@ -147,6 +160,7 @@ def _watch(
         else:
             done_s = (time.monotonic_ns() - first[0]) * 1e-9
             meter.update(min(done_s, total_s), None if status is None else status.get("estimate"))
+            disturb(done_s, plant.pid, daemon.pid)
             if done_s >= total_s:
                 return
         time.sleep(POLL_S)
@@ -171,9 +185,11 @@ def stop_process(process: subprocess.Popen[str], name: str) -> int:
 
 
 def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
+    """Return the last message of each topic; a recording may break off where its writer died."""
     last: dict[str, bytes] = {}
-    with recording.open("rb") as file:
-        for _, channel, message in make_reader(file).iter_messages(topics=list(topics)):
+    with recording.open("rb") as file, suppress(McapError):
+        messages = NonSeekingReader(file).iter_messages(list(topics), log_time_order=False)
+        for _, channel, message in messages:
             last[channel.topic] = message.data
     return {topic: json.loads(data) for topic, data in last.items()}
 

@@ -27,6 +27,7 @@ from hil.plant import Plant
 
 PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
+HANG_UP_NS = 1_000_000_000
 READ_LIMIT = 64  # frames read in one go
 
 
@@ -125,13 +126,34 @@ class PtyEnd:
     def __init__(self, device: str, path: Path, plant: Plant) -> None:
         self.device, self.path = device, path
         self._plant = plant
+        self.dropped_bytes = 0
+        self._back_ns: int | None = None  # hung up until then
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._open()
+
+    def _open(self) -> None:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave, termios.TCSANOW)
         os.set_blocking(self._master, False)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.unlink(missing_ok=True)
-        path.symlink_to(os.ttyname(self._slave))
-        self.dropped_bytes = 0
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(self._slave))
+
+    @property
+    def is_up(self) -> bool:
+        """Whether there is anything to open."""
+        return self._back_ns is None
+
+    def hang_up(self, back_ns: int) -> None:
+        """Take the terminal away until a time, as when a converter is unplugged."""
+        if self._back_ns is None:
+            self.close()
+        self._back_ns = back_ns
+
+    def follow(self, now_ns: int) -> None:
+        """Make a new terminal when it is time."""
+        if self._back_ns is not None and now_ns >= self._back_ns:
+            self._back_ns = None
+            self._open()
 
     def fileno(self) -> int:
         """Return the descriptor that becomes readable when the host writes."""
@@ -143,6 +165,8 @@ class PtyEnd:
 
     def send(self, data: bytes) -> None:
         """Write what has crossed; what the host leaves unread beyond the buffer is lost."""
+        if not self.is_up:
+            return
         try:
             written = os.write(self._master, data)
         except BlockingIOError:
@@ -172,13 +196,16 @@ def prepare(realtime: Realtime) -> dict[str, Any]:
 
 
 def serve(
-    plant: Plant, buses: list[BusEnd], ptys: list[PtyEnd], stopping: Callable[[], bool]
+    plant: Plant,
+    buses: list[BusEnd],
+    ptys: list[PtyEnd],
+    stopping: Callable[[], bool],
+    hang_ups: list[int],
 ) -> None:
-    """Answer and transmit until told to stop.
+    """Answer and transmit until told to stop; hang the first terminal up when told so.
 
     Serial bytes are discarded until the first SYNC: nobody listens before the host is up.
     """
-    ends: list[BusEnd | PtyEnd] = [*buses, *ptys]
     by_device = {pty.device: pty for pty in ptys}
     while not stopping():
         now_ns = time.monotonic_ns()
@@ -187,12 +214,18 @@ def serve(
         if serial_ns is not None:
             due.append(serial_ns)
         wait_ns = max(0, min([now_ns + IDLE_NS, *due]) - now_ns)
+        if hang_ups:
+            hang_ups.clear()
+            ptys[0].hang_up(now_ns + HANG_UP_NS)
+        ends: list[BusEnd | PtyEnd] = [*buses, *(pty for pty in ptys if pty.is_up)]
         readable, _, _ = select.select(ends, (), (), wait_ns * 1e-9)
         for end in readable:
             end.receive()
         now_ns = time.monotonic_ns()
         for bus in buses:
             bus.send_due(now_ns)
+        for pty in ptys:
+            pty.follow(now_ns)
         listening = any(bus.sync_seen for bus in buses)
         for device, chunks in plant.serial_until(now_ns).items():
             if listening and device in by_device:
@@ -233,18 +266,21 @@ def run(path: Path) -> int:
     stop: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda signum, _frame: stop.append(signum))
+    hang_ups: list[int] = []
+    signal.signal(signal.SIGUSR1, lambda signum, _frame: hang_ups.append(signum))
     granted = prepare(file.realtime)
     gc.collect()
     gc.freeze()
     gc.disable()
     _say({"ready": True, "pid": os.getpid(), **granted, **{p.device: str(p.path) for p in ptys}})
     try:
-        serve(plant, buses, ptys, lambda: bool(stop))
+        serve(plant, buses, ptys, lambda: bool(stop), hang_ups)
     finally:
         for bus in buses:
             bus.close()
         for pty in ptys:
-            pty.close()
+            if pty.is_up:
+                pty.close()
     dropped = {pty.device: pty.dropped_bytes for pty in ptys}
     errors = sum(bus.send_errors for bus in buses)
     _say({"stopped": True, "dropped_bytes": dropped, "send_errors": errors, **plant.times()})

@@ -34,6 +34,7 @@ class Row(BaseModel):
     size: float | None = None
     rate: float | None = None
     device: Literal["arm", "imu", "star_tracker"] | None = None
+    recover_s: float | None = None  # instead of the table's, with the reason
     short: bool = False  # part of the short form that the tests run
 
 
@@ -54,13 +55,17 @@ class Table(BaseModel):
     reasons: dict[str, str]
     faults: tuple[Row, ...]
 
+    def times(self, row: Row) -> tuple[float, float]:
+        """Return when a fault begins and how long it lasts [s]."""
+        return self.at_s if row.at_s is None else row.at_s, row.for_s or self.for_s
+
     def entry(self, row: Row) -> FaultEntry:
         """Return the row as a scenario's fault."""
         values: dict[str, Any] = {
             key: getattr(row, key) for key in ("type", "device", "node_id", "size", "rate")
         }
-        at_s = self.at_s if row.at_s is None else row.at_s
-        return FaultEntry(at_s=at_s, for_s=row.for_s or self.for_s, **values)
+        at_s, for_s = self.times(row)
+        return FaultEntry(at_s=at_s, for_s=for_s, **values)
 
     def detect_bound_s(self, row: Row) -> float:
         """Return within what a fault must be told."""

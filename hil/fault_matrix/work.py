@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hil import bench
-from hil.fault_matrix import run, table
+from hil.fault_matrix import machine, run, table
 from hil.fault_matrix.run import Flown
 
 
@@ -24,20 +24,33 @@ def _setup(seed: int) -> bench.Setup:
 
 
 @lru_cache(maxsize=1)
-def _clean(seed: int) -> Flown:
-    return run.fly(table.load(), _setup(seed), None)
+def _trunk(seed: int) -> tuple[bench.VirtualRun, Flown]:
+    """Return the run the rows branch off, and its clean end."""
+    bounds = table.load()
+    trunk = run.trunk(bounds, _setup(seed))
+    return trunk, run.branch(trunk, bounds, None)
 
 
 def one(name: str, seed: int) -> dict[str, Any]:
     """Return the outcome of one row."""
     bounds = table.load()
     row = next(row for row in bounds.faults if row.type == name)
-    setup = _setup(seed)
-    flown = run.fly(bounds, setup, row)
-    reference = clean = _clean(seed)
+    trunk, clean = _trunk(seed)
+    flown = run.branch(trunk, bounds, row)
+    reference = clean
     if row.loses != "nothing":
-        reference = run.fly(bounds, setup, row, reference=True)
-    return run.outcome(bounds, row, setup, flown, reference, clean)
+        reference = run.branch(trunk, bounds, row, reference=True)
+    return run.outcome(bounds, row, _setup(seed), flown, reference, clean)
+
+
+def live_outcomes(rows: Sequence[table.Row], seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the outcomes of faults of the machine, one after the other, a clean run first."""
+    bounds = table.load()
+    with tempfile.TemporaryDirectory(prefix="hil-faults-") as home:
+        clean = machine.fly(bounds, None, seed, Path(home) / "clean")
+        for row in rows:
+            flown = machine.fly(bounds, row, seed, Path(home) / row.type)
+            yield machine.outcome(bounds, row, flown, clean)
 
 
 def key(row: table.Row, seed: int, commit: str) -> str:
@@ -61,13 +74,27 @@ def outcomes(
         todo.append(row)
     if not todo:
         return
+    of_machine = [row for row in todo if row.sensor == "machine"]
+    if of_machine:
+        for row, values in zip(of_machine, live_outcomes(of_machine, seed), strict=True):
+            _store(out, row, seed, commit, values)
+            yield values
+    todo = [row for row in todo if row.sensor != "machine"]
+    if not todo:
+        return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(todo)), mp_context=context) as pool:
         futures = {pool.submit(one, row.type, seed): row for row in todo}
         for future in as_completed(futures):
             row, values = futures[future], future.result()
-            if out is not None:
-                out.mkdir(parents=True, exist_ok=True)
-                stored = {"key": key(row, seed, commit), "outcome": values}
-                (out / f"{row.type}-{seed}.json").write_text(json.dumps(stored))
+            _store(out, row, seed, commit, values)
             yield values
+
+
+def _store(
+    out: Path | None, row: table.Row, seed: int, commit: str, values: dict[str, Any]
+) -> None:
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        stored = {"key": key(row, seed, commit), "outcome": values}
+        (out / f"{row.type}-{seed}.json").write_text(json.dumps(stored))

@@ -87,9 +87,9 @@ class ImuSource:
         """Return and forget what was found wrong."""
         return self._watch.take()
 
-    def watch(self, now_ns: int) -> None:
+    def watch(self, now_ns: int, *, up: bool) -> None:
         """Look whether the unit has fallen silent; everything received has been fed."""
-        self._watch.watch(now_ns)
+        self._watch.watch(now_ns, up=up)
 
     def feed(self, chunks: Sequence[ByteChunk]) -> list[ImuSample]:
         """Take chunks in, in order, and return the samples they complete."""

@@ -60,6 +60,7 @@ class LineWatch:
         self._told_ns = 0
         self._skipped = 0
         self._refused = 0
+        self._excused = False  # what misses is explained: there was no port
         self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
     def take(self) -> list[Finding]:
@@ -89,7 +90,9 @@ class LineWatch:
         skipped, self._skipped = skipped + self._skipped, 0
         missing, self._refused = lost - self._refused, 0
         self._last_ns = t_ns
-        if missing <= 0:
+        if self._excused:
+            self._excused = False
+        elif missing <= 0:
             if skipped:
                 self.find(t_ns, self._faults.noise, f"{skipped} bytes of no frame")
         elif not skipped:
@@ -104,8 +107,10 @@ class LineWatch:
         else:
             self.find(t_ns, self._faults.noise, f"{skipped} bytes of no frame")
 
-    def watch(self, now_ns: int) -> None:
-        """Find a line silent that has spoken before."""
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Find a line silent that has spoken before; one without its port (not up) is excused."""
+        if not up:
+            self._last_ns, self._excused = None, True
         if self._last_ns is None or now_ns - self._last_ns < self._silent_ns:
             return
         if now_ns - self._told_ns >= REPEAT_NS:

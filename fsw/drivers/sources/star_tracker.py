@@ -90,9 +90,9 @@ class StarTrackerSource:
         """Return and forget what was found wrong."""
         return self._watch.take()
 
-    def watch(self, now_ns: int) -> None:
+    def watch(self, now_ns: int, *, up: bool) -> None:
         """Look whether the unit has fallen silent; everything received has been fed."""
-        self._watch.watch(now_ns)
+        self._watch.watch(now_ns, up=up)
 
     def start_bytes(self) -> bytes:
         """Return what to send at start: the subscription, or nothing."""

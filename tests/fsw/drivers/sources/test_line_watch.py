@@ -47,11 +47,22 @@ def test_a_frame_that_was_refused_is_not_missing() -> None:
 
 def test_silence_is_told_after_three_periods_and_again_while_it_lasts() -> None:
     tested = watch()
-    tested.watch(10**9)
+    tested.watch(10**9, up=True)
     assert tested.take() == []  # has never spoken
     tested.accepted(10**9, 0, 0, LENGTH)
     told = []
     for k in range(1, 120):
-        tested.watch(10**9 + k * PERIOD_NS)
+        tested.watch(10**9 + k * PERIOD_NS, up=True)
         told += [k] * len(tested.take())
     assert told == [3, 53, 103]
+
+
+def test_a_line_without_its_port_is_not_silent() -> None:
+    tested = watch()
+    tested.accepted(10**9, 0, 0, LENGTH)
+    for k in range(100):
+        tested.watch(10**9 + k * PERIOD_NS, up=not 1 <= k <= 50)
+    tested.accepted(10**9 + 100 * PERIOD_NS, 0, 99, LENGTH)
+    assert tested.take() == []
+    tested.accepted(10**9 + 102 * PERIOD_NS, 0, 1, LENGTH)
+    assert [f.fault for f in tested.take()] == ["IMU_LOST"]

@@ -1,0 +1,102 @@
+"""The short form of the fault matrix, its table, and clean runs that must raise nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fsw.findings import Fault
+from hil import bench
+from hil.fault_matrix import run, table, work
+from hil.fault_script import TYPES, install
+from hil.scenario import FaultEntry, ScenarioError
+
+BOUNDS = table.load()
+SHORT = [row for row in BOUNDS.faults if row.short]
+SEED = 2
+
+
+@pytest.fixture(scope="module")
+def trunk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
+    setup = run.prepare(BOUNDS, SEED, tmp_path_factory.mktemp("trunk"))
+    before = run.trunk(BOUNDS, setup)
+    return before, run.branch(before, BOUNDS, None)
+
+
+@pytest.mark.parametrize("row", SHORT, ids=lambda row: row.type)
+def test_a_fault_is_told_isolated_and_leaves_no_trace(trunk: Any, row: table.Row) -> None:
+    before, clean = trunk
+    flown = run.branch(before, BOUNDS, row)
+    reference = clean
+    if row.loses != "nothing":
+        reference = run.branch(before, BOUNDS, row, reference=True)
+    values = run.outcome(BOUNDS, row, before.setup, flown, reference, clean)
+    assert values["failed"] == [], values
+
+
+def test_a_branch_is_the_run_from_the_start(trunk: Any) -> None:
+    before, _ = trunk
+    row = next(row for row in BOUNDS.faults if row.type == "bytes_dropped")
+    flown = run.branch(before, BOUNDS, row)
+    whole = bench.VirtualRun(before.setup, record=False)
+    install([BOUNDS.entry(row)], whole.world, SEED, bench.T0_NS)
+    whole.advance(before.setup.total_s, run.Quiet())
+    recorded = whole.finish(run.Quiet())
+    assert np.array_equal(recorded.final.x, flown.final.x)
+    assert np.array_equal(recorded.final.covariance, flown.final.covariance)
+    assert [e.code for e in recorded.events] == [e.code for e in flown.events]
+
+
+@pytest.mark.parametrize("seed", range(10, 20))
+def test_a_clean_run_raises_no_fault(tmp_path: Any, seed: int) -> None:
+    bounds = BOUNDS.model_copy(update={"total_s": 7.0})
+    setup = run.prepare(bounds, seed, tmp_path)
+    recorded = bench.run_virtual(setup, run.Quiet(), record=False)
+    assert recorded.status["health"]["incidents"] == {}
+    assert not {e.code for e in recorded.events} & set(Fault)
+    assert len(recorded.blocks) == recorded.status["windows"]["closed"] > 10
+
+
+def test_the_table_holds_at_least_35_types_and_every_type_of_the_script() -> None:
+    types = [row.type for row in BOUNDS.faults]
+    assert len(types) == len(set(types)) >= 35
+    assert {row.type for row in BOUNDS.faults if row.sensor != "machine"} == set(TYPES)
+    assert BOUNDS.total_s - BOUNDS.before_s <= 20.0
+    own = {row.event for row in BOUNDS.faults}
+    told = own & set(Fault)
+    assert len(told) >= 35
+
+
+def test_bounds_beyond_three_periods_have_a_reason() -> None:
+    for row in BOUNDS.faults:
+        if BOUNDS.detect_bound_s(row) > 3.0 * BOUNDS.period_s[row.sensor] + 1e-9:
+            assert row.reason, row.type
+
+
+def test_a_type_that_does_not_exist_is_refused(trunk: Any) -> None:
+    entry = FaultEntry(type="gremlins", at_s=1.0, for_s=1.0)
+    with pytest.raises(ScenarioError, match="gremlins"):
+        install([entry], trunk[0].world, 1, bench.T0_NS)
+
+
+def test_a_bound_that_does_not_hold_fails_its_row(trunk: Any) -> None:
+    before, clean = trunk
+    row = next(row for row in BOUNDS.faults if row.type == "frame_drop")
+    good = run.outcome(BOUNDS, row, before.setup, clean, clean, clean)
+    assert {"detection", "recovery", "counters"} <= set(good["failed"])
+    worse = dataclasses.replace(
+        clean, final=dataclasses.replace(clean.final, covariance=2.0 * clean.final.covariance)
+    )
+    assert "sigma" in run.outcome(BOUNDS, row, before.setup, worse, clean, clean)["failed"]
+    off = dataclasses.replace(clean.final, x=clean.final.x + 8.0 * clean.sigma)
+    wrong = dataclasses.replace(clean, final=off)
+    assert "nees" in run.outcome(BOUNDS, row, before.setup, wrong, clean, clean)["failed"]
+
+
+def test_stored_outcomes_are_not_run_again(tmp_path: Any) -> None:
+    row = SHORT[0]
+    work._store(tmp_path, row, 1, "abc", {"type": row.type, "failed": []})
+    assert list(work.outcomes([row], 1, 1, tmp_path, "abc")) == [{"type": row.type, "failed": []}]
