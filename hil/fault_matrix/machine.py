@@ -31,7 +31,17 @@ from hil.outcome import result_from_json
 from hil.score import Result, normalised_error_squared
 
 PATIENT = {"silent_periods": 500.0, "late_periods": 100, "jitter_s": 1.0, "tracker_late_s": 1.0}
-HOGS_PER_CPU = 8
+HOG = """
+import os, sys, time
+os.sched_setaffinity(0, {int(sys.argv[1])})
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(60))
+except PermissionError:
+    pass
+end = time.monotonic() + 0.7
+while time.monotonic() < end:
+    pass
+"""
 SPARE_BYTES = 1 << 20
 TIMING = ("REALTIME", "RING_DROPS", "CAN_UNSENT", "CAN_OVERFLOW", "PRIOR_CONFLICT")
 
@@ -59,9 +69,10 @@ Action = Callable[[Machine], None]
 
 
 def _hog(machine: Machine) -> None:
-    count = HOGS_PER_CPU * len(os.sched_getaffinity(0))
-    command = [sys.executable, "-c", "while True: pass"]
-    machine.hogs += [subprocess.Popen(command) for _ in range(count)]
+    """Take every processor, ahead of the daemon where the system allows it, for a while."""
+    machine.hogs += [
+        subprocess.Popen([sys.executable, "-c", HOG, str(cpu)]) for cpu in os.sched_getaffinity(0)
+    ]
 
 
 def _end_hogs(machine: Machine) -> None:
@@ -127,7 +138,6 @@ def fly(table: Table, row: Row | None, seed: int, folder: Path) -> dict[str, Any
     setup = run.prepare(table, seed, folder, real_time=True)
     document = yaml.safe_load(setup.config_path.read_text(encoding="utf-8"))
     document["health"] = PATIENT
-    document["scheduler"]["realtime_priority"] = 0
     write_yaml(setup.config_path, document)
     plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_port)
     plant_path = write_yaml(folder / "plant.yaml", plant)

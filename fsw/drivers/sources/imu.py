@@ -109,12 +109,12 @@ class ImuSource:
                 self._counts.accepted_bytes += len(frame.data)
             elif isinstance(datagram, Reject):
                 self._counts.reject(datagram, len(frame.data))
-                self._watch.refused(frame.skipped)
+                self._watch.refused(frame.pieces[-1].t_ns, frame.skipped)
             elif self._is_in_range(datagram):
                 good.append((frame, datagram))
             else:
                 self._counts.reject(Reject.RANGE, len(frame.data))
-                self._watch.refused(frame.skipped)
+                self._watch.refused(frame.pieces[-1].t_ns, frame.skipped)
                 self._watch.find(frame.pieces[-1].t_ns, Fault.IMU_RANGE)
         return good
 
@@ -165,7 +165,7 @@ class ImuSource:
         if self._track.is_repeated(counter):
             self._watch.find(t_ns, Fault.IMU_DUPLICATE)
             return  # it stands for no sample that is missing now
-        self._watch.refused(frame.skipped)
+        self._watch.refused(t_ns, frame.skipped)
         fault = Fault.IMU_LATENCY if step is Step.UNTRUE else Fault.IMU_COUNTER
         self._watch.find(t_ns, fault, f"counter {counter}")
 

@@ -73,8 +73,10 @@ class LineWatch:
         """Note a finding."""
         self._found.append(Finding(t_ns, fault, self._subject, text))
 
-    def refused(self, skipped: int) -> None:
+    def refused(self, t_ns: int, skipped: int) -> None:
         """Take in a frame that was intact and not used, and the bytes skipped before it."""
+        if self._last_ns is not None:  # whoever sends it is not silent
+            self._last_ns = t_ns
         self._refused += 1
         self._skipped += skipped
 

@@ -148,7 +148,7 @@ class StarTrackerSource:
         self._counts.reject(reason, len(frame.data))
         self._watch.find(frame.pieces[-1].t_ns, fault)
         if fault is not Fault.TRACKER_DUPLICATE:
-            self._watch.refused(frame.skipped)
+            self._watch.refused(frame.pieces[-1].t_ns, frame.skipped)
 
     def _time_of_validity(
         self, frame: Frame, solution: Solution, restart: bool

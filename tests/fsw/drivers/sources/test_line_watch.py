@@ -40,7 +40,7 @@ def test_counts_tell_the_fault(skipped: int, lost: int, fault: str) -> None:
 def test_a_frame_that_was_refused_is_not_missing() -> None:
     tested = watch()
     tested.accepted(0, 0, 0, LENGTH)
-    tested.refused(0)
+    tested.refused(PERIOD_NS, 0)
     tested.accepted(2 * PERIOD_NS, 0, 1, LENGTH)
     assert tested.take() == []
 
@@ -66,3 +66,13 @@ def test_a_line_without_its_port_is_not_silent() -> None:
     assert tested.take() == []
     tested.accepted(10**9 + 102 * PERIOD_NS, 0, 1, LENGTH)
     assert [f.fault for f in tested.take()] == ["IMU_LOST"]
+
+
+def test_a_line_whose_frames_are_all_refused_is_not_silent() -> None:
+    tested = watch()
+    tested.accepted(0, 0, 0, LENGTH)
+    for k in range(1, 20):
+        tested.refused(k * PERIOD_NS, 0)
+        tested.watch(k * PERIOD_NS, up=True)
+    tested.accepted(20 * PERIOD_NS, 0, 19, LENGTH)
+    assert tested.take() == []
