@@ -1,0 +1,115 @@
+"""A campaign's file, and the runs it stands for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hil.scenario import ScenarioError, load
+from hil.study.cases import SENSOR_SETS
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Seeds(_Section):
+    """Consecutive seeds."""
+
+    first: int = 0
+    count: Annotated[int, Field(ge=1)]
+
+
+class Campaign(_Section):
+    """Every seed with every scenario, noise and trajectory."""
+
+    level: Literal["sample", "device"]
+    seeds: Seeds
+    scenarios: Annotated[tuple[str, ...], Field(min_length=1)]  # robot, bodies, who is unknown
+    noises: tuple[str, ...] = ("data sheet",)  # sample level: names of the study's sensor sets
+    trajectories: tuple[Path | None, ...] = (None,)  # null: the scenario's own
+    duration_s: Annotated[float, Field(gt=0)] | None = None  # of the motion; null: all of it
+    rate_hz: Annotated[float, Field(gt=0)] = 100.0  # sample level
+
+    def runs(self) -> list[Run]:
+        """Return all runs, seeds outermost."""
+        seeds = range(self.seeds.first, self.seeds.first + self.seeds.count)
+        return [
+            Run(
+                level=self.level,
+                scenario=scenario,
+                noise=noise,
+                trajectory=trajectory,
+                duration_s=self.duration_s,
+                rate_hz=self.rate_hz,
+                seed=seed,
+            )
+            for seed, scenario, noise, trajectory in product(
+                seeds, self.scenarios, self.noises, self.trajectories
+            )
+        ]
+
+
+class Run(_Section):
+    """One run; all it depends on beside the code."""
+
+    level: Literal["sample", "device"]
+    scenario: str
+    noise: str
+    trajectory: Path | None
+    duration_s: float | None
+    rate_hz: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Return what names the run in the store."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return f"{self.seed}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def read(path: Path) -> Campaign:
+    """Read a campaign; paths are relative to the file.
+
+    Raises
+    ------
+    ScenarioError naming file, key and value.
+    """
+    try:
+        document: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+        campaign = Campaign.model_validate(document)
+    except (OSError, yaml.YAMLError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    except ValidationError as error:
+        faults = "; ".join(
+            f"{'.'.join(str(k) for k in e['loc'])}: {e['msg']}" for e in error.errors()
+        )
+        raise ScenarioError(f"{path}: {faults}") from error
+    wrong = set(campaign.noises) - set(SENSOR_SETS)
+    if wrong:
+        raise ScenarioError(f"{path}: noises: {sorted(wrong)}; there are {list(SENSOR_SETS)}")
+    if campaign.level == "device" and campaign.noises != ("data sheet",):
+        raise ScenarioError(f"{path}: noises: at device level the scenario's sensors are used")
+    home = path.parent
+    for name in campaign.scenarios:
+        load(_placed(home, name))
+    return campaign.model_copy(
+        update={
+            "scenarios": tuple(_placed(home, name) for name in campaign.scenarios),
+            "trajectories": tuple(
+                None if place is None else (home / place).resolve()
+                for place in campaign.trajectories
+            ),
+        }
+    )
+
+
+def _placed(home: Path, name: str) -> str:
+    """Return a scenario's name, or the whole path of its file."""
+    return str((home / name).resolve()) if name.endswith(".yaml") else name
