@@ -134,6 +134,12 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     )
     methods.add_argument("--report", action="store_true", help="run nothing, judge what is stored")
     methods.set_defaults(command=_study_methods)
+    paper = kinds.add_parser("paper", help="the paper's tables and figure, and the fused estimator")
+    paper.add_argument("--quick", action="store_true", help="one seed, 100 Hz, no device bytes")
+    paper.add_argument("--out", type=Path, metavar="DIR", help="keep results and resume from them")
+    paper.add_argument("--seeds", type=int, metavar="N", help="per cell of Tables 4-7, 20")
+    paper.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 20")
+    paper.set_defaults(command=_study_paper)
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
     energy.set_defaults(command=_study_energy)
 
@@ -151,6 +157,12 @@ def _faults(arguments: argparse.Namespace) -> int:
     )
 
 
+def _campaign(arguments: argparse.Namespace) -> int:
+    from hil.campaign.command import campaign
+
+    return campaign(arguments.campaign, arguments.out, arguments.workers, arguments.scheduler)
+
+
 def _study_methods(arguments: argparse.Namespace) -> int:
     from hil.study.command import methods
 
@@ -162,6 +174,17 @@ def _study_methods(arguments: argparse.Namespace) -> int:
         jobs=arguments.jobs,
         redo=arguments.redo,
         report_only=arguments.report,
+    )
+
+
+def _study_paper(arguments: argparse.Namespace) -> int:
+    from hil.study_paper.command import paper
+
+    return paper(
+        quick=arguments.quick,
+        out=arguments.out,
+        seeds=arguments.seeds,
+        device_seeds=arguments.device_seeds,
     )
 
 
