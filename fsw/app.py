@@ -61,10 +61,11 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
             cans[bus.name + SECOND] = partial(open_can, second, clock)
     imu, tracker = config.imu, config.star_tracker
     lines: dict[str, Callable[[], BytePort]] = {
-        IMU: partial(open_serial, imu.port, imu.baud_rate, clock)
+        IMU: partial(open_serial, config.device(imu.port), imu.baud_rate, clock)
     }
     if tracker is not None:
-        lines[STAR_TRACKER] = partial(open_serial, tracker.port, tracker.baud_rate, clock)
+        path = config.device(tracker.port)
+        lines[STAR_TRACKER] = partial(open_serial, path, tracker.baud_rate, clock)
     opened = {name: attempt(name, opener) for name, opener in lines.items()}
     return Ports(
         can={name: attempt(f"can/{name}", opener) for name, opener in cans.items()},

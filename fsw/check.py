@@ -108,6 +108,12 @@ def _warnings(config: Config) -> list[str]:
             f"imu.baud_rate: {config.imu.baud_rate} does not carry the longest datagram at "
             f"{config.imu.rate_hz:g} Hz ({longest:.0%}); shorter ones fit"
         )
+    estimator = config.estimator
+    if estimator.method != "mrnea" and estimator.weighting != "eiv":
+        found.append(
+            f"estimator.weighting: {estimator.weighting!r} does nothing to estimator.method "
+            f"{estimator.method!r}, only to a batch of mrnea; must be 'eiv' with this method"
+        )
     cpus = os.cpu_count() or 1
     if config.scheduler.cpu is not None and config.scheduler.cpu >= cpus:
         found.append(f"scheduler.cpu: {config.scheduler.cpu} is not below this machine's {cpus}")
@@ -119,7 +125,7 @@ def missing_devices(config: Config) -> list[str]:
     ports = {"imu.port": config.imu.port}
     if config.star_tracker is not None:
         ports["star_tracker.port"] = config.star_tracker.port
-    paths = {key: config.resolve(Path(port)) for key, port in ports.items() if "://" not in port}
+    paths = {key: Path(config.device(port)) for key, port in ports.items() if "://" not in port}
     return [f"{key}: {path} does not exist now" for key, path in paths.items() if not path.exists()]
 
 

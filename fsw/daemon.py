@@ -6,7 +6,8 @@ machine's, the HIL simulated ones, a replay a recording's. There is no second da
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -36,6 +37,7 @@ STAR_TRACKER = "star_tracker"
 CAN = "can/"  # before the name of a bus's link
 SECOND = ".redundant"  # behind a bus's name: the other one of the pair
 FOREVER_NS = 1 << 62
+ENDED = object()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +78,9 @@ class Daemon:
         self._keeper = LinkKeeper(clock, sink)
         self._passive = passive
         self._started = False
-        self._closed: list[Window] = []
+        self._closed: deque[Window] = deque()
+        self._job: Generator[None, None, None] | None = None  # the window being worked off
+        self._fresh = False  # whether a window has closed in this tick
         self._window_limit = FOREVER_NS
         self.aligner = Aligner(config, len(config.joints))
         self.health = Health(config)
@@ -137,12 +141,17 @@ class Daemon:
         self._window_limit = count
 
     def apply_planned(self, window: int) -> None:
-        """Apply the recorded commands that came before this window."""
+        """Apply the recorded commands that came before this window, after all before it."""
+        self._finish_windows()
+        self._apply_planned(window)
+
+    def _apply_planned(self, window: int) -> None:
         for estimate in self.dispatcher.before_window(window, self._clock.now_ns()):
             self._publish(estimate)
 
     def shutdown(self) -> Estimate | None:
         """Settle the estimator, publish the last estimate and status, release the ports."""
+        self._finish_windows()
         now_ns = self._clock.now_ns()
         stop = {"command": "end", "next_window": self.aligner.next_index}
         self._sink.command(now_ns, stop)
@@ -156,6 +165,13 @@ class Daemon:
                 link.close()
         self._sink.close()
         return self.latest
+
+    def diagnosis(self) -> Mapping[str, Any] | None:
+        """Return the diagnosis of the estimate; None where there is no proper one."""
+        try:
+            return self.dispatcher.diagnose()
+        except (CommandError, EstimatorError):
+            return None
 
     def status(self, now_ns: int) -> dict[str, Any]:
         """Return health and counters as plain values."""
@@ -229,7 +245,7 @@ class Daemon:
         period_s = self._config.service.checkpoint_period_s
         if period_s is not None and not self._passive:
             due = max(1, round(rate_hz * period_s))
-            table.append(Task("checkpoint", due, lambda _tick: self._keep()))
+            table.append(Task("checkpoint", due, self._checkpoint))
         return table
 
     def _start(self, _tick: Tick) -> None:
@@ -272,6 +288,7 @@ class Daemon:
             if deadline_ns > tick.now_ns or align.next_index >= self._window_limit:
                 break
             self._closed += align.close(deadline_ns)
+            self._fresh = True
         for bus in self._buses:
             for severity, code, text in bus.source.events():
                 self._report(severity, code, text)
@@ -286,23 +303,43 @@ class Daemon:
                 self._science.keep(samples)
 
     def _estimate(self, _tick: Tick) -> None:
-        if not self._closed:
-            self._guarded(self._pipeline.estimator.work)
-            return
-        closed, self._closed = self._closed, []
-        for window in closed:
-            self.apply_planned(window.index)
-            self._guarded(partial(self._use, window))
+        """Do one unit of work, none where a window has just closed; work off a backlog at once."""
+        while len(self._closed) > (self._job is None):
+            self._unit()
+        fresh, self._fresh = self._fresh, False
+        if not fresh:
+            self._unit()
 
-    def _use(self, window: Window) -> None:
-        block = self._pipeline.conditioner.condition(self.health.judge(window))
+    def _unit(self) -> None:
+        if self._job is None and self._closed:
+            self._job = self._use(self._closed.popleft())
+        self._guarded(self._pipeline.estimator.work if self._job is None else self._advance)
+
+    def _advance(self) -> None:
+        if self._job is not None and next(self._job, ENDED) is ENDED:
+            self._job = None
+
+    def _use(self, window: Window) -> Generator[None, None, None]:
+        self._apply_planned(window.index)
+        block = yield from self._pipeline.conditioner.stages(self.health.judge(window))
         if block is None:
             self.unusable_windows += 1
             return
         self._sink.block(block)
         self.dispatcher.store(block)
         if self.dispatcher.identifying:
-            self._publish(self._pipeline.estimator.push(block))
+            yield
+            self._publish((yield from self._pipeline.estimator.stages(block)))
+
+    @property
+    def _busy(self) -> bool:
+        """Whether a closed window waits or is half worked off."""
+        return self._job is not None or bool(self._closed)
+
+    def _finish_windows(self) -> None:
+        """Work off what has been closed: a command or the end comes after all of it."""
+        while self._busy:
+            self._unit()
 
     def _hand_over(self, science: Science, tick: Tick) -> None:
         if not self.hands_over:
@@ -339,6 +376,7 @@ class Daemon:
         try:
             action()
         except EstimatorError as error:
+            self._job = None
             self._pipeline.estimator.reset()
             self._report("high", "ESTIMATOR_RESET", str(error))
 
@@ -350,11 +388,16 @@ class Daemon:
                 self._report(severity, code, text)
 
     def _commands(self, tick: Tick) -> None:
-        for estimate in self.dispatcher.run(tick.now_ns, self.aligner.next_index):
+        """Apply what is queued; while a window is being worked off, commands wait for its end."""
+        busy = self._busy
+        for estimate in self.dispatcher.run(tick.now_ns, self.aligner.next_index, held=busy):
             self._publish(estimate)
-        if self.dispatcher.checkpoint_due:
+        if self.dispatcher.checkpoint_due and not busy:
             self.dispatcher.checkpoint_due = False
             self._keep()
+
+    def _checkpoint(self, _tick: Tick) -> None:
+        self.dispatcher.checkpoint_due = True  # and taken when no window is half worked off
 
     def _keep(self) -> None:
         """Hand out the estimator's state; kept by the service."""

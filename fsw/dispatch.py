@@ -124,13 +124,13 @@ class Dispatcher:
                 estimates.append(estimate)
         return estimates
 
-    def run(self, now_ns: int, next_window: int) -> list[Estimate]:
-        """Apply what is queued; return the estimates it gave."""
+    def run(self, now_ns: int, next_window: int, *, held: bool = False) -> list[Estimate]:
+        """Apply what is queued, unless held back; return the estimates it gave."""
         if self._jobs is not None:
             for report in self._jobs.poll(now_ns):
                 self._follow(report, now_ns)
         estimates = []
-        while self._queue:
+        while self._queue and not held:
             estimate = self._apply(self._queue.popleft(), now_ns, next_window)
             if estimate is not None:
                 estimates.append(estimate)
@@ -148,7 +148,7 @@ class Dispatcher:
         data: Mapping[str, Any] = {}
         try:
             if command.name is CommandName.REPORT:
-                data = self._diagnose()
+                data = self.diagnose()
             args, estimate = self._execute(command, now_ns)
         except CommandError as error:
             self._answer(command, Code(error.code), str(error))
@@ -161,7 +161,13 @@ class Dispatcher:
         self._answer(command, Code.ACCEPTED, "", data)
         return estimate
 
-    def _diagnose(self) -> Mapping[str, Any]:
+    def diagnose(self) -> Mapping[str, Any]:
+        """Return the estimator's report on itself.
+
+        Raises
+        ------
+        CommandError if it gives none; EstimatorError without a proper estimate.
+        """
         if not isinstance(self._estimator, Reporting):
             raise CommandError(Code.NOT_SUPPORTED, "this estimator gives no report")
         return self._estimator.report()

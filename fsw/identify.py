@@ -41,7 +41,8 @@ def identify(
     Returns
     -------
     Plain values: method, unknown, status (OK, NOT_CONVERGED, INSUFFICIENT_EXCITATION), estimate and
-    sigma per body, names, mean and covariance of the state, samples per source.
+    sigma per body, names, mean and covariance of the state, diagnosis, samples per source; every
+    field is described in docs/output.md.
 
     Raises
     ------
@@ -69,5 +70,9 @@ def to_text(result: Mapping[str, Any]) -> str:
             sigma = result["sigma"][body][key]
             values = zip(np.atleast_1d(mean), np.atleast_1d(sigma), strict=True)
             lines.append(f"{body}.{key}: " + ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in values))
+    diagnosis = result["diagnosis"]
+    if diagnosis is not None:
+        lines += list(diagnosis["verdict"].values())
+        lines.append(f"efficiency {diagnosis['efficiency_volume']:.3g} of the bound of all sensors")
     lines.append(f"{result['iterations']} iterations, wall {result['wall_s']:.1f} s")
     return "\n".join(lines)

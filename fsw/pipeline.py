@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -13,16 +14,16 @@ from fsw.messages import Block, Estimate, Window
 class BlockSource(Protocol):
     """Signal conditioning: windows to blocks."""
 
-    def condition(self, window: Window) -> Block | None:
-        """Return the block of a window; None when it is unusable."""
+    def stages(self, window: Window) -> Generator[None, None, Block | None]:
+        """Work in bounded units; return the block of a window, None when it is unusable."""
         ...
 
 
 class Estimator(Protocol):
     """The online estimator as the loop sees it."""
 
-    def push(self, block: Block) -> Estimate:
-        """Fold in one block."""
+    def stages(self, block: Block) -> Generator[None, None, Estimate]:
+        """Fold in one block in bounded units; return the estimate after it."""
         ...
 
     def work(self) -> bool:

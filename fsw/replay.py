@@ -156,6 +156,7 @@ class ReplayResult:
     truncated: bool
     dropped: int  # messages the recorder itself had lost
     wall_s: float
+    diagnosis: Mapping[str, Any] | None = None  # None: no proper estimate
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values in the words every command uses."""
@@ -166,6 +167,8 @@ class ReplayResult:
             "estimate": {},
             "sigma": {},
             **summary,
+            **_state(self.estimate),
+            "diagnosis": self.diagnosis,
             "samples": self.status["samples"],
             "windows": self.status["windows"],
             "slips": self.status["slips"],
@@ -183,6 +186,8 @@ class ReplayResult:
             for key, mean in estimate.items():
                 sigma = values["sigma"][body][key]
                 lines.append(f"{body}.{key}: {_shown(mean)} +- {_shown(sigma)}")
+        if self.diagnosis is not None:
+            lines += list(self.diagnosis["verdict"].values())
         for source, counts in values["samples"].items():
             words = [f"{word} {counts[word]}" for word in ("received", "lost", "late", "rejected")]
             lines.append(f"{source}: {', '.join(words)}")
@@ -193,6 +198,17 @@ class ReplayResult:
             )
         lines.append(f"slips {values['slips']}, wall {self.wall_s:.2f} s")
         return "\n".join(lines)
+
+
+def _state(estimate: Estimate | None) -> dict[str, Any]:
+    """Return the whole state, nuisances included, with its covariance."""
+    if estimate is None:
+        return {"names": [], "mean": [], "covariance": []}
+    return {
+        "names": list(estimate.names),
+        "mean": estimate.mean.tolist(),
+        "covariance": estimate.covariance.tolist(),
+    }
 
 
 def _shown(value: float | Sequence[float]) -> str:
@@ -251,6 +267,7 @@ def replay(
     daemon.apply_planned(daemon.aligner.next_index)
     estimate = daemon.shutdown()
     return ReplayResult(
+        diagnosis=daemon.diagnosis() if estimate is not None else None,
         estimate=estimate,
         unknown=tuple(config.unknown),
         method=estimate.method if estimate is not None else config.estimator.method,

@@ -76,6 +76,10 @@ class Config(Section):
         """Return a path of the configuration, relative ones taken from its folder."""
         return path if path.is_absolute() else self._folder / path
 
+    def device(self, port: str) -> str:
+        """Return a serial port as it is opened: a URL as it stands, a path like any other."""
+        return port if "://" in port else str(self.resolve(Path(port)))
+
     def with_unknown(self, unknown: tuple[str, ...]) -> Self:
         """Return this configuration for other unknown bodies.
 

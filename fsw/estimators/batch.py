@@ -14,8 +14,8 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.errors import EstimatorError
+from fsw.estimators.batch_diagnosis import diagnose_batch, stack
 from fsw.estimators.curvature import WEAK, Widening, constrained_prior, widen
-from fsw.estimators.impulse import Impulse
 from fsw.estimators.inertia import (
     from_log_cholesky,
     is_consistent,
@@ -24,7 +24,6 @@ from fsw.estimators.inertia import (
     to_log_cholesky,
 )
 from fsw.estimators.model import RobotModel
-from fsw.estimators.mrnea import Rows
 from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.publish import body_estimate
 from fsw.estimators.row_functions import RowsFunction, row_function
@@ -196,6 +195,7 @@ def run_batch(
         "last_block": blocks[-1].index,
         "estimate": {name: _plain(body, "") for name, body in bodies.items()},
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
+        "diagnosis": diagnose_batch(problem, rows, blocks, solution.mean, covariance, bodies),
     }
 
 
@@ -240,11 +240,7 @@ def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:
 def _stack(
     rows: RowsFunction, blocks: Sequence[Block], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    parts: list[Rows] = []
-    before: Impulse | None = None
-    for block in blocks:
-        parts.append(rows(block, x, before))
-        before = parts[-1].after
+    parts = stack(rows, blocks, x)
     return np.vstack([part.A for part in parts]), np.concatenate([part.b for part in parts])
 
 

@@ -16,7 +16,7 @@ residuals' variance, and the published covariance contains it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,7 @@ from fsw.estimators.plausible import plausible
 from fsw.estimators.problem import Problem, present
 from fsw.estimators.snapshot import Values, check_fit, kept, put
 from fsw.messages import Block, Estimate, FloatArray
+from fsw.stages import complete
 
 _STATE = (
     *("_x", "_covariance", "_bias", "_solved", "_blocks", "_gated", "_ignored"),
@@ -265,12 +266,19 @@ class BiasCompensatedEstimator:
 
     def push(self, block: Block) -> Estimate:
         """Fold in one block and return the estimate after it."""
+        return complete(self.stages(block))
+
+    def stages(self, block: Block) -> Generator[None, None, Estimate]:
+        """Fold in one block in bounded units; the estimate after it is returned at the end."""
         if block.index <= self._after:
             self._ignored += 1
         else:
             self._after = block.index
-            self._fold(block)
-        return self.estimate(int(block.t_ns[-1]))
+            sums = self._usable_sums(block)
+            yield
+            self._fold(block, sums)
+        yield
+        return (yield from self._published(int(block.t_ns[-1])))
 
     def work(self) -> bool:
         """Return False: there is no background work."""
@@ -302,6 +310,9 @@ class BiasCompensatedEstimator:
 
     def estimate(self, t_ns: int) -> Estimate:
         """Return the published view; its sigma contains what may be left of the bias."""
+        return complete(self._published(t_ns))
+
+    def _published(self, t_ns: int) -> Generator[None, None, Estimate]:
         scale = np.sqrt(np.diag(self._covariance))
         condition = float(np.sqrt(np.linalg.cond(self._covariance / np.outer(scale, scale))))
         reason = ""
@@ -310,33 +321,41 @@ class BiasCompensatedEstimator:
         elif not self._solved or condition > self._settings.condition_limit:
             reason = "INSUFFICIENT_EXCITATION"
         removed = float(np.sqrt(np.mean((self._bias / scale) ** 2)))
-        return outcome(
-            self._problem,
-            self._settings.method,
-            self._x,
-            self._covariance,
-            reason=reason,
-            t_ns=t_ns,
-            q_rad=self._q_rad,
-            blocks=self._blocks,
-            gated=self._gated,
-            nis=0.0,
-            nis_dof=0,
-            condition_number=condition,
-            extra={"biased": 1.0, "bias_removed_sigma": removed, "ignored": float(self._ignored)},
+        return (
+            yield from outcome(
+                self._problem,
+                self._settings.method,
+                self._x,
+                self._covariance,
+                reason=reason,
+                t_ns=t_ns,
+                q_rad=self._q_rad,
+                blocks=self._blocks,
+                gated=self._gated,
+                nis=0.0,
+                nis_dof=0,
+                condition_number=condition,
+                extra={
+                    "biased": 1.0,
+                    "bias_removed_sigma": removed,
+                    "ignored": float(self._ignored),
+                },
+            )
         )
 
-    def _fold(self, block: Block) -> None:
+    def _usable_sums(self, block: Block) -> CompensatedSums | None:
         if not plausible(block):
-            self._gated += 1
-            return
-        sums = None
+            return None
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             try:
                 sums = block_sums(block, self._x, self._problem)
             except ValueError:  # LinAlgError, or scipy's check of what it is given
-                sums = None
-        if sums is None or not np.all(np.isfinite(sums.F)) or not np.all(np.isfinite(sums.T)):
+                return None
+        finite = np.all(np.isfinite(sums.F)) and np.all(np.isfinite(sums.T))
+        return sums if finite else None
+
+    def _fold(self, block: Block, sums: CompensatedSums | None) -> None:
+        if sums is None:
             self._gated += 1
             return
         self._sums = self._sums + sums

@@ -7,6 +7,7 @@ window's own polynomial and counted.
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.problem import joint_order
 from fsw.findings import Fault, Finding
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
+from fsw.stages import complete
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
@@ -70,7 +72,11 @@ class Conditioner:
         return found
 
     def condition(self, window: Window) -> Block | None:
-        """Return the block of a window, or None when the arm's motion cannot be known in it.
+        """Return the block of a window, or None when the arm's motion cannot be known in it."""
+        return complete(self.stages(window))
+
+    def stages(self, window: Window) -> Generator[None, None, Block | None]:
+        """Do what `condition` does in bounded units, a channel each.
 
         A joint without position makes the window unusable; a missing gyro or accelerometer is
         marked in the block and its rows stay out of the update.
@@ -111,14 +117,18 @@ class Conditioner:
             if torque.fit is not None:
                 tau[:, k] = torque.fit.operator(0) @ torque.coefficients
                 cov_tau[k] = torque.fit.covariance((0,), joint.torque_noise_nm)
+            yield
         still = _still(qd, qdd, cov_joint)
         qd[:, still] = qdd[:, still] = 0.0
+        yield
         gyro, cov_gyro, has_gyro = self._inertial(
             window, window.gyro, self._sigma_gyro, (0, 1), GYRO_FAULTS
         )
+        yield
         force, cov_acc, has_acc = self._inertial(
             window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS
         )
+        yield
         t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
         R_NB = self._attitude(window.attitude, t_ns, (gyro[:m] @ self._R_BS.T).mean(axis=0))
         return Block(

@@ -13,17 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
 
+from fsw.estimators.inertia import PARAMETERS, from_parameters, report_jacobian
 from fsw.messages import BodyEstimate, FloatArray
 
 DATA_GAIN = 1.0  # above: the data know the combination better than the prior did
 CONFLICT_GAIN = 0.1  # combinations with less data cannot contradict the prior
 CONFLICT_PROBABILITY = 1e-4
 TERMS = 3  # unknowns named per combination
+WHITE = 3.29  # two-sided 99.9 % of a standard normal
 GOAL_RATIO = 0.01
 
 
@@ -82,6 +85,41 @@ def prior_conflict(
     return float(np.sum(step[use] ** 2 * (1.0 + 1.0 / gain[use]))), int(use.sum())
 
 
+def stated_conflict(
+    prior_mean: FloatArray,
+    prior_covariance: FloatArray,
+    mean: FloatArray,
+    covariance: FloatArray,
+    bodies: int,
+) -> tuple[float, int]:
+    """Return `prior_conflict` in the coordinates in which a body's prior is stated.
+
+    A prior is a Gaussian of mass, centre of mass and central inertia. First and second moments are
+    products of these, so 50 % off in each is far more sigmas in them than in what was stated. The
+    first `bodies` tens of states are bodies; without a positive mass they are compared as they are.
+    """
+    starts = range(0, PARAMETERS * bodies, PARAMETERS)
+    if min([mean[k] for k in starts], default=1.0) <= 0.0:
+        return prior_conflict(prior_mean, prior_covariance, mean, covariance)
+    stated = [
+        _as_stated(x, P, starts) for x, P in ((prior_mean, prior_covariance), (mean, covariance))
+    ]
+    return prior_conflict(*stated[0], *stated[1])
+
+
+def _as_stated(
+    x: FloatArray, covariance: FloatArray, starts: range
+) -> tuple[FloatArray, FloatArray]:
+    y, J = x.copy(), np.eye(len(x))
+    for start in starts:
+        k = slice(start, start + PARAMETERS)
+        mass, com, inertia = from_parameters(x[k])
+        y[k] = np.concatenate([[mass], com, inertia])
+        J[k, k] = report_jacobian(x[k])
+    P = J @ covariance @ J.T
+    return y, 0.5 * (P + P.T)
+
+
 def conflict_limit(dof: int) -> float:
     """Return the distance that a correct prior exceeds once in ten thousand."""
     return float(chdtri(dof, CONFLICT_PROBABILITY)) if dof else 0.0
@@ -130,7 +168,7 @@ def diagnose(
         np.sum(np.linalg.solve(prior_L, np.linalg.cholesky(P)) ** 2) for P in (bound, covariance)
     ]
     volumes = [np.linalg.slogdet(P)[1] for P in (bound, covariance)]
-    distance, dof = prior_conflict(prior_mean, prior_covariance, mean, covariance)
+    distance, dof = stated_conflict(prior_mean, prior_covariance, mean, covariance, len(bodies))
     # row k of W acts on x; in prior sigmas its weights are W P0 diag(1/sigma), as loadings
     loadings = W @ prior_covariance / np.sqrt(np.diag(prior_covariance))
     return Diagnosis(
@@ -187,6 +225,20 @@ def verdict(
         return f"{text}, within {100 * goal_ratio:g} %"
     needed_s = (goal_kg**-2 - sigma_kg**-2) / rate
     return f"{text}, needs {needed_s:.0f} s more of such motion for {100 * goal_ratio:g} %"
+
+
+def whiteness(whitened: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the lag-1 correlation of successive whitened residuals and its 99.9 % bound if white.
+
+    Pairs of unequal length, where a channel was missing, are left out.
+    """
+    pairs = [(a, b) for a, b in pairwise(whitened) if len(a) == len(b) > 0]
+    if not pairs:
+        return 0.0, 1.0
+    products = sum(float(a @ b) for a, b in pairs)
+    power = sum(0.5 * float(a @ a + b @ b) for a, b in pairs)
+    count = sum(len(a) for a, _ in pairs)
+    return products / power if power else 0.0, min(1.0, WHITE / float(np.sqrt(count)))
 
 
 def plain(diagnosis: Diagnosis, names: Sequence[str], strongest: int = 5) -> dict[str, Any]:

@@ -20,12 +20,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from fsw.estimators.impulse import Impulse, external_wrench, momentum_at_nodes, needed
 from fsw.estimators.inertia import cross, skew
-from fsw.estimators.mrnea import Rows, covariance_root, field, joint_gains
+from fsw.estimators.mrnea import Rows, field
 from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
@@ -217,15 +216,12 @@ def fused_rows(
         axis=1,
     )[:, use]
     X = np.concatenate([prediction.J_tau, prediction.J_f, prediction.J_w], axis=1)[:, use]
-    size = r.size
+    size, p = r.size, len(x)
     L = np.asarray(np.linalg.cholesky(_covariance(block, prediction, use, rate)), np.float64)
-    return Rows(
-        solve_triangular(L, X.reshape(size, len(x)), lower=True),
-        solve_triangular(L, r.ravel(), lower=True),
-        prediction.after,
-        L,
-        use,
-    )
+    stacked = np.empty((size, p + 1), order="F")
+    stacked[:, :p], stacked[:, p] = X.reshape(size, p), r.ravel()
+    white = dtrtrs(L, stacked, lower=1, overwrite_b=1)[0]
+    return Rows(white[:, :p], white[:, p], prediction.after, L, use)
 
 
 def _covariance(
@@ -241,15 +237,27 @@ def _covariance(
         S[:, n + 3 + axis, :, n + 3 + axis] = block.cov_gyro[:m, :m]
     size = m * int(use.sum())
     S = S[:, use][:, :, :, use].reshape(size, size)
-    D_qdd = np.concatenate([prediction.D_qdd, np.zeros((m, 3, n))], axis=1)[:, use]
-    gains = [joint_gains(prediction.D_qd[:, use], D_qdd, covariance_root(block.cov_joint))]
+    D = np.zeros((2, m, n + 6, n))  # by qd and by qdd
+    D[0], D[1, :, : n + 3] = prediction.D_qd, prediction.D_qdd
+    S += _through(D[:, :, use], block.cov_joint.reshape(n, 2, m, 2, m)).reshape(size, size)
     if rate == "measured":
-        root = covariance_root(block.cov_gyro[:m, :m])
-        D_w = np.concatenate([prediction.D_w, np.zeros((m, 3, 3))], axis=1)[:, use]
-        gains += [np.einsum("ir,if->irf", D_w[:, :, axis], root) for axis in range(3)]
-    G = np.concatenate(gains, axis=2).reshape(size, -1)
-    S += G @ G.T
+        D_w = np.zeros((1, m, n + 6, 3))
+        D_w[0, :, : n + 3] = prediction.D_w
+        gyro = np.broadcast_to(block.cov_gyro[:m, :m], (3, m, m)).reshape(3, 1, m, 1, m)
+        S += _through(D_w[:, :, use], gyro).reshape(size, size)
     return S
+
+
+def _through(D: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return (m, r, m, r): what errors of this covariance (j, d, m, d, m) make of the residuals.
+
+    `D` (d, m, r, j) are sensitivities to the d-th derivatives of channel j at the same node.
+    """
+    d, m, r, j = D.shape
+    left = D.transpose(1, 2, 0, 3).reshape(m, r, d * j)
+    mixed = np.einsum("jdiek,ekrj->idjkr", covariance, D, optimize=False)
+    through: FloatArray = left @ mixed.reshape(m, d * j, m * r)
+    return through.reshape(m, r, m, r)
 
 
 def _motion_gains(
@@ -258,13 +266,13 @@ def _motion_gains(
     """Return d[tau; f]/d qdd, d[tau; f; w]/d qd and d[tau; f]/dw at zero external wrench."""
     H_bb, H_bm, H_m = H[:, :6, :6], H[:, :6, 6:], H[:, 6:, 6:]
     lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
-    N = -np.linalg.solve(H_bb, H_bm)
+    n = H_m.shape[1]
+    reaction = -np.linalg.solve(H_bb, np.concatenate([H_bm, C[:, :6, 3:]], axis=2))
+    N, a_w, a_qd = reaction[:, :, :n], reaction[:, :, n : n + 3], reaction[:, :, n + 3 :]
     D_qdd = np.concatenate([H_m + H_bm.transpose(0, 2, 1) @ N, lever @ N], axis=1)
-    a_w = -np.linalg.solve(H_bb, C[:, :6, 3:6])
     D_w = np.concatenate(
         [C[:, 6:, 3:6] + H_bm.transpose(0, 2, 1) @ a_w, lever @ a_w + centripetal], axis=1
     )
-    a_qd = -np.linalg.solve(H_bb, C[:, :6, 6:])
     D_qd = np.concatenate([C[:, 6:, 6:] + H_bm.transpose(0, 2, 1) @ a_qd, lever @ a_qd], axis=1)
     w_qd = N[:, 3:] if rate == "momentum" else np.zeros_like(N[:, 3:])
     return D_qdd, np.concatenate([D_qd + D_w @ w_qd, w_qd], axis=1), D_w

@@ -8,12 +8,14 @@ as xx xy xz yy yz zz).
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.messages import FloatArray
+from fsw.stages import complete
 
 PARAMETERS = 10
 NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -181,6 +183,7 @@ def log_cholesky_jacobian(theta: FloatArray) -> FloatArray:
 
 
 _UNIT_PSEUDO_INERTIAS = np.stack([pseudo_inertia(e) for e in np.eye(PARAMETERS)])
+STEPS_PER_UNIT = 5
 _GAP = 1e-6  # of the squared distance, and absolutely in squared sigmas, left by the barrier
 
 
@@ -195,6 +198,13 @@ def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1
 
     Source: Boyd, Vandenberghe, Convex Optimization (2004), sec. 11.3 (gap: 4 mu for a 4 x 4 P).
     """
+    return complete(nearest_consistent_stages(pi, covariance, margin))
+
+
+def nearest_consistent_stages(
+    pi: FloatArray, covariance: FloatArray, margin: float = 1e-3
+) -> Generator[None, None, FloatArray]:
+    """Do what `nearest_consistent` does in bounded units, a few of Newton's steps each."""
     if is_consistent(pi):
         return pi
     W = np.linalg.cholesky(covariance)
@@ -204,7 +214,9 @@ def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1
     x = from_pseudo_inertia((vectors * clipped) @ vectors.T)
     y = solve_triangular(W, x - pi, lower=True)
     mu = max(float(y @ y), 1.0)
-    for _ in range(200):
+    for iteration in range(200):
+        if iteration % STEPS_PER_UNIT == STEPS_PER_UNIT - 1:
+            yield
         root = np.linalg.cholesky(pseudo_inertia(x))
         F = np.linalg.solve(root, np.linalg.solve(root, directions).swapaxes(1, 2))
         F = F.reshape(PARAMETERS, 16)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import numpy as np
 from scipy.special import chdtri
 
 from fsw.estimators.diagnosis import gains
 from fsw.estimators.inertia import PARAMETERS
 from fsw.estimators.problem import Problem
-from fsw.estimators.publish import body_estimate, whole_estimate
+from fsw.estimators.publish import body_estimate_stages, whole_estimate
 from fsw.messages import Estimate, FloatArray
 
 INCONSISTENT = 1e-3  # probability of so large a projection onto the consistent bodies by noise
@@ -36,8 +38,8 @@ def outcome(
     nis_dof: int,
     condition_number: float,
     extra: dict[str, float],
-) -> Estimate:
-    """Return the published view of a state: bodies made consistent, the whole as posed.
+) -> Generator[None, None, Estimate]:
+    """Return, in bounded units, the published view: bodies made consistent, the whole as posed.
 
     An estimate without a reason against it gets one here if its excitation was too little or if
     noise does not explain how far a body had to be moved to be physically possible.
@@ -50,7 +52,8 @@ def outcome(
         reason = "INSUFFICIENT_EXCITATION"
     bodies = {}
     for name in problem.unknown:
-        bodies[name], distance = body_estimate(problem, name, x, covariance)
+        bodies[name], distance = yield from body_estimate_stages(problem, name, x, covariance)
+        yield
         if not reason and distance > chdtri(PARAMETERS, INCONSISTENT):
             reason = "NOT_CONSISTENT"
     whole = None if q_rad is None else whole_estimate(problem, x, covariance, q_rad)

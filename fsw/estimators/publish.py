@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import numpy as np
 
 from fsw.estimators.inertia import (
     from_parameters,
     is_consistent,
-    nearest_consistent,
+    nearest_consistent_stages,
     report_jacobian,
 )
 from fsw.estimators.problem import Problem
 from fsw.messages import BodyEstimate, FloatArray
+from fsw.stages import complete
 
 
 def body_estimate(
@@ -22,11 +25,18 @@ def body_estimate(
     The published body is physically consistent: where the state's is not, the nearest one in the
     covariance's metric stands for it and `physically_consistent` is False.
     """
+    return complete(body_estimate_stages(problem, name, x, covariance))
+
+
+def body_estimate_stages(
+    problem: Problem, name: str, x: FloatArray, covariance: FloatArray
+) -> Generator[None, None, tuple[BodyEstimate, float]]:
+    """Do what `body_estimate` does in bounded units."""
     k = problem.body(name)
     pi, distance = x[k], 0.0
     consistent = is_consistent(pi)
     if not consistent:
-        pi = nearest_consistent(pi, covariance[k, k])
+        pi = yield from nearest_consistent_stages(pi, covariance[k, k])
         step = pi - x[k]
         distance = float(step @ np.linalg.solve(covariance[k, k], step))
     return _report(pi, covariance[k, k], consistent), distance

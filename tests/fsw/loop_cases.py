@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -198,7 +198,8 @@ class FakeConditioner:
     def __init__(self) -> None:
         self.windows: list[Window] = []
 
-    def condition(self, window: Window) -> Block | None:
+    def stages(self, window: Window) -> Generator[None, None, Block | None]:
+        yield
         self.windows.append(window)
         return make_block(window.index)
 
@@ -210,6 +211,10 @@ class FakeEstimator:
         self.calls: list[str] = []
         self.pushed: list[int] = []
         self.adopted: list = []
+
+    def stages(self, block: Block) -> Generator[None, None, Estimate]:
+        yield
+        return self.push(block)
 
     def push(self, block: Block) -> Estimate:
         self.pushed.append(block.index)

@@ -336,3 +336,13 @@ def test_the_description_says_what_the_daemon_would_do(arm):
         "torque_offset.axis1 0 +- 0.1",
         str(arm.folder / "recordings"),
     )
+
+
+@pytest.mark.parametrize("method", ["fused", "rda", "cm"])
+def test_a_weighting_that_does_nothing_is_warned_of(arm, method):
+    arm.data["estimator"] = {"method": method, "weighting": "ols"}
+    _, warnings = validate(load(arm.write()))
+    assert_named(warnings[0], "estimator.weighting", "'ols'", "'eiv'")
+    assert method in warnings[0]
+    arm.data["estimator"] = {"method": "mrnea", "weighting": "ols"}
+    assert validate(load(arm.write()))[1] == []

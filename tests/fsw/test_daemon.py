@@ -25,6 +25,8 @@ from tests.fsw.loop_cases import (
     arm_config,
 )
 
+UNITS = 4  # of a window, with the fakes: conditioned, stored, folded in, published
+
 
 class Bench:
     """Three joints on one bus at 250 Hz, ticks at 500 Hz."""
@@ -82,12 +84,37 @@ def test_sync_goes_out_at_the_bus_rate_and_every_frame_is_recorded_in_order(benc
 
 def test_windows_are_closed_by_the_lag_and_pushed_once_in_order(bench: Bench):
     bench.run(176)  # the last tick is at 350 ms: window 2 ends at 300 ms and closes there
+    assert len(bench.conditioner.windows) == 2
+    bench.run(UNITS)
     assert bench.estimator.pushed == [0, 1, 2]
     joints = bench.conditioner.windows[1].joints
     assert [len(j.t_ns) for j in joints] == [25, 25, 25]
     assert joints[0].t_ns[0] == 10**9 + 100 * MS
     assert [e.blocks for e in bench.sink.estimates] == [1, 2, 3]
-    assert bench.estimator.calls.count("work") == 176 - 3
+    assert bench.estimator.calls.count("work") == 180 - 3 * (1 + UNITS)
+
+
+def test_a_window_is_worked_off_one_unit_a_tick(bench: Bench):
+    """Conditioning, storing and folding in are units of their own; a command waits for the last."""
+    bench.run(76)  # window 0 closes at the last of these ticks, and nothing else is done in it
+    for done in range(UNITS):
+        assert (bench.estimator.pushed, bench.sink.estimates) == ([], [])
+        assert len(bench.sink.blocks) == (done > 1)
+        if done == 2:
+            bench.daemon.submit(Command(name=CommandName.RESET))
+        bench.daemon.step()
+    assert bench.estimator.pushed == [0]
+    assert bench.estimator.calls[-2:] == ["push", "reset"]
+    assert bench.sink.commands[-1]["next_window"] == 1
+
+
+def test_a_backlog_of_windows_is_worked_off_in_order_before_the_newest(bench: Bench):
+    """A stall of three windows: when it ends, no window waits behind another."""
+    bench.run(20)
+    bench.clock.now += 320 * MS
+    bench.run(UNITS)
+    assert bench.estimator.pushed == sorted(bench.estimator.pushed)
+    assert bench.daemon.aligner.next_index == len(bench.conditioner.windows)
 
 
 def test_status_reports_sources_links_windows_and_tasks(bench: Bench):
@@ -177,7 +204,7 @@ def test_a_failing_estimator_is_reset_and_reported(bench: Bench):
         raise EstimatorError("diverged")
 
     bench.estimator.push = fail
-    bench.run(80)
+    bench.run(82)
     assert bench.sink.codes == ["ESTIMATOR_RESET"]
     assert bench.estimator.calls[-1] == "work"
 

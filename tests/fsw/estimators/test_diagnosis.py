@@ -16,8 +16,10 @@ from fsw.estimators.diagnosis import (
     diagnose,
     gains,
     prior_conflict,
+    stated_conflict,
     verdict,
 )
+from fsw.estimators.inertia import report_jacobian, to_parameters
 from fsw.estimators.online import OnlineEstimator, build_online
 from fsw.messages import Block, Estimate
 from hil.truth import Body
@@ -31,6 +33,7 @@ from tests.fsw.estimators.cases import (
 from tests.fsw.estimators.cases import (
     plain as body_words,
 )
+from tests.fsw.estimators.starts import CASES, config_of
 
 RNG = np.random.default_rng(0)
 P0 = np.diag([4.0, 1.0, 9.0])
@@ -115,6 +118,34 @@ def test_report_is_json_and_agrees_with_the_estimate() -> None:
     assert report["known_combinations"] >= 10
     assert abs(report["innovation_lag1"]["correlation"]) < report["innovation_lag1"]["bound"]
     assert report["prior_conflict"]["distance"] < report["prior_conflict"]["limit"]
+
+
+def test_a_prior_within_its_own_sigmas_is_no_conflict_in_any_product_of_them() -> None:
+    """Mass and centre of mass 0.9 sigma low: 30 sigma^2 of ten in the moments, 3.2 as stated."""
+    mean = parameters(TARGET)
+    report = np.concatenate([[TARGET.mass_kg], TARGET.com_m, TARGET.inertia_kg_m2])
+    sigma = 0.5 * np.abs(report) + 1e-3
+    low = report.copy()
+    low[:4] -= 0.9 * sigma[:4]
+    prior = to_parameters(low[0], low[1:4], low[4:])
+    root = np.linalg.solve(report_jacobian(prior), np.diag(sigma))
+    P0, P = root @ root.T, 1e-12 * np.eye(10)
+    assert prior_conflict(prior, P0, mean, P)[0] > 25.0
+    distance, dof = stated_conflict(prior, P0, mean, P, 1)
+    assert dof == 10
+    assert distance == pytest.approx(4 * 0.9**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["fused", "mrnea"])
+@pytest.mark.parametrize("case", ["base", "target", "both"])
+def test_priors_half_off_raise_no_conflict_in_a_short_run(case: str, method: str) -> None:
+    """11 s from 30-50 % wrong starts whose sigma says so; two seeds."""
+    for seed in (1, 3):
+        online = build_online(config_of(case, seed, method=method), robot_model())
+        for block in noisy_blocks(CASES[case][0], seed, 11.0):
+            online.push(block)
+        online.finish()
+        assert "PRIOR_CONFLICT" not in [code for _, code, _ in online.events()]
 
 
 def nees(estimate: Estimate) -> float:
@@ -206,14 +237,15 @@ def test_absurd_blocks_never_crash_and_never_stay(
 def test_a_body_without_inertia_at_an_iterate_is_survived() -> None:
     """Rows that fail at bad iterates leave the estimate not converged, then it recovers."""
     online = build_online(make_config(("target",)), robot_model())
-    rows, failing = online._rows, [True]
+    rows, failing = online.rows, [True]
 
     def fragile(block: Block, x: np.ndarray, before: Any) -> Any:
-        if failing[0] and block.index == 2 and len(online._store) > 5:
+        if failing[0] and block.index == 2 and len(online.recursion.memory) > 5:
             raise np.linalg.LinAlgError("base inertia is not positive definite")
         return rows(block, x, before)
 
-    online._rows = fragile
+    online.rows = fragile
+    online.reset()
     blocks = noisy_blocks("target", 6, 20.0)
     for block in blocks[:20]:
         estimate = online.push(block)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,40 +14,27 @@ from fsw.config import Config
 from fsw.estimators.fused import fused_rows
 from fsw.estimators.inertia import is_consistent, nearest_consistent
 from fsw.estimators.mrnea import Rows, mrnea_rows
-from fsw.estimators.online import FLAT_PRIOR, OnlineEstimator, build_online
+from fsw.estimators.online import WORK_PER_BLOCK, OnlineEstimator, build_online
 from fsw.estimators.problem import Problem, build_problem
+from fsw.estimators.recursion import FLAT_PRIOR
 from fsw.messages import Block, Estimate
 from tests.fsw.estimators.cases import (
     BASE,
     NODES,
     TARGET,
     draw_biases,
-    make_config,
     noisy,
     noisy_blocks,
     parameters,
     robot_model,
     true_block,
     true_blocks_cached,
-    wrong,
 )
 from tests.fsw.estimators.cases import motion as true_motion
+from tests.fsw.estimators.starts import CASES, config_of
 
-CASES = {
-    "base": ("base", ("base",)),
-    "target": ("target", ("target",)),
-    "both": ("target", ("base", "target")),
-}
+POINT_UNITS = 41  # most units of one piece of work: finding a consistent point to begin a pass at
 BATCH_BOUNDS = {"base": 0.05, "target": 0.05, "both": 0.2}  # whitened rms
-
-
-def config_of(case: str, seed: int, **options: Any) -> Config:
-    """Return a configuration whose unknown bodies start 30-50 % off."""
-    kind, unknown = CASES[case]
-    rng = np.random.default_rng(1000 + seed)
-    base = wrong(BASE, rng) if "base" in unknown else BASE
-    target = wrong(TARGET, rng) if "target" in unknown else TARGET
-    return make_config(unknown, base=base, target=target if kind == "target" else None, **options)
 
 
 def truth_of(case: str) -> np.ndarray:
@@ -165,7 +151,7 @@ def test_work_is_bounded_between_blocks() -> None:
         calls = 1
         while online.work():
             calls += 1
-            assert calls <= 16
+            assert calls <= WORK_PER_BLOCK * POINT_UNITS
         assert not online.work()
 
 
@@ -235,7 +221,7 @@ def test_a_small_store_is_bounded_and_nearly_as_good(case: str) -> None:
     small = build_online(config_of(case, 2, store_blocks=STORE), robot_model())
     for block in blocks:
         small.push(block)
-        assert len(small._store) <= STORE
+        assert len(small.recursion.memory) <= STORE
     full, _ = run(config_of(case, 2), blocks)
     reference, estimate = full.finish(), small.finish()
     assert estimate.blocks == reference.blocks == len(blocks)
