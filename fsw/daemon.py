@@ -365,7 +365,8 @@ class Daemon:
         for member in self._members:
             member.watch(tick.now_ns)
             health.take(member.source.findings(), tick.now_ns)
-        for part in (pipeline.conditioner, pipeline.estimator):
+        # the estimator first: what does not fit the model explains what does not fit its window
+        for part in (pipeline.estimator, pipeline.conditioner):
             if isinstance(part, Finder):
                 health.take(part.findings(), tick.now_ns)
         health.tick(tick.index, self.executive.slips.slips, tick.now_ns)

@@ -17,6 +17,8 @@ from fsw.messages import FloatArray, Window
 
 TRACKER = "star_tracker"
 SIGMAS = 8.0  # of all that is white in the comparison
+SPIKE_SIGMAS = 8.0  # a single reading this far from its neighbours' median is not integrated
+MEDIAN_OF = 5
 TIMING_S = 0.005  # how far the two sensors' times may be apart
 FLIP_RAD = 2.0  # no jump of a star field but half a turn is larger
 GYRO_PAIRS = 2  # pairs off in a row that tell the gyro's fault, and good ones that end it
@@ -39,6 +41,7 @@ class RotationMonitor:
         noise = max(tracker.noise_about_rad, tracker.noise_across_rad) if tracker else 0.0
         self._pair_variance = 2.0 * noise**2
         self._walk_variance = imu.angle_random_walk_rad_sqrt_s**2
+        self._spike_rad_s = SPIKE_SIGMAS * imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
         self._bias = SIGMAS * imu.gyro_bias_sigma_rad_s
         self._trusted: tuple[int, FloatArray] | None = None  # time, q_NB
         self._newest: tuple[int, FloatArray] | None = None  # last solution, right or wrong
@@ -56,7 +59,7 @@ class RotationMonitor:
         if gyro.missing or len(gyro.t_ns) < 2:
             self._forget()
             return window, []
-        rates = gyro.values @ self._R_BS.T
+        rates = without_spikes(gyro.values, self._spike_rad_s) @ self._R_BS.T
         keep = np.ones(len(window.attitude.t_ns), dtype=bool)
         findings: list[Finding] = []
         start_ns = window.start_ns
@@ -156,6 +159,16 @@ class RotationMonitor:
         limit = SIGMAS * float(spread) + self._bias * elapsed_s + rate * TIMING_S
         # angles add up like the halves of a sphere's arcs: second order in what was turned
         return angle, limit + 0.5 * float(turned @ turned) * min(elapsed_s, 1.0)
+
+
+def without_spikes(values: FloatArray, limit: float) -> FloatArray:
+    """Return values (k, 3) with what is far from the median of five replaced by that median."""
+    if len(values) < MEDIAN_OF:
+        return values
+    side = MEDIAN_OF // 2
+    padded = np.pad(values, ((side, side), (0, 0)), mode="reflect")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_OF, axis=0), axis=-1)
+    return np.where(np.abs(values - middle) > limit, middle, values)
 
 
 def _matrix(q: FloatArray) -> FloatArray:

@@ -119,3 +119,10 @@ def test_a_tracker_that_was_away_is_judged_by_the_gyro_alone() -> None:
         judged, found = tested.judge(w)
         assert not found
         assert judged.attitude.missing is (10 <= k < 50)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_single_wrong_rates_are_not_integrated(seed: int) -> None:
+    struck = set(np.random.default_rng(seed).choice(1900, size=40, replace=False).tolist())
+    out = run(10, gyro=lambda t: 0.5 if round(t / 0.002) in struck else 0.0, seed=seed)
+    assert not set().union(*(found for _, found in out))
