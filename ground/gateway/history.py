@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import struct
+import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 
 FIRST_ROWS, MAX_ROWS = 256, 20_000
 SAME_CLOCK_MS = 10_000.0
+REREAD_S = 30.0  # what is newer is in memory
 ESTIMATES = "/estimate"
 TOPICS = (ESTIMATES, "/events")
 AXES = ("x", "y", "z")
@@ -78,7 +81,8 @@ class Recordings:
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
-        self._read: dict[Path, tuple[tuple[int, int], Recorded]] = {}
+        self._read: dict[Path, tuple[tuple[int, int], float, Recorded]] = {}
+        self._lock = threading.Lock()  # a page asks for everything at once
 
     def between(
         self, field: str, start_ms: float, end_ms: float, offset_ms: float | None
@@ -114,17 +118,24 @@ class Recordings:
         return found
 
     def _recorded(self) -> Iterator[Recorded]:
-        """Yield the recordings in order of time, read again where they have grown."""
+        """Yield the recordings in order of time."""
         if self._path is None:
             return
         files = sorted(self._path.glob("*.mcap")) if self._path.is_dir() else [self._path]
         for path in files:
-            facts = path.stat()
-            mark = facts.st_mtime_ns, facts.st_size
-            if path not in self._read or self._read[path][0] != mark:
-                self._read[path] = (mark, read_recording(path))
-            if len(self._read[path][1].times_ms):
-                yield self._read[path][1]
+            with self._lock:
+                recorded = self._newest(path)
+            if len(recorded.times_ms):
+                yield recorded
+
+    def _newest(self, path: Path) -> Recorded:
+        """Return a recording as it is, or was some seconds ago."""
+        facts, now_s = path.stat(), time.monotonic()
+        mark = facts.st_mtime_ns, facts.st_size
+        known = self._read.get(path)
+        if known is None or (known[0] != mark and now_s - known[1] > REREAD_S):
+            self._read[path] = known = (mark, now_s, read_recording(path))
+        return known[2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -89,7 +89,7 @@ class Gateway:
         except (KeyError, ValueError) as error:
             raise web.HTTPBadRequest(text="start, end, size: numbers") from error
         if key == EVENTS:
-            return web.json_response(self._old_events(start_ms, end_ms)[-size:])
+            return web.json_response((await self._old_events(start_ms, end_ms))[-size:])
         point = self._points.by_key.get(key)
         if point is None:
             raise web.HTTPNotFound(text=key)
@@ -142,10 +142,13 @@ class Gateway:
                 await socket.send_str(json.dumps(message | {"dropped": client.dropped}))
             await asyncio.sleep(PERIOD_S)
 
-    def _old_events(self, start_ms: float, end_ms: float) -> list[dict[str, Any]]:
+    async def _old_events(self, start_ms: float, end_ms: float) -> list[dict[str, Any]]:
         live = [event for event in self.feed.events if start_ms <= event["utc"] <= end_ms]
         until_ms = live[0]["utc"] - 1.0 if live else end_ms
-        return [*self._recordings.events(start_ms, until_ms, self.feed.offset_ms), *live]
+        old = await asyncio.get_running_loop().run_in_executor(
+            None, self._recordings.events, start_ms, until_ms, self.feed.offset_ms
+        )
+        return [*old, *live]
 
 
 def _change_wanted(client: Client, text: str) -> None:
