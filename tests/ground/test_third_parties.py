@@ -196,10 +196,7 @@ def page(live, tmp_path_factory) -> Iterator[object]:
         "--http-port",
         "0",
     ]
-    recordings = ["--recordings", str(live.folder / "recording")]
-    gateway = subprocess.Popen(
-        [*command, *recordings], stdout=subprocess.PIPE, text=True, env=ENVIRONMENT
-    )
+    gateway = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
     try:
         assert gateway.stdout is not None
         address = gateway.stdout.readline().strip()
