@@ -18,6 +18,8 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hil.inertia import pi_of, report_of, symmetric
+
 FloatArray = NDArray[np.float64]
 
 BASE_NV = 6
@@ -277,31 +279,18 @@ def without(body: Body, slosh: Sequence[SloshMass]) -> Body:
     ------
     ValueError if nothing physical is left.
     """
-    mass = body.mass_kg - sum(part.mass_kg for part in slosh)
-    if mass <= 0:
+    if not slosh:
+        return body
+    if sum(part.mass_kg for part in slosh) >= body.mass_kg:
         raise ValueError(f"the liquid outweighs the base's {body.mass_kg} kg")
-    c, inertia = _about_origin(body)
-    first = body.mass_kg * c - sum(part.mass_kg * np.array(part.place_m) for part in slosh)
-    for part in slosh:
-        inertia = inertia - part.mass_kg * _steiner(np.array(part.place_m))
-    com = first / mass
-    inertia = inertia - mass * _steiner(com)
-    moments = np.linalg.eigvalsh(inertia)
+    whole = pi_of(np.array([body.mass_kg, *body.com_m, *body.inertia_kg_m2]))
+    points = [pi_of(np.array([part.mass_kg, *part.place_m, *np.zeros(6)])) for part in slosh]
+    rest = report_of(whole - np.sum(points, axis=0))
+    moments = np.linalg.eigvalsh(symmetric(rest[4:]))
     if not (moments[0] > 0 and moments[0] + moments[1] >= moments[2]):
         raise ValueError(f"no rigid body is left of the base: moments {moments.round(3).tolist()}")
-    x, y, z = com.tolist()
-    xx, xy, xz, yy, yz, zz = inertia[np.triu_indices(3)].tolist()
+    mass, x, y, z, xx, xy, xz, yy, yz, zz = rest.tolist()
     return Body(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
-
-
-def _about_origin(body: Body) -> tuple[FloatArray, FloatArray]:
-    c, inertia = np.array(body.com_m), np.zeros((3, 3))
-    inertia[np.triu_indices(3)] = body.inertia_kg_m2
-    return c, inertia + np.triu(inertia, 1).T + body.mass_kg * _steiner(c)
-
-
-def _steiner(r: FloatArray) -> FloatArray:
-    return np.asarray(r @ r * np.eye(3) - np.outer(r, r))
 
 
 def _compile(
