@@ -96,7 +96,10 @@ def put_back(estimator: object, snapshot: Snapshot) -> Estimate:
     """
     if not isinstance(estimator, Restorable):
         raise EstimatorError("this estimator takes no state")
-    estimator.restore(snapshot.state, {block.index: block for block in snapshot.blocks})
+    try:
+        estimator.restore(snapshot.state, {block.index: block for block in snapshot.blocks})
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise EstimatorError(f"the state is not one of this software: {error!r}") from error
     return estimator.estimate(snapshot.t_ns)
 
 

@@ -125,8 +125,8 @@ def measure(folder: Path, seconds: int, progress: Progress) -> tuple[Phase, Phas
 
 def _fly(path: Path, port: int, seconds: int, progress: Progress) -> tuple[Phase, Phase]:
     clock, config = MonotonicClock(), load(path)
-    lock = lock_state(config.resolve(config.service.state_directory), clock)
-    service = ServiceProcess(config, clock, lock)
+    lock_state(config.resolve(config.service.state_directory), clock)
+    service = ServiceProcess(config, clock)
     daemon = build(
         config, clock, open_ports(config, clock, service.sink), service.sink, jobs=service.jobs
     )
