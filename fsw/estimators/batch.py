@@ -23,6 +23,7 @@ from fsw.estimators.inertia import (
     nearest_consistent,
     to_log_cholesky,
 )
+from fsw.estimators.mobility import NOTE, by_mobility
 from fsw.estimators.model import RobotModel
 from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.publish import body_estimate
@@ -33,6 +34,7 @@ from fsw.messages import Block, BodyEstimate, FloatArray
 MAX_ITERATIONS = 60
 MAX_PLAIN_STEPS = 40  # from 30-50 % wrong starts up to 18 were seen
 CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
+TORQUE = ("rda", "fused")  # straight in the base's mobility
 PROFILE_ITERATIONS = 4  # of every point of a profile
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
 WEAKEST_GAIN = (
@@ -171,7 +173,7 @@ def run_batch(
         start = solve(problem, warm, blocks).mean
     rows = row_function(method, config.estimator.weighting, problem)
     solution = solve(problem, rows, blocks, progress, start)
-    covariance, status, note = solution.information.covariance(), solution.status, ""
+    (covariance, note), status = linear_covariance(problem, method, solution), solution.status
     if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
         looked = straighten(problem, rows, blocks, solution)
         covariance, note = looked.covariance, looked.note
@@ -183,7 +185,7 @@ def run_batch(
         "method": method,
         "unknown": list(problem.unknown),
         "status": status,
-        "biased": bool(note),
+        "biased": bool(note) and method in CURVED,
         "note": note,
         "iterations": solution.iterations,
         "cost": solution.cost,
@@ -197,6 +199,24 @@ def run_batch(
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
         "diagnosis": diagnose_batch(problem, rows, blocks, solution.mean, covariance, bodies),
     }
+
+
+def linear_covariance(
+    problem: Problem, method: str, solution: BatchSolution
+) -> tuple[FloatArray, str]:
+    """Return the covariance without a look at the cost elsewhere, and what to say of it.
+
+    For torque and an unknown base it comes by way of the base's mobility.
+    """
+    covariance = solution.information.covariance()
+    if method in TORQUE and "base" in problem.unknown:
+        try:
+            mapped = by_mobility(solution.mean, covariance, problem.body("base"))
+        except np.linalg.LinAlgError:  # singular to working precision
+            return covariance, ""
+        if mapped.holds and mapped.bent:
+            return mapped.covariance, NOTE
+    return covariance, ""
 
 
 def straighten(

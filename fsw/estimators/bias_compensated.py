@@ -26,7 +26,8 @@ from scipy.linalg import solve_triangular
 from fsw.config import EstimatorConfig
 from fsw.errors import EstimatorError
 from fsw.estimators.diagnosis import diagnose, plain
-from fsw.estimators.inertia import skew
+from fsw.estimators.impulse import external_wrench
+from fsw.estimators.inertia import cross, skew
 from fsw.estimators.mrnea import base_acceleration, covariance_root, field
 from fsw.estimators.outcome import outcome
 from fsw.estimators.plausible import plausible
@@ -93,7 +94,7 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     """Return the sums of one block.
 
     Weights W are the inverse of a covariance of the rows at the prior's parameters; the columns of
-    the accelerometer's bias, bilinear with the bodies, are taken at the state x.
+    the accelerometer's and the gyro's bias, bilinear with the bodies, are taken at the state x.
     """
     model, n, m = problem.model, problem.model.n, len(block.t_ns)
     p, k = len(x), problem.bodies
@@ -124,11 +125,9 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     X[:, :, k] = Y[:, :, :-1]
     X[:, :, p] = -Y[:, :, -1]
     X[:, 6:, p] += block.tau_nm
-    if present(problem.torque_offset):
-        X[:, 6:, problem.torque_offset] = np.eye(n)
-    if present(problem.acc_bias):
-        H_acc = Y_k[:, :3].transpose(0, 2, 1, 3) @ at_x  # (m, 6+n, 3)
-        X[:, :, problem.acc_bias] = -H_acc
+    _nuisance_columns(
+        X, Y_k[:, :3].transpose(0, 2, 1, 3) @ at_x, block, (x, w, acceleration), problem
+    )
     white = solve_triangular(L, X.reshape(size, p + 1), lower=True)
     body = [*range(k.stop), p]
     D[..., -1] *= -1.0  # the known part stands on the measured side
@@ -143,6 +142,37 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     T = white[:, :p].T @ V @ white[:, :p]
     T[k, k] += np.einsum("fgc,gfd->cd", E, E)
     return CompensatedSums(white.T @ white, C, 0.5 * (T + T.T), float(np.trace(V)))
+
+
+def _nuisance_columns(
+    X: FloatArray,
+    H_acc: FloatArray,
+    block: Block,
+    at: tuple[FloatArray, FloatArray, FloatArray],
+    problem: Problem,
+) -> None:
+    """Fill the sensors' and the wrench's columns of X (m, 6+n, p+1).
+
+    `H_acc` (m, 6+n, 3) is the inertia against base accelerations, `at` state, rate and
+    acceleration. All are linear about no error; a residual momentum moves no row of MRNEA.
+    """
+    n = problem.model.n
+    x, w, acceleration = at
+    if present(problem.torque_offset):
+        X[:, 6:, problem.torque_offset] = np.eye(n)
+    if present(problem.torque_scale):
+        X[:, 6:, problem.torque_scale] = block.tau_nm[:, :, None] * np.eye(n)
+    if present(problem.acc_bias):
+        X[:, :, problem.acc_bias] = -H_acc
+    if present(problem.gyro_bias):
+        problem.model.set_parameters(problem.pi(x))
+        lever = skew(problem.p_BS_m)
+        X[:, :, problem.gyro_bias] = -H_acc @ (skew(cross(w, problem.p_BS_m)) + skew(w) @ lever)
+        for i, (q, qd) in enumerate(zip(block.q_rad, block.qd_rad_s, strict=True)):
+            C = problem.model.bias_derivative(q, w[i], qd, acceleration[i])
+            X[i, :, problem.gyro_bias] -= C[:, 3:6]
+    if present(problem.wrench):
+        X[:, :6, problem.wrench] = -external_wrench(block, x, problem)[1]
 
 
 def _weight_covariance(K: FloatArray, H: FloatArray) -> FloatArray:

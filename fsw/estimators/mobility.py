@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from fsw.estimators.inertia import from_parameters, report_jacobian, to_parameters
+from fsw.estimators.inertia import from_parameters, report_jacobian
 from fsw.messages import FloatArray
 
 DRAWS = 2000  # second moments good to 3 % where the mapping is bent, exact where it is straight
@@ -27,6 +27,7 @@ IMPOSSIBLE = 0.01  # share of draws without a body above which this is no descri
 NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
 
 _INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))  # xx xy xz yy yz zz
+_PI_INDEX = ((0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2))  # the last six of pi
 _SYMMETRIC = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 
@@ -60,9 +61,13 @@ def to_mobility(pi: FloatArray) -> FloatArray:
 
 
 def from_mobility(mobility: FloatArray) -> FloatArray:
-    """Return pi (10,) of a mobility; inverse of `to_mobility`."""
-    central = np.linalg.solve(mobility[4:][np.array(_SYMMETRIC)], np.eye(3))
-    return to_parameters(1.0 / float(mobility[0]), mobility[1:4], central[_INDEX])
+    """Return pi (..., 10) of mobilities (..., 10); inverse of `to_mobility`."""
+    central = np.linalg.solve(mobility[..., 4:][..., np.array(_SYMMETRIC)], np.eye(3))
+    m, c = 1.0 / mobility[..., :1], mobility[..., 1:4]
+    square = np.sum(c * c, axis=-1)[..., None, None] * np.eye(3)
+    origin = central + m[..., None] * (square - c[..., :, None] * c[..., None, :])
+    rows, columns = _PI_INDEX
+    return np.concatenate([m, m * c, origin[..., rows, columns]], axis=-1)
 
 
 def mobility_jacobian(pi: FloatArray) -> FloatArray:
@@ -89,7 +94,7 @@ def by_mobility(x: FloatArray, covariance: FloatArray, base: slice) -> Mapped:
     central = mobilities[:, 4:][:, np.array(_SYMMETRIC)]
     possible = (mobilities[:, 0] > 0.0) & _inertias(central)
     bent = straight[possible]
-    bent[:, base] = np.array([from_mobility(y) for y in mobilities[possible]]) - x[base]
+    bent[:, base] = from_mobility(mobilities[possible]) - x[base]
     white = solve_triangular(root, bent.T, lower=True)
     ratio = white @ white.T / max(1, white.shape[1])
     return Mapped(

@@ -56,7 +56,7 @@ def methods(
             records = run.complete(plan, store, jobs, Console(stderr=True))
         rows = summary.rows(records)
         verdicts = summary.verdicts(rows, quick=quick)
-        notes = summary.orderings(rows)
+        notes = summary.orderings(rows) + summary.provenance(records)
         notes += sentences(trivial_energy("target" if quick else "both"))
         (folder / "report.txt").write_text(report.text(rows, verdicts, notes), encoding="utf-8")
         values = summary.plain(rows, verdicts)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from fsw.estimators.batch import solve
+from fsw.estimators.batch import linear_covariance, solve
 from fsw.estimators.methods.energy import solve_energy
 from fsw.estimators.methods.fused_batch import solve_fused
 from fsw.estimators.methods.momentum import solve_momentum
@@ -104,6 +104,9 @@ def on_samples(name: str, samples: SampleSet, problem: Problem) -> Outcome:
 def on_blocks(name: str, blocks: Sequence[Block], problem: Problem) -> Outcome:
     """Run a method on recorded blocks as the flight software does, the prior being information.
 
+    The covariances of CM and CE are those before the profile along their weak axes, which
+    `fsw identify` adds.
+
     Raises
     ------
     EstimatorError when the method has no result.
@@ -116,11 +119,13 @@ def on_blocks(name: str, blocks: Sequence[Block], problem: Problem) -> Outcome:
         start = solve(problem, row_function("mrnea", "eiv", problem), blocks).mean
     solution = solve(problem, row_function(*choice, problem), blocks, None, start)
     k = problem.bodies
+    covariance, note = linear_covariance(problem, choice[0], solution)
     return Outcome(
         status=solution.status,
         x=solution.mean[k],
-        covariance=solution.information.covariance()[k, k],
+        covariance=covariance[k, k],
         iterations=solution.iterations,
+        bias_note=note,
     )
 
 

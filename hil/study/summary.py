@@ -99,6 +99,35 @@ def orderings(table: Sequence[Row]) -> list[str]:
         ranked = sorted(own, key=lambda row: row.figures.median)
         text = " < ".join(f"{row.method} {row.figures.median:.3g}" for row in ranked)
         lines.append(f"  {level}, {case}, {sensors}: {text}")
+    return lines + _swaps(table)
+
+
+def _swaps(table: Sequence[Row]) -> list[str]:
+    """Return with which sensor sets MRNEA without its bias stands before RDA, case by case."""
+    median = {(r.level, r.case, r.sensors, r.method): r.figures.median for r in table}
+    found: dict[str, dict[bool, list[str]]] = {}
+    for (level, case, sensors, method), value in median.items():
+        other = median.get((level, case, sensors, "rda"))
+        if level != DEVICE and method == "mrnea eiv" and other is not None:
+            first = value < other
+            found.setdefault(case, {True: [], False: []})[first].append(sensors)
+    return [
+        f"MRNEA (errors in variables) or RDA, {case}: MRNEA first with "
+        f"{', '.join(sets[True]) or 'none'}; RDA first with {', '.join(sets[False]) or 'none'}"
+        for case, sets in found.items()
+    ]
+
+
+def provenance(records: Mapping[Key, Record]) -> list[str]:
+    """Return how many results of each method are of which commit."""
+    counts: dict[tuple[str, str], dict[str, int]] = {}
+    for key, record in records.items():
+        own = counts.setdefault((key.level, key.method), {})
+        own[record.commit] = own.get(record.commit, 0) + 1
+    lines = ["Results by commit of the code that gave them (+: with changes not committed):"]
+    for (level, method), own in sorted(counts.items()):
+        text = ", ".join(f"{name} {count}" for name, count in sorted(own.items()))
+        lines.append(f"  {level}, {method}: {text}")
     return lines
 
 

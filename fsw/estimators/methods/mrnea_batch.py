@@ -1,8 +1,11 @@
 """MRNEA on a sample set: paper's least squares, weighted, compensated, errors in variables.
 
 `ols` and `wls` shrink because the base acceleration's noise stands in the regressor: their sigma
-includes the bias that the compensated solution reveals. `compensated` subtracts what the noise adds
-to the normal equations. `eiv` is iterated: its score X^T S^-1 r (X at the smoothed input, r at the
+includes the bias that the compensated solution reveals. `compensated` subtracts what the noise of
+the accelerations adds to the normal equations; what the squared noise of the rate leaves is seen
+against the errors in variables, and its sigma includes that.
+
+`eiv` is iterated: its score X^T S^-1 r (X at the smoothed input, r at the
 measured) has mean zero at the truth, but its variance G = sum X^T S^-1 X exceeds its slope G - C by
 the noise C left in X; the two are combined with the prior by the Godambe information
 (G - C) G^-1 (G - C) rather than by G, which would overstate what is known.
@@ -28,6 +31,10 @@ from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
 
 SETTLED = 1e-5  # squared whitened length of the last step
+COMPENSATED_NOTE = (
+    "compensated for noisy accelerations, not for noisy rates; sigma is that of the errors in "
+    "variables and includes the distance from them"
+)
 BIAS_NOTE = "shrunk by the base acceleration's noise in the regressor; sigma includes the bias"
 
 
@@ -63,6 +70,24 @@ class _Pass:
         return self(x, EIV).gram
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Consistent:
+    """Solution of the errors in variables; `information` is Godambe's, of the data alone."""
+
+    x: FloatArray
+    information: FloatArray
+    cost: float
+    iterations: int
+    converged: bool
+
+    def covariance(self, system: System) -> FloatArray:
+        """Return its covariance, NaN where it has none."""
+        try:
+            return invert(self.information + system.prior_information)
+        except EstimatorError:
+            return np.full_like(self.information, np.nan)
+
+
 def solve_mrnea(samples: SampleSet, problem: Problem, options: Options) -> BatchResult:
     """Estimate from torques, joint motion and the measured base motion, `options.weighting`."""
     system = build_system(problem, options)
@@ -96,14 +121,15 @@ def _linear(run: _Pass, options: Options) -> BatchResult:
         singular = singular or np.linalg.eigvalsh(_scaled(slope, plain))[0] <= 0
     information = raw.gram[:p, :p] - raw.inflation
     covariance, bias, note = None, None, ""
+    converged = True
     if singular:
         information = np.zeros((p, p))
     elif options.weighting == "compensated":
         x = compensated
         if noisy:
-            at = run(x, mode, inflate=True) if _usable(x) else raw
-            scores = at.scores + system.prior_information
-            covariance = _sandwich(slope, scores)
+            near = _consistent(run, consistent_start(x, system), options)
+            covariance, bias, note = near.covariance(system), x - near.x, COMPENSATED_NOTE
+            converged = near.converged
     else:
         bias = x - compensated
         note = BIAS_NOTE if noisy else ""
@@ -122,13 +148,32 @@ def _linear(run: _Pass, options: Options) -> BatchResult:
         covariance=covariance,
         bias=bias,
         bias_note=note,
+        converged=converged,
     )
 
 
 def _errors_in_variables(run: _Pass, options: Options) -> BatchResult:
+    """Return the consistent solution."""
+    system = run.system
+    start = consistent_start(system.with_bodies(options.start), system)
+    found = _consistent(run, start, options)
+    return build_result(
+        system,
+        options,
+        method="mrnea-eiv",
+        x=found.x,
+        information=found.information,
+        cost=found.cost,
+        rows=(6 + run.samples.n) * len(run.samples),
+        duration_s=float(run.samples.t_s[-1] - run.samples.t_s[0]),
+        iterations=found.iterations,
+        converged=found.converged,
+    )
+
+
+def _consistent(run: _Pass, start: FloatArray, options: Options) -> _Consistent:
     """Iterate to the root of the score, then to that of score and prior in the right proportion."""
     system, p = run.system, len(run.system.names)
-    start = consistent_start(system.with_bodies(options.start), system)
     found = minimise(run.eiv_gram, system, start, options.max_iterations)
     x, converged = found.x, found.converged
     G = found.information
@@ -148,18 +193,7 @@ def _errors_in_variables(run: _Pass, options: Options) -> BatchResult:
             break
         if not _usable(x):
             x = consistent_start(x, system)
-    return build_result(
-        system,
-        options,
-        method="mrnea-eiv",
-        x=x,
-        information=godambe,
-        cost=found.cost,
-        rows=(6 + run.samples.n) * len(run.samples),
-        duration_s=float(run.samples.t_s[-1] - run.samples.t_s[0]),
-        iterations=found.iterations,
-        converged=converged,
-    )
+    return _Consistent(x, godambe, found.cost, found.iterations, converged)
 
 
 def _godambe(slope: FloatArray, G: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
