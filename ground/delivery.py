@@ -69,7 +69,7 @@ class Delivery:
         with TemporaryDirectory(prefix="ground-") as folder:
             copy = Path(folder) / "file"
             shutil.copyfile(local, copy)
-            entity = FileEntity(Path(folder), secrets.randbelow(1 << 16), ends=ENDS)
+            entity = FileEntity(Path(folder), secrets.randbelow(1 << 8), ends=ENDS)
             entity.send(Path("file"), remove=False, name=name)
             self._carry(entity, None)
             data = copy.read_bytes()

@@ -209,7 +209,10 @@ def mutants(bench: Bench, count: int, rng: np.random.Generator, advance: Advance
         telecommand = known[rng.integers(len(known))]
         packet = valid_packet(telecommand, rng)
         if k % 2:
-            _give_damaged(bench, packet, damaged(packet, rng))
+            bad = damaged(packet, rng)
+            while (bad + PING).startswith(packet):  # what follows has put it right by chance
+                bad = damaged(packet, rng)
+            _give_damaged(bench, packet, bad)
             tally["damaged"] += 1
         else:
             tally["accepted" if _give(bench, repaired(packet, rng)) else "rejected"] += 1

@@ -13,7 +13,7 @@ from fsw.telemetry.sdls import FrameReceiver
 from fsw.telemetry.sdls_keys import load_associations
 from fsw.telemetry.sdls_numbers import NumberStore
 
-RUN_BITS = 8  # transactions of successive runs begin so far apart
+RUN_BITS = 4  # transactions of successive runs begin so far apart
 NUMBERS_NAME = "uplink_numbers.json"
 
 
@@ -42,7 +42,7 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
         config, config.as_read(), telemetry, host, receiver=receiver, numbers=numbers, resume=resume
     )
     first = application.boot.count << RUN_BITS
-    application.deliver_by(FileEntity(state / telemetry.file_directory, first & 0xFFFF))
+    application.deliver_by(FileEntity(state / telemetry.file_directory, first))
     return application
 
 

@@ -35,7 +35,7 @@ from fsw.telemetry.files_units import (
     transaction_of,
 )
 
-NUMBER_BITS = 16
+NUMBER_BITS = 8  # LibreCube answers with one byte, whatever it was asked with
 WAITING_LIMIT = 8  # files
 INBOUND_LIMIT = 256  # units that wait for the state machine
 

@@ -50,22 +50,27 @@ def console_errors(browser: Any) -> list[str]:
     return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
 
 
-def table_row(browser: Any, name: str) -> Any | None:
-    """Return the row of a latest-value table."""
-    for row in browser.find_elements("css selector", ".c-lad-table tr.js-lad-table__body__row"):
-        cells = row.find_elements("css selector", "td")
-        if cells and cells[0].text == name:
-            return row
-    return None
+_ROW = """
+const rows = [...document.querySelectorAll('.c-lad-table tbody tr')];
+const row = rows.find((row) => row.cells[0] && row.cells[0].innerText.trim() === arguments[0]);
+return row ? [row.querySelector('[aria-label="lad value"]').innerText,
+              row.querySelector('.is-stale') !== null] : ['', false];
+"""
 
 
-def shown_value(browser: Any, name: str) -> str:
-    """Return what the latest-value table shows for a name; empty while it shows nothing."""
-    from selenium.common.exceptions import StaleElementReferenceException
+def shown(browser: Any, name: str) -> tuple[str, bool]:
+    """Return what the latest-value table shows for a name, and whether as stale."""
+    text, is_stale = browser.execute_script(_ROW, name)
+    return str(text).strip(), bool(is_stale)
 
-    try:
-        row = table_row(browser, name)
-        cells = [] if row is None else row.find_elements("css selector", "td")
-        return cells[2].text if len(cells) > 2 else ""
-    except StaleElementReferenceException:  # it was drawn anew in between
-        return ""
+
+def head(browser: Any) -> str:
+    """Return the text of the page's head, where the state of the link stands."""
+    return str(
+        browser.execute_script("return document.querySelector('.l-shell__head')?.innerText ?? ''")
+    ).upper()
+
+
+def drawn(browser: Any) -> bool:
+    """Whether there is a plot."""
+    return bool(browser.execute_script("return !!document.querySelector('.gl-plot canvas')"))

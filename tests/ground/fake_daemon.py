@@ -42,8 +42,13 @@ def report(name: str, telecommand: bytes, **values: Any) -> bytes:
 class FakeDaemon:
     """Serves one client at a time on a port of its own; `with` ends it."""
 
-    def __init__(self, reply: Reply = completed, stream: Callable[[], bytes] | None = None) -> None:
-        self._reply, self._stream = reply, stream
+    def __init__(
+        self,
+        reply: Reply = completed,
+        stream: Callable[[], bytes] | None = None,
+        period_s: float = 0.05,
+    ) -> None:
+        self._reply, self._stream, self._period_s = reply, stream, period_s
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.settimeout(0.05)
         self.port = self._listener.getsockname()[1]
@@ -72,7 +77,7 @@ class FakeDaemon:
             except TimeoutError:
                 continue
             with client:
-                client.settimeout(0.05)
+                client.settimeout(self._period_s)
                 self._serve(client)
 
     def _serve(self, client: socket.socket) -> None:

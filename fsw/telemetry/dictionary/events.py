@@ -12,6 +12,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (2, "STOPPED", _INFO, "the loop has ended"),
     (3, "REALTIME", _LOW, "the system refused a real-time setting"),
     (4, "SERVICE_LOST", _HIGH, "the service process has ended"),
+    (9, "SERVICE_BACK", _MEDIUM, "the service process is at work again"),
     (5, "LOOP_LOST", _HIGH, "the loop process has died"),
     (6, "LOOP_SILENT", _HIGH, "no summary from the loop for longer than it should take"),
     (7, "RING_DROPS", _HIGH, "records were lost between loop and service"),
@@ -69,8 +70,76 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (OTHER_ID, "OTHER", _LOW, "an event without a number; its code is in the text"),
 )
 
+FINDINGS_FROM = 200
+# what the health monitor finds on devices and buses (`fsw.findings`); append only, a place is an id
+FINDINGS = (
+    "SYNC_LOST",
+    "SYNC_DOUBLED",
+    "BUS_OFF",
+    "BUS_ERRORS",
+    "BUS_SILENT",
+    "BUS_BABBLE",
+    "NODE_UNKNOWN",
+    "NODE_RESTARTED",
+    "NODE_NO_SYNC",
+    "NODE_TEST_DATA",
+    "JOINT_SILENT",
+    "JOINT_LOST",
+    "JOINT_DUPLICATE",
+    "JOINT_ORDER",
+    "JOINT_LATE",
+    "JOINT_LENGTH",
+    "JOINT_COUNTER",
+    "ENCODER_FAULT",
+    "ENCODER_JUMP",
+    "ENCODER_STUCK",
+    "ENCODER_SPIKE",
+    "TORQUE_FAULT",
+    "TORQUE_OVERLOAD",
+    "TORQUE_RANGE",
+    "TORQUE_STUCK",
+    "TORQUE_SPIKE",
+    "TORQUE_INCONSISTENT",
+    "IMU_SILENT",
+    "IMU_LOST",
+    "IMU_BYTES_LOST",
+    "IMU_CRC",
+    "IMU_NOISE",
+    "IMU_DUPLICATE",
+    "IMU_COUNTER",
+    "IMU_LATENCY",
+    "IMU_JITTER",
+    "IMU_RANGE",
+    "IMU_START_UP",
+    "GYRO_FAULT",
+    "GYRO_OVERLOAD",
+    "GYRO_STUCK",
+    "GYRO_SPIKE",
+    "GYRO_INCONSISTENT",
+    "ACC_FAULT",
+    "ACC_OVERLOAD",
+    "ACC_STUCK",
+    "ACC_SPIKE",
+    "ACC_INCONSISTENT",
+    "TRACKER_SILENT",
+    "TRACKER_LOST",
+    "TRACKER_DAMAGED",
+    "TRACKER_NOISE",
+    "TRACKER_DUPLICATE",
+    "TRACKER_CLOCK",
+    "TRACKER_LATE",
+    "TRACKER_BLIND",
+    "TRACKER_RANGE",
+    "TRACKER_FLIP",
+    "TRACKER_JUMP",
+    "LOOP_OVERRUN",
+)
+_FOUND = tuple(
+    (number, code, _MEDIUM, "found on a device or bus: " + code.lower().replace("_", " "))
+    for number, code in enumerate(FINDINGS, start=FINDINGS_FROM)
+)
 EVENTS = tuple(
     EventDefinition(id=number, code=code, severity=severity, doc=doc)
-    for number, code, severity, doc in _TABLE
+    for number, code, severity, doc in (*_TABLE, *_FOUND)
 )
 EVENT = Enumeration(name="event", labels={0: "NONE"} | {event.id: event.code for event in EVENTS})

@@ -3,9 +3,11 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 from fsw.drivers.wire import Reject
 from fsw.estimators.inertia import NAMES
+from fsw.findings import Fault
 from fsw.telemetry.dictionary import DICTIONARY, Type
 from fsw.telemetry.dictionary.codes import Error, Function
 from fsw.telemetry.dictionary.housekeeping import COORDINATES, REASONS, SETS
@@ -67,6 +69,16 @@ def test_it_speaks_of_the_estimators_own_coordinates_and_the_drivers_own_reasons
 def test_every_value_number_stands_for_one_field():
     assert len(set(value_ids().values())) == len(value_ids())
     assert max(value_ids()) < 1 << 16
+
+
+def test_every_fault_and_every_event_in_the_source_has_a_number():
+    known = {event.code for event in DICTIONARY.events}
+    source = "".join(path.read_text() for path in (Path(__file__).parents[3] / "fsw").rglob("*.py"))
+    raised = set(re.findall(r'"(?:info|low|medium|high)",\s*"([A-Z_]+)"', source))
+    assert raised | {str(fault) for fault in Fault} <= known, (
+        "add them to fsw/telemetry/dictionary/events.py, then python -m fsw.telemetry.export"
+    )
+    assert len({event.id for event in DICTIONARY.events}) == len(DICTIONARY.events)
 
 
 def test_its_crc_is_the_same_in_every_process():

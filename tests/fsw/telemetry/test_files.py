@@ -333,12 +333,13 @@ def test_librecube_gets_a_file_byte_by_byte(librecube, folder, tmp_path, size, r
     data = content(size)
     (folder / "down.bin").write_bytes(data)
     (tmp_path / "ground").mkdir()
-    entity = FileEntity(folder)
+    entity = FileEntity(folder, first_number=258)
     _, link = librecube(tmp_path / "ground")
     keep = lossy(np.random.default_rng(seed), ratio)
     number = entity.send(Path("down.bin"), remove=True)
     ended = run(entity, link, keep)
     assert ended == [(number, True, "down.bin")]
+    assert number < 256, "it answers with one byte"
     assert (tmp_path / "ground" / "down.bin").read_bytes() == data
     assert not (folder / "down.bin").exists(), "it was to be removed"
 
