@@ -103,18 +103,18 @@ def orderings(table: Sequence[Row]) -> list[str]:
 
 
 def _swaps(table: Sequence[Row]) -> list[str]:
-    """Return with which sensor sets MRNEA without its bias stands before RDA, case by case."""
+    """Return with which sensor sets the paper's MRNEA, and that without its bias, precede RDA."""
     median = {(r.level, r.case, r.sensors, r.method): r.figures.median for r in table}
-    found: dict[str, dict[bool, list[str]]] = {}
+    found: dict[tuple[str, str], dict[bool, list[str]]] = {}
     for (level, case, sensors, method), value in median.items():
         other = median.get((level, case, sensors, "rda"))
-        if level != DEVICE and method == "mrnea eiv" and other is not None:
-            first = value < other
-            found.setdefault(case, {True: [], False: []})[first].append(sensors)
+        if level != DEVICE and method in ("mrnea ols", "mrnea eiv") and other is not None:
+            own = found.setdefault((method, case), {True: [], False: []})
+            own[value < other].append(sensors)
     return [
-        f"MRNEA (errors in variables) or RDA, {case}: MRNEA first with "
-        f"{', '.join(sets[True]) or 'none'}; RDA first with {', '.join(sets[False]) or 'none'}"
-        for case, sets in found.items()
+        f"{method} or rda, {case}: {method} first with {', '.join(sets[True]) or 'none'}; "
+        f"rda first with {', '.join(sets[False]) or 'none'}"
+        for (method, case), sets in sorted(found.items(), reverse=True)
     ]
 
 

@@ -40,10 +40,10 @@ def test_every_result_is_counted_under_its_commit():
 
 def test_the_swap_of_mrnea_and_rda_is_named():
     table = [
-        row("mrnea eiv", 1.0, "good IMU"),
+        row("mrnea ols", 1.0, "good IMU"),
         row("rda", 2.0, "good IMU"),
-        row("mrnea eiv", 3.0, "poor IMU"),
+        row("mrnea ols", 3.0, "poor IMU"),
         row("rda", 2.0, "poor IMU"),
     ]
     line = orderings(table)[-1]
-    assert "MRNEA first with good IMU; RDA first with poor IMU" in line
+    assert "mrnea ols first with good IMU; rda first with poor IMU" in line
