@@ -22,6 +22,7 @@ FLAGS = (
     "--disable-dev-shm-usage",
     "--window-size=1600,1000",
 )
+PATIENCE_S = 180.0  # with a busy machine, on which everything is drawn by the processor
 ARTIFACTS = Path(__file__).parents[2] / "build" / "artifacts"
 
 
@@ -39,6 +40,8 @@ def chromium(folder: Path) -> Iterator[Any]:
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     service = webdriver.chrome.service.Service(found[1])
     browser = webdriver.Chrome(options=options, service=service)
+    browser.set_script_timeout(PATIENCE_S)
+    browser.set_page_load_timeout(PATIENCE_S)
     try:
         yield browser
     finally:
