@@ -80,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     listing = commands.add_parser("list", help="list the scenarios")
     listing.set_defaults(command=_list)
     _study_parser(commands)
+    _campaign_parser(commands)
     _vcan_parser(commands)
     evidence.add_parsers(commands)
     return parser
@@ -155,6 +156,16 @@ def _faults(arguments: argparse.Namespace) -> int:
         as_json=arguments.json,
         short=arguments.short,
     )
+
+
+def _campaign_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the campaigns."""
+    campaign = commands.add_parser("campaign", help="Monte Carlo over what a YAML file names")
+    campaign.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml")
+    campaign.add_argument("--out", type=Path, metavar="DIR", help="results; resumed if there")
+    campaign.add_argument("--workers", type=int, default=2, metavar="N", help="processes, 2")
+    campaign.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, instead")
+    campaign.set_defaults(command=_campaign)
 
 
 def _campaign(arguments: argparse.Namespace) -> int:
