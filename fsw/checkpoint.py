@@ -20,7 +20,7 @@ from fsw.errors import FswError
 from fsw.messages import Block, Snapshot
 
 MAGIC = b"FSWCKPT\n"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # rises with every change of what the states hold
 MAX_BYTES = 1 << 30
 _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
@@ -109,6 +109,7 @@ def decode(data: bytes, identity: Identity | None = None) -> Checkpoint:
             state=_mapping(body["state"]),
             changes=tuple(_mapping(changes) for changes in body["changes"]),
             identifying=bool(body["identifying"]),
+            refers=tuple(int(values["index"]) for values in body["blocks"]),
             blocks=tuple(Block(**values) for values in body["blocks"]),
         )
         boot_id = str(body["boot_id"])

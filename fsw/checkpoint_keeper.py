@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,8 @@ from typing import Any
 from fsw.checkpoint_store import CheckpointStore, identity_of
 from fsw.config import Config
 from fsw.messages import Block, Snapshot
+
+MOST_LATER = 1024  # blocks newer than a state's newest: gated, or still worked on
 
 
 class CheckpointKeeper:
@@ -54,16 +56,13 @@ class CheckpointKeeper:
         """Write a state with its blocks; one whose blocks were lost is left out."""
         if self._store is None:
             return
-        state = snapshot.state
-        wanted = list(state.get("memory", {}).get("blocks", ()))
-        newest = int(state.get("after", -1))
+        wanted = snapshot.refers
         missing = [index for index in wanted if index not in self._blocks]
         if missing:
             self._fail(f"{len(missing)} blocks of the state did not come")
             return
         blocks = tuple(self._blocks[index] for index in wanted)
-        keep = set(wanted)
-        self._blocks = {i: b for i, b in self._blocks.items() if i in keep or i > newest}
+        self._forget(wanted)
         try:
             self._bytes = self._store.write(replace(snapshot, blocks=blocks))
         except OSError as error:
@@ -71,6 +70,13 @@ class CheckpointKeeper:
             return
         self._written += 1
         self._told = False
+
+    def _forget(self, wanted: Sequence[int]) -> None:
+        """Keep what the newest state needs, and the newest blocks: a later state may need them."""
+        keep, newest = set(wanted), max(wanted, default=-1)
+        later = sorted(index for index in self._blocks if index > newest)
+        keep |= set(later[-MOST_LATER:])
+        self._blocks = {i: block for i, block in self._blocks.items() if i in keep}
 
     def summary(self) -> dict[str, Any]:
         """Return counters as plain values."""

@@ -149,7 +149,8 @@ class Snapshot:
     t_ns: int
     grid_ns: int | None  # start of window 0; None before the first SYNC
     state: Mapping[str, Any]  # plain values and arrays
-    blocks: tuple[Block, ...] = ()  # those the state refers to by index
+    refers: tuple[int, ...] = ()  # indexes of the blocks the state needs, in order
+    blocks: tuple[Block, ...] = ()  # these blocks; none on the way from the loop to the service
     changes: tuple[Mapping[str, Any], ...] = ()  # what was configured since the start, in order
     identifying: bool = True  # whether windows reach the estimator
 

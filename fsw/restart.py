@@ -84,7 +84,8 @@ def take(estimator: object, now_ns: int, grid_ns: int | None = None) -> Snapshot
     if not isinstance(estimator, Restorable):
         return None
     state, blocks = estimator.snapshot(), estimator.blocks
-    return Snapshot(t_ns=now_ns, grid_ns=grid_ns, state=state, blocks=blocks)
+    refers = tuple(block.index for block in blocks)
+    return Snapshot(t_ns=now_ns, grid_ns=grid_ns, state=state, refers=refers, blocks=blocks)
 
 
 def put_back(estimator: object, snapshot: Snapshot) -> Estimate:

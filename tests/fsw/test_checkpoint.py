@@ -140,14 +140,13 @@ def test_the_keeper_joins_states_and_blocks_and_forgets_what_no_state_needs(
     keeper = CheckpointKeeper(config, tmp_path, lambda _s, code, _t: told.append(code))
     for index in range(6):
         keeper.block(make_block(index))
-    state = {"after": 4, "memory": {"blocks": [1, 4]}}
-    keeper.write(Snapshot(t_ns=1, grid_ns=0, state=state))
+    keeper.write(Snapshot(t_ns=1, grid_ns=0, state={}, refers=(1, 4)))
     store = CheckpointStore(tmp_path, identity_of(config))
     assert [b.index for b in store.read()[0][0].snapshot.blocks] == [1, 4]
-    keeper.write(Snapshot(t_ns=2, grid_ns=0, state={"after": 5, "memory": {"blocks": [4, 5]}}))
+    keeper.write(Snapshot(t_ns=2, grid_ns=0, state={}, refers=(4, 5)))
     assert keeper.summary()["written"] == 2
-    keeper.write(replace(snapshot(3), state={"after": 5, "memory": {"blocks": [2]}}))
-    keeper.write(replace(snapshot(3), state={"after": 5, "memory": {"blocks": [2]}}))
+    keeper.write(replace(snapshot(3), refers=(2,)))
+    keeper.write(replace(snapshot(3), refers=(2,)))
     assert (told, keeper.summary()["failed"]) == (["CHECKPOINT_FAILED"], 2)
 
 
@@ -155,13 +154,13 @@ def test_the_keeper_takes_over_what_a_run_goes_on_from(arm: ArmProject, tmp_path
     config = arm_config(arm)
     first = CheckpointKeeper(config, tmp_path, pytest.fail)
     first.block(make_block(2))
-    first.write(Snapshot(t_ns=1, grid_ns=0, state={"after": 2, "memory": {"blocks": [2]}}))
+    first.write(Snapshot(t_ns=1, grid_ns=0, state={}, refers=(2,)))
     second = CheckpointKeeper(config, tmp_path, pytest.fail)
     assert second.adopt(5) is None
     data = second.adopt(0)
     assert data == (tmp_path / "checkpoint.0").read_bytes()
     second.block(make_block(3))
-    second.write(Snapshot(t_ns=2, grid_ns=0, state={"after": 3, "memory": {"blocks": [2, 3]}}))
+    second.write(Snapshot(t_ns=2, grid_ns=0, state={}, refers=(2, 3)))
     assert second.summary()["written"] == 1
 
 
