@@ -226,8 +226,9 @@ def endure(
 ) -> Endurance:
     """Push a flight's blocks until so many updates are done, and judge.
 
-    Memory is looked at first after a tenth of the updates, `FIRST_LOOK_UPDATES` at most, then at
-    every decade and at the end. `show` is told the updates done.
+    Memory is looked at first after a tenth of the updates, `FIRST_LOOK_UPDATES` at most, and not
+    before the flight came twice (or half of a short run): only then do the stored blocks hold
+    what they always will. Then at every decade and at the end. `show` is told the updates done.
     """
     config = with_estimator(flown.config, *ESTIMATORS[name])
     window_s = config.estimator.window_s
@@ -240,6 +241,7 @@ def endure(
     else:
         tally = LinearTally(online) if online.linear else StoredTally(online)
     due = min(FIRST_LOOK_UPDATES // per_block, count // 10)
+    due = max(due, min(2 * len(flown.blocks), count // 2))
     looks: list[Look] = []
     for k in range(count):
         while online.work():

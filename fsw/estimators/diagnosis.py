@@ -92,19 +92,23 @@ def stated_conflict(
     covariance: FloatArray,
     bodies: int,
 ) -> tuple[float, int]:
-    """Return `prior_conflict` in the coordinates in which a body's prior is stated.
+    """Return `prior_conflict` in the coordinates that see the lesser conflict.
 
-    A prior is a Gaussian of mass, centre of mass and central inertia. First and second moments are
-    products of these, so 50 % off in each is far more sigmas in them than in what was stated. The
-    first `bodies` tens of states are bodies; without a positive mass they are compared as they are.
+    A prior is stated as a Gaussian of mass, centre of mass and central inertia. First and second
+    moments are products of these, so 50 % off in each is far more sigmas in them than in what was
+    stated. Of a body still badly known it is the other way round: its centre is a quotient. A
+    conflict is one in both. The first `bodies` tens of states are bodies; without a positive mass
+    they are compared in moments only.
     """
     starts = range(0, PARAMETERS * bodies, PARAMETERS)
+    moments = prior_conflict(prior_mean, prior_covariance, mean, covariance)
     if min([mean[k] for k in starts], default=1.0) <= 0.0:
-        return prior_conflict(prior_mean, prior_covariance, mean, covariance)
+        return moments
     stated = [
         _as_stated(x, P, starts) for x, P in ((prior_mean, prior_covariance), (mean, covariance))
     ]
-    return prior_conflict(*stated[0], *stated[1])
+    distances = (moments, prior_conflict(*stated[0], *stated[1]))
+    return min(distances, key=lambda found: found[0] / max(conflict_limit(found[1]), 1.0))
 
 
 def _as_stated(

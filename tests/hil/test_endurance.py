@@ -11,7 +11,7 @@ from hil.endurance import ESTIMATORS, Endurance, Look, endure, main, reachable_b
 from hil.flown import Flown
 from tests.fsw.estimators.cases import RATE_HZ, WINDOW_S, make_config, noisy_blocks, robot_model
 
-BLOCKS = 200  # 40 000 joint sample sets of 500 Hz; the store of 16 is full at the first look
+BLOCKS = 300  # 60 000 joint sample sets of 500 Hz; half of them before the first look
 UPDATES = BLOCKS * WINDOW_S * RATE_HZ
 
 

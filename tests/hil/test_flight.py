@@ -70,7 +70,7 @@ def test_the_joint_offset_is_translated(tmp_path):
 
 def test_rounding_on_the_wire_is_part_of_the_noise():
     joints = SensorConfig.from_dict(load("target_leo").sensors).joints
-    classic = torque_noise_nm(joints, NodeConfig(node_id=0x11))
+    classic = torque_noise_nm(joints, NodeConfig(node_id=0x11), 500.0)
     assert classic == pytest.approx(math.sqrt(0.05**2 + 0.01**2 / 12))
     step = 2 * math.pi / 2**24
     assert position_noise_rad(joints) == pytest.approx(step * math.sqrt(2 / 12))

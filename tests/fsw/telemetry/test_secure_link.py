@@ -38,7 +38,7 @@ class Secured:
         """Return the names of what came back."""
         before = len(self.flight.packets)
         for item in self.uplink.feed(data, self.flight.now):
-            self.flight.app._take(item, self.flight.now)
+            self.flight.app.take(item, self.flight.now)
         return [p.packet.name for p in self.flight.packets[before:]]
 
     @property
