@@ -12,13 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 
 from fsw.estimators.curvature import WEAK
 from fsw.estimators.methods.energy_pass import Energy, energy_pass
 from fsw.estimators.methods.levenberg import minimise, straighten
 from fsw.estimators.methods.result import BatchResult, build_result, invert
-from fsw.estimators.methods.system import Options, System, build_system
+from fsw.estimators.methods.system import Options, System, build_system, kernel_data
 from fsw.estimators.problem import Problem, present
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
@@ -39,13 +40,16 @@ class _Balance:
     columns: FloatArray  # (K, p) of torque offset and scale
     variance: FloatArray  # (K,)
     shared: FloatArray  # (K-1,) covariance of neighbours
+    index: NDArray[np.intp]  # (K, size+1) samples of each interval
+    weights: FloatArray  # (size+1,) of Simpson's rule [s]
 
-    def energy(self, x: FloatArray) -> Energy:
-        """Return the kinetic energy at the intervals' ends."""
+    def energy(self, x: FloatArray, part: slice | None = None) -> Energy:
+        """Return the kinetic energy at the intervals' ends, or at a part of the samples."""
         samples, system = self.samples, self.system
-        q = np.ascontiguousarray(samples.q[self.ends])
-        qd = np.ascontiguousarray(samples.qd[self.ends])
-        return energy_pass(system.arm, system.bodies(x), len(x), system.at, q, qd)
+        part = self.ends if part is None else part
+        q, qd = np.ascontiguousarray(samples.q[part]), np.ascontiguousarray(samples.qd[part])
+        field = np.ascontiguousarray(kernel_data(samples, system.problem.orbit).field[part])
+        return energy_pass(system.arm, system.bodies(x), len(x), system.at, q, qd, field)
 
     def heeding_rates(self, x: FloatArray) -> _Balance:
         """Return the balance with what the rates' noise does, evaluated at x."""
@@ -74,6 +78,10 @@ class _Balance:
             if present(states):
                 predicted = predicted + self.columns[:, states] @ x[states]
         rows[:, p] = self.work - predicted
+        if problem.orbit is not None:
+            whole = self.energy(x, slice(None))
+            rows[:, p] += whole.P[self.index] @ self.weights
+            rows[:, :p] -= np.einsum("w,kwp->kp", self.weights, whole.J_P[self.index])
         band = np.zeros((2, len(variance)))
         band[0] = variance + FLOOR * variance.mean()
         band[1, :-1] = shared
@@ -144,4 +152,6 @@ def _build(samples: SampleSet, system: System, size: int) -> _Balance:
         columns,
         noise[index] @ weights**2,
         weights[0] * weights[-1] * noise[ends][1:-1],
+        index,
+        weights,
     )

@@ -12,8 +12,9 @@ import numpy as np
 
 from fsw.errors import EstimatorError
 from fsw.estimators.curvature import VERY_WEAK, WEAK
+from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.levenberg import Minimum, minimise, straighten
-from fsw.estimators.methods.prediction_pass import Channels, prediction_pass
+from fsw.estimators.methods.prediction_pass import prediction_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
 from fsw.estimators.mobility import NOTE, Mapped, by_mobility
@@ -98,7 +99,7 @@ class _Pass:
     """The pass over one sample set as a function of the state."""
 
     def __init__(self, samples: SampleSet, system: System, use: Channels) -> None:
-        self._data = kernel_data(samples)
+        self._data = kernel_data(samples, system.problem.orbit)
         self._system = system
         self._use = use
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fsw.estimators.kernel import Arm, compiled, inlined
-from fsw.estimators.methods.prediction_pass import Columns, Data
+from fsw.estimators.methods.layout import Columns, Data
 from fsw.messages import FloatArray
 
 CHUNK = 64  # samples whose rows are gathered for one matrix product

@@ -7,7 +7,7 @@ reading, six rows with the true v_b and its noise, is for the study: no flight s
 from __future__ import annotations
 
 from fsw.estimators.methods.fused_batch import solve_channels
-from fsw.estimators.methods.prediction_pass import Channels
+from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.result import BatchResult
 from fsw.estimators.methods.system import Options
 from fsw.estimators.problem import Problem

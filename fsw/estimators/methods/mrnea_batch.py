@@ -52,7 +52,7 @@ class _Pass:
             system.bodies(x),
             np.ascontiguousarray(x),
             system.at,
-            kernel_data(self.samples),
+            kernel_data(self.samples, system.problem.orbit),
             system.problem.wrench_sigma,
             mode,
             inflate,
@@ -107,7 +107,8 @@ def _linear(run: _Pass, options: Options) -> BatchResult:
         or np.any(run.samples.noise.wd_rad_s2 > 0)
         or np.any(run.samples.noise.qdd_rad_s2 > 0)
     )
-    if mode == OLS and not noisy and p == system.problem.bodies.stop:
+    bare = p == system.problem.bodies.stop and system.problem.orbit is None
+    if mode == OLS and not noisy and bare:
         raw = run.least_squares(x0)
     else:
         raw = run(x0, mode, inflate=noisy)

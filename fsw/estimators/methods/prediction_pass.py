@@ -7,8 +7,6 @@ accelerometer at the base origin, joint accelerations noisy, rates exact.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from fsw.estimators.kernel import (
@@ -26,75 +24,16 @@ from fsw.estimators.kernel import (
     shift_base,
     solve_base,
 )
+from fsw.estimators.methods.gravity_pass import (
+    field_base,
+    field_tool,
+    subtract_field,
+)
+from fsw.estimators.methods.layout import CHUNK, Channels, Columns, Data, Prediction
 from fsw.estimators.methods.linear import factor, solve_both, whiten
+from fsw.estimators.methods.momentum_pass import external, rate_jacobian, turn
 from fsw.estimators.projection import observe_motion, project_base, project_tool
 from fsw.messages import FloatArray
-
-CHUNK = 32  # samples whose rows are gathered for one matrix product
-
-
-class Columns(NamedTuple):
-    """First state of each kind, -1 where it is none."""
-
-    base: int
-    target: int
-    torque_offset: int
-    acc_bias: int
-    gyro_bias: int
-    momentum: int
-    torque_scale: int
-    wrench: int
-
-
-class Data(NamedTuple):
-    """The arrays of a sample set and its sigmas."""
-
-    t: FloatArray
-    q: FloatArray
-    qd: FloatArray
-    qdd: FloatArray
-    tau: FloatArray
-    w: FloatArray
-    wd: FloatArray
-    a: FloatArray
-    v: FloatArray
-    R: FloatArray
-    s_tau: FloatArray
-    s_qdd: FloatArray
-    s_w: FloatArray
-    s_wd: FloatArray
-    s_a: FloatArray
-    s_v: FloatArray
-
-
-class Channels(NamedTuple):
-    """What is compared; `measured_rate`: torque at the gyro's rate instead of the predicted."""
-
-    torque: bool
-    accelerometer: bool
-    gyro: bool
-    velocity: bool
-    measured_rate: bool
-
-
-class Prediction(NamedTuple):
-    """Scratch of one sample: predictions and rows."""
-
-    tau: FloatArray  # (n,)
-    nu: FloatArray  # (6,) base velocity
-    a: FloatArray  # (6,) base acceleration
-    inverse: FloatArray  # (6, 6) -H_bb^-1
-    J_nu: FloatArray  # (6, p)
-    L: FloatArray  # (3,) angular momentum in B
-    F: FloatArray  # (6,) external wrench in B
-    lever: FloatArray  # (3,) integral of -R_NB c
-    g: FloatArray  # (6,)
-    S: FloatArray  # (m, m) covariance of the residuals, then its factor
-    fixed: FloatArray  # (m,) variances of the outputs themselves
-    gain: FloatArray  # (m, n+3) sensitivity to unit-variance errors of the inputs
-    z: FloatArray  # (m,)
-    qdd: FloatArray  # (n,) smoothed
-    noisy: tuple[bool, bool]  # joint accelerations, measured rate
 
 
 @compiled
@@ -163,7 +102,7 @@ def predict_sample(
 ) -> None:  # fmt: skip
     """Fill k and s for sample i: base velocity, base acceleration, torques."""
     configure(arm, bodies, data.q[i], k)
-    _external(x, at, data, i, k, s)
+    external(x, at, data, i, k, s)
     if use.measured_rate:
         for c in range(3):
             s.nu[c], s.nu[3 + c] = 0.0, data.w[i, c]
@@ -175,52 +114,30 @@ def predict_sample(
             for j in range(n):
                 g[c] -= k.H_bm[j, c] * data.qd[i, j]
         solve_base(k, g, s.nu)
-    solve_motion(data.qd[i], data.qdd[i], k, s)
+    solve_motion(data, i, data.qd[i], data.qdd[i], k, s)
 
 
 @inlined
-def solve_motion(qd: FloatArray, qdd: FloatArray, k: Work, s: Prediction) -> None:
-    """Fill base acceleration, accelerations of all bodies and torques at base rate s.nu."""
+def solve_motion(
+    data: Data, i: int, qd: FloatArray, qdd: FloatArray, k: Work, s: Prediction
+) -> None:
+    """Fill base acceleration, accelerations of all bodies and torques at base rate s.nu.
+
+    In an orbit the acceleration is that against the field about the base's origin, which is what
+    an accelerometer there measures.
+    """
     g = s.g
     g[:] = 0.0
     accelerate(s.nu[3:], qd, g, qdd, k)
     balance(k, s.tau)
+    if data.field.shape[0] > 0:
+        subtract_field(data.field[i], k, s.tau)
     for c in range(6):
         g[c] = s.F[c] - k.force[0, c]
     solve_base(k, g, s.a)
     shift_base(k, s.a)
     for j in range(qd.shape[0]):
         s.tau[j] += dot6(k.H_bm[j], s.a)
-
-
-@inlined
-def _external(x: FloatArray, at: Columns, data: Data, i: int, k: Work, s: Prediction) -> None:
-    """Fill external wrench and angular momentum in base axes; both constant in N but for torque.
-
-    dL/dt = n - (c x f) about the centre of mass, f at the base origin; time from the first sample.
-    """
-    if at.momentum < 0 and at.wrench < 0:
-        return
-    R = data.R[i]
-    L = s.g
-    for c in range(3):
-        L[c] = x[at.momentum + c] if at.momentum >= 0 else 0.0
-    if at.wrench >= 0:
-        f, moment = x[at.wrench : at.wrench + 3], x[at.wrench + 3 : at.wrench + 6]
-        if i == 0:
-            s.lever[:] = 0.0
-        else:
-            dt = data.t[i] - data.t[i - 1]
-            for c in range(3):
-                s.lever[c] -= dt * (R[c, 0] * k.base[1] + R[c, 1] * k.base[2] + R[c, 2] * k.base[3])
-        t = data.t[i] - data.t[0]
-        for c in range(3):
-            c1, c2 = (c + 1) % 3, (c + 2) % 3
-            L[c] += t * moment[c] + s.lever[c1] * f[c2] - s.lever[c2] * f[c1]
-            s.F[c] = R[0, c] * f[0] + R[1, c] * f[1] + R[2, c] * f[2]
-            s.F[3 + c] = R[0, c] * moment[0] + R[1, c] * moment[1] + R[2, c] * moment[2]
-    for c in range(3):
-        s.L[c] = R[0, c] * L[0] + R[1, c] * L[1] + R[2, c] * L[2]
 
 
 @inlined
@@ -276,7 +193,8 @@ def _new_prediction(data: Data, use: Channels, p: int, m: int) -> Prediction:
     return Prediction(
         np.zeros(n), np.zeros(6), np.zeros(6), np.zeros((6, 6)), np.zeros((6, p)), np.zeros(3),
         np.zeros(6), np.zeros(3), np.zeros(6), np.zeros((m, m)), fixed, np.zeros((m, n + 3)),
-        np.zeros(m), np.zeros(n), (joints, rate),
+        np.zeros(m), np.zeros(n), (joints, rate), np.zeros((2, 3)), np.zeros((2, 3, p)),
+        np.zeros((2, 10)),
     )  # fmt: skip
 
 
@@ -312,7 +230,7 @@ def weigh(data: Data, use: Channels, i: int, k: Work, s: Prediction, rows: Float
         for e in range(3):
             for c in range(m):
                 s.nu[3 + e] += data.s_w[e] * gain[c, n + e] * z[c]
-    solve_motion(data.qd[i], s.qdd, k, s)
+    solve_motion(data, i, data.qd[i], s.qdd, k, s)
     if rate:
         return bool(_covariance(data, use, k, s, True))
     return True
@@ -332,7 +250,7 @@ def _center(data: Data, i: int, k: Work, s: Prediction, rows: FloatArray, p: int
             force[c] = k.force[0, c]
         for j in range(n):
             rows[j, p] += s.z[j] + dot6(k.N[j], force)
-    solve_motion(data.qd[i], data.qdd[i], k, s)
+    solve_motion(data, i, data.qd[i], data.qdd[i], k, s)
 
 
 @inlined
@@ -382,7 +300,7 @@ def fill_jacobian(
 ) -> None:  # fmt: skip
     """Set the first p columns of rows to the Jacobian at the motion in k and s."""
     n, p = data.q.shape[1], x.shape[0]
-    chained = not use.measured_rate
+    chained, field = not use.measured_rate, data.field.shape[0] > 0
     if chained or use.accelerometer:
         unit = s.g
         for c in range(6):
@@ -390,7 +308,7 @@ def fill_jacobian(
             unit[c] = -1.0
             solve_base(k, unit, s.inverse[c])
     if chained:
-        _rate_jacobian(at, data, i, k, s)
+        rate_jacobian(at, data, i, k, s)
         if use.torque or use.accelerometer:
             rate_gradient(k)
     observe_motion(k, False)
@@ -402,8 +320,14 @@ def fill_jacobian(
                 project_base(k, k.N[j], out[at.base : at.base + 10])
             if at.target >= 0:
                 project_tool(k, k.N[j], k.S[j], out[at.target : at.target + 10])
+            if field:
+                if at.base >= 0:
+                    field_base(k, data.field[i], k.N[j], s.row[0], out[at.base : at.base + 10])
+                if at.target >= 0:
+                    own = out[at.target : at.target + 10]
+                    field_tool(k, data.field[i], k.N[j], k.S[j], s.row[0], own)
             if at.wrench >= 0:
-                _turn(data.R[i], k.N[j], out[at.wrench : at.wrench + 6], -1.0)
+                turn(data.R[i], k.N[j], out[at.wrench : at.wrench + 6], -1.0)
             if chained:
                 for e in range(3):
                     scale = rate_sensitivity(k, j, e)
@@ -426,8 +350,14 @@ def fill_jacobian(
                 project_base(k, u, out[at.base : at.base + 10])
             if at.target >= 0:
                 project_tool(k, u, still, out[at.target : at.target + 10])
+            if field:
+                if at.base >= 0:
+                    field_base(k, data.field[i], u, s.row[0], out[at.base : at.base + 10])
+                if at.target >= 0:
+                    own = out[at.target : at.target + 10]
+                    field_tool(k, data.field[i], u, still, s.row[0], own)
             if at.wrench >= 0:
-                _turn(data.R[i], u, out[at.wrench : at.wrench + 6], -1.0)
+                turn(data.R[i], u, out[at.wrench : at.wrench + 6], -1.0)
             for e in range(3):
                 scale = 0.0
                 for c in range(6):
@@ -446,52 +376,3 @@ def fill_jacobian(
     if use.velocity:
         for f in range(3):
             rows[row + f, :p] = s.J_nu[f]
-
-
-@inlined
-def _turn(R: FloatArray, u: FloatArray, out: FloatArray, sign: float) -> None:
-    """Set out (6,) = sign * u . d(wrench in B)/d(wrench in N)."""
-    for c in range(3):
-        out[c] = sign * (R[c, 0] * u[0] + R[c, 1] * u[1] + R[c, 2] * u[2])
-        out[3 + c] = sign * (R[c, 0] * u[3] + R[c, 1] * u[4] + R[c, 2] * u[5])
-
-
-@inlined
-def _rate_jacobian(at: Columns, data: Data, i: int, k: Work, s: Prediction) -> None:
-    """Fill J_nu = -H_bb^-1 Y(q, 0, nu)_b and the columns of momentum and wrench.
-
-    nu is the full predicted velocity: v_b is put back into V for the projection, then removed.
-    """
-    n = data.q.shape[1]
-    for c in range(3):
-        k.V[0, c] += s.nu[c]
-        k.V[n, c] += s.nu[c]
-    observe_motion(k, True)
-    for c in range(3):
-        k.V[0, c] -= s.nu[c]
-        k.V[n, c] -= s.nu[c]
-    still, R, lever = s.g, data.R[i], s.lever
-    still[:] = 0.0
-    t = data.t[i] - data.t[0]
-    for f in range(6):
-        u = s.inverse[f]
-        if at.base >= 0:
-            project_base(k, u, s.J_nu[f, at.base : at.base + 10])
-        if at.target >= 0:
-            project_tool(k, u, still, s.J_nu[f, at.target : at.target + 10])
-        if at.momentum < 0 and at.wrench < 0:
-            continue
-        y0 = -(R[0, 0] * u[3] + R[0, 1] * u[4] + R[0, 2] * u[5])
-        y1 = -(R[1, 0] * u[3] + R[1, 1] * u[4] + R[1, 2] * u[5])
-        y2 = -(R[2, 0] * u[3] + R[2, 1] * u[4] + R[2, 2] * u[5])
-        if at.momentum >= 0:
-            s.J_nu[f, at.momentum] = y0
-            s.J_nu[f, at.momentum + 1] = y1
-            s.J_nu[f, at.momentum + 2] = y2
-        if at.wrench >= 0:
-            # y . (lever x f) = f . (y x lever)
-            out = s.J_nu[f, at.wrench : at.wrench + 6]
-            out[0] = y1 * lever[2] - y2 * lever[1]
-            out[1] = y2 * lever[0] - y0 * lever[2]
-            out[2] = y0 * lever[1] - y1 * lever[0]
-            out[3], out[4], out[5] = t * y0, t * y1, t * y2

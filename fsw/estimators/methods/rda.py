@@ -8,7 +8,7 @@ rate is weighed in, (Sigma_tau + H^ Sigma_qdd H^^T + D Sigma_w D^T)^-1.
 from __future__ import annotations
 
 from fsw.estimators.methods.fused_batch import solve_channels
-from fsw.estimators.methods.prediction_pass import Channels
+from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.result import BatchResult
 from fsw.estimators.methods.system import Options
 from fsw.estimators.problem import Problem

@@ -23,8 +23,9 @@ from fsw.estimators.kernel import (
     new_work,
     rate_gradient,
 )
+from fsw.estimators.methods.gravity_pass import field_base, field_tool, subtract_field
+from fsw.estimators.methods.layout import CHUNK, Columns, Data
 from fsw.estimators.methods.linear import factor, solve_both, whiten
-from fsw.estimators.methods.prediction_pass import CHUNK, Columns, Data
 from fsw.estimators.projection import observe_motion, project_base, project_tool
 from fsw.messages import FloatArray
 
@@ -133,6 +134,8 @@ def residual(
         s.qdd[j] = data.qdd[i, j]
     accelerate(s.w, data.qd[i], s.a, s.qdd, k)
     balance(k, s.tau)
+    if data.field.shape[0] > 0:
+        subtract_field(data.field[i], k, s.tau)
     for c in range(6):
         rows[c, p] = -k.force[0, c]
     if at.wrench >= 0:
@@ -263,6 +266,20 @@ def _body_rows(at: Columns, n: int, k: Work, s: _Sample, rows: FloatArray) -> No
             project_tool(k, k.S[j], k.scratch[0], rows[6 + j, at.target : at.target + 10])
 
 
+@compiled
+def _field_rows(at: Columns, w: FloatArray, n: int, k: Work, s: _Sample, rows: FloatArray) -> None:
+    """Take the gravity-gradient field's part off the bodies' columns."""
+    row, still = np.zeros(10), k.scratch[0]
+    for c in range(6):
+        if at.base >= 0:
+            field_base(k, w, s.unit[c], row, rows[c, at.base : at.base + 10])
+        if at.target >= 0:
+            field_tool(k, w, s.unit[c], still, row, rows[c, at.target : at.target + 10])
+    if at.target >= 0:
+        for j in range(n):
+            field_tool(k, w, k.S[j], still, row, rows[6 + j, at.target : at.target + 10])
+
+
 @inlined
 def _fill_rows(
     x: FloatArray, at: Columns, data: Data, i: int, k: Work, s: _Sample, rows: FloatArray
@@ -271,6 +288,8 @@ def _fill_rows(
     observe_motion(k, False)
     k.scratch[0] = 0.0
     _body_rows(at, n, k, s, rows)
+    if data.field.shape[0] > 0:
+        _field_rows(at, data.field[i], n, k, s, rows)
     biased = at.acc_bias >= 0 or at.gyro_bias >= 0
     if biased:
         _mass_matrix(k, s)

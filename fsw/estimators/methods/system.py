@@ -10,10 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from fsw.errors import EstimatorError
 from fsw.estimators.inertia import PARAMETERS
 from fsw.estimators.kernel import Arm, build_arm
-from fsw.estimators.methods.prediction_pass import Columns, Data
+from fsw.estimators.methods.layout import Columns, Data
+from fsw.estimators.orbit import CircularOrbit
 from fsw.estimators.problem import Problem
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
@@ -62,16 +62,7 @@ class System:
 
 
 def build_system(problem: Problem, options: Options) -> System:
-    """Lay out states and prior of a batch run.
-
-    Raises
-    ------
-    EstimatorError if the problem has an orbit: these methods have no gravity gradient.
-    """
-    if problem.orbit is not None:
-        raise EstimatorError(
-            "orbit: the methods on samples have no gravity gradient; those on blocks have it"
-        )
+    """Lay out states and prior of a batch run."""
     model = problem.model
     arm, change = build_arm(model)
     p, covariance = len(problem.names), problem.prior_covariance
@@ -104,8 +95,16 @@ def _first(states: slice) -> int:
     return int(states.start) if states.stop > states.start else -1
 
 
-def kernel_data(samples: SampleSet) -> Data:
-    """Return the arrays of a sample set as the kernels take them."""
+def _zenith(samples: SampleSet, orbit: CircularOrbit) -> FloatArray:
+    """Return sqrt(3 mu/R^3) times the unit vector from the Earth, in base axes (N, 3)."""
+    angle = orbit.gradient_1_s2**0.5 * samples.t_s
+    r_N = np.outer(np.cos(angle), orbit.r_hat) + np.outer(np.sin(angle), orbit.t_hat)
+    r_B: FloatArray = np.einsum("kji,kj->ki", samples.R_NB, r_N)
+    return np.ascontiguousarray((3.0 * orbit.gradient_1_s2) ** 0.5 * r_B)
+
+
+def kernel_data(samples: SampleSet, orbit: CircularOrbit | None = None) -> Data:
+    """Return the arrays of a sample set as the kernels take them; its times are from the epoch."""
     noise = samples.noise
     v = np.zeros((0, 3)) if samples.v_NB_B is None else samples.v_NB_B
     return Data(
@@ -119,6 +118,7 @@ def kernel_data(samples: SampleSet) -> Data:
         samples.a_NB_B,
         v,
         samples.R_NB,
+        np.zeros((0, 3)) if orbit is None else _zenith(samples, orbit),
         noise.tau_nm,
         noise.qdd_rad_s2,
         noise.w_rad_s,

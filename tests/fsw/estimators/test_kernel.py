@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fsw.estimators import kernel, projection
+from fsw.estimators.methods.layout import Columns, Data
 from fsw.estimators.methods.least_squares_pass import least_squares_gram
-from fsw.estimators.methods.prediction_pass import Columns, Data
 from fsw.estimators.model import RobotModel
 from tests.conftest import arm_urdf
 from tests.fsw.estimators.cases import BASE, TARGET, URDF, parameters
@@ -138,6 +138,7 @@ def test_least_squares_gram_is_that_of_the_regressor(model, unknown, count):
         a=np.array([c.a[:3] for c in cases]),
         v=none,
         R=np.zeros((count, 3, 3)),
+        field=np.zeros((0, 3)),
         s_tau=np.ones(model.n),
         s_qdd=np.zeros(model.n),
         s_w=np.zeros(3),

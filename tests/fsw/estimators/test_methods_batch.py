@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fsw.errors import EstimatorError
 from fsw.estimators.inertia import is_consistent
 from fsw.estimators.methods.energy import solve_energy
 from fsw.estimators.methods.fused_batch import solve_fused
@@ -16,7 +15,6 @@ from fsw.estimators.methods.mrnea_batch import solve_mrnea
 from fsw.estimators.methods.rda import solve_rda
 from fsw.estimators.methods.result import directions
 from fsw.estimators.methods.system import Options, build_system
-from fsw.estimators.orbit import CircularOrbit
 from fsw.estimators.samples import Noise, with_noise
 from tests.fsw.estimators.cases import N, make_problem
 from tests.fsw.estimators.methods_cases import FINE, FULL, PLAIN, band, exact, nees, start, truth
@@ -207,19 +205,6 @@ def test_nuisances_are_estimated_along():
         assert result.mean[problem.bodies] == pytest.approx(
             truth(problem)[problem.bodies], rel=1e-3, abs=0.1
         )
-
-
-@pytest.mark.parametrize("method", SOLVERS)
-def test_an_orbit_is_refused_by_name(method):
-    problem, samples = problem_of(("target",))
-    orbit = CircularOrbit(
-        r_hat=np.array([1.0, 0.0, 0.0]),
-        t_hat=np.array([0.0, 1.0, 0.0]),
-        gradient_1_s2=1.2e-6,
-        epoch_ns=None,
-    )
-    with pytest.raises(EstimatorError, match="orbit"):
-        SOLVERS[method](samples, replace(problem, orbit=orbit), Options())
 
 
 @pytest.mark.parametrize("method", ["cm", "ce"])
