@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import filecmp
+import gc
+import io
 import itertools
 import time
 import zlib
@@ -288,7 +290,7 @@ def quick_timers(monkeypatch):
 
 
 @pytest.fixture
-def librecube() -> Iterator[Callable[..., object]]:
+def librecube(tmp_path: Path) -> Iterator[Callable[..., object]]:
     """Return a maker of LibreCube's entity on a list as its link."""
     cfdp = pytest.importorskip("cfdp", reason="needs cfdp (LibreCube): pip install '.[test]'")
     from cfdp.filestore import NativeFileStore
@@ -321,6 +323,9 @@ def librecube() -> Iterator[Callable[..., object]]:
     yield make
     for entity in made:
         entity.shutdown()
+    for thing in gc.get_objects():  # it leaves the file it sends open
+        if isinstance(thing, io.BufferedReader) and str(thing.name).startswith(str(tmp_path)):
+            thing.close()
         entity._event_thread.join()
         entity._message_thread.join()
 
