@@ -36,7 +36,10 @@ from tests.ground.browser import (
 )
 from tests.ground.live_run import ENVIRONMENT, LiveRun, wait_for
 
-pytestmark = pytest.mark.timeout(900)  # a busy machine draws the page slowly
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.timeout(900),  # a busy machine draws the page slowly
+]
 
 TMTCCMD = Path(sys.prefix) / "tmtccmd" / "bin" / "python"
 FILE_BYTES = 250_000

@@ -7,6 +7,8 @@ from rich.progress import Progress
 from fsw.telemetry.dispatcher import TcDispatcher
 from hil.telemetry_fuzz import FuzzError, run
 
+pytestmark = pytest.mark.live
+
 
 @pytest.fixture
 def progress():

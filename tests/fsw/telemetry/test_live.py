@@ -15,6 +15,8 @@ from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.packets import Decoder, Telemetry, telecommand_packet
 from tests.conftest import ArmProject
 
+pytestmark = pytest.mark.live
+
 PATIENCE_S = 60.0
 
 

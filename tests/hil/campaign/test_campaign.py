@@ -149,6 +149,7 @@ def test_the_summary_is_calibrated():
     assert abs(tool["mean"] - expected) < 2 * tool["half_interval"]
 
 
+@pytest.mark.live
 def test_one_process_two_processes_and_dask_give_the_same_bits(path: Path, tmp_path: Path):
     distributed = pytest.importorskip("distributed", reason="needs the extra campaign")
     campaign: Campaign = read(path)
@@ -180,19 +181,20 @@ def lines(out: Path) -> int:
     return len(journal.read_bytes().splitlines()) if journal.exists() else 0
 
 
+@pytest.mark.live
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_killing_a_worker_and_the_driver_loses_and_doubles_nothing(path: Path, tmp_path: Path):
     whole, out = tmp_path / "whole", tmp_path / "killed"
     subprocess.run(command(path, whole), env=environment(), check=True, capture_output=True)
     driver = subprocess.Popen(
-        command(path, out), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        command(path, out), env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     until(lambda: lines(out) >= 1, driver)
     worker = next(pid for pid in children(driver.pid) if is_worker(pid))
     os.kill(worker, signal.SIGKILL)
     until(lambda: lines(out) >= 3, driver)
     driver.kill()
-    driver.communicate()
+    driver.wait()
     assert lines(out) >= 3
     subprocess.run(command(path, out), env=environment(), check=True, capture_output=True)
     assert digests(out) == digests(whole)
