@@ -19,7 +19,7 @@ def test_without_noise_the_samples_are_the_truth():
     samples = noisy_samples("leo", "target", ALL, QUIET, RATE_HZ, 1)
     truth = channels_of("leo", "target", ALL, RATE_HZ).nodes
     assert np.abs(samples.q - truth.q).max() < 1e-7
-    assert np.abs(samples.qdd - truth.qdd).max() < 3e-6  # disturbances move it off the plan
+    assert np.abs(samples.qdd - truth.qdd).max() < 1e-5  # disturbances move it off the plan
     assert np.abs(samples.tau - truth.tau).max() < 5e-4
     assert np.abs(samples.w_NB_B - truth.w_NB_B).max() < 1e-6
     assert np.abs(samples.wd_NB_B - truth.wd_NB_B).max() < 2e-5
