@@ -44,7 +44,7 @@ ASSUMPTIONS = (
     "Noise: the paper's profile is 0.0032 of each unit per sample, white; its literal reading "
     "(0.316) and others stand under sensitivity.",
     "Rates and accelerations of the joints come from a spline on the planned motion's knots, the "
-    "base's angular acceleration from windows of 0.5 s: the paper does not say how it takes them. "
+    "base's angular acceleration from windows of 0.4 s: the paper does not say how it takes them. "
     "Every method gets the same samples.",
     "The sample-level methods model no disturbance; the fused one estimates a constant wrench "
     "along where something acts. The gravity gradient is modelled in the bias table.",

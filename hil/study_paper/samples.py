@@ -25,9 +25,8 @@ from hil.spline import DEGREE, REST_POINTS, JointSpline
 from hil.study.exact import base_velocity, true_robot
 from hil.study_paper.cases import ChannelNoise, scenario_of
 
-STEP_S, QUICK_STEP_S = 0.01, 0.02  # of the truth's integration
-QUICK_RATE_HZ = 100.0  # up to this rate the quick step
-WINDOW_S = 0.5
+STEP_S = 0.01  # of the truth's integration
+WINDOW_S = 0.4
 NODES = 4
 NOISE_STREAM = 131
 
@@ -49,19 +48,18 @@ class Channels:
 
 
 @lru_cache(maxsize=8)
-def history_of(orbit: str, system: str, acting: str, step_s: float = STEP_S) -> TruthHistory:
+def history_of(orbit: str, system: str, acting: str) -> TruthHistory:
     """Return the truth of the identification motion."""
     scenario = scenario_of(orbit, system, acting)
     spline = JointSpline.load(scenario.identification)
     robot = true_robot(scenario)
-    return simulate_in(scenario.environment, robot, spline, 0.0, spline.duration_s, step_s)
+    return simulate_in(scenario.environment, robot, spline, 0.0, spline.duration_s, STEP_S)
 
 
 @lru_cache(maxsize=4)
 def channels_of(orbit: str, system: str, acting: str, rate_hz: float) -> Channels:
     """Return the exact channels; sensors sample in the middle of their periods."""
-    step_s = QUICK_STEP_S if rate_hz <= QUICK_RATE_HZ else STEP_S
-    history = history_of(orbit, system, acting, step_s)
+    history = history_of(orbit, system, acting)
     count = int(history.end_s / WINDOW_S) * round(WINDOW_S * rate_hz)
     t_s = np.asarray((np.arange(count) + 0.5) / rate_hz, dtype=np.float64)
     centres = WINDOW_S * (np.arange(int(history.end_s / WINDOW_S)) + 0.5)

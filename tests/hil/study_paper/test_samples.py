@@ -15,18 +15,18 @@ QUIET = ChannelNoise(position_rad=0.0, torque_nm=0.0, rate_rad_s=0.0, accelerati
 
 
 def test_without_noise_the_samples_are_the_truth():
-    """The spline holds the planned motion; windows of 0.5 s cut off less than a node's noise."""
+    """The spline holds the planned motion; windows of 0.4 s cut off less than a node's noise."""
     samples = noisy_samples("leo", "target", ALL, QUIET, RATE_HZ, 1)
     truth = channels_of("leo", "target", ALL, RATE_HZ).nodes
     assert np.abs(samples.q - truth.q).max() < 1e-7
-    assert np.abs(samples.qdd - truth.qdd).max() < 1e-5  # disturbances move it off the plan
+    assert np.abs(samples.qdd - truth.qdd).max() < 3e-6  # disturbances move it off the plan
     assert np.abs(samples.tau - truth.tau).max() < 5e-4
     assert np.abs(samples.w_NB_B - truth.w_NB_B).max() < 1e-6
-    assert np.abs(samples.wd_NB_B - truth.wd_NB_B).max() < 5e-5
+    assert np.abs(samples.wd_NB_B - truth.wd_NB_B).max() < 2e-5
 
 
 def test_the_claimed_noise_is_the_noise():
-    """Torque, rate, acceleration at the nodes: 480 x 3 values and more, 5 % is 3 sigma."""
+    """Torque, rate, acceleration at the nodes: 600 x 3 values and more, 5 % is 3 sigma."""
     noise = noise_of(PAPER, RATE_HZ)
     samples = noisy_samples("leo", "target", ALL, noise, RATE_HZ, 23000)
     clean = noisy_samples("leo", "target", ALL, QUIET, RATE_HZ, 23000)
