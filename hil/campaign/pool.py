@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +18,8 @@ MOST_ATTEMPTS = 3  # of a run whose worker dies
 AHEAD = 4  # runs handed out per worker: few are lost with it
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
+PR_SET_PDEATHSIG = 1  # prctl(2)
+
 Row = dict[str, Any]
 
 
@@ -26,7 +30,7 @@ def local(runs: Sequence[Run], workers: int) -> Iterator[Row]:
     waiting = [(run, 1) for run in reversed(runs)]
     while waiting:
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context) as executor:
+        with ProcessPoolExecutor(workers, context, _end_with_driver) as executor:
             flying: dict[Future[Row], tuple[Run, int]] = {}
             try:
                 while waiting or flying:
@@ -47,6 +51,11 @@ def local(runs: Sequence[Run], workers: int) -> Iterator[Row]:
                         yield _dead(run)
                     else:
                         waiting.append((run, tries + 1))
+
+
+def _end_with_driver() -> None:
+    """Have the kernel end this worker with its driver, however that ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _finished(future: Future[Row]) -> Row | None:

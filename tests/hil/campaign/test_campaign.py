@@ -149,7 +149,6 @@ def test_the_summary_is_calibrated():
     assert abs(tool["mean"] - expected) < 2 * tool["half_interval"]
 
 
-@pytest.mark.live
 def test_one_process_two_processes_and_dask_give_the_same_bits(path: Path, tmp_path: Path):
     distributed = pytest.importorskip("distributed", reason="needs the extra campaign")
     campaign: Campaign = read(path)
@@ -181,7 +180,6 @@ def lines(out: Path) -> int:
     return len(journal.read_bytes().splitlines()) if journal.exists() else 0
 
 
-@pytest.mark.live
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_killing_a_worker_and_the_driver_loses_and_doubles_nothing(path: Path, tmp_path: Path):
     whole, out = tmp_path / "whole", tmp_path / "killed"

@@ -10,8 +10,6 @@ from rich.console import Console
 from hil.study_paper import report, run
 from hil.study_paper.cases import ALL, PAPER
 
-pytestmark = pytest.mark.live
-
 
 @pytest.mark.slow
 def test_the_target_alone_end_to_end(tmp_path, monkeypatch):
