@@ -94,7 +94,8 @@ def test_a_command_that_ignores_the_end_of_its_time_is_killed():
 
 @needs_vcan
 def test_an_interrupt_reaches_the_command_and_leaves_nothing(tmp_path):
-    text = "import signal; print('on', flush=True); signal.pause()"
+    # short sleeps: a signal between the line and an endless wait would only be seen after it
+    text = "import time\nprint('on', flush=True)\nwhile True: time.sleep(0.05)"
     with subprocess.Popen(
         [sys.executable, "-m", "hil", "vcan", "--", sys.executable, "-c", text],
         env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},

@@ -323,11 +323,11 @@ def librecube(tmp_path: Path) -> Iterator[Callable[..., object]]:
     yield make
     for entity in made:
         entity.shutdown()
-    for thing in gc.get_objects():  # it leaves the file it sends open
-        if isinstance(thing, io.BufferedReader) and str(thing.name).startswith(str(tmp_path)):
-            thing.close()
         entity._event_thread.join()
         entity._message_thread.join()
+    for thing in gc.get_objects():  # it leaves the file it sends open; a proxy's class is not asked
+        if type(thing) is io.BufferedReader and str(thing.name).startswith(str(tmp_path)):
+            thing.close()
 
 
 @pytest.mark.parametrize(
