@@ -7,7 +7,8 @@ to a deadline: what is stamped later waits until the window has closed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
@@ -24,6 +25,7 @@ COB_HEARTBEAT = 0x700
 NODE_MASK = 0x07F
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
+BACK_TOLERANCE_NS = 100_000  # of two clocks read at different moments
 
 Item = TypeVar("Item", CanFrame, ByteChunk)
 
@@ -259,25 +261,46 @@ class BusInput:
         self._trouble, self._told_ns = trouble, now_ns
 
     def _in_order(self, read: list[CanFrame]) -> list[CanFrame]:
-        """Merge sent and read frames; one stamped after our send began comes after what we sent."""
-        if self._sent:
-            frames: list[CanFrame] = []
-            position = 0
-            for before_ns, sent in self._sent:
-                while position < len(read) and read[position].t_ns < before_ns:
-                    frames.append(read[position])
-                    position += 1
-                frames.append(sent)
-            frames += read[position:]
-            self._sent = []
-        else:
-            frames = read
+        """Merge sent and read frames; stamps never run backwards."""
+        frames = self._with_sent(read) if self._sent else read
         for i, frame in enumerate(frames):
             if frame.t_ns < self._newest_ns:
                 frames[i] = replace(frame, t_ns=self._newest_ns)
             else:
                 self._newest_ns = frame.t_ns
         return frames
+
+    def _with_sent(self, read: list[CanFrame]) -> list[CanFrame]:
+        """Put what was sent where the bus handed it back, with the stamp it has there.
+
+        That stamp is the kernel's: ours, taken after sending, is late by whatever came between. A
+        frame may come back after the answers to it, but its stamp tells its place. What does not
+        come back stands before all that is stamped after its sending began.
+        """
+        frames: list[CanFrame] = []
+        rest = deque(read)
+        for before_ns, sent in self._sent:
+            back = _find_back(rest, before_ns, sent)
+            own, first_after_ns = sent, before_ns
+            if back is not None:
+                rest.remove(back)
+                first_after_ns = max(before_ns, back.t_ns)
+                own = replace(sent, t_ns=first_after_ns)
+            while rest and rest[0].t_ns < first_after_ns:
+                frames.append(rest.popleft())
+            frames.append(own)
+        self._sent = []
+        return frames + list(rest)
+
+
+def _find_back(read: Iterable[CanFrame], before_ns: int, sent: CanFrame) -> CanFrame | None:
+    """Return a frame sent after `before_ns` as it has come back, if it has."""
+    for frame in read:
+        if (frame.can_id, frame.data) == (sent.can_id, sent.data) and not (
+            frame.is_error or frame.is_extended or frame.t_ns < before_ns - BACK_TOLERANCE_NS
+        ):
+            return frame
+    return None
 
 
 class LineInput:

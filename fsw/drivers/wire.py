@@ -50,7 +50,10 @@ class FramePort(Protocol):
     """Non-blocking CAN port."""
 
     def read(self) -> list[CanFrame]:
-        """Return every frame received since the last call, with its stamp. Raises PortError."""
+        """Return every frame received since the last call, with its stamp. Raises PortError.
+
+        Frames of our own may be among them, in their place and stamped when they were on the bus.
+        """
         ...
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:

@@ -6,7 +6,6 @@ import errno
 import os
 import socket
 import struct
-from collections import deque
 from typing import Any
 
 import can
@@ -19,7 +18,6 @@ from fsw.errors import PortError
 
 RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
-MAX_ECHOES = 64  # frames sent and not seen back
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
 _HEADER = struct.Struct("=IBB2x")
@@ -34,7 +32,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
     ------
     PortError naming interface and channel.
     """
-    options: dict[str, Any] = {"receive_own_messages": False}
+    options: dict[str, Any] = {}
     if bus.fd or bus.interface in ("socketcan", "udp_multicast"):
         options["fd"] = bus.fd
     if bus.bitrate is not None:
@@ -45,6 +43,8 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
         options["hop_limit"] = LOCAL_HOP_LIMIT
         if bus.port is not None:
             options["port"] = bus.port
+    if bus.interface == "socketcan":
+        options["receive_own_messages"] = True  # stamped when they were on the bus
     name = f"buses.{bus.name} ({bus.interface} {bus.channel})"
     try:
         device = can.Bus(interface=bus.interface, channel=bus.channel, **options)
@@ -57,49 +57,59 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
         except PortError:
             device.shutdown()
             raise
-    return CanPort(device, clock, name, echoes=bus.interface == "udp_multicast")
+    return CanPort(device, clock, name, stamped=bus.interface == "udp_multicast")
 
 
 class CanPort:
     """Any python-can bus.
 
-    With `echoes` the interface hands back what was sent (udp_multicast does); that is dropped.
+    With `stamped` its messages carry the kernel's stamps (udp_multicast's do), else they are
+    stamped when read. What was sent may come back among what is read; the reader sorts that out.
     """
 
     def __init__(
-        self, device: can.BusABC, clock: Clock, name: str, *, echoes: bool = False
+        self, device: can.BusABC, clock: Clock, name: str, *, stamped: bool = False
     ) -> None:
-        self._echoes: deque[tuple[int, bytes]] | None = None
-        if echoes:
-            self._echoes = deque(maxlen=MAX_ECHOES)
-        self._device = device
-        self._clock = clock
-        self._name = name
+        self._device, self._clock, self._name = device, clock, name
+        self._stamped = stamped
+        self._empty_ns = clock.now_ns()
 
     def read(self) -> list[CanFrame]:
         """Return every frame received since the last call."""
-        frames: list[CanFrame] = []
+        began_ns = self._clock.now_ns()
+        messages: list[can.Message] = []
         try:
-            while len(frames) < MAX_BATCH:
+            while len(messages) < MAX_BATCH:
                 message = self._device.recv(timeout=0)
                 if message is None:
                     break
-                if self._echoes and self._is_echo(message):
-                    continue
-                frames.append(
-                    CanFrame(
-                        self._clock.now_ns(),
-                        message.arbitration_id,
-                        bytes(message.data),
-                        message.is_fd,
-                        message.is_extended_id,
-                        message.is_remote_frame,
-                        message.is_error_frame,
-                        message.bitrate_switch,
-                    )
-                )
+                messages.append(message)
         except (can.CanError, OSError) as error:
             raise PortError(f"{self._name}: cannot be read: {error}") from error
+        if not messages:
+            self._empty_ns = began_ns
+            return []
+        offset_ns, now_ns = monotonic_less_realtime_ns(), self._clock.now_ns()
+        frames = []
+        for message in messages:
+            t_ns = now_ns
+            if self._stamped:
+                stamp_ns = round(message.timestamp * 1e9) + offset_ns
+                t_ns = min(max(stamp_ns, self._empty_ns), now_ns)
+            frames.append(
+                CanFrame(
+                    t_ns,
+                    message.arbitration_id,
+                    bytes(message.data),
+                    message.is_fd,
+                    message.is_extended_id,
+                    message.is_remote_frame,
+                    message.is_error_frame,
+                    message.bitrate_switch,
+                )
+            )
+        if len(messages) < MAX_BATCH:
+            self._empty_ns = began_ns
         return frames
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
@@ -109,23 +119,11 @@ class CanPort:
             self._device.send(message)
         except (can.CanError, OSError) as error:
             raise PortError(f"{self._name}: cannot be written: {error}") from error
-        t_ns = self._clock.now_ns()
-        if self._echoes is not None:
-            self._echoes.append((can_id, data))
-        return CanFrame(t_ns, can_id, data)
+        return CanFrame(self._clock.now_ns(), can_id, data)
 
     def take_dropped(self) -> int:
         """Return 0: python-can does not tell."""
         return 0
-
-    def _is_echo(self, message: can.Message) -> bool:
-        """Tell whether this is the oldest frame sent that has not come back yet."""
-        sent = (message.arbitration_id, bytes(message.data))
-        if self._echoes is None or sent not in self._echoes:
-            return False
-        while self._echoes.popleft() != sent:
-            pass  # an echo before it was lost
-        return True
 
     def wake_fds(self) -> tuple[int, ...]:
         """Return nothing: joint samples are timed by SYNC, not by arrival."""

@@ -35,14 +35,22 @@ def test_frames_pass_both_ways_on_a_virtual_bus() -> None:
 
 def test_udp_multicast_carries_frames_between_ports() -> None:
     config = bus_config(interface="udp_multicast", channel="239.74.163.9", port=43997)
-    first, second = open_can(config, MonotonicClock()), open_can(config, MonotonicClock())
+    clock = MonotonicClock()
+    first, second = open_can(config, clock), open_can(config, clock)
     try:
-        first.write(0x191, bytes(range(8)))
+        before_ns = clock.now_ns()
+        sent = first.write(0x191, bytes(range(8)))
+        after_ns = clock.now_ns()
+        clock.sleep_until_ns(after_ns + 20_000_000)
         frames = [f for _ in range(2000) for f in second.read()]
         assert [(f.can_id, f.data, f.is_extended) for f in frames] == [
             (0x191, bytes(range(8)), False)
         ]
-        assert [f for _ in range(200) for f in first.read()] == []
+        # the sender gets it back; both have the kernel's stamp of its sending, not of the reading
+        own = [f for _ in range(200) for f in first.read()]
+        assert [(f.can_id, f.data) for f in own] == [(sent.can_id, sent.data)]
+        for frame in (*frames, *own):
+            assert before_ns - 100_000 <= frame.t_ns <= after_ns + 100_000
     finally:
         first.close()
         second.close()
