@@ -17,6 +17,7 @@ from hil.bench import EDGE_S, Setup, run_virtual
 from hil.bound import Sensors, information
 from hil.flight import bound_sensors
 from hil.floating import FloatingRobot
+from hil.flown import with_estimator
 from hil.history import TruthHistory
 from hil.inertia import FloatArray, pi_of
 from hil.robot import Robot
@@ -26,7 +27,7 @@ from hil.study.cases import DEVICE, Key, Record, scenario_of, truth_of
 from hil.study.exact import true_robot
 from hil.study.fisher import ALL
 from hil.study.flight_side import priors_of, problem_of, write_config
-from hil.study.methods import on_blocks
+from hil.study.methods import WARM, on_blocks, warm_start
 from hil.study.sample_level import failed, judged
 from hil.truth import simulate
 
@@ -39,11 +40,13 @@ def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[Record]:
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         config, blocks = _run(case, seed, Path(folder))
         problem = problem_of(config)
-    records = []
+    records, warm = [], None
     for method in methods:
         key = Key(level=DEVICE, case=case, sensors=SENSORS, method=method, seed=seed)
         try:
-            outcome = on_blocks(method, blocks, problem)
+            if method in WARM and warm is None:
+                warm = warm_start(blocks, problem)
+            outcome = on_blocks(method, blocks, problem, warm)
         except (EstimatorError, np.linalg.LinAlgError) as error:
             records.append(failed(key, str(error)))
             continue
@@ -87,7 +90,7 @@ def _only(sensors: Sensors, channels: str) -> Sensors:
 def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
     """Run plant and daemon; the truth's motion, the same for every seed, is simulated once.
 
-    The daemon's own online estimator does not touch the blocks.
+    The daemon's own online estimator does not touch the blocks; the cheapest one runs.
     """
     scenario = scenario_of(case)
     spline, history = _motion(case)
@@ -97,7 +100,7 @@ def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
         seed=seed,
         folder=folder,
         config_path=folder / "flight.yaml",
-        config=config,
+        config=with_estimator(config, "mrnea", "ols"),
         priors=priors_of(scenario, seed),
         robot=_robot(case),
         spline=spline,

@@ -24,6 +24,7 @@ from hil.inertia import FloatArray
 
 CONSISTENT = ("mrnea eiv", "rda", "fused")  # whose mean NEES must lie in its band
 FUSED = "fused"
+WARM = ("rda", "ce")  # begin at another method's result, as in the worker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,11 +102,18 @@ def on_samples(name: str, samples: SampleSet, problem: Problem) -> Outcome:
     return run(samples, problem)
 
 
-def on_blocks(name: str, blocks: Sequence[Block], problem: Problem) -> Outcome:
+def warm_start(blocks: Sequence[Block], problem: Problem) -> FloatArray:
+    """Return where the worker lets RDA and CE begin: the state MRNEA finds."""
+    return solve(problem, row_function("mrnea", "eiv", problem), blocks).mean
+
+
+def on_blocks(
+    name: str, blocks: Sequence[Block], problem: Problem, warm: FloatArray | None = None
+) -> Outcome:
     """Run a method on recorded blocks as the flight software does, the prior being information.
 
-    The covariances of CM and CE are those before the profile along their weak axes, which
-    `fsw identify` adds.
+    `warm` is `warm_start` of the same blocks, where it is at hand. The covariances of CM and CE are
+    those before the profile along their weak axes, which `fsw identify` adds.
 
     Raises
     ------
@@ -115,8 +123,8 @@ def on_blocks(name: str, blocks: Sequence[Block], problem: Problem) -> Outcome:
     if choice is None:
         raise ValueError(f"{name} does not run on blocks")
     start = None
-    if choice[0] in ("rda", "ce"):  # as the worker does: begin at the linear method's result
-        start = solve(problem, row_function("mrnea", "eiv", problem), blocks).mean
+    if choice[0] in WARM:
+        start = warm_start(blocks, problem) if warm is None else warm
     solution = solve(problem, row_function(*choice, problem), blocks, None, start)
     k = problem.bodies
     covariance, note = linear_covariance(problem, choice[0], solution)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fsw.estimators.kernel import Work, inlined
 from fsw.estimators.methods.gravity_pass import gain, gain_jacobian
-from fsw.estimators.methods.layout import Columns, Data, Prediction
+from fsw.estimators.methods.layout import Channels, Columns, Data, Prediction
 from fsw.estimators.projection import observe_motion, project_base, project_tool
 from fsw.messages import FloatArray
 
@@ -52,9 +52,10 @@ def turn(R: FloatArray, u: FloatArray, out: FloatArray, sign: float) -> None:
 
 
 @inlined
-def rate_jacobian(at: Columns, data: Data, i: int, k: Work, s: Prediction) -> None:
+def rate_jacobian(at: Columns, data: Data, use: Channels, i: int, k: Work, s: Prediction) -> None:
     """Fill J_nu = -H_bb^-1 Y(q, 0, nu)_b and the columns of momentum, field and wrench.
 
+    Its first three rows only where the base velocity is a channel: nothing else depends on them.
     nu is the full predicted velocity: v_b is put back into V for the projection, then removed.
     """
     n = data.q.shape[1]
@@ -70,7 +71,7 @@ def rate_jacobian(at: Columns, data: Data, i: int, k: Work, s: Prediction) -> No
     still, R, lever = s.g, data.R[i], s.lever
     still[:] = 0.0
     t = data.t[i] - data.t[0]
-    for f in range(6):
+    for f in range(0 if use.velocity else 3, 6):
         u = s.inverse[f]
         if at.base >= 0:
             project_base(k, u, s.J_nu[f, at.base : at.base + 10])

@@ -114,7 +114,11 @@ def predict_sample(
             for j in range(n):
                 g[c] -= k.H_bm[j, c] * data.qd[i, j]
         solve_base(k, g, s.nu)
-    solve_motion(data, i, data.qd[i], data.qdd[i], k, s)
+    if use.torque or use.accelerometer:
+        solve_motion(data, i, data.qd[i], data.qdd[i], k, s)
+    else:
+        s.g[:] = 0.0
+        accelerate(s.nu[3:], data.qd[i], s.g, data.qdd[i], k)
 
 
 @inlined
@@ -301,17 +305,19 @@ def fill_jacobian(
     """Set the first p columns of rows to the Jacobian at the motion in k and s."""
     n, p = data.q.shape[1], x.shape[0]
     chained, field = not use.measured_rate, data.field.shape[0] > 0
+    first = 0 if use.accelerometer or use.velocity else 3
     if chained or use.accelerometer:
         unit = s.g
-        for c in range(6):
+        for c in range(first, 6):
             unit[:] = 0.0
             unit[c] = -1.0
             solve_base(k, unit, s.inverse[c])
     if chained:
-        rate_jacobian(at, data, i, k, s)
+        rate_jacobian(at, data, use, i, k, s)
         if use.torque or use.accelerometer:
             rate_gradient(k)
-    observe_motion(k, False)
+    if use.torque or use.accelerometer:
+        observe_motion(k, False)
     row = 0
     if use.torque:
         for j in range(n):

@@ -24,6 +24,12 @@ from fsw.estimators.kernel import (
     rate_gradient,
 )
 from fsw.estimators.methods.gravity_pass import field_base, field_tool, subtract_field
+from fsw.estimators.methods.inflation import (
+    add_sample,
+    inflation,
+    new_inflation,
+    shrinkage,
+)
 from fsw.estimators.methods.layout import CHUNK, Columns, Data
 from fsw.estimators.methods.linear import factor, solve_both, whiten
 from fsw.estimators.projection import observe_motion, project_base, project_tool
@@ -38,7 +44,7 @@ class Regression(NamedTuple):
     gram: FloatArray  # (p+1, p+1) of [X | r]
     inflation: FloatArray  # (p, p) sum Y_k^T W Y_l P_kl: what input noise adds to X^T W X
     shrinkage: FloatArray  # (p,) sum Y_k^T W H_l P_kl: what it takes from X^T W r
-    scores: FloatArray  # (p, p) sum of s s^T, s = X^T W r + shrinkage of one sample
+    scores: FloatArray  # (p, p) sum of s s^T, s = X^T W r + shrinkage of one sample; not EIV
 
 
 class _Sample(NamedTuple):
@@ -76,8 +82,7 @@ def regression_pass(
     )  # fmt: skip
     out = Regression(np.zeros((p + 1, p + 1)), np.zeros((p, p)), np.zeros(p), np.zeros((p, p)))
     buffer = np.zeros((CHUNK * m, p + 1))
-    extra = np.zeros((m * m, p + 1))
-    P = np.zeros((m, m))
+    spread, pull = new_inflation(m), np.zeros(p)
     fill = 0
     for i in range(data.q.shape[0]):
         rows = buffer[fill : fill + m]
@@ -92,16 +97,12 @@ def regression_pass(
         if mode != OLS:
             whiten(s.S, rows, m)
         if inflate:
-            score = np.dot(np.ascontiguousarray(rows[:, :p]).T, np.ascontiguousarray(rows[:, p]))
-            count = _noise_factor(mode, s, P)
-            used = _noise_rows(at, k, s, P, count, extra, mode != OLS)
-            body = extra[:used]
-            gram = np.dot(body.T, body)
-            out.inflation[:] += gram[:p, :p]
-            if mode != EIV:
-                out.shrinkage[:] += gram[:p, p]
-                score += gram[:p, p]
-            out.scores[:] += np.outer(score, score)
+            add_sample(at, k, s.H, s.sigma, s.S, mode != OLS, mode == EIV, spread)
+        if inflate and mode != EIV:
+            shrinkage(at, spread, pull)
+            out.shrinkage[:] += pull
+            pull += np.dot(np.ascontiguousarray(rows[:, :p]).T, np.ascontiguousarray(rows[:, p]))
+            out.scores[:] += np.outer(pull, pull)
         fill += m
         if fill == CHUNK * m:
             out.gram[:] += np.dot(buffer.T, buffer)
@@ -109,6 +110,8 @@ def regression_pass(
     if fill:
         buffer[fill:] = 0.0
         out.gram[:] += np.dot(buffer.T, buffer)
+    if inflate:
+        inflation(at, spread, out.inflation)
     if mode == OLS:
         scale = 1.0 / np.mean(data.s_tau**2)
         out.gram[:] *= scale
@@ -315,54 +318,3 @@ def _fill_rows(
             rows[6 + j, at.torque_scale + j] = s.tau[j]
         if at.torque_offset >= 0:
             rows[6 + j, at.torque_offset + j] = 1.0
-
-
-@inlined
-def _noise_factor(mode: int, s: _Sample, P: FloatArray) -> int:
-    """Set the columns of P (m, m) to a factor of the inputs' noise; return their number."""
-    m: int = s.z.shape[0]
-    P[:] = 0.0
-    if mode != EIV:
-        count = 0
-        for b in range(m):
-            if s.sigma[b] > 0.0:
-                P[b, count] = s.sigma[b]
-                count += 1
-        return count
-    # Sigma^1/2 (1 - A^T A) Sigma^1/2 with A = L^-1 H Sigma^1/2
-    A = s.gain[:, :m].copy()
-    whiten(s.S, A, m)
-    Q = np.eye(m) * (1.0 + 1e-12) - np.dot(A.T, A)
-    if not factor(Q, m):
-        return 0
-    for b in range(m):
-        for c in range(b + 1):
-            P[b, c] = s.sigma[b] * Q[b, c]
-    return m
-
-
-@inlined
-def _noise_rows(
-    at: Columns, k: Work, s: _Sample, P: FloatArray, count: int,
-    extra: FloatArray, weighted: bool,
-) -> int:  # fmt: skip
-    """Set extra to the whitened rows of the bodies for each noise direction, H P last."""
-    n, m, p = k.S.shape[0], s.z.shape[0], extra.shape[1] - 1
-    still = np.zeros(3)
-    zero = np.zeros(n)
-    for f in range(count):
-        rows = extra[f * m : (f + 1) * m]
-        rows[:] = 0.0
-        accelerate(still, zero, P[:6, f].copy(), P[6:, f].copy(), k)
-        observe_motion(k, False)
-        k.scratch[0] = 0.0
-        _body_rows(at, n, k, s, rows)
-        for c in range(m):
-            total = 0.0
-            for b in range(m):
-                total += s.H[c, b] * P[b, f]
-            rows[c, p] = total
-        if weighted:
-            whiten(s.S, rows, m)
-    used: int = count * m
-    return used
