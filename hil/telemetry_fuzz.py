@@ -2,8 +2,8 @@
 
 Random bytes, then valid telecommands of every kind changed: bits flipped, ends cut off; and bytes
 changed, taken out, put in or repeated with the check value made right again. What must hold:
-nothing raises; every byte is part of a packet, skipped, or still waiting; every packet is
-accepted or rejected; what is rejected changes nothing.
+nothing raises; every byte is part of a packet, skipped, or still waiting; every packet is counted
+once, as accepted or as rejected; what is rejected is an event and changes nothing else.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY, Field, Telecommand, Type
 from fsw.telemetry.packets import parameters_data, telecommand_packet
 from fsw.telemetry.ports import Host
-from fsw.telemetry.splitter import PATIENCE_NS
+from fsw.telemetry.splitter import PATIENCE_NS, Uplinked
 from fsw.telemetry.uplink import ClearUplink
 from hil.bench import prepare
 from hil.scenario import load as load_scenario
@@ -103,10 +103,19 @@ class Bench:
         )
         return json.dumps(state, default=str)
 
-    @property
-    def judged(self) -> int:
-        """Telecommands accepted or rejected so far."""
-        return self.app.dispatcher.counters.tc_accepted + self.app.dispatcher.counters.tc_rejected
+    def counted(self) -> tuple[int, int]:
+        """Return telecommands accepted and rejected so far."""
+        counters = self.app.dispatcher.counters
+        return counters.tc_accepted, counters.tc_rejected
+
+    def take(self, found: list[Uplinked]) -> None:
+        """Take what is refused or of file delivery, as the service does. Raises FuzzError."""
+        (accepted, rejected), events = self.counted(), self.events
+        refused = sum(not item.is_file for item in found)
+        for item in found:
+            self.app.take(item, self.now_ns)
+        if self.counted() != (accepted, rejected + refused) or self.events != events + refused:
+            raise FuzzError(f"{refused} refused, but not all of them counted and told: {found}")
 
 
 def configuration(folder: Path) -> Config:
@@ -132,10 +141,9 @@ def random_bytes(bench: Bench, count: int, rng: np.random.Generator, advance: Ad
             found += uplink.expire(bench.now_ns)
             if uplink.pending_bytes < 6:  # less than a header is left
                 break
-        for item in found:
-            packets += 1
-            in_packets += len(item.packet) if item.error is None else 0
-            bench.app.take(item, bench.now_ns)
+        packets += len(found)
+        in_packets += sum(len(item.packet) for item in found if item.error is None)
+        bench.take(found)
         advance(fed)
     if uplink.skipped_bytes + in_packets + uplink.pending_bytes != count:
         raise FuzzError(f"{count} bytes, but {uplink.skipped_bytes} + {in_packets} + pending")
@@ -235,9 +243,7 @@ def _give_damaged(bench: Bench, packet: bytes, bad: bytes) -> None:
     accepted = [i for i in found if i.error is None and not i.is_file and i.packet != PING]
     if accepted or not any(item.packet == PING for item in found):
         raise FuzzError(f"{packet.hex()} damaged to {bad.hex()}: {found}")
-    for item in found:
-        if item.packet != PING:
-            bench.app.take(item, bench.now_ns)
+    bench.take([item for item in found if item.packet != PING])
     left = uplink.skipped_bytes + uplink.pending_bytes + sum(len(item.packet) for item in units)
     if left != len(bad) or bench.digest() != before:
         raise FuzzError(f"{bad.hex()}: not all of it was counted, or it had an effect")
@@ -245,19 +251,25 @@ def _give_damaged(bench: Bench, packet: bytes, bad: bytes) -> None:
 
 def _give(bench: Bench, packet: bytes) -> bool:
     """Give a packet with a good check value; return whether it was accepted."""
-    before, judged = bench.digest(), bench.judged
-    accepted = bench.app.dispatcher.receive(packet)
-    if bench.judged not in (judged + 1, 0):  # 0: it has reset the counters
-        raise FuzzError(f"{packet.hex()}: counted {bench.judged - judged} times")
-    if not accepted and bench.digest() != before:
+    before, events, counts = bench.digest(), bench.events, bench.counted()
+    dispatcher = bench.app.dispatcher
+    if dispatcher.receive(packet):
+        reset = dispatcher.check(packet).telecommand.name == "RESET_COUNTERS"
+        wanted = (0, 0) if reset else (counts[0] + 1, counts[1])
+        if bench.counted() != wanted:
+            raise FuzzError(f"{packet.hex()}: accepted, and counted {counts} to {bench.counted()}")
+        return True
+    if bench.counted() != (counts[0], counts[1] + 1) or bench.events != events + 1:
+        raise FuzzError(f"{packet.hex()}: rejected, and not counted or not told once")
+    if bench.digest() != before:
         raise FuzzError(f"{packet.hex()}: rejected, and had an effect")
-    return accepted
+    return False
 
 
-def run(folder: Path, count: int, changed: int, seed: int, progress: Progress) -> dict[str, Any]:
+def run(config: Config, count: int, changed: int, seed: int, progress: Progress) -> dict[str, Any]:
     """Do both; return what became of it. Raises FuzzError."""
     rng = np.random.default_rng(seed)
-    bench = Bench(configuration(folder))
+    bench = Bench(config)
     bar = progress.add_task("random bytes", total=count)
     packets = random_bytes(bench, count, rng, partial(_advance, progress, bar))
     bar = progress.add_task("mutants", total=changed)
@@ -281,7 +293,8 @@ def main(argv: list[str] | None = None) -> int:
         tempfile.TemporaryDirectory(prefix="fuzz-") as folder,
         Progress(*columns, console=Console(stderr=True)) as progress,
     ):
-        told = run(Path(folder), arguments.bytes, arguments.mutants, arguments.seed, progress)
+        config = configuration(Path(folder))
+        told = run(config, arguments.bytes, arguments.mutants, arguments.seed, progress)
     sys.stdout.write(json.dumps(told) + "\n")
     return 0
 

@@ -5,9 +5,12 @@ from rich.console import Console
 from rich.progress import Progress
 
 from fsw.telemetry.dispatcher import TcDispatcher
-from hil.telemetry_fuzz import FuzzError, run
+from hil.telemetry_fuzz import FuzzError, configuration, run
 
-pytestmark = pytest.mark.live
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    return configuration(tmp_path_factory.mktemp("fuzz"))
 
 
 @pytest.fixture
@@ -16,14 +19,32 @@ def progress():
         yield progress
 
 
-def test_nothing_that_is_no_telecommand_has_an_effect(tmp_path, progress):
-    told = run(tmp_path, 50_000, 2_000, 7, progress)
+def test_nothing_that_is_no_telecommand_has_an_effect(config, progress):
+    told = run(config, 50_000, 2_000, 7, progress)
     assert told["damaged"] == 1_000
     assert told["accepted"] + told["rejected"] == 1_000
     assert told["accepted"] > 0
 
 
-def test_a_rejection_that_is_not_counted_is_noticed(tmp_path, progress, monkeypatch):
+def test_a_rejection_that_is_not_counted_is_noticed(config, progress, monkeypatch):
     monkeypatch.setattr(TcDispatcher, "_reject", lambda *_args, **_more: None)
     with pytest.raises(FuzzError, match="counted"):
-        run(tmp_path, 0, 50, 7, progress)
+        run(config, 0, 50, 7, progress)
+
+
+def test_a_refusal_that_is_not_counted_is_noticed(config, progress, monkeypatch):
+    monkeypatch.setattr(TcDispatcher, "refuse", lambda *_args, **_more: None)
+    with pytest.raises(FuzzError, match="counted"):
+        run(config, 0, 50, 7, progress)
+
+
+def test_a_rejected_telecommand_with_an_effect_is_noticed(config, progress, monkeypatch):
+    reject = TcDispatcher._reject
+
+    def effective(self, *arguments, **more):
+        reject(self, *arguments, **more)
+        self._handlers["DISABLE_MONITORING"](None)()
+
+    monkeypatch.setattr(TcDispatcher, "_reject", effective)
+    with pytest.raises(FuzzError, match="effect"):
+        run(config, 0, 50, 7, progress)
