@@ -200,6 +200,10 @@ def _check(arguments: argparse.Namespace) -> int:
     config = load(arguments.config)
     problem, warnings = validate(config)
     validate_outputs(config)
+    if config.telemetry is not None:
+        from fsw.telemetry.uplink_check import check_uplink
+
+        warnings += check_uplink(config, os.environ)
     print(describe(config, problem))
     for warning in [*warnings, *missing_devices(config)]:
         print(f"warning: {warning}")

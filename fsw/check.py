@@ -13,6 +13,7 @@ from pathlib import Path
 from fsw import budget
 from fsw.check_robot import inertia_warnings, load_problem
 from fsw.config import BusConfig, Config
+from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.errors import ConfigError
 from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
 from fsw.estimators.problem import Problem
@@ -117,6 +118,29 @@ def _warnings(config: Config) -> list[str]:
     cpus = os.cpu_count() or 1
     if config.scheduler.cpu is not None and config.scheduler.cpu >= cpus:
         found.append(f"scheduler.cpu: {config.scheduler.cpu} is not below this machine's {cpus}")
+    return [*found, *_telemetry_warnings(config)]
+
+
+def _telemetry_warnings(config: Config) -> list[str]:
+    """Return a line for all that packets of fixed size and the loop's rate leave out."""
+    telemetry = config.telemetry
+    if telemetry is None:
+        return []
+    rate_hz, tick_rate_hz = telemetry.science_rate_hz, config.scheduler.tick_rate_hz
+    found = [
+        f"{key}: {len(names)}, but telemetry has room for {slots}: no packet holds "
+        f"{', '.join(map(repr, names[slots:]))}; the recording holds all"
+        for key, names, slots in (
+            ("joints", [joint.name for joint in config.joints], JOINT_SLOTS),
+            ("buses", [bus.name for bus in config.buses], BUS_SLOTS),
+        )
+        if len(names) > slots
+    ]
+    if rate_hz > tick_rate_hz:
+        found.append(
+            f"telemetry.science_rate_hz: {rate_hz:g} is above scheduler.tick_rate_hz "
+            f"{tick_rate_hz:g}, which is the fastest it can be"
+        )
     return found
 
 

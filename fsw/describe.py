@@ -17,6 +17,7 @@ def describe(config: Config, problem: Problem) -> str:
         ("serial", _serial(config)),
         ("loop", _loop(config)),
         ("estimate", _estimate(config, problem)),
+        ("telemetry", _telemetry(config)),
         ("files", _files(config)),
     )
     width = max(len(title) for title, _ in sections)
@@ -129,6 +130,21 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
         f"{', ' + ', '.join(nuisances) if nuisances else ''}",
         f"valid after {estimator.settle_blocks} windows "
         f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",
+    ]
+
+
+def _telemetry(config: Config) -> list[str]:
+    telemetry = config.telemetry
+    if telemetry is None:
+        return ["none, and no telecommands"]
+    commands = "telecommands in clear"
+    if telemetry.sdls is not None:
+        numbers = ", ".join(str(key.spi) for key in telemetry.sdls.keys)
+        commands = f"telecommands authenticated, SPI {numbers}"
+    push = "" if telemetry.udp is None else f", UDP to {telemetry.udp.host}:{telemetry.udp.port}"
+    return [
+        f"TCP {telemetry.host}:{telemetry.port}{push}; {commands}; starts in "
+        f"{telemetry.start_mode}; science at most {telemetry.science_rate_hz:g} Hz"
     ]
 
 

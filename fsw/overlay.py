@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from fsw.config import Config, JointConfig, Section
-from fsw.config.tables import NoiseTable
+from fsw.config.tables import ImuNoise, JointNoise, ModelNoise, NoiseTable, TrackerNoise
 from fsw.config_text import explain
 from fsw.errors import ConfigError
 
@@ -47,6 +47,23 @@ def overlay(config: Config, changes: Mapping[str, Any]) -> Config:
     if changes.get("urdf"):
         sections["robot"] = _laid(config.robot, {"urdf": changes["urdf"]})
     return config.model_copy(update=sections)
+
+
+def noise_of(config: Config) -> NoiseTable:
+    """Return the noise and priors in use as a table."""
+    return NoiseTable(
+        joints={joint.name: _only(JointNoise, joint) for joint in config.joints},
+        imu=_only(ImuNoise, config.imu),
+        star_tracker=_only(TrackerNoise, config.star_tracker),
+        estimator=_only(ModelNoise, config.estimator),
+        bodies=dict(config.bodies),
+    )
+
+
+def _only(model: type[S], section: Section | None) -> S:
+    """Return the part of a section that a table may hold."""
+    values = {} if section is None else {key: getattr(section, key) for key in model.model_fields}
+    return model.model_validate(values)
 
 
 def noise_table(values: object) -> NoiseTable:

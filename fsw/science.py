@@ -9,9 +9,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
+from fsw.config.telemetry import JOINT_SLOTS
 from fsw.messages import AttitudeSample, ImuSample, JointSample, Sample
 
-JOINT_SLOTS = 8  # joints beyond are not in telemetry
 _RECORD = struct.Struct(">4dH16d10dd")
 _GYRO, _ACC, _ATTITUDE, _FIRST_JOINT = 0, 1, 2, 8
 

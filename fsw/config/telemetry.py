@@ -10,6 +10,9 @@ from pydantic import Field, model_validator
 from fsw.config.base import NonNegative, Positive, Section
 from fsw.config.sdls import SdlsConfig
 
+JOINT_SLOTS = 8  # what packets of fixed size have room for; `fsw check` tells what is left out
+BUS_SLOTS = 4
+
 
 class UdpConfig(Section):
     """Where telemetry is pushed, one packet per datagram."""
@@ -33,6 +36,17 @@ class TelemetryConfig(Section):
     housekeeping_interval_s: NonNegative = 1.0  # sets 1 2 4 5 8; 3 6 7 a fifth as often; 0: none
     science_interval_s: NonNegative = 0.0  # 0: only when asked for
     file_directory: str = "files"  # in service.state_directory: what can go down and up
+
+    @model_validator(mode="after")
+    def _science(self) -> Self:
+        shortest_s = 1.0 / self.science_rate_hz
+        if 0.0 < self.science_interval_s < shortest_s * (1.0 - 1e-9):
+            raise ValueError(
+                f"science_interval_s: {self.science_interval_s:g} must be 0, or at least "
+                f"{shortest_s:g}: samples are handed over at science_rate_hz "
+                f"{self.science_rate_hz:g}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _secure(self) -> Self:

@@ -11,10 +11,9 @@ from fsw.telemetry.files import FileEntity
 from fsw.telemetry.ports import Host
 from fsw.telemetry.sdls import FrameReceiver
 from fsw.telemetry.sdls_keys import load_associations
-from fsw.telemetry.sdls_numbers import NumberStore
+from fsw.telemetry.sdls_numbers import NUMBERS_NAME, NumberStore
 
 RUN_BITS = 4  # transactions of successive runs begin so far apart
-NUMBERS_NAME = "uplink_numbers.json"
 
 
 def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryApplication:

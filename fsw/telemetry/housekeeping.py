@@ -9,10 +9,11 @@ from typing import Any
 
 from fsw.config.tables import RatesTable
 from fsw.config.telemetry import TelemetryConfig
+from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.dictionary.housekeeping import HOUSEKEEPING, SCIENCE, SCIENCE_SID
 from fsw.telemetry.dictionary.types import Packet
 from fsw.telemetry.dispatcher import Action, Done, Handler, Send
-from fsw.telemetry.telecommands import Request
+from fsw.telemetry.telecommands import Request, TcError
 
 SLOW_SETS = (3, 6, 7)
 SLOW_FACTOR = 5
@@ -51,6 +52,7 @@ class Housekeeping:
             factor = SLOW_FACTOR if sid in SLOW_SETS else 1
             self._rates[sid] = _rate(factor * config.housekeeping_interval_s)
         self._rates[SCIENCE_SID] = _rate(config.science_interval_s)
+        self._science_rate_hz = config.science_rate_hz
         self._science: tuple[int, bytes] | None = None
 
     def poll(self, now_ns: int) -> None:
@@ -113,9 +115,14 @@ class Housekeeping:
         return Done.NOW
 
     def _set_interval(self, request: Request) -> Action:
+        sid, interval_ms = request.whole("sid"), request.whole("interval_ms")
+        fault = science_fault({sid: interval_ms * 1e-3}, self._science_rate_hz)
+        if fault:
+            raise TcError(Error.OUT_OF_RANGE, 2, interval_ms, fault)
+
         def act() -> Done:
-            rate = self._rates[request.whole("sid")]
-            rate.interval_ns, rate.due_ns = MS * request.whole("interval_ms"), 0
+            rate = self._rates[sid]
+            rate.interval_ns, rate.due_ns = MS * interval_ms, 0
             return Done.NOW
 
         return act
@@ -125,6 +132,14 @@ class Housekeeping:
         values = {"periodic": rate.enabled, "interval_ms": rate.interval_ns // MS}
         self._send("set_properties", {"sid": sid} | values)
         return Done.NOW
+
+
+def science_fault(intervals_s: Mapping[int, float], rate_hz: float) -> str:
+    """Return why a science packet cannot come at its interval; empty when it can."""
+    interval_s = intervals_s.get(SCIENCE_SID)
+    if interval_s is None or interval_s >= (1.0 - 1e-9) / rate_hz:
+        return ""
+    return f"set {SCIENCE_SID}: {interval_s:g} s; telemetry.science_rate_hz gives {1 / rate_hz:g} s"
 
 
 def _rate(interval_s: float) -> _Rate:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fsw.errors import ConfigError
 
+NUMBERS_NAME = "uplink_numbers.json"  # in the state directory
 RESERVE = 16  # numbers kept ahead: one write in so many commands; a crash skips at most as many
 
 

@@ -11,19 +11,12 @@ import yaml
 from pydantic import ValidationError
 
 from fsw.config import Config, Section
-from fsw.config.tables import (
-    ImuNoise,
-    JointNoise,
-    ModelNoise,
-    MonitorsTable,
-    NoiseTable,
-    RatesTable,
-    TrackerNoise,
-)
+from fsw.config.tables import MonitorsTable, NoiseTable, RatesTable
 from fsw.config_text import explain, read_yaml
 from fsw.errors import ConfigError
-from fsw.overlay import overlay
+from fsw.overlay import noise_of, overlay
 from fsw.telemetry.dictionary.codes import Table
+from fsw.telemetry.housekeeping import science_fault
 from fsw.telemetry.monitors import check_table
 
 SUFFIX = {Table.ROBOT: "urdf", Table.NOISE: "yaml", Table.RATES: "yaml", Table.MONITORS: "yaml"}
@@ -53,7 +46,7 @@ def validate_table(config: Config, table: Table, content: bytes) -> None:
     if not content:
         return  # nothing laid over: the configuration as it is
     if table is Table.RATES:
-        read_table(RatesTable, content)
+        _check_rates(config, read_table(RatesTable, content))
     elif table is Table.MONITORS:
         check_table(read_table(MonitorsTable, content))
     elif table is Table.NOISE:
@@ -65,6 +58,14 @@ def validate_table(config: Config, table: Table, content: bytes) -> None:
             validate(overlay(config, {"urdf": path}))
 
 
+def _check_rates(config: Config, table: RatesTable) -> None:
+    intervals_s = {sid: rate.interval_s for sid, rate in table.sets.items()}
+    telemetry = config.telemetry
+    fault = "" if telemetry is None else science_fault(intervals_s, telemetry.science_rate_hz)
+    if fault:
+        raise ConfigError(f"sets: {fault}")
+
+
 def noise_changes(content: bytes) -> dict[str, Any]:
     """Return a noise table as changes to the configuration. Raises ConfigError."""
     table = read_table(NoiseTable, content) if content else NoiseTable()
@@ -73,30 +74,9 @@ def noise_changes(content: bytes) -> dict[str, Any]:
 
 def configured_noise(config: Config) -> bytes:
     """Return the noise in use as a table."""
-    table = NoiseTable.model_validate(
-        {
-            "joints": {joint.name: _only("joints", joint) for joint in config.joints},
-            "imu": _only("imu", config.imu),
-            "star_tracker": _only("star_tracker", config.star_tracker),
-            "estimator": _only("estimator", config.estimator),
-            "bodies": {name: body.model_dump() for name, body in config.bodies.items()},
-        }
-    )
-    return to_yaml(table.model_dump(mode="json", exclude_none=True))
+    return to_yaml(noise_of(config).model_dump(mode="json", exclude_none=True))
 
 
 def to_yaml(values: Mapping[str, Any]) -> bytes:
     """Return plain values as YAML."""
     return yaml.safe_dump(dict(values), sort_keys=False).encode()
-
-
-def _only(name: str, section: Section | None) -> dict[str, Any]:
-    models: dict[str, type[Section]] = {
-        "joints": JointNoise,
-        "imu": ImuNoise,
-        "star_tracker": TrackerNoise,
-        "estimator": ModelNoise,
-    }
-    if section is None:
-        return {}
-    return {key: getattr(section, key) for key in models[name].model_fields}

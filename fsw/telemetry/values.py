@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.messages import BodyEstimate, Estimate
 from fsw.telemetry.dictionary.codes import (
     JOB_STATE,
@@ -15,10 +16,8 @@ from fsw.telemetry.dictionary.codes import (
 )
 from fsw.telemetry.dictionary.housekeeping import (
     AXES,
-    BUS_SLOTS,
     COORDINATES,
     INERTIA,
-    JOINT_SLOTS,
     REASONS,
     STATES,
     TASKS,

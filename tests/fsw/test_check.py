@@ -10,6 +10,7 @@ from fsw.check import missing_devices, validate, validate_outputs
 from fsw.config import load
 from fsw.describe import describe
 from fsw.errors import ConfigError
+from tests.conftest import arm_config
 
 
 def fault(arm, check=validate):
@@ -346,3 +347,38 @@ def test_a_weighting_that_does_nothing_is_warned_of(arm, method):
     assert method in warnings[0]
     arm.data["estimator"] = {"method": "mrnea", "weighting": "ols"}
     assert validate(load(arm.write()))[1] == []
+
+
+# telemetry
+
+
+def test_joints_and_buses_that_telemetry_has_no_room_for_are_warned_of(arm):
+    arm.data = arm_config(9)
+    arm.robot(9)
+    first = arm.data["buses"][0]
+    others = [{**first, "name": f"bus{k}", "channel": f"bus{k}"} for k in range(4)]
+    arm.data["buses"] += others
+    for joint, bus in zip(arm.data["joints"], others, strict=False):
+        joint["bus"] = bus["name"]
+    assert validate(load(arm.write()))[1] == []
+    arm.data["telemetry"] = {}
+    joints, buses = validate(load(arm.write()))[1]
+    assert_named(joints, "joints: 9", "room for 8", "'axis9'")
+    assert "'axis8'" not in joints
+    assert_named(buses, "buses: 5", "room for 4", "'bus3'")
+
+
+def test_a_science_rate_the_loop_does_not_have_is_warned_of(arm):
+    arm.data["telemetry"] = {"science_rate_hz": 501.0}
+    (warning,) = validate(load(arm.write()))[1]
+    assert_named(warning, "telemetry.science_rate_hz: 501", "tick_rate_hz 500")
+
+
+def test_the_description_says_how_telecommands_are_taken(arm):
+    config = load(arm.write())
+    assert_named(describe(config, validate(config)[0]), "none, and no telecommands")
+    keys = [{"spi": 3, "file": "a"}, {"spi": 4, "credential": "b"}]
+    arm.data["telemetry"] = {"host": "::", "tc_security": "sdls", "sdls": {"keys": keys}}
+    config = load(arm.write())
+    text = describe(config, validate(config)[0])
+    assert_named(text, "TCP :::10025", "authenticated, SPI 3, 4", "starts in identify")

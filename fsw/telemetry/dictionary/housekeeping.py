@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
     APID_SCIENCE,
@@ -20,8 +21,6 @@ from fsw.telemetry.dictionary.codes import (
 )
 from fsw.telemetry.dictionary.types import Enumeration, Field, Packet, Type
 
-JOINT_SLOTS = 8
-BUS_SLOTS = 4
 SCIENCE_SID = 20
 AXES = ("x", "y", "z")
 INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")

@@ -2,10 +2,14 @@
 
 from itertools import pairwise
 
+import pytest
+
 from fsw.commands import CommandName, JobReport
+from fsw.errors import ConfigError
 from fsw.messages import Event
 from fsw.telemetry.dictionary.codes import Error, Health, Mode
-from tests.fsw.telemetry.application_cases import BEGUN, DONE
+from tests.conftest import ArmProject
+from tests.fsw.telemetry.application_cases import BEGUN, DONE, Flight, flight_config
 
 
 def test_a_ping_is_answered_between_acceptance_and_completion(flight):
@@ -62,6 +66,21 @@ def test_science_comes_at_its_own_interval_with_the_loops_time(flight):
         49_999,
         50_000,
     }
+
+
+def test_science_faster_than_the_loop_hands_samples_over_is_refused(arm: ArmProject):
+    flight = Flight(flight_config(arm, science_rate_hz=50.0))
+    flight.up()
+    fast = {"sid": 20, "interval_ms": 19}
+    assert flight.refused("SET_INTERVAL", fast) is Error.OUT_OF_RANGE
+    assert flight.last("acceptance_failure")["error_argument"] == 2
+    assert flight.send("SET_INTERVAL", {"sid": 20, "interval_ms": 20}) == DONE
+    assert flight.send("SET_INTERVAL", {"sid": 1, "interval_ms": 10}) == DONE
+
+
+def test_a_science_interval_shorter_than_the_loops_is_no_configuration(arm: ArmProject):
+    with pytest.raises(ConfigError, match=r"0\.009 must be 0, or at least 0\.01"):
+        flight_config(arm, science_interval_s=0.009)
 
 
 def test_events_go_out_by_severity_with_their_own_time(flight):
