@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from fsw.findings import Fault, severity
 from fsw.telemetry.dictionary.codes import Health, Mode
 from fsw.telemetry.health import HealthWord
 from fsw.telemetry.knowledge import Knowledge
@@ -11,7 +12,8 @@ from fsw.telemetry.modes import ModeMachine
 
 SILENT_PERIODS = 10.0
 SILENT_LEAST_S = 2.0
-FRESH_SLIPS_NS = 10_000_000_000  # a slip stands for so long
+FRESH_NS = 10_000_000_000  # a slip or a rejected sample stands for so long
+OF_A_BUS = ("SYNC_", "BUS_", "NODE_UNKNOWN")  # faults that are not one sensor's
 Report = Callable[[str, str], None]  # event code, text
 
 
@@ -42,8 +44,8 @@ class Supervision:
         self._commanded_ns = now_ns()
         self._lost = False
         self._silent = False
-        self._slips = 0
-        self._slipped_ns = -FRESH_SLIPS_NS
+        self._counted = {Health.SLIPS: 0, Health.SENSOR_REJECTED: 0}
+        self._counted_ns = dict.fromkeys(self._counted, -FRESH_NS)
 
     @property
     def command_loss_left_s(self) -> float:
@@ -78,11 +80,16 @@ class Supervision:
         if self._silent:
             self._silent = False
             self.health.standing(Health.LOOP_SILENT, present=False)
-        slips = int(status.get("slips", 0))
-        if slips > self._slips:
-            self._slips, self._slipped_ns = slips, self._now_ns()
+        rejected = sum(int(s.get("rejected", 0)) for s in status.get("samples", {}).values())
+        self._count(Health.SLIPS, int(status.get("slips", 0)))
+        self._count(Health.SENSOR_REJECTED, rejected)
         down = any(not link.get("up", True) for link in status.get("links", {}).values())
         self._stands(Health.PORT_LOST, down)
+        faulty = status.get("health", {}).get("faulty", {})
+        faults = {f for found in faulty.values() for f in found if severity(Fault(f)) != "low"}
+        on_buses = {fault for fault in faults if fault.startswith(OF_A_BUS)}
+        self._stands(Health.BUS, bool(on_buses))
+        self._stands(Health.SENSOR_FAULT, bool(faults - on_buses - {Fault.LOOP_OVERRUN}))
 
     def event(self, code: str) -> None:
         """Take an event's code: it may set a bit."""
@@ -90,7 +97,8 @@ class Supervision:
 
     def poll(self, now_ns: int) -> None:
         """Look at the timers."""
-        self._stands(Health.SLIPS, now_ns - self._slipped_ns < FRESH_SLIPS_NS)
+        for bit, counted_ns in self._counted_ns.items():
+            self._stands(bit, now_ns - counted_ns < FRESH_NS)
         if not self._silent and self._modes.mode is not Mode.BOOT:
             age_s = self._knowledge.summary_age_s
             if age_s > self._silent_s:
@@ -101,6 +109,12 @@ class Supervision:
             self._lost = True
             self._report("COMMAND_LOSS", f"no telecommand for {self._command_loss_s():.0f} s")
             self._go_safe()
+
+    def _count(self, bit: Health, count: int) -> None:
+        """Remember when a counter was last seen to grow."""
+        if count > self._counted[bit]:
+            self._counted_ns[bit] = self._now_ns()
+        self._counted[bit] = count
 
     def _stands(self, bit: Health, present: bool) -> None:
         self._tell(self.health.standing(bit, present))

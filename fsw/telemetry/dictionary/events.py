@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fsw.findings import Fault, severity
 from fsw.telemetry.dictionary.types import Enumeration, EventDefinition, Severity
 
 _HIGH, _MEDIUM, _LOW, _INFO = Severity.HIGH, Severity.MEDIUM, Severity.LOW, Severity.INFO
@@ -20,6 +21,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (10, "PORT_LOST", _HIGH, "a device's link failed"),
     (11, "PORT_BACK", _MEDIUM, "a device's link is open again"),
     (12, "BUS_SWITCHED", _HIGH, "a redundant bus has taken over"),
+    (13, "RECOVERED", _INFO, "a fault of a device, a bus or the loop is over"),
     (20, "ESTIMATOR_RESET", _HIGH, "the estimate was not proper and began again at the prior"),
     (21, "CHANGE_DETECTED", _MEDIUM, "the parameters changed; the estimate was re-opened"),
     (22, "NOISE_ABOVE_DECLARED", _MEDIUM, "residuals are larger than the declared noise"),
@@ -135,7 +137,12 @@ FINDINGS = (
     "LOOP_OVERRUN",
 )
 _FOUND = tuple(
-    (number, code, _MEDIUM, "found on a device or bus: " + code.lower().replace("_", " "))
+    (
+        number,
+        code,
+        Severity[severity(Fault(code)).upper()],
+        "found on a device or bus: " + code.lower().replace("_", " "),
+    )
     for number, code in enumerate(FINDINGS, start=FINDINGS_FROM)
 )
 EVENTS = tuple(

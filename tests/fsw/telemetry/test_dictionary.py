@@ -7,7 +7,8 @@ from pathlib import Path
 
 from fsw.drivers.wire import Reject
 from fsw.estimators.inertia import NAMES
-from fsw.findings import Fault
+from fsw.findings import Fault, severity
+from fsw.health.incidents import RECOVERED
 from fsw.telemetry.dictionary import DICTIONARY, Type
 from fsw.telemetry.dictionary.codes import Error, Function
 from fsw.telemetry.dictionary.housekeeping import COORDINATES, REASONS, SETS
@@ -75,10 +76,12 @@ def test_every_fault_and_every_event_in_the_source_has_a_number():
     known = {event.code for event in DICTIONARY.events}
     source = "".join(path.read_text() for path in (Path(__file__).parents[3] / "fsw").rglob("*.py"))
     raised = set(re.findall(r'"(?:info|low|medium|high)",\s*"([A-Z_]+)"', source))
-    assert raised | {str(fault) for fault in Fault} <= known, (
+    assert raised | {str(fault) for fault in Fault} | {RECOVERED} <= known, (
         "add them to fsw/telemetry/dictionary/events.py, then python -m fsw.telemetry.export"
     )
     assert len({event.id for event in DICTIONARY.events}) == len(DICTIONARY.events)
+    told = {event.code: event.severity.name.lower() for event in DICTIONARY.events}
+    assert {str(fault): severity(fault) for fault in Fault}.items() <= told.items()
 
 
 def test_its_crc_is_the_same_in_every_process():

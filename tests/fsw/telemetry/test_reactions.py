@@ -79,6 +79,35 @@ class TestHealth:
         flight.send("CLEAR_HEALTH", {"mask": mask})
         assert flight.app.supervision.health.latched == 0
 
+    @pytest.mark.parametrize(
+        ("status", "bit"),
+        [
+            ({"health": {"faulty": {"axis1": ["TORQUE_STUCK"]}}}, Health.SENSOR_FAULT),
+            ({"health": {"faulty": {"imu": ["IMU_SILENT"]}}}, Health.SENSOR_FAULT),
+            ({"health": {"faulty": {"arm": ["BUS_OFF"]}}}, Health.BUS),
+            ({"samples": {"imu": {"rejected": 3}}}, Health.SENSOR_REJECTED),
+            ({"slips": 1}, Health.SLIPS),
+        ],
+        ids=lambda value: getattr(value, "name", None),
+    )
+    def test_what_the_loop_finds_wrong_sets_its_bit_and_stands_as_long_as_it_lasts(
+        self, flight: Flight, status, bit
+    ):
+        health = flight.app.supervision.health
+        flight.up(**status)
+        flight.wait(0.1)
+        assert (health.latched, health.now) == (1 << bit, 1 << bit)
+        counted = {key: status[key] for key in status if key != "health"}
+        flight.wait(11.0)
+        flight.up(**counted)
+        flight.wait(0.1)
+        assert health.latched & 1 << bit
+        assert not health.now & 1 << bit
+
+    def test_a_single_spike_or_lost_sample_is_no_fault_of_the_sensor(self, flight: Flight):
+        flight.up(health={"faulty": {"axis1": ["TORQUE_SPIKE", "JOINT_LOST"]}})
+        assert flight.app.supervision.health.latched == 0
+
     def test_a_silent_loop_is_told_once(self, flight: Flight):
         flight.wait(10.0)
         assert flight.codes.count("LOOP_SILENT") == 1
