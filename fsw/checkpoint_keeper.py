@@ -25,15 +25,19 @@ class CheckpointKeeper:
     def __init__(
         self, config: Config, directory: Path, report: Callable[[str, str, str], None]
     ) -> None:
-        self._report = report
+        self._report, self._directory = report, directory
         self._blocks: dict[int, Block] = {}
         self._store: CheckpointStore | None = None
         self._written = self._failed = self._bytes = 0
         self._told = False
+        self.configured(config)
+
+    def configured(self, config: Config) -> None:
+        """Take the configuration in force: whose checkpoints are written from now on."""
         if config.service.checkpoint_period_s is None:
             return
         try:
-            self._store = CheckpointStore(directory, identity_of(config))
+            self._store = CheckpointStore(self._directory, identity_of(config))
         except OSError as error:
             self._fail(f"{config.robot.urdf}: {error.strerror or error}")
 

@@ -9,15 +9,20 @@ from pathlib import Path
 from fsw.checkpoint import Checkpoint, CheckpointError, Identity, decode, encode, sequence_of
 from fsw.config import Config
 from fsw.messages import Snapshot
+from fsw.overlay import noise_of
 
 NAMES = ("checkpoint.0", "checkpoint.1")
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 def identity_of(config: Config) -> Identity:
-    """Return whose checkpoints a configuration may use. Raises OSError."""
+    """Return whose checkpoints a configuration may use: its file, noise in force and robot.
+
+    Raises OSError when the robot cannot be read.
+    """
     robot = config.resolve(config.robot.urdf).read_bytes()
-    return Identity(config.crc32, zlib.crc32(robot))
+    noise = noise_of(config).model_dump_json().encode()
+    return Identity(zlib.crc32(noise, config.crc32), zlib.crc32(robot))
 
 
 def boot_id() -> str:

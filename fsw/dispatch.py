@@ -86,7 +86,7 @@ class Dispatcher:
         self._estimator, self._sink, self._jobs = estimator, sink, jobs
         self._reconfigure = reconfigure
         self.identifying = identifying  # whether windows reach the estimator
-        self.changes: list[Mapping[str, Any]] = []  # what configure was given, in order
+        self.changes: list[Mapping[str, Any]] = []  # other unknowns, in order: for checkpoints
         self._queue: deque[Command] = deque()
         self._planned: deque[tuple[int, Command]] = deque()
         self._running: BatchRequest | None = None
@@ -205,14 +205,20 @@ class Dispatcher:
         return args, estimate
 
     def configure(self, changes: Mapping[str, Any]) -> None:
-        """Begin at the prior with a changed configuration. Raises CommandError."""
+        """Begin at the prior with a changed configuration. Raises CommandError.
+
+        Noise, robot and settings are kept on the disk by who changed them and are there at the next
+        start; a checkpoint carries the choice of unknowns only, so that it never brings back a
+        table that has been replaced since.
+        """
         if self._reconfigure is None:
             raise CommandError(Code.NOT_SUPPORTED, "nothing here can be configured anew")
         try:
             self._estimator = self._reconfigure(changes)
         except ConfigError as error:
             raise CommandError(Code.BAD_ARGUMENT, str(error)) from error
-        self.changes.append(dict(changes))
+        if "unknown" in changes:
+            self.changes.append({"unknown": changes["unknown"]})
         self.saved = None
 
     def _run_batch(self, command: Command, now_ns: int) -> None:

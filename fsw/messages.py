@@ -151,7 +151,7 @@ class Snapshot:
     state: Mapping[str, Any]  # plain values and arrays
     refers: tuple[int, ...] = ()  # indexes of the blocks the state needs, in order
     blocks: tuple[Block, ...] = ()  # these blocks; none on the way from the loop to the service
-    changes: tuple[Mapping[str, Any], ...] = ()  # what was configured since the start, in order
+    changes: tuple[Mapping[str, Any], ...] = ()  # unknowns chosen since the start, in order
     identifying: bool = True  # whether windows reach the estimator
 
 

@@ -205,9 +205,10 @@ class Service(NullSink):
             self._telemetry.science(t_ns, record)
 
     def _configured(self, config: Config) -> None:
-        """Take what was laid over the configuration: jobs and recordings are to have it too."""
+        """Take what was laid over the configuration: all that is written is to go with it."""
         self._config = config
         self._switch.configured(config)
+        self._keeper.configured(config)
         self._jobs.configured(config)
 
     def _write_status(self, *, running: bool) -> None:
@@ -304,6 +305,10 @@ def main(argv: list[str]) -> int:
         config: Config = pickle.load(file)
     down, up = RingReader(arguments.down), RingWriter(arguments.up)
     wait_for_turn(config.resolve(config.service.state_directory))
+    if arguments.resume and config.telemetry is not None:
+        from fsw.telemetry.effective import effective_config
+
+        config = effective_config(config.as_read())  # tables may have been changed since the start
     service = Service(config, clock, down, up, resume=arguments.resume)
     service.open()
     if arguments.resume:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from fsw.telemetry.store import GenerationStore
 from fsw.telemetry.table_content import noise_changes, validate_table
 
 TABLES, PARAMETERS, BOOT = "tables", "parameters", "boot"  # folders in the state directory
-ROBOT_FILE = "robot.urdf"
+ROBOT_FILE = "robot_{:08x}.urdf"  # CRC-32 of its content: another robot never takes its place
 
 
 def effective_config(config: Config) -> Config:
@@ -35,6 +36,7 @@ def effective_config(config: Config) -> Config:
                 continue  # told by the service, which reads the same files
             config = laid_over(config, state, table, generation.content)
             break
+    _remove_robots(state, config)
     values, _ = stored_values(GenerationStore(state / PARAMETERS))
     return overlay(config, {"estimator": estimator_changes(values)})
 
@@ -52,13 +54,19 @@ def laid_over(config: Config, state: Path, table: Table, content: bytes) -> Conf
 
 
 def write_robot(state: Path, content: bytes) -> Path:
-    """Write an uplinked robot where model readers find it. Raises OSError.
-
-    It is made anew from the stored generation at every start, so that it cannot be another.
-    """
+    """Write an uplinked robot where model readers find it. Raises OSError."""
     folder = state / TABLES
     folder.mkdir(parents=True, exist_ok=True)
-    path, temporary = folder / ROBOT_FILE, folder / f"{ROBOT_FILE}.{os.getpid()}"
+    path = folder / ROBOT_FILE.format(zlib.crc32(content))
+    temporary = path.with_suffix(f".{os.getpid()}")
     temporary.write_bytes(content)
     temporary.replace(path)
     return path.absolute()
+
+
+def _remove_robots(state: Path, config: Config) -> None:
+    """Remove what was written of robots that are not in force."""
+    in_force = config.resolve(config.robot.urdf).absolute()
+    for path in (state / TABLES).glob(ROBOT_FILE.replace("{:08x}", "*")):
+        if path.absolute() != in_force:
+            path.unlink(missing_ok=True)

@@ -225,12 +225,19 @@ class Tables:
             raise TcError(Error.NOT_VALIDATED, 1, table)
         if zlib.crc32(slot.staged) != request.whole("crc32"):
             raise TcError(Error.CRC_MISMATCH, 2, zlib.crc32(slot.staged))
+        self._one_at_a_time(table)
         return partial(self._put_in_force, request, table, slot, bytes(slot.staged))
 
     def _rollback(self, request: Request, table: Table, slot: _Slot) -> Action:
         if slot.previous is None:
             raise TcError(Error.NOT_STAGED, 1, table, "there is none before this one")
+        self._one_at_a_time(table)
         return partial(self._put_in_force, request, table, slot, slot.previous)
+
+    def _one_at_a_time(self, table: Table) -> None:
+        """Raise TcError while a table is being activated: each is put in force with the others."""
+        if any(slot.state is State.ACTIVATING for slot in self._slots.values()):
+            raise TcError(Error.BUSY, 1, table, "another one is being activated")
 
     def _put_in_force(self, request: Request, table: Table, slot: _Slot, content: bytes) -> Done:
         """Bring to the disk, apply, and only then let it be the newest generation."""

@@ -14,6 +14,7 @@ from fsw.checkpoint import Checkpoint, CheckpointError, Identity, decode, encode
 from fsw.checkpoint_keeper import CheckpointKeeper
 from fsw.checkpoint_store import CheckpointStore, identity_of
 from fsw.messages import Snapshot
+from fsw.overlay import overlay
 from tests.conftest import ArmProject
 from tests.fsw.loop_cases import arm_config, make_block
 
@@ -172,3 +173,18 @@ def test_a_directory_that_cannot_be_written_is_told_once(arm: ArmProject, tmp_pa
     for t_ns in range(3):
         keeper.write(Snapshot(t_ns=t_ns, grid_ns=0, state={"after": 0}))
     assert (told, keeper.summary()["failed"]) == (["CHECKPOINT_FAILED"], 3)
+
+
+def test_a_checkpoint_made_under_other_noise_is_foreign(arm: ArmProject, tmp_path: Path) -> None:
+    config = arm_config(arm)
+    noise = {"joints": {"axis2": {"torque_noise_nm": 0.3}}}
+    changed = overlay(config, {"noise": noise})
+    assert identity_of(overlay(config, {"noise": {}})) == identity_of(config)
+    keeper = CheckpointKeeper(config, tmp_path, pytest.fail)
+    keeper.write(snapshot(1))
+    keeper.configured(changed)  # activated while it runs
+    keeper.write(snapshot(2))
+    for taken, t_ns in ((config, 1), (changed, 2)):
+        good, refused = CheckpointStore(tmp_path, identity_of(taken)).read()
+        assert [c.snapshot.t_ns for c in good] == [t_ns]
+        assert "another configuration" in refused[0]

@@ -56,6 +56,20 @@ def test_finish_ends_due_work_first_and_gives_an_estimate(bench: Bench):
     assert len(bench.estimates) == 1
 
 
+def test_what_a_checkpoint_carries_is_the_choice_of_unknowns_and_no_table(bench: Bench):
+    given: list = []
+    sink = KeepSink()
+    dispatcher = Dispatcher(
+        bench.estimator, sink, None, reconfigure=lambda c: given.append(dict(c)) or bench.estimator
+    )
+    orders = ({"noise": {"joints": {}}}, {"unknown": ["base"]}, {"estimator": {"settle_blocks": 3}})
+    for changes in orders:
+        dispatcher.submit(Command(name=CommandName.CONFIGURE, args=changes))
+    dispatcher.run(0, 0)
+    assert given == list(orders)
+    assert dispatcher.changes == [{"unknown": ["base"]}]
+
+
 def test_an_applied_command_is_recorded_with_its_place(bench: Bench):
     bench.tell(CommandName.RESET, 9)
     assert bench.sink.commands == [{"command": "reset", "id": 9, "args": {}, "next_window": 5}]

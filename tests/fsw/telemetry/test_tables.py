@@ -85,6 +85,30 @@ def test_what_the_loop_refuses_is_not_kept(quiet: Flight):
     assert quiet.in_force == []
 
 
+def test_one_table_is_activated_at_a_time_each_with_what_is_in_force_of_the_others(quiet: Flight):
+    load(quiet, "ROBOT", HEAVY)
+    quiet.send("TBL_VALIDATE", {"table": "ROBOT"})
+    robot = {"table": "ROBOT", "crc32": zlib.crc32(HEAVY)}
+    assert activate(quiet, "NOISE", NOISE) == BEGUN
+    assert quiet.refused("TBL_ACTIVATE", robot) is Error.BUSY
+    quiet.answer()
+    assert quiet.send("TBL_ACTIVATE", robot) == BEGUN
+    assert quiet.commands[0].args["noise"]["joints"]["axis2"]["torque_noise_nm"] == 0.25
+
+
+def test_a_robot_the_loop_refuses_does_not_take_the_place_of_the_one_in_force(quiet: Flight):
+    activate(quiet, "ROBOT", HEAVY)
+    quiet.answer()
+    in_force = quiet.in_force[-1]
+    activate(quiet, "ROBOT", arm_urdf(3).replace('mass value="3"', 'mass value="9"').encode())
+    quiet.answer(Code.BAD_ARGUMENT, "no")
+    assert in_force.resolve(in_force.robot.urdf).read_bytes() == HEAVY
+    started = effective_config(quiet.config)
+    assert started.resolve(started.robot.urdf).read_bytes() == HEAVY
+    folder = quiet.config.resolve(quiet.config.service.state_directory) / "tables"
+    assert len(list(folder.glob("*.urdf"))) == 1
+
+
 def test_a_silent_loop_times_out_and_the_old_table_stays(quiet: Flight):
     activate(quiet, "NOISE", NOISE)
     assert quiet.send("TBL_ABORT", {"table": "NOISE"})[0] == "acceptance_failure"
@@ -122,6 +146,16 @@ def test_a_table_that_does_not_validate_changes_nothing(quiet: Flight, table, co
     assert told is Error.NOT_VALIDATED
     assert effective_config(quiet.config) == before
     assert quiet.commands == []
+
+
+def test_rates_that_the_loop_cannot_hand_over_do_not_validate(arm: ArmProject):
+    flight = Flight(flight_config(arm, science_rate_hz=50.0))
+    flight.up(identifying=False)
+    load(flight, "RATES", b"sets: {20: {interval_s: 0.019}}")
+    assert "completion_failure" in flight.send("TBL_VALIDATE", {"table": "RATES"})
+    assert flight.error() is Error.NOT_VALIDATED
+    load(flight, "RATES", b"sets: {20: {interval_s: 0.02}}")
+    assert flight.send("TBL_VALIDATE", {"table": "RATES"})[-1] == "completion_success"
 
 
 def test_steps_out_of_turn_are_refused(quiet: Flight):
