@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from fastcrc import crc16
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from fsw.commands import Command
-from fsw.config import Config, load
+from fsw.config import Config
 from fsw.telemetry.application import TelemetryApplication
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY, Field, Telecommand, Type
@@ -98,7 +97,7 @@ class Bench:
             app.housekeeping.rates(),
             app.monitoring.table(),
             (app.schedule.entries, app.schedule.enabled, app.monitoring.enabled),
-            (app.modes.mode, app.supervision.health.latched, app.time_exponent),
+            (app.modes.mode, app.supervision.health.latched, app.times.exponent),
             (self.forwarded, app.events.disabled),
         )
         return json.dumps(state, default=str)
@@ -120,11 +119,8 @@ class Bench:
 
 def configuration(folder: Path) -> Config:
     """Return the flight configuration of a scenario with telemetry, in a folder of its own."""
-    setup = prepare(load_scenario("target_leo"), 1, folder)
-    document = yaml.safe_load(setup.config_path.read_text())
-    document["telemetry"] = {"port": 0, "housekeeping_interval_s": 0.0}
-    setup.config_path.write_text(yaml.safe_dump(document))
-    return load(setup.config_path)
+    telemetry = {"port": 0, "housekeeping_interval_s": 0.0}
+    return prepare(load_scenario("target_leo"), 1, folder, telemetry=telemetry).config
 
 
 def random_bytes(bench: Bench, count: int, rng: np.random.Generator, advance: Advance) -> int:

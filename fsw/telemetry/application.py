@@ -22,7 +22,7 @@ from fsw.telemetry.dispatcher import Handler, TcDispatcher
 from fsw.telemetry.downlink import Downlink
 from fsw.telemetry.effective import BOOT, PARAMETERS, TABLES
 from fsw.telemetry.eventing import SEVERITIES, Eventing
-from fsw.telemetry.filing import Filing
+from fsw.telemetry.filing import filing_of
 from fsw.telemetry.functions import Functions
 from fsw.telemetry.housekeeping import Housekeeping
 from fsw.telemetry.knowledge import Knowledge
@@ -43,10 +43,9 @@ from fsw.telemetry.store import GenerationStore
 from fsw.telemetry.supervision import Supervision
 from fsw.telemetry.table_effects import TableEffects
 from fsw.telemetry.tables import Tables
+from fsw.telemetry.time_reports import TimeReports
 from fsw.telemetry.uplink import ClearUplink, SecureUplink, Uplink
 
-SECOND_NS = 1_000_000_000
-LOGS = ("events.jsonl", "status.json")  # of the state directory, that may go down
 CRASHED = RESET_CAUSE.value("CRASH")
 
 
@@ -84,9 +83,6 @@ class TelemetryApplication:
         self.down = Downlink(host.now_ns)
         self.link: LinkServer | None = None
         self._restart = False
-        self.time_due_ns = 0
-        self.time_exponent: int | None = None  # commanded for this run
-
         self.modes = ModeMachine(safe=telemetry.start_mode == "safe")
         self.knowledge = Knowledge(config, host.now_ns)
         self.loop = LoopCommands(host.forward, host.now_ns, self._heard)
@@ -121,6 +117,7 @@ class TelemetryApplication:
             self.down.send,
             lambda: (int(get("event_throttle_count")), get("event_throttle_period_s")),
         )
+        self.times = TimeReports(self.down.time, lambda: int(get("time_report_exponent")))
         self.housekeeping = Housekeeping(
             self._telemetry, self.sets.builders(), self.down.send, self.down.wrap
         )
@@ -151,7 +148,7 @@ class TelemetryApplication:
 
     def _wire_storage(self, config: Config, base: Config, state: Path) -> None:
         files = state / self._telemetry.file_directory
-        self.filing = self._filing(config, state, files)
+        self.filing = filing_of(config, files, self.host.recording, self.down.send, self.report)
         self.effects = TableEffects(
             base, state, self.loop, self.housekeeping, self.monitoring, self._configured
         )
@@ -182,8 +179,7 @@ class TelemetryApplication:
             self.report("LINK_FAILED", str(error))
         else:
             self.down.out = self.link.send
-        cause = ("first start", "stopped before", "restart commanded", "the last run crashed")
-        self.report("STARTED", f"run {self.boot.count}: {cause[self.boot.cause]}")
+        self.report("STARTED", self.boot.text())
         if self.boot.cause == CRASHED:
             self.supervision.health.set(Health.UNCLEAN_RESTART)
 
@@ -201,12 +197,7 @@ class TelemetryApplication:
             for pdu in self.delivery.poll(now_ns):
                 self.down.file_unit(pdu)
         self.housekeeping.poll(now_ns)
-        if now_ns >= self.time_due_ns:
-            exponent = self.time_exponent
-            if exponent is None:
-                exponent = int(self.parameters.get("time_report_exponent"))
-            self.time_due_ns = now_ns + (SECOND_NS << exponent)
-            self.down.time(exponent)
+        self.times.poll(now_ns)
         if self.link is not None:
             self.link.flush()
 
@@ -298,24 +289,11 @@ class TelemetryApplication:
         self.knowledge.configured(config)
         self.host.configured(config)
 
-    def _filing(self, config: Config, state: Path, files: Path) -> Filing:
-        folders = {"files": files}
-        if config.recorder.directory is not None:
-            folders["recordings"] = config.resolve(config.recorder.directory)
-        recording = self.host.recording
-        return Filing(
-            folders,
-            {name: state / name for name in LOGS},
-            tuple(folders),
-            lambda: recording.path,
-            self.down.send,
-            self.report,
-        )
-
     def _handlers(self) -> dict[str, Handler]:
         found: dict[str, Handler] = {}
         for part in (
             OwnCommands(self),
+            self.times,
             self.parameters,
             self.events,
             self.housekeeping,

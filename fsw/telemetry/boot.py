@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from fsw.telemetry.dictionary.codes import RESET_CAUSE
 from fsw.telemetry.store import GenerationStore
 
+# of the dictionary's reset_cause, in its order
+CAUSES = ("first start", "stopped before", "restart commanded", "the last run crashed")
+
 
 @dataclass(frozen=True, slots=True)
 class Boot:
@@ -33,6 +36,10 @@ class Boot:
             boot = cls(last["count"] + 1, cause)
         boot.keep(store, running=True, commanded=False)
         return boot
+
+    def text(self) -> str:
+        """Return what an operator is told."""
+        return f"run {self.count}: {CAUSES[self.cause]}"
 
     def keep(self, store: GenerationStore, *, running: bool, commanded: bool) -> None:
         """Write down that the daemon runs, or that it ended as it should."""

@@ -8,14 +8,16 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path, PurePosixPath
 
+from fsw.config import Config
 from fsw.errors import CommandError
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.dispatcher import Action, Done, Handler, Report, Send, TcDispatcher
-from fsw.telemetry.ports import FileDelivery
+from fsw.telemetry.ports import FileDelivery, Recording
 from fsw.telemetry.telecommands import Request, TcError
 
 MAX_AT_ONCE_BYTES = 64 << 20  # read or copied in one go: the service has other things to do
 MAX_LISTED = 256
+LOGS = ("events.jsonl", "status.json")  # of the state directory, that may go down
 
 
 class Filing:
@@ -203,3 +205,20 @@ def _guarded(act: Callable[[], object]) -> Done:
     except OSError as error:
         raise TcError(Error.FAILED, text=f"{error.filename}: {error.strerror}") from error
     return Done.NOW
+
+
+def filing_of(
+    config: Config, files: Path, recording: Recording, send: Send, report: Report
+) -> Filing:
+    """Return the files of a daemon.
+
+    Parameters
+    ----------
+    files : the folder in which file delivery works
+    """
+    folders = {"files": files}
+    if config.recorder.directory is not None:
+        folders["recordings"] = config.resolve(config.recorder.directory)
+    state = config.resolve(config.service.state_directory)
+    single = {name: state / name for name in LOGS}
+    return Filing(folders, single, tuple(folders), lambda: recording.path, send, report)

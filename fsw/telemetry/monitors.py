@@ -11,12 +11,12 @@ from typing import Any
 from fsw.config.tables import MonitorConfig, MonitorsTable
 from fsw.errors import ConfigError
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.dictionary.parameters import value_ids
+from fsw.telemetry.dictionary.parameters import VALUE
 from fsw.telemetry.dispatcher import Action, Done, Handler, Report, Send
 from fsw.telemetry.telecommands import Request, TcError
 
 PERIOD_NS = 200_000_000
-NUMBERS = {f"{packet}.{name}": number for number, (packet, name) in value_ids().items()}
+NUMBERS = {label: number for number, label in VALUE.labels.items()}
 
 
 class Check(IntEnum):

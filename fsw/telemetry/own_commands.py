@@ -1,4 +1,4 @@
-"""Telecommands that are the application's own: ping, version, counters, health, time reports."""
+"""Telecommands that are the application's own: ping, version, counters, health."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from fsw.telemetry.dictionary import dictionary_crc32
-from fsw.telemetry.dispatcher import Action, Done, Handler
+from fsw.telemetry.dispatcher import Done, Handler
 from fsw.telemetry.link import LinkCounters
-from fsw.telemetry.telecommands import Request
 from fsw.telemetry.version import version_values
 
 if TYPE_CHECKING:
@@ -29,7 +28,6 @@ class OwnCommands:
             "REPORT_VERSION": lambda _: self._tell_version,
             "RESET_COUNTERS": lambda _: self._reset_counters,
             "CLEAR_HEALTH": lambda request: partial(self._clear_health, request.whole("mask")),
-            "SET_TIME_REPORT_RATE": self._set_time_rate,
         }
 
     def _answer(self, name: str, values: Mapping[str, object]) -> Done:
@@ -54,10 +52,3 @@ class OwnCommands:
     def _clear_health(self, mask: int) -> Done:
         self._app.supervision.health.clear(mask)
         return Done.NOW
-
-    def _set_time_rate(self, request: Request) -> Action:
-        def act() -> Done:
-            self._app.time_exponent, self._app.time_due_ns = request.whole("exponent"), 0
-            return Done.NOW
-
-        return act

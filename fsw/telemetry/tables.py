@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from enum import IntEnum
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,27 +17,10 @@ from fsw.telemetry.dictionary.codes import Error, Table
 from fsw.telemetry.dispatcher import Action, Done, Handler, Report, Send
 from fsw.telemetry.store import GenerationStore
 from fsw.telemetry.table_content import SUFFIX
+from fsw.telemetry.table_slot import Copy, Slot, State
 from fsw.telemetry.telecommands import Request, TcError
 
 MAX_BYTES = 1 << 20
-
-
-class State(IntEnum):
-    """Of a table; labels are the dictionary's."""
-
-    ACTIVE = 0
-    LOADING = 1
-    STAGED = 2
-    VALIDATED = 3
-    ACTIVATING = 4
-
-
-class Copy(IntEnum):
-    """Which copy of a table."""
-
-    ACTIVE = 0
-    STAGED = 1
-    PREVIOUS = 2
 
 
 class Apply(Protocol):
@@ -55,19 +36,6 @@ class Apply(Protocol):
     ) -> Done:
         """Apply; call `commit` once it is in force, or `failed`."""
         ...
-
-
-@dataclass(slots=True)
-class _Slot:
-    store: GenerationStore
-    state: State = State.ACTIVE
-    staged: bytearray = field(default_factory=bytearray)
-    size: int = 0
-    crc32: int = 0
-    active: bytes = b""  # empty: the configuration as it is
-    previous: bytes | None = None
-    generation: int = 0
-    error: Error = Error.NONE
 
 
 class Tables:
@@ -95,9 +63,11 @@ class Tables:
         self._dumps, self._validate, self._apply = dumps, validate, apply
         self._dump_content, self._find = dump, find
         self._send, self._report = send, report
-        self._slots = {t: _Slot(GenerationStore(directory / t.name.lower())) for t in Table}
+        self._slots = {t: Slot(GenerationStore(directory / t.name.lower())) for t in Table}
         for table, slot in self._slots.items():
-            self._recall(table, slot)
+            damaged = slot.recall(partial(self._validate, table))
+            if damaged:
+                report("TABLE_CORRUPT", f"{table.name}: {damaged} generations cannot be used")
 
     def active(self, table: Table) -> bytes:
         """Return what was uplinked; empty when the configuration holds."""
@@ -105,22 +75,15 @@ class Tables:
 
     def values(self) -> dict[str, Any]:
         """Return the fields of the housekeeping set."""
-        values: dict[str, Any] = {}
-        for table, slot in self._slots.items():
-            name = table.name.lower()
-            values |= {
-                f"{name}_state": int(slot.state),
-                f"{name}_generation": slot.generation,
-                f"{name}_active_crc32": zlib.crc32(slot.active),
-                f"{name}_staged_crc32": zlib.crc32(slot.staged),
-                f"{name}_staged_bytes": len(slot.staged),
-                f"{name}_error": int(slot.error),
-            }
-        return values
+        return {
+            f"{table.name.lower()}_{key}": value
+            for table, slot in self._slots.items()
+            for key, value in slot.values().items()
+        }
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes the table functions of service 8."""
-        steps: Mapping[str, Callable[[Request, Table, _Slot], Action]] = {
+        steps: Mapping[str, Callable[[Request, Table, Slot], Action]] = {
             "TBL_LOAD": self._load,
             "TBL_DATA": self._data,
             "TBL_LOAD_FILE": self._load_file,
@@ -132,7 +95,7 @@ class Tables:
         }
         return {name: partial(self._step, step) for name, step in steps.items()}
 
-    def _step(self, step: Callable[[Request, Table, _Slot], Action], request: Request) -> Action:
+    def _step(self, step: Callable[[Request, Table, Slot], Action], request: Request) -> Action:
         table = Table(request.whole("table"))
         slot = self._slots[table]
         if slot.state is State.ACTIVATING:
@@ -148,18 +111,18 @@ class Tables:
 
         return act
 
-    def _load(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _load(self, request: Request, table: Table, slot: Slot) -> Action:
         size, crc32 = request.whole("size_bytes"), request.whole("crc32")
 
         def act() -> Done:
-            self._drop(slot)
+            slot.drop()
             slot.state, slot.size, slot.crc32 = State.LOADING, size, crc32
             return Done.NOW
 
         _ = table
         return act
 
-    def _data(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _data(self, request: Request, table: Table, slot: Slot) -> Action:
         offset, data = request.whole("offset"), request.data
         if slot.state is not State.LOADING:
             raise TcError(Error.NOT_STAGED, 1, table, "no load was begun")
@@ -174,7 +137,7 @@ class Tables:
 
         return act
 
-    def _load_file(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _load_file(self, request: Request, table: Table, slot: Slot) -> Action:
         path = self._find(request.text("path"))
         if not path.is_file():
             raise TcError(Error.FILE_NOT_FOUND, 3)
@@ -182,7 +145,7 @@ class Tables:
             raise TcError(Error.OUT_OF_RANGE, 3, path.stat().st_size)
 
         def act() -> Done:
-            self._drop(slot)
+            slot.drop()
             try:
                 slot.staged = bytearray(path.read_bytes())
             except OSError as error:
@@ -193,15 +156,15 @@ class Tables:
 
         return act
 
-    def _staged(self, table: Table, slot: _Slot) -> None:
+    def _staged(self, table: Table, slot: Slot) -> None:
         found = zlib.crc32(slot.staged)
         if found != slot.crc32:
-            self._drop(slot)
+            slot.drop()
             raise TcError(Error.CRC_MISMATCH, value=found)
         slot.state = State.STAGED
         self._report("TABLE_LOADED", f"{table.name}, {slot.size} bytes, CRC-32 {found:08x}")
 
-    def _check(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _check(self, request: Request, table: Table, slot: Slot) -> Action:
         if slot.state not in (State.STAGED, State.VALIDATED):
             raise TcError(Error.NOT_STAGED, 1, table)
 
@@ -218,7 +181,7 @@ class Tables:
         _ = request
         return act
 
-    def _activate(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _activate(self, request: Request, table: Table, slot: Slot) -> Action:
         if slot.state not in (State.STAGED, State.VALIDATED):
             raise TcError(Error.NOT_STAGED, 1, table)
         if slot.state is not State.VALIDATED:
@@ -228,7 +191,7 @@ class Tables:
         self._one_at_a_time(table)
         return partial(self._put_in_force, request, table, slot, bytes(slot.staged))
 
-    def _rollback(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _rollback(self, request: Request, table: Table, slot: Slot) -> Action:
         if slot.previous is None:
             raise TcError(Error.NOT_STAGED, 1, table, "there is none before this one")
         self._one_at_a_time(table)
@@ -239,7 +202,7 @@ class Tables:
         if any(slot.state is State.ACTIVATING for slot in self._slots.values()):
             raise TcError(Error.BUSY, 1, table, "another one is being activated")
 
-    def _put_in_force(self, request: Request, table: Table, slot: _Slot, content: bytes) -> Done:
+    def _put_in_force(self, request: Request, table: Table, slot: Slot, content: bytes) -> Done:
         """Bring to the disk, apply, and only then let it be the newest generation."""
         try:
             number = slot.store.prepare(content)
@@ -254,7 +217,7 @@ class Tables:
             except OSError as error:
                 raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
             slot.previous, slot.active, slot.generation = slot.active, content, number
-            self._drop(slot)
+            slot.drop()
             self._report("TABLE_ACTIVATED", f"{table.name}, generation {number}")
 
         def failed() -> None:
@@ -269,7 +232,7 @@ class Tables:
                 raise
             raise TcError(Error.NOT_VALIDATED, 1, table, str(error)) from error
 
-    def _dump(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _dump(self, request: Request, table: Table, slot: Slot) -> Action:
         copy = Copy(request.whole("copy"))
         if copy is Copy.STAGED and not slot.staged:
             raise TcError(Error.NOT_STAGED, 1, table)
@@ -295,35 +258,14 @@ class Tables:
 
         return act
 
-    def _abort(self, request: Request, table: Table, slot: _Slot) -> Action:
+    def _abort(self, request: Request, table: Table, slot: Slot) -> Action:
         if slot.state is State.ACTIVE:
             raise TcError(Error.NOT_STAGED, 1, table)
 
         def act() -> Done:
-            self._drop(slot)
+            slot.drop()
             self._report("TABLE_ABORTED", table.name)
             return Done.NOW
 
         _ = request
         return act
-
-    def _drop(self, slot: _Slot) -> None:
-        slot.state, slot.staged, slot.size, slot.crc32 = State.ACTIVE, bytearray(), 0, 0
-        slot.error = Error.NONE
-
-    def _recall(self, table: Table, slot: _Slot) -> None:
-        """Take the newest generation that is good and still valid."""
-        generations, damaged = slot.store.read()
-        good = []
-        for generation in generations:
-            try:
-                self._validate(table, generation.content)
-            except ConfigError:
-                damaged += 1
-            else:
-                good.append(generation)
-        if good:
-            slot.active, slot.generation = good[0].content, good[0].number
-            slot.previous = good[1].content if len(good) > 1 else b""
-        if damaged:
-            self._report("TABLE_CORRUPT", f"{table.name}: {damaged} generations cannot be used")

@@ -12,7 +12,6 @@ from fsw.telemetry.packets import telecommand_packet
 from tests.fsw.telemetry.application_cases import BEGUN, Flight
 
 PING = telecommand_packet(DICTIONARY.telecommand("PING"), {}, 1)
-TESTED: set[Error] = set()
 
 
 def with_crc(data: bytes) -> bytes:
