@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 WRONG_EXIT = 2
 FAILED_EXIT = 1
+SCIENCE_INTERVAL_S = 0.1  # of `run --telemetry`
 PLAIN_WIDTH = 120  # of output that goes to a file or a pipe
 
 
@@ -54,6 +55,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--method", choices=("mrnea", "fused"), help="instead of the scenario's")
     run.add_argument("--weighting", choices=("ols", "wls", "eiv"), help="instead of the scenario's")
+    run.add_argument(
+        "--telemetry",
+        type=int,
+        metavar="PORT",
+        help="of a run in real time: the daemon's link for the ground listens on this TCP port",
+    )
     run.set_defaults(command=_run)
     seeds = commands.add_parser(
         "seeds", help="many seeds of a scenario, and what they say together"
@@ -237,8 +244,13 @@ def _run(arguments: argparse.Namespace) -> int:
     from hil import bench, judgement, report
     from hil.flight import on_socketcan
     from hil.progress import meter
-    from hil.scenario import load
+    from hil.scenario import ScenarioError, load
 
+    if arguments.fast and arguments.telemetry is not None:
+        raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
+    telemetry = None
+    if arguments.telemetry is not None:
+        telemetry = {"port": arguments.telemetry, "science_interval_s": SCIENCE_INTERVAL_S}
     scenario = load(arguments.scenario)
     chosen = {"method": arguments.method, "weighting": arguments.weighting}
     overrides = {key: value for key, value in chosen.items() if value is not None}
@@ -257,6 +269,7 @@ def _run(arguments: argparse.Namespace) -> int:
             folder,
             real_time=not arguments.fast,
             overrides=overrides,
+            telemetry=telemetry,
         )
         with meter(scenario.name, setup.total_s, _wide(Console(stderr=True))) as bar:
             if arguments.fast:

@@ -121,11 +121,17 @@ def prepare(
     *,
     real_time: bool = False,
     overrides: Mapping[str, Any] | None = None,
+    telemetry: Mapping[str, Any] | None = None,
 ) -> Setup:
     """Draw the priors, write the flight configuration, simulate the truth.
 
     In real time the bus gets a port nobody uses, and the position noise what the jitter of a SYNC
     stamp adds at the motion's speed.
+
+    Parameters
+    ----------
+    overrides : keys of the configuration's section `estimator`
+    telemetry : its section `telemetry`; None: the daemon has no link
 
     Raises
     ------
@@ -152,6 +158,8 @@ def prepare(
         overrides or {},
         stamp_noise_rad=jitter_s * fastest_rad_s,
     )
+    if telemetry is not None:
+        document["telemetry"] = dict(telemetry)
     path = write_flight(folder, scenario, priors, document)
     history = truth_of(scenario, robot, spline)
     return Setup(

@@ -14,8 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hil import bench
 from hil.flight import plant_document, write_yaml
 from hil.scenario import load
@@ -38,18 +36,12 @@ def wait_for(what: str, condition: Callable[[], Any], timeout_s: float = PATIENC
 class LiveRun:
     """Plant and daemon as processes; a client that keeps everything that comes down."""
 
-    def __init__(self, folder: Path, telemetry: dict[str, Any] | None = None) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
         scenario = load("target_leo")
-        setup = bench.prepare(scenario, 1, folder, real_time=True)
-        document = yaml.safe_load(setup.config_path.read_text())
-        document["telemetry"] = {
-            "port": 0,
-            "housekeeping_interval_s": 0.5,
-            "science_interval_s": 0.1,
-            **(telemetry or {}),
-        }
-        self.config_path = write_yaml(folder / "flight.yaml", document)
+        telemetry = {"port": 0, "housekeeping_interval_s": 0.5, "science_interval_s": 0.1}
+        setup = bench.prepare(scenario, 1, folder, real_time=True, telemetry=telemetry)
+        self.config_path = setup.config_path
         plant = write_yaml(
             folder / "plant.yaml", plant_document(scenario, 1, folder, setup.bus_port)
         )
@@ -57,6 +49,7 @@ class LiveRun:
         self._processes: list[subprocess.Popen[str]] = []
         self._client = threading.Thread(target=self._keep)
         self.raw = bytearray()
+        self.kept: dict[str, float] = {}  # a time-tagged command that somebody has given
         self.port = 0
         try:
             self._begin(plant)

@@ -140,3 +140,8 @@ def test_the_meter_line_shows_mass_sigma_and_excitation():
         }
     )
     assert line == "target 412.3 ± 1.2 kg · 31 nats · not converged"
+
+
+def test_a_run_in_virtual_time_has_no_link(capsys):
+    assert main(["run", "target_leo", "--fast", "--telemetry", "10025"]) == 2
+    assert "--telemetry" in capsys.readouterr().err
