@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 import shutil
 import time
@@ -22,6 +23,8 @@ from ground.verification import EXIT_CODES, Outcome, follow
 
 DELIVERED = "files"  # the daemon's folder that file delivery works in
 LOOK_S = 0.02
+CONFIRM_S = 10.0  # after the file is whole, for the daemon to know it
+COMPLETED = "completion_success"
 ENDS = Pair(here=GROUND, there=DAEMON)
 Progress = Callable[[str], None]
 
@@ -96,23 +99,26 @@ class Delivery:
 
     def _carry(self, entity: FileEntity, request: bytes | None) -> None:
         """Carry units both ways until the transfer is over. Raises GroundError."""
-        start_s = time.monotonic()
+        start_s = told_s = time.monotonic()
         words = (request[:2], request[2:4]) if request is not None else None
-        told_s = start_s
-        while time.monotonic() - start_s < self._timeout_s:
-            now_s = time.monotonic()
-            for unit in entity.poll(round(now_s * 1e9)):
-                self._link.send(self._wrapped(unit))
+        confirmed, whole_s = words is None, math.inf
+        while (now_s := time.monotonic()) - start_s < self._timeout_s:
+            self._send_units(entity)
             for raw in self._link.packets(now_s + LOOK_S):
                 if apid(raw) == FILE_APID:
                     entity.receive(raw[HEADER_BYTES:], round(time.monotonic() * 1e9))
                 elif words is not None:
-                    self._watch(raw, words)
+                    confirmed |= self._ends(raw, words)
             for _, good, text in entity.finished():
-                for unit in entity.poll(round(time.monotonic() * 1e9)):
-                    self._link.send(self._wrapped(unit))  # the last acknowledgement
                 if not good:
+                    self._send_units(entity)
                     raise GroundError(text, FAILED)
+                whole_s = time.monotonic()
+            if confirmed and whole_s < math.inf:
+                self._send_units(entity)  # the last acknowledgement
+                return
+            if now_s - whole_s > CONFIRM_S:
+                self._tell("the file is here; the daemon has not heard so")
                 return
             if now_s - told_s > 1.0:
                 told_s = now_s
@@ -120,15 +126,22 @@ class Delivery:
                 self._tell(f"{counters['pdus_received']} units in, {counters['pdus_sent']} out")
         raise GroundError(f"not over after {self._timeout_s:g} s", NO_ANSWER)
 
-    def _watch(self, raw: bytes, words: tuple[bytes, bytes]) -> None:
-        """Notice that the request to send a file was refused."""
+    def _send_units(self, entity: FileEntity) -> None:
+        for unit in entity.poll(round(time.monotonic() * 1e9)):
+            self._link.send(self._wrapped(unit))
+
+    def _ends(self, raw: bytes, words: tuple[bytes, bytes]) -> bool:
+        """Whether the request to send a file is completed. Raises GroundError when refused."""
         sample = self._decoder.decode(raw)
-        if sample is None or sample.service != 1 or "error" not in sample.values:
-            return
+        if sample is None or sample.service != 1:
+            return False
         named = (sample.values["request_packet_id"], sample.values["request_sequence"])
-        if named == tuple(int.from_bytes(word, "big") for word in words):
+        if named != tuple(int.from_bytes(word, "big") for word in words):
+            return False
+        if "error" in sample.values:
             code = EXIT_CODES[Outcome.REJECTED if sample.subtype == 2 else Outcome.FAILED]
             raise GroundError(f"DOWNLINK_FILE: {sample.values['error']}", code)
+        return sample.packet == COMPLETED
 
     def _wrapped(self, unit: bytes) -> bytes:
         """Return a unit in a packet: no secondary header, no CRC."""
