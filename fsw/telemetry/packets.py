@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from spacepackets.ccsds.spacepacket import PacketType, SpacePacket, SpacePacketHeader
@@ -81,6 +82,7 @@ class Layout:
         self.fields = tuple(fields)
         parts = [f"{f.size}s" if f.type is Type.TEXT else _FORMAT[f.type] for f in self.fields]
         self._struct = struct.Struct(">" + "".join(parts))
+        self._encoders = [_encoder(f) for f in self.fields]
         self.size_bytes = self._struct.size
 
     def pack(self, values: Iterable[object]) -> bytes:
@@ -88,8 +90,8 @@ class Layout:
 
         A value that is no number (NaN) is 0: validity has fields of its own.
         """
-        encoded = [_encode(f, value) for f, value in zip(self.fields, values, strict=True)]
-        return self._struct.pack(*encoded)
+        pairs = zip(self._encoders, values, strict=True)
+        return self._struct.pack(*[encode(value) for encode, value in pairs])
 
     def unpack(self, data: bytes) -> dict[str, Value]:
         """Return the values by name. Raises struct.error when the length is wrong."""
@@ -97,19 +99,34 @@ class Layout:
         return {f.name: _decode(f, item) for f, item in zip(self.fields, raw, strict=True)}
 
 
-def _encode(field: Field, value: object) -> int | float | bytes:
+def _encoder(field: Field) -> Callable[[Any], int | float | bytes]:
+    """Return what makes of a value the nearest that the field can hold."""
     kind = field.type
     if kind is Type.TEXT:
-        return _text_bytes(str(value), field.size - 1)  # readers look for a zero at its end
-    if field.enumeration is not None and isinstance(value, str):
-        value = field.enumeration.value(value)
-    number = float(value) if not isinstance(value, int) else value  # type: ignore[arg-type]
+        return lambda value: _text_bytes(str(value), field.size - 1)  # readers look for a zero
     if kind in _LARGEST:
-        largest = _LARGEST[kind]
-        return 0.0 if math.isnan(number) else min(max(float(number), -largest), largest)
+        return partial(_real, _LARGEST[kind])
     low, high = _RANGE[kind]
-    whole = 0 if isinstance(number, float) and math.isnan(number) else min(max(number, low), high)
-    return int(whole).to_bytes(3, "big") if kind is Type.U24 else int(whole)
+    whole = partial(_whole, low, high)
+    if field.enumeration is not None:
+        numbers = {label: number for number, label in field.enumeration.labels.items()}
+        return lambda value: whole(numbers[value] if isinstance(value, str) else value)
+    if kind is Type.U24:
+        return lambda value: whole(value).to_bytes(3, "big")
+    return whole
+
+
+def _real(largest: float, value: float) -> float:
+    number = float(value)
+    if -largest <= number <= largest:
+        return number
+    return 0.0 if math.isnan(number) else math.copysign(largest, number)
+
+
+def _whole(low: int, high: int, value: float) -> int:
+    if value != value:  # noqa: PLR0124  NaN, whatever its type
+        return 0
+    return int(min(max(value, low), high))
 
 
 def _text_bytes(text: str, size: int) -> bytes:
