@@ -252,7 +252,8 @@ class Tables:
                 raise TcError(Error.FAILED, text=f"{path}: {error.strerror}") from error
             values = {"table": int(table), "crc32": zlib.crc32(content)}
             values |= {"size_bytes": len(content)}
-            self._send("table_dumped", {**values, "path": f"{self._dumps.name}/{path.name}"})
+            name = f"files/{self._dumps.name}/{path.name}"  # as the ground calls it
+            self._send("table_dumped", {**values, "path": name})
             self._report("TABLE_DUMPED", f"{table.name} {copy.name}")
             return Done.NOW
 

@@ -237,7 +237,7 @@ def test_a_dump_is_what_is_in_force_and_can_be_loaded_again(quiet: Flight):
     for table in ("NOISE", "RATES", "MONITORS", "ROBOT"):
         quiet.send("TBL_DUMP", {"table": table, "copy": "ACTIVE"})
         told = quiet.last("table_dumped")
-        path = quiet.app.filing.find("files/" + told["path"])
+        path = quiet.app.filing.find(told["path"])
         assert zlib.crc32(path.read_bytes()) == told["crc32"]
         load(quiet, table, path.read_bytes())
         assert "completion_success" in quiet.send("TBL_VALIDATE", {"table": table})
