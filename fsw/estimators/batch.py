@@ -190,6 +190,8 @@ def run_batch(
         "iterations": solution.iterations,
         "cost": solution.cost,
         "rows": solution.rows,
+        "condition_number": solution.information.scaled_condition_number(),
+        "duration_s": len(blocks) * config.estimator.window_s,
         "names": list(problem.names),
         "mean": solution.mean.tolist(),
         "covariance": covariance.tolist(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -155,7 +155,7 @@ def _recorder(act: Callable[[], None]) -> Done:
 
 
 def _diagnosis(data: Any) -> dict[str, object]:  # noqa: ANN401
-    lag = data.get("innovation_lag1", {})
+    lag, verdict = data.get("innovation_lag1", {}), data.get("verdict", data.get("reason", ""))
     return {
         "duration_s": data.get("duration_s", 0.0),
         "blocks": data.get("blocks", 0),
@@ -163,5 +163,5 @@ def _diagnosis(data: Any) -> dict[str, object]:  # noqa: ANN401
         "noise_ratio": data.get("noise_ratio", 0.0),
         "innovation_lag1": lag.get("correlation", 0.0),
         "innovation_lag1_bound": lag.get("bound", 0.0),
-        "verdict": str(data.get("verdict", data.get("reason", ""))),
+        "verdict": "; ".join(verdict.values()) if isinstance(verdict, Mapping) else str(verdict),
     }

@@ -32,6 +32,8 @@ def test_fused_reaches_the_bound_it_is_measured_by() -> None:
     assert told["noise_ratio"] == pytest.approx(1.0, abs=0.1)
     assert told["known_combinations"] >= 10
     assert len(told["correlation"]) == len(result["names"])
+    assert 1.0 <= result["condition_number"] < 1e8
+    assert 20.0 < result["duration_s"] <= 24.0
 
 
 @pytest.mark.parametrize("method", ["mrnea", "rda", "cm"])

@@ -193,9 +193,13 @@ def test_identification_is_started_for_other_bodies_and_stopped(flight):
 
 def test_the_diagnosis_comes_before_its_completion(flight):
     flight.send("REPORT_DIAGNOSIS")
-    flight.answer(verdict="good to 1 %", blocks=7, innovation_lag1={"correlation": 0.5})
+    flight.answer(
+        verdict={"base": "good", "target": "good to 1 %"},
+        blocks=7,
+        innovation_lag1={"correlation": 0.5},
+    )
     assert [p.packet.name for p in flight.packets[-2:]] == ["diagnosis", "completion_success"]
-    assert flight.last("diagnosis")["verdict"] == "good to 1 %"
+    assert flight.last("diagnosis")["verdict"] == "good; good to 1 %"
     assert flight.last("diagnosis")["innovation_lag1"] == 0.5
 
 
