@@ -62,3 +62,16 @@ def test_every_command_is_installed():
         )
         assert done.returncode == 0, done.stderr
         assert f"usage: {name}" in done.stdout
+
+
+def test_every_file_of_the_packages_is_installed():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    patterns = settings["package-data"]["*"]
+    left_out = [
+        str(path.relative_to(ROOT))
+        for package in ("fsw", "ground", "hil")
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".py"
+        if not any(path.match(pattern) for pattern in patterns)
+    ]
+    assert left_out == []

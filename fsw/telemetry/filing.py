@@ -28,7 +28,7 @@ class Filing:
     folders : folder names and where they are; `files` is what file delivery works in
     single : names of single files outside the folders
     writable : those of them in which files may be made and removed
-    in_use : a file that must not be removed now
+    in_use : the file that is being written now
     """
 
     def __init__(
@@ -162,11 +162,11 @@ class Filing:
         delivery = self.delivery
         if delivery is None:
             raise TcError(Error.NOT_SUPPORTED)
+        if path == self._in_use():  # it would grow on its way, and have another check value
+            raise TcError(Error.BUSY, 1, text="it is being written")
         remove = bool(request.whole("remove"))
         if remove:
             self._removable(request.text("path"))
-            if path == self._in_use():
-                raise TcError(Error.BUSY, 1, text="it is being written")
 
         def act() -> Done:
             try:
@@ -221,4 +221,8 @@ def filing_of(
         folders["recordings"] = config.resolve(config.recorder.directory)
     state = config.resolve(config.service.state_directory)
     single = {name: state / name for name in LOGS}
-    return Filing(folders, single, tuple(folders), lambda: recording.path, send, report)
+
+    def in_use() -> Path | None:
+        return recording.path if recording.values()["recording"] else None
+
+    return Filing(folders, single, tuple(folders), in_use, send, report)

@@ -93,9 +93,18 @@ def test_logs_go_down_but_are_not_removed(flight: Flight, files: Path):  # noqa:
     assert flight.refused("DOWNLINK_FILE", {"path": "events.jsonl", "remove": 1}) is Error.BAD_ARG
 
 
-def test_the_recording_in_progress_is_not_removed(flight: Flight, files: Path):
+def test_the_recording_in_progress_is_not_removed_nor_sent_until_it_is_closed(
+    flight: Flight, files: Path
+):
+    flight.app.deliver_by(FakeDelivery())
     flight.recording.path = files.parent.parent / "recordings" / "r.mcap"
-    assert flight.refused("DELETE_FILE", {"path": "recordings/r.mcap"}) is Error.BUSY
+    flight.send("REC_START")
+    path = {"path": "recordings/r.mcap"}
+    assert flight.refused("DELETE_FILE", path) is Error.BUSY
+    assert flight.refused("DOWNLINK_FILE", path | {"remove": 0}) is Error.BUSY
+    flight.send("REC_STOP")
+    assert flight.send("DOWNLINK_FILE", path | {"remove": 0}) == BEGUN
+    assert flight.send("DELETE_FILE", path) == DONE
 
 
 def test_a_file_goes_down_and_completes_when_it_has_arrived(flight: Flight, files: Path):
