@@ -8,13 +8,12 @@ to a deadline: what is stamped later waits until the window has closed.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
 from fsw.clock import Clock
 from fsw.drivers.wire import ByteChunk, BytePort, CanFrame, FramePort
-from fsw.errors import PortError
 from fsw.findings import Finding
 from fsw.link import Link
 from fsw.messages import Event, Sample
@@ -353,32 +352,3 @@ def split(items: list[Item], until_ns: int) -> tuple[list[Item], list[Item]]:
         return items, []
     count = next(i for i, item in enumerate(items) if item.t_ns > until_ns)
     return items[:count], items[count:]
-
-
-class LinkKeeper:
-    """Loses, retries and restarts links; a link's failure never reaches the loop."""
-
-    def __init__(self, clock: Clock, sink: Sink) -> None:
-        self._clock = clock
-        self._sink = sink
-
-    def guard(self, link: Link[FramePort] | Link[BytePort], action: Callable[[], None]) -> None:
-        """Run one action on a port; on PortError close the link and plan to open it again."""
-        try:
-            action()
-        except PortError as error:
-            now_ns = self._clock.now_ns()
-            link.lose(now_ns)
-            self._sink.event(Event(now_ns, "high", "PORT_LOST", f"{link.name} lost: {error}"))
-
-    def retry(self, member: BusInput | LineInput) -> None:
-        """Open lost links again when their backoff is over, and start their devices."""
-        for link in member.links:
-            if link.up or not link.retry(self._clock.now_ns()):
-                continue
-            text = f"{link.name} is back"
-            self._sink.event(Event(self._clock.now_ns(), "medium", "PORT_BACK", text))
-            if isinstance(member, LineInput):
-                self.guard(link, member.start)
-            elif link is member.link:
-                self.guard(link, member.start_nodes)

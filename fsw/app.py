@@ -13,14 +13,16 @@ from fsw import realtime
 from fsw.checkpoint_store import CheckpointStore, boot_id, identity_of
 from fsw.clock import Clock, MonotonicClock
 from fsw.config import Config
-from fsw.daemon import IMU, SECOND, STAR_TRACKER, Daemon, Ports, build
+from fsw.daemon import Daemon
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import PortError
 from fsw.messages import Event
 from fsw.notify import Notifier
+from fsw.ports import IMU, SECOND, STAR_TRACKER, Ports
 from fsw.restart import judge
 from fsw.service_process import ServiceProcess, lock_state
 from fsw.sinks import Sink
+from fsw.wiring import build
 
 __all__ = ["Daemon", "Ports", "build", "open_ports", "run_live"]
 

@@ -1,58 +1,37 @@
-"""The daemon: the only wiring of ports, sources, scheduler, estimator and sinks.
+"""The daemon: one loop that brings sources, scheduler, estimator and sinks together.
 
-`build` makes it, on whatever clock, ports and sink it is given: `app.run_live` gives it the
-machine's, the HIL simulated ones, a replay a recording's. There is no second daemon.
+`wiring.build` makes it.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from fsw.acquisition import BusInput, ChunkSource, LineInput, LinkKeeper
+from fsw.acquisition import BusInput, LineInput
 from fsw.clock import Clock
 from fsw.commands import Command, JobPort
-from fsw.config import BusConfig, Config
+from fsw.config import Config
 from fsw.dispatch import Dispatcher, settle
-from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import CommandError, EstimatorError
 from fsw.health import Health
-from fsw.link import Link
-from fsw.messages import Estimate, Event, Window
+from fsw.inputs import Inputs
+from fsw.loop_status import sample_status, tick_status, window_status
+from fsw.messages import Block, Estimate, Event, Window
 from fsw.overlay import overlay
-from fsw.pipeline import Estimator, Eventful, Finder, Gating, Pipeline, default_pipeline
+from fsw.pipeline import Estimator, Eventful, Finder, Pipeline, Screening, default_pipeline
 from fsw.restart import Restart, resume, take
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 from fsw.science import Science
 from fsw.sinks import Sink
-from fsw.status import estimate_summary, source_samples, task_summary, time_values
+from fsw.status import estimate_summary
+from fsw.window_work import WindowWork
 
-IMU = "imu"
-STAR_TRACKER = "star_tracker"
-CAN = "can/"  # before the name of a bus's link
-SECOND = ".redundant"  # behind a bus's name: the other one of the pair
 FOREVER_NS = 1 << 62
-ENDED = object()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ports:
-    """Open ports by name, and how to open a lost one again.
-
-    A port that is None counts as lost. `passive`: nothing is ever sent (replay).
-    """
-
-    can: Mapping[str, FramePort | None]
-    imu: BytePort | None
-    star_tracker: BytePort | None = None
-    can_openers: Mapping[str, Callable[[], FramePort]] = field(default_factory=dict)
-    line_openers: Mapping[str, Callable[[], BytePort]] = field(default_factory=dict)
-    passive: bool = False
 
 
 class Daemon:
@@ -71,16 +50,10 @@ class Daemon:
         passive: bool,
     ) -> None:
         self._config, self._clock, self._sink = config, clock, sink
-        self._buses, self._lines = buses, lines
-        self._members: list[BusInput | LineInput] = [*buses, *lines]
+        self._inputs = Inputs(buses, lines, clock, sink, passive=passive)
         self._pipeline = pipeline
         self._urdf_text: str | None = None  # of a robot that was uplinked
-        self._keeper = LinkKeeper(clock, sink)
-        self._passive = passive
-        self._started = False
-        self._closed: deque[Window] = deque()
-        self._job: Generator[None, None, None] | None = None  # the window being worked off
-        self._fresh = False  # whether a window has closed in this tick
+        self._windows = WindowWork(self._use)
         self._window_limit = FOREVER_NS
         self.aligner = Aligner(config, len(config.joints))
         self.health = Health(config)
@@ -100,8 +73,8 @@ class Daemon:
             clock,
             round(1e9 / config.scheduler.tick_rate_hz),
             self._table(),
-            wake_fds=self._wake_fds,
-            drain=self._stamp_lines,
+            wake_fds=self._inputs.wake_fds,
+            drain=self._inputs.stamp_lines,
         )
 
     def step(self) -> Tick:
@@ -160,9 +133,7 @@ class Daemon:
             self._keep()
         self._report("info", "STOPPED", f"stopped after {self.executive.slips.ticks} ticks")
         self._sink.status(now_ns, self.status(now_ns))
-        for member in self._members:
-            for link in member.links:
-                link.close()
+        self._inputs.close()
         self._sink.close()
         return self.latest
 
@@ -175,31 +146,12 @@ class Daemon:
 
     def status(self, now_ns: int) -> dict[str, Any]:
         """Return health and counters as plain values."""
-        align, slips = self.aligner, self.executive.slips
-        late = dict(align.late)
-        for bus in self._buses:
-            names = [joint.name for joint in self._config.joints if joint.bus == bus.name]
-            late[bus.name] = sum(align.late[name] for name in names)
-        members, conditioner = self._members, self._pipeline.conditioner
+        conditioner = self._pipeline.conditioner
         return {
             "t_ns": now_ns,
-            "ticks": slips.ticks,
-            "slips": slips.slips,
-            "max_late_us": slips.max_late_ns / 1e3,
-            "work_us": time_values(slips.work),
-            "tasks_us": task_summary(slips),
-            "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in members},
-            "links": self._link_summaries(),
-            "buses": {bus.name: bus.summary() for bus in self._buses},
-            "late_joints": {joint.name: late[joint.name] for joint in self._config.joints},
-            "windows": {
-                "closed": align.next_index,
-                "unusable": self.unusable_windows,
-                "outliers": conditioner.outliers if isinstance(conditioner, Gating) else 0,
-                "early": align.early,
-                "future": align.future,
-                "overflow": align.overflow,
-            },
+            **tick_status(self.executive.slips),
+            **sample_status(self._config, self.aligner, self._inputs),
+            "windows": window_status(self.aligner, self.unusable_windows, conditioner),
             "health": self.health.status(),
             "identifying": self.dispatcher.identifying,
             "unknown": list(self._config.unknown),
@@ -207,18 +159,11 @@ class Daemon:
             "estimate": estimate_summary(self.latest),
         }
 
-    def _link_summaries(self) -> dict[str, dict[str, int]]:
-        summaries = {}
-        for member in self._members:
-            for link in member.links:
-                summaries[link.name.removeprefix(CAN)] = link.summary()
-        return summaries
-
     def _table(self) -> list[Task]:
         rate_hz = self._config.scheduler.tick_rate_hz
         rates = {bus.name: bus for bus in self._config.buses}
         table = [Task("start", 1, self._start)]
-        for bus in [] if self._passive else self._buses:
+        for bus in () if self._inputs.passive else self._inputs.buses:
             config = rates[bus.name]
             if config.heartbeat_s is not None:
                 divisor = max(1, round(rate_hz * config.heartbeat_s))
@@ -243,42 +188,27 @@ class Daemon:
             Task("status", status, self._status),
         ]
         period_s = self._config.service.checkpoint_period_s
-        if period_s is not None and not self._passive:
+        if period_s is not None and not self._inputs.passive:
             due = max(1, round(rate_hz * period_s))
             table.append(Task("checkpoint", due, self._checkpoint))
         return table
 
     def _start(self, _tick: Tick) -> None:
-        if self._started or self._passive:
-            return
-        self._started = True
-        for bus in self._buses:
-            self._keeper.guard(bus.link, bus.start_nodes)
-        for line in self._lines:
-            self._keeper.guard(line.link, line.start)
+        self._inputs.start()
 
     def _sync(self, bus: BusInput, _tick: Tick) -> None:
-        self._keeper.guard(bus.link, bus.send_sync)
+        self._inputs.sync(bus)
 
     def _beat(self, bus: BusInput, _tick: Tick) -> None:
-        self._keeper.guard(bus.link, bus.send_heartbeat)
+        self._inputs.beat(bus)
 
     def _drain(self, _tick: Tick) -> None:
-        for bus in self._buses:
-            self._keeper.guard(bus.link, partial(bus.drain, self._sink))
-            for link in bus.idle_links:
-                self._keeper.guard(link, partial(bus.drain_idle, link))
-            if bus.select(self._sink):
-                self._keeper.guard(bus.link, bus.start_nodes)
-                self._keeper.guard(bus.link, bus.send_heartbeat)
-        for line in self._lines:
-            self._keeper.guard(line.link, partial(line.drain, self._sink))
+        self._inputs.drain()
 
     def _ingest(self, tick: Tick) -> None:
         align = self.aligner
         if not align.started:
-            stamps = [bus.first_sync_ns() for bus in self._buses]
-            first = min((t_ns for t_ns in stamps if t_ns is not None), default=None)
+            first = self._inputs.first_sync_ns()
             if first is None:
                 self._feed(FOREVER_NS)
                 return
@@ -287,15 +217,14 @@ class Daemon:
             self._feed(deadline_ns)
             if deadline_ns > tick.now_ns or align.next_index >= self._window_limit:
                 break
-            self._closed += align.close(deadline_ns)
-            self._fresh = True
-        for bus in self._buses:
+            self._windows.add(align.close(deadline_ns))
+        for bus in self._inputs.buses:
             for severity, code, text in bus.source.events():
                 self._report(severity, code, text)
 
     def _feed(self, until_ns: int) -> None:
         push, screen = self.aligner.push, self.health.screen
-        for member in self._members:
+        for member in self._inputs:
             samples = member.feed(until_ns)
             for sample in samples:
                 push(screen(sample))
@@ -304,20 +233,14 @@ class Daemon:
 
     def _estimate(self, _tick: Tick) -> None:
         """Do one unit of work, none where a window has just closed; work off a backlog at once."""
-        while len(self._closed) > (self._job is None):
+        while self._windows.is_behind:
             self._unit()
-        fresh, self._fresh = self._fresh, False
-        if not fresh:
+        if not self._windows.take_fresh():
             self._unit()
 
     def _unit(self) -> None:
-        if self._job is None and self._closed:
-            self._job = self._use(self._closed.popleft())
-        self._guarded(self._pipeline.estimator.work if self._job is None else self._advance)
-
-    def _advance(self) -> None:
-        if self._job is not None and next(self._job, ENDED) is ENDED:
-            self._job = None
+        windows = self._windows
+        self._guarded(windows.advance if windows.is_busy else self._pipeline.estimator.work)
 
     def _use(self, window: Window) -> Generator[None, None, None]:
         self._apply_planned(window.index)
@@ -325,20 +248,26 @@ class Daemon:
         if block is None:
             self.unusable_windows += 1
             return
+        if not self.dispatcher.identifying:
+            self._store(block)
+            return
+        yield
+        estimator = self._pipeline.estimator
+        try:
+            estimate = yield from estimator.stages(block)
+        finally:
+            # without what was found not to fit: batch jobs and checkpoints are to have the same
+            self._store(estimator.screened(block) if isinstance(estimator, Screening) else block)
+        yield
+        self._publish(estimate)
+
+    def _store(self, block: Block) -> None:
         self._sink.block(block)
         self.dispatcher.store(block)
-        if self.dispatcher.identifying:
-            yield
-            self._publish((yield from self._pipeline.estimator.stages(block)))
-
-    @property
-    def _busy(self) -> bool:
-        """Whether a closed window waits or is half worked off."""
-        return self._job is not None or bool(self._closed)
 
     def _finish_windows(self) -> None:
         """Work off what has been closed: a command or the end comes after all of it."""
-        while self._busy:
+        while self._windows.is_busy:
             self._unit()
 
     def _hand_over(self, science: Science, tick: Tick) -> None:
@@ -362,7 +291,7 @@ class Daemon:
 
     def _health(self, tick: Tick) -> None:
         health, pipeline = self.health, self._pipeline
-        for member in self._members:
+        for member in self._inputs:
             member.watch(tick.now_ns)
             health.take(member.source.findings(), tick.now_ns)
         # the estimator first: what does not fit the model explains what does not fit its window
@@ -377,7 +306,7 @@ class Daemon:
         try:
             action()
         except EstimatorError as error:
-            self._job = None
+            self._windows.drop()
             self._pipeline.estimator.reset()
             self._report("high", "ESTIMATOR_RESET", str(error))
 
@@ -390,7 +319,7 @@ class Daemon:
 
     def _commands(self, tick: Tick) -> None:
         """Apply what is queued; while a window is being worked off, commands wait for its end."""
-        busy = self._busy
+        busy = self._windows.is_busy
         for estimate in self.dispatcher.run(tick.now_ns, self.aligner.next_index, held=busy):
             self._publish(estimate)
         if self.dispatcher.checkpoint_due and not busy:
@@ -402,7 +331,7 @@ class Daemon:
 
     def _keep(self) -> None:
         """Hand out the estimator's state; kept by the service."""
-        if self._config.service.checkpoint_period_s is None or self._passive:
+        if self._config.service.checkpoint_period_s is None or self._inputs.passive:
             return
         now_ns = self._clock.now_ns()
         snapshot = take(self._pipeline.estimator, now_ns, self.aligner.grid_ns)
@@ -411,80 +340,10 @@ class Daemon:
             self._sink.checkpoint(replace(snapshot, changes=changes, identifying=identifying))
 
     def _retry(self, _tick: Tick) -> None:
-        for member in self._members:
-            self._keeper.retry(member)
+        self._inputs.retry()
 
     def _status(self, tick: Tick) -> None:
         self._sink.status(tick.now_ns, self.status(tick.now_ns))
 
-    def _wake_fds(self) -> list[int]:
-        return [fd for line in self._lines for fd in line.link.wake_fds()]
-
-    def _stamp_lines(self) -> None:
-        for line in self._lines:
-            self._keeper.guard(line.link, line.stamp)
-
     def _report(self, severity: str, code: str, text: str) -> None:
         self._sink.event(Event(self._clock.now_ns(), severity, code, text))
-
-
-def build(
-    config: Config,
-    clock: Clock,
-    ports: Ports,
-    sink: Sink,
-    *,
-    pipeline: Pipeline | None = None,
-    jobs: JobPort | None = None,
-) -> Daemon:
-    """Wire one daemon; opens and sends nothing.
-
-    Parameters
-    ----------
-    pipeline : conditioning and estimation; None: as the configuration says
-    jobs : where batch jobs run; None: they are refused
-    """
-    from fsw.drivers.sources import ImuSource, StarTrackerSource
-
-    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses]
-
-    def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
-        return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
-
-    lines = [line(IMU, ports.imu, ImuSource(config.imu, None, config.health), b"")]
-    if config.star_tracker is not None:
-        tracker = StarTrackerSource(config.star_tracker, config.health)
-        lines.append(line(STAR_TRACKER, ports.star_tracker, tracker, tracker.start_bytes()))
-    return Daemon(
-        config,
-        clock,
-        sink,
-        buses=buses,
-        lines=lines,
-        pipeline=pipeline or default_pipeline(config),
-        jobs=jobs,
-        passive=ports.passive,
-    )
-
-
-def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
-    """Return the input of one bus; with its redundant one, where nodes may be commanded."""
-    from fsw.drivers.codecs import canopen
-    from fsw.drivers.sources import BusSelector, JointBusSource
-
-    joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
-    names = [bus.name]
-    nodes: dict[int, tuple[int, bytes]] = {}
-    selector = None
-    if not ports.passive:
-        start = canopen.NmtCommand.START
-        nodes = {j.node_id: canopen.encode_nmt(start, j.node_id) for _, j in joints}
-        if bus.redundant is not None:
-            names.append(bus.name + SECOND)
-            selector = BusSelector(bus.redundant)
-    links: list[Link[FramePort]] = [
-        Link(CAN + name, ports.can.get(name), ports.can_openers.get(name)) for name in names
-    ]
-    beat = canopen.encode_heartbeat(canopen.NmtState.OPERATIONAL, canopen.MASTER_NODE)
-    source = JointBusSource(bus, joints, config.health)
-    return BusInput(bus.name, nodes, links, source, clock, beat, selector)

@@ -56,6 +56,15 @@ class Gating(Protocol):
 
 
 @runtime_checkable
+class Screening(Protocol):
+    """An estimator that leaves channels of a block out."""
+
+    def screened(self, block: Block) -> Block:
+        """Return the newest block as it was used."""
+        ...
+
+
+@runtime_checkable
 class Finder(Protocol):
     """Conditioning or an estimator that finds sensors at fault."""
 

@@ -17,17 +17,19 @@ from fsw.checkpoint import decode
 from fsw.clock import MonotonicClock
 from fsw.commands import Command, CommandName
 from fsw.config import Config
-from fsw.daemon import IMU, STAR_TRACKER, Daemon, Ports, build
+from fsw.daemon import Daemon
 from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.errors import ConfigError, PortError
 from fsw.messages import Estimate
 from fsw.pipeline import Pipeline
+from fsw.ports import IMU, STAR_TRACKER, Ports
 from fsw.recorder import CHECKPOINT
 from fsw.recording import Record, unpack_frame
 from fsw.recording_parts import contents_of, messages_of, parts_of
 from fsw.restart import Mode, Restart
 from fsw.sinks import NullSink, Sink
 from fsw.status import estimate_summary
+from fsw.wiring import build
 
 TICK_RATE_HZ = 50.0
 REPLAYED = (

@@ -1,6 +1,6 @@
 """One run: truth, devices and daemon put together, in virtual or real time.
 
-The daemon is the flight software's own `fsw.daemon.build`; in real time it is `fsw run` in a
+The daemon is the flight software's own `fsw.wiring.build`; in real time it is `fsw run` in a
 process of its own. What is judged later comes from its estimates, or from its recording.
 """
 
@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config, load
-from fsw.daemon import SECOND, Ports, build
 from fsw.drivers.wire import ByteChunk
 from fsw.messages import Block, Estimate, Event
+from fsw.ports import SECOND, Ports
 from fsw.recorder import RecorderSink, open_recording
 from fsw.replay import replay
 from fsw.sinks import Fanout, NullSink, Sink
 from fsw.status import estimate_summary
+from fsw.wiring import build
 from hil import live
 from hil.environment.wrench import simulate_in
 from hil.fault_script import install

@@ -21,10 +21,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core
 import numpy as np
 
 from fsw import realtime
-from fsw.daemon import Ports, build
 from fsw.messages import FloatArray
+from fsw.ports import Ports
 from fsw.scheduler.tasks import Tick
 from fsw.sinks import NullSink
+from fsw.wiring import build
 from hil.bench import T0_NS, prepare
 from hil.flight import BUS
 from hil.links import VirtualBench

@@ -128,6 +128,11 @@ class OnlineEstimator:
         self.recursion.armed |= estimate.valid and not self.linear
         return estimate
 
+    def screened(self, block: Block) -> Block:
+        """Return a block as it was used: without what did not fit the model."""
+        used = self.recursion.used
+        return block if used is None or used.index != block.index else used
+
     def work(self) -> bool:
         """Do at most one unit of what is due; True while more is due before the next block."""
         if self._due <= 0 or not self.recursion.has_work:

@@ -61,6 +61,7 @@ class Recursion:
     conflict : whether the data contradicted the prior at the last check
     screen : judge of single channels
     slow : slow power of the residuals and its limit, at the last check
+    used : the newest block, without the channels that were left out
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class Recursion:
         self.blocks = self.gated = self.changes = 0
         self.monitor = InnovationMonitor(settings.gate_probability)
         self.q_rad: FloatArray | None = None
+        self.used: Block | None = None
         self.start(problem.prior_mean, self._spread())
 
     def start(self, mean: FloatArray, covariance: FloatArray) -> None:
@@ -189,6 +191,7 @@ class Recursion:
         yield
         if rows is not None and self.armed:
             block, rows = yield from self._screened(block, rows, at)
+        self.used = block
         if rows is None:
             self.gated += 1
             return

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from fsw.commands import Command, CommandName
-from fsw.daemon import Daemon, build
+from fsw.daemon import Daemon
 from fsw.messages import Estimate, Event
 from fsw.recorder import Parts, RecorderSink
 from fsw.recording_parts import contents_of
 from fsw.sinks import Fanout, NullSink
+from fsw.wiring import build
 from hil.bench import Setup
 from hil.inertia import pi_of
 from hil.links import VirtualBench
@@ -75,7 +76,7 @@ class Watch(NullSink):
         """Count an event; the estimator never resets by itself."""
         self.events += 1
         self._digest.update(f"{event.t_ns} {event.code} {event.text}".encode())
-        if event.code in ("ESTIMATOR_RESET", "RECORDER_FAILED"):
+        if event.code in ("ESTIMATOR_RESET", "RECORDER_FAILED", "DISK_FULL"):
             self.broken.append(f"{event.code}: {event.text}")
 
     def digest(self) -> str:
@@ -140,7 +141,7 @@ class Epoch:
 
     def _queues(self) -> list[str]:
         daemon, config = self._daemon, self._setup.config
-        waiting = {m.name: len(m.pending) for m in daemon._members}  # noqa: SLF001 - the instrument
+        waiting = {m.name: len(m.pending) for m in daemon._inputs}  # noqa: SLF001 - the instrument
         found = [f"{name}: {n} items wait" for name, n in waiting.items() if n > MOST_PENDING]
         stored = len(getattr(daemon._pipeline.estimator, "blocks", ()))  # noqa: SLF001
         if stored > config.estimator.store_blocks:

@@ -8,9 +8,9 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fsw.daemon import Ports
 from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.errors import PortError
+from fsw.ports import Ports
 from hil.flight import BUS
 from hil.history import TruthHistory, TruthState
 from hil.links import VirtualBench, VirtualCan, VirtualSerial

@@ -8,10 +8,11 @@ import struct
 import pytest
 
 from fsw.config import load
-from fsw.daemon import Ports, build
 from fsw.drivers.wire import CanFrame
 from fsw.errors import ConfigError
 from fsw.pipeline import Pipeline
+from fsw.ports import Ports
+from fsw.wiring import build
 from tests.conftest import ArmProject
 from tests.fsw.loop_cases import (
     MS,
@@ -177,7 +178,7 @@ def test_lost_and_unsent_frames_are_told_once_a_second(pair: Pair):
 
 
 def test_a_sync_that_waits_to_be_fed_is_followed_by_the_next_counter(pair: Pair):
-    (bus,) = pair.daemon._buses
+    (bus,) = pair.daemon._inputs.buses
     for _ in range(3):
         bus.send_sync()
     bus.drain(pair.sink)

@@ -1,18 +1,22 @@
 """The wiring, on fake ports and a fake clock, with the real sources and faked estimation."""
 
 import struct
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from fsw.commands import Command, CommandName
-from fsw.daemon import Daemon, Ports, build
+from fsw.daemon import Daemon
 from fsw.drivers.wire import CanFrame
 from fsw.errors import EstimatorError, PortError
-from fsw.messages import AttitudeSample, ImuSample
+from fsw.messages import AttitudeSample, Block, ImuSample
 from fsw.pipeline import Pipeline
+from fsw.ports import Ports
 from fsw.science import Science
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.packets import Layout
+from fsw.wiring import build
 from tests.conftest import ArmProject
 from tests.fsw.loop_cases import (
     MS,
@@ -25,7 +29,7 @@ from tests.fsw.loop_cases import (
     arm_config,
 )
 
-UNITS = 4  # of a window, with the fakes: conditioned, stored, folded in, published
+UNITS = 5  # of a window, with the fakes: conditioned in two, folded in in two, published
 
 
 class Bench:
@@ -91,21 +95,31 @@ def test_windows_are_closed_by_the_lag_and_pushed_once_in_order(bench: Bench):
     assert [len(j.t_ns) for j in joints] == [25, 25, 25]
     assert joints[0].t_ns[0] == 10**9 + 100 * MS
     assert [e.blocks for e in bench.sink.estimates] == [1, 2, 3]
-    assert bench.estimator.calls.count("work") == 180 - 3 * (1 + UNITS)
+    assert bench.estimator.calls.count("work") == 176 + UNITS - 3 * (1 + UNITS)
 
 
 def test_a_window_is_worked_off_one_unit_a_tick(bench: Bench):
-    """Conditioning, storing and folding in are units of their own; a command waits for the last."""
+    """Conditioning, folding in and publishing take units; a command waits for the last."""
     bench.run(76)  # window 0 closes at the last of these ticks, and nothing else is done in it
     for done in range(UNITS):
-        assert (bench.estimator.pushed, bench.sink.estimates) == ([], [])
-        assert len(bench.sink.blocks) == (done > 1)
+        assert bench.sink.estimates == []
+        assert len(bench.sink.blocks) == len(bench.estimator.pushed) == (done > 3)
         if done == 2:
             bench.daemon.submit(Command(name=CommandName.RESET))
         bench.daemon.step()
     assert bench.estimator.pushed == [0]
     assert bench.estimator.calls[-2:] == ["push", "reset"]
     assert bench.sink.commands[-1]["next_window"] == 1
+
+
+def test_jobs_and_checkpoints_get_a_block_as_the_estimator_used_it(bench: Bench):
+    def screened(block: Block) -> Block:
+        return replace(block, has_joint=np.zeros_like(block.has_joint))
+
+    bench.estimator.screened = screened
+    bench.run(90)
+    assert [block.index for block in bench.sink.blocks] == bench.estimator.pushed == [0]
+    assert not bench.sink.blocks[0].has_joint.any()
 
 
 def test_a_backlog_of_windows_is_worked_off_in_order_before_the_newest(bench: Bench):

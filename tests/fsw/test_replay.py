@@ -8,13 +8,14 @@ import pytest
 
 from fsw.commands import Command, CommandName
 from fsw.config import Config
-from fsw.daemon import Ports, build
 from fsw.drivers.wire import CanFrame
 from fsw.errors import ConfigError
+from fsw.ports import Ports
 from fsw.recorder import RecorderSink, estimate_values, open_recording, recorded_config
 from fsw.recording import RecordingWriter, messages
 from fsw.replay import replay
 from fsw.sinks import Fanout
+from fsw.wiring import build
 from hil.links import VirtualBench
 from hil.plant import Plant
 from tests.conftest import ArmProject, arm_urdf

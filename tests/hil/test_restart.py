@@ -12,12 +12,14 @@ import pytest
 from fsw.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.checkpoint_keeper import CheckpointKeeper
 from fsw.checkpoint_store import CheckpointStore, identity_of
-from fsw.daemon import Daemon, Ports, build
+from fsw.daemon import Daemon
 from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.ports import Ports
 from fsw.recorder import CHECKPOINT, RecorderSink, open_recording
 from fsw.replay import replay
 from fsw.restart import Mode, judge
 from fsw.sinks import Fanout, NullSink
+from fsw.wiring import build
 from hil.bench import T0_NS, Setup
 from hil.flight import BUS
 from hil.links import VirtualBench
@@ -111,6 +113,41 @@ def test_a_restart_goes_on_and_its_replay_is_the_same(
     assert again is not None
     assert np.array_equal(again.mean, final.mean)
     assert np.array_equal(again.covariance, final.covariance)
+
+
+def test_a_state_wanted_in_the_middle_of_a_window_is_kept_at_its_end(
+    story: tuple[Setup, VirtualBench, Kept],
+) -> None:
+    """What half a window would be in it is not: the state goes on to the last bit."""
+    setup, _, _ = story
+    service = setup.config.service.model_copy(update={"checkpoint_period_s": 1000.0})
+    setup = replace(setup, config=setup.config.model_copy(update={"service": service}))
+    bench, sink = bench_of(setup), Kept()
+    daemon = daemon_on(setup, bench, sink)
+    fly(daemon, bench, 8.0)
+    sink.snapshots.clear()
+    while not daemon._windows.is_busy:
+        daemon.step()
+    daemon.step()  # the first unit of it
+    daemon.dispatcher.checkpoint_due = True
+    blocks = len(sink.blocks)
+    waited = 0
+    while daemon._windows.is_busy:
+        assert sink.snapshots == []
+        daemon.step()
+        waited += 1
+    assert waited > 1
+    (kept,) = sink.snapshots
+    assert len(sink.blocks) == blocks + 1
+    assert kept.refers[-1] == sink.blocks[-1].index
+    whole = replace(kept, blocks=tuple(sink.blocks))
+    after = Kept()
+    restored = daemon_on(setup, bench_of(setup), after)
+    checkpoint = Checkpoint(identity=Identity(1, 2), sequence=1, boot_id="b", snapshot=whole)
+    assert restored.restart(judge(decode(encode(checkpoint)), "b", kept.t_ns, 60.0))
+    assert after.estimates[-1].blocks == sink.estimates[-1].blocks
+    assert np.array_equal(after.estimates[-1].mean, sink.estimates[-1].mean)
+    assert np.array_equal(after.estimates[-1].covariance, sink.estimates[-1].covariance)
 
 
 @pytest.mark.parametrize(("boot_id", "later_s"), [("another", 1.0), ("boot", 3600.0)])
