@@ -1,6 +1,8 @@
 """Findings to incidents, with hysteresis: one event when a fault begins, one when it is over.
 
-An incident is open from its first finding until none has come for the recovery time. A finding that
+An incident is open from its first finding until none has come for the recovery time. What windows
+show is known of a time only when its window has been judged, so the recovery time begins then: a
+fault that goes on is one incident, however short that time. A finding that
 an open incident explains (a silent node of a bus that is off) is a consequence: counted as such, it
 keeps the incident open and raises nothing of its own.
 """
@@ -55,6 +57,19 @@ EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.ACC_STUCK: frozenset({Fault.ACC_INCONSISTENT, Fault.ACC_SPIKE}),
     Fault.ACC_INCONSISTENT: frozenset({Fault.ACC_SPIKE}),
 }
+WINDOWED = frozenset(
+    {
+        Fault.ENCODER_SPIKE,
+        Fault.TORQUE_SPIKE,
+        Fault.TORQUE_INCONSISTENT,
+        Fault.GYRO_SPIKE,
+        Fault.GYRO_INCONSISTENT,
+        Fault.ACC_SPIKE,
+        Fault.ACC_INCONSISTENT,
+        Fault.TRACKER_FLIP,
+        Fault.TRACKER_JUMP,
+    }
+)
 
 
 @dataclass(slots=True)
@@ -72,10 +87,11 @@ class Incidents:
     ----------
     recover_ns : an incident without a finding for so long is over
     bus_of : the bus of every joint, by name
+    window_ns : a window and the lag behind which it is judged
     """
 
-    def __init__(self, recover_ns: int, bus_of: Mapping[str, str]) -> None:
-        self._recover_ns = recover_ns
+    def __init__(self, recover_ns: int, bus_of: Mapping[str, str], window_ns: int) -> None:
+        self._recover_ns, self._window_ns = recover_ns, window_ns
         self._bus_of = bus_of
         self._open: dict[tuple[Fault, str], _Incident] = {}
         self.findings = dict.fromkeys(Fault, 0)
@@ -108,10 +124,11 @@ class Incidents:
             return []
         events = []
         for key, incident in list(self._open.items()):
-            if now_ns - incident.last_ns < self._recover_ns:
+            fault, subject = key
+            wait_ns = self._window_ns if fault in WINDOWED else 0
+            if now_ns - incident.last_ns < self._recover_ns + wait_ns:
                 continue
             del self._open[key]
-            fault, subject = key
             lasted_s = (incident.last_ns - incident.since_ns) * 1e-9
             text = f"{subject}: {fault} over after {lasted_s:.2f} s, {incident.findings} findings"
             events.append(Event(now_ns, "info", RECOVERED, text))

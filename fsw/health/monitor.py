@@ -34,7 +34,9 @@ class Health:
     def __init__(self, config: Config) -> None:
         settings = config.health
         bus_of = {joint.name: joint.bus for joint in config.joints}
-        self._incidents = Incidents(round(settings.recover_s * 1e9), bus_of)
+        window_s = config.estimator.window_s + config.estimator.lag_s
+        recover_ns, window_ns = round(settings.recover_s * 1e9), round(window_s * 1e9)
+        self._incidents = Incidents(recover_ns, bus_of, window_ns)
         self._stuck = StuckScreen(config) if settings.stuck else None
         self._rotation = RotationMonitor(config)
         self._slip_ticks = max(1, round(SLIP_WINDOW_S * config.scheduler.tick_rate_hz))

@@ -7,10 +7,11 @@ from fsw.health.incidents import RECOVERED, Incidents
 
 MS = 1_000_000
 RECOVER_NS = 500 * MS
+WINDOW_NS = 550 * MS
 
 
 def incidents() -> Incidents:
-    return Incidents(RECOVER_NS, {"j1": "arm", "j2": "arm"})
+    return Incidents(RECOVER_NS, {"j1": "arm", "j2": "arm"}, WINDOW_NS)
 
 
 def take(tested: Incidents, t_ns: int, fault: Fault, subject: str) -> list[str]:
@@ -42,6 +43,20 @@ def test_a_flickering_fault_is_one_incident() -> None:
         told += take(tested, 400 * MS * k, Fault.GYRO_FAULT, "gyro")
         told += [e.code for e in tested.advance(400 * MS * k + 399 * MS)]
     assert told == ["GYRO_FAULT"]
+
+
+def test_what_every_window_shows_is_one_incident_until_a_window_is_without_it() -> None:
+    """Windows of 0.4 s, judged 0.15 s behind: between two findings is more than the recovery."""
+    tested = incidents()
+    told = []
+    for k in range(5):
+        known_ns = 400 * MS * k + 190 * MS
+        event = tested.take(Finding(400 * MS * k, Fault.ACC_INCONSISTENT, "acc"), known_ns)
+        told += [] if event is None else [event.code]
+        told += [e.code for e in tested.advance(known_ns + 399 * MS)]
+    assert told == ["ACC_INCONSISTENT"]
+    assert tested.advance(1600 * MS + WINDOW_NS + RECOVER_NS - 1) == []
+    assert [e.code for e in tested.advance(1600 * MS + WINDOW_NS + RECOVER_NS)] == [RECOVERED]
 
 
 def test_two_subjects_are_two_incidents() -> None:
