@@ -25,6 +25,7 @@ CHECKPOINT = "checkpoint.bin"  # what the recorded run went on from
 CHUNK_PERIOD_NS = 1_000_000_000  # a chunk is finished at least this often
 RETRY_NS = 5_000_000_000  # after a failure, a new part is tried this often
 SOON = -1  # failed, and the time of the next attempt not set yet
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 LEAST_FREE_BYTES = 4 << 20  # a new part is not begun on a disk that is as good as full
 
 
@@ -214,7 +215,7 @@ class RecorderSink(NullSink):
         except OSError as error:
             if first:
                 text = f"no new part: {error.strerror or error}"
-                self._report("high", "RECORDER_FAILED", text)
+                self._report("high", failure_code(error), text)
             return
         self._last_path = self._writer.path
         self._began_ns, self._chunk_ns, self._retry_ns = t_ns, t_ns, 0
@@ -234,7 +235,13 @@ class RecorderSink(NullSink):
             self.lost += count
             self._retry_ns = SOON
             writer.abandon()
-            self._report("high", "RECORDER_FAILED", f"{writer.path}: {error.strerror or error}")
+            text = f"{writer.path}: {error.strerror or error}"
+            self._report("high", failure_code(error), text)
+
+
+def failure_code(error: OSError) -> str:
+    """Return the event of a recording that cannot be written."""
+    return "DISK_FULL" if error.errno in NO_SPACE else "RECORDER_FAILED"
 
 
 def event_values(event: Event) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from fsw.config import Config
 from fsw.errors import CommandError
-from fsw.recorder import Parts, RecorderSink
+from fsw.recorder import Parts, RecorderSink, failure_code
 
 Report = Callable[[str, str, str], None]  # severity, code, text
 
@@ -48,7 +48,7 @@ class RecorderSwitch:
         try:
             writer = parts.open()
         except OSError as error:
-            self._report("high", "RECORDER_FAILED", f"{where}: {error.strerror or error}")
+            self._report("high", failure_code(error), f"{where}: {error.strerror or error}")
         self._recordings += 1
         self.sink = RecorderSink(
             writer,

@@ -13,6 +13,7 @@ import os
 import pickle
 import signal
 import sys
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,7 @@ from fsw.recorder import CHECKPOINT, event_values
 from fsw.recorder_switch import RecorderSwitch
 from fsw.ring import RingReader, RingWriter
 from fsw.ringlink import Kind, deliver, load
+from fsw.service_process import MEMORY_EXIT
 from fsw.sinks import NullSink, Record
 from fsw.telemetry.ports import Host
 
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from fsw.telemetry.application import TelemetryApplication
 
 BLOCKS_NAME = "blocks.bin"
+STATUS_NAME = "status.json"
 POLL_S = 0.01
 BATCH_RECORDS = 2000  # taken from the ring before clients are looked at again
 LOG_LIMIT_BYTES = 8 << 20
@@ -56,7 +59,7 @@ class Service(NullSink):
         self._directory = config.resolve(config.service.state_directory)
         self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
-        self._event_count = 0
+        self._event_counts = Counter(self._counted_before() if resume else {})
         self._switch = RecorderSwitch(config, self._report)
         self._telemetry: TelemetryApplication | None = None
         blocks = self._directory / BLOCKS_NAME
@@ -165,7 +168,7 @@ class Service(NullSink):
 
     def event(self, event: Event) -> None:
         """Append to the event log, and telemeter."""
-        self._event_count += 1
+        self._event_counts[event.code] += 1
         if self._telemetry is not None:
             self._telemetry.event(event)
         path = self._directory / "events.jsonl"
@@ -211,6 +214,14 @@ class Service(NullSink):
         self._keeper.configured(config)
         self._jobs.configured(config)
 
+    def _counted_before(self) -> Mapping[str, int]:
+        """Return the events that the service which died had counted, as far as it told."""
+        try:
+            status = json.loads((self._directory / STATUS_NAME).read_text())
+        except (OSError, ValueError):
+            return {}
+        return {str(code): int(n) for code, n in status.get("event_counts", {}).items()}
+
     def _write_status(self, *, running: bool) -> None:
         path = self._switch.path
         recorder: Mapping[str, Any] = {
@@ -222,12 +233,13 @@ class Service(NullSink):
             "running": running,
             "recorder": recorder,
             "checkpoint": self._keeper.summary(),
-            "events": self._event_count,
+            "events": self._event_counts.total(),
+            "event_counts": dict(self._event_counts),
         }
         if self._telemetry is not None:
             extra["telemetry"] = self._telemetry.summary()
         self._status = {**self._status, **extra}
-        path = self._directory / "status.json"
+        path = self._directory / STATUS_NAME
         temporary = path.with_suffix(".tmp")
         try:
             temporary.write_text(json.dumps(self._status))
@@ -313,7 +325,10 @@ def main(argv: list[str]) -> int:
     service.open()
     if arguments.resume:
         service.event(Event(began_ns, "info", "SERVICE_BACK", f"process {os.getpid()}"))
-    return serve(service, down, parent, clock)
+    try:
+        return serve(service, down, parent, clock)
+    except MemoryError:
+        return MEMORY_EXIT
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from fsw.ring import RingReader, RingWriter
 from fsw.ringlink import DOWN_BYTES, UP_BYTES, RingJobs, RingSink
 
 LOCK_NAME = "loop.lock"
+MEMORY_EXIT = 76  # of a service that the system gave no memory
 LOCK_WAIT_NS = 1_000_000_000  # for the kernel to be done with a loop that was killed
 LOCK_POLL_NS = 20_000_000
 MOST_RESTARTS = 5  # within RESTARTS_NS
@@ -95,12 +96,14 @@ class ServiceProcess:
         return True
 
     def _died(self, now_ns: int) -> None:
-        text = f"service process ended with {self._process.returncode}"
+        status = self._process.returncode
+        code = "SERVICE_MEMORY" if status == MEMORY_EXIT else "SERVICE_LOST"
+        text = f"service process ended with {status}"
         recent = [t_ns for t_ns in self._deaths_ns if now_ns - t_ns < RESTARTS_NS]
         self._deaths_ns = [*recent, now_ns]
         self._gave_up = len(self._deaths_ns) > MOST_RESTARTS
         what = "too often: nothing is recorded" if self._gave_up else "started again"
-        self.sink.event(Event(now_ns, "high", "SERVICE_LOST", f"{text}; {what}"))
+        self.sink.event(Event(now_ns, "high", code, f"{text}; {what}"))
         if not self._gave_up:
             self._process = self._start(resume=True)
 

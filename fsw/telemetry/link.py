@@ -46,6 +46,7 @@ class _Client:
     queued_bytes: int = 0
     dropped: int = 0
     told_drops: int = 0
+    is_slow: bool = False  # packets are being dropped
     skipped: int = 0
     resyncs: int = 0
 
@@ -198,17 +199,20 @@ class LinkServer:
         return client.uplink.feed(data, now_ns)
 
     def _watch(self, client: _Client) -> None:
-        """Count and tell garbage and drops that are new."""
+        """Count and tell garbage and drops that are new, and that drops are over."""
         skipped, resyncs = client.uplink.skipped_bytes, client.uplink.resyncs
         self.counters.tc_garbage_bytes += skipped - client.skipped
         self.counters.tc_resyncs += resyncs - client.resyncs
         if resyncs > client.resyncs:
             self._report("TC_GARBAGE", f"{client.name}: {skipped - client.skipped} bytes")
         client.skipped, client.resyncs = skipped, resyncs
-        if client.dropped > client.told_drops and not client.queue:
+        if client.dropped > client.told_drops and not client.is_slow:
+            client.is_slow = True
+            self._report("LINK_DROPS", f"{client.name} is slow: packets are dropped")
+        if client.is_slow and not client.queue:
             count = client.dropped - client.told_drops
-            self._report("LINK_DROPS", f"{client.name} was slow: {count} packets dropped")
-            client.told_drops = client.dropped
+            client.is_slow, client.told_drops = False, client.dropped
+            self._report("LINK_CAUGHT_UP", f"{client.name}: {count} packets were dropped")
 
     def _account(self, client: _Client, sent: int) -> None:
         """Take what was sent out of the queue; a packet cut by the system keeps its rest."""

@@ -4,10 +4,12 @@ import json
 import os
 import pty
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,10 @@ class Run:
 
     def __init__(self, arm: ArmProject) -> None:
         self.state = arm.folder / "state"
+        self.notify = f"fsw-test-{os.getpid()}-{id(self)}"
+        self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.manager.bind(f"\0{self.notify}")
+        self.manager.settimeout(PATIENCE_S)
         self.recording = arm.folder / "recordings" / "recording_0001.mcap"
         self.terminals = [fd for _ in range(2) for fd in pty.openpty()]
         arm.data["imu"]["port"] = os.ttyname(self.terminals[1])
@@ -43,8 +49,12 @@ class Run:
     def start(self, path: Path) -> None:
         self.process = subprocess.Popen(
             [sys.executable, "-c", RUN, str(path)],
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "NOTIFY_SOCKET": f"@{self.notify}"},
         )
+
+    def told_systemd(self) -> str:
+        """The next thing said to the service manager."""
+        return self.manager.recv(100).decode()
 
     def wait_event(self, code: str) -> dict:
         """The first event with the code."""
@@ -76,6 +86,7 @@ class Run:
     def close(self) -> None:
         self.process.kill()
         self.process.wait()
+        self.manager.close()
         for fd in self.terminals:
             os.close(fd)
 
@@ -157,6 +168,8 @@ def test_a_killed_service_is_started_again_and_nothing_flushed_is_lost(run: Run)
     assert control(run.state, {"command": "status"})["accepted"]
     run.process.send_signal(signal.SIGTERM)
     assert run.process.wait(PATIENCE_S) == 0
+    counts = json.loads((run.state / "status.json").read_text())["event_counts"]
+    assert (counts["SERVICE_LOST"], counts["STARTED"], counts["SERVICE_BACK"]) == (1, 1, 1)
     parts = parts_of(run.recording)
     assert len(parts) == 2
     assert not contents(parts[1]).truncated
@@ -164,6 +177,29 @@ def test_a_killed_service_is_started_again_and_nothing_flushed_is_lost(run: Run)
     counters = [f.data[0] for f in frames if f is not None and f.can_id == 0x080]
     breaks = [k for k, c in enumerate(counters[1:]) if c != counters[k] % 240 + 1]
     assert len(breaks) <= 1  # the chunk that was not flushed
+
+
+def test_the_watchdog_is_stroked_while_loop_and_service_are_at_work_and_only_then(run: Run):
+    assert [run.told_systemd() for _ in range(3)] == ["READY=1", "WATCHDOG=1", "WATCHDOG=1"]
+    (service,) = children(run.process.pid)
+    os.kill(service, signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    run.manager.settimeout(2.5)  # longer than the second between two strokes
+    with suppress(TimeoutError):
+        while run.told_systemd() == "WATCHDOG=1":
+            assert time.monotonic() - stopped_s < 20.0
+    assert time.monotonic() - stopped_s < 20.0
+    os.kill(service, signal.SIGCONT)
+    run.manager.settimeout(PATIENCE_S)
+    assert run.told_systemd() == "WATCHDOG=1"
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    run.manager.settimeout(0.0)
+    last = ""
+    with suppress(BlockingIOError):
+        while True:
+            last = run.told_systemd()
+    assert last == "STOPPING=1"
 
 
 def test_a_second_daemon_on_the_same_state_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch):

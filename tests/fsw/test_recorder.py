@@ -39,7 +39,7 @@ def test_a_full_disk_is_told_once_counted_and_never_raised(tmp_path: Path):
         sink.estimate(make_estimate(k))
     sink.event(Event(1, "info", "X", "y"))
     sink.close()
-    assert [code for _, code, _ in told] == ["RECORDER_FAILED"]
+    assert [code for _, code, _ in told] == ["DISK_FULL"]
     assert sink.lost > 1000
 
 

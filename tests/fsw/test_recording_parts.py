@@ -130,15 +130,15 @@ def test_when_the_disk_is_full_recording_stops_and_goes_on_with_the_space(
     attempts = 3 * RETRY_NS // (100 * MS)
     with file_limit(65536):
         feed(sink, 0, 120)
-        assert told == ["RECORDER_FAILED"]
+        assert told == ["DISK_FULL"]
         lost = sink.lost
         assert lost > 0
     with file_limit(100):  # nothing at all can be written
         feed(sink, 120, attempts)
-    assert told == ["RECORDER_FAILED"]
+    assert told == ["DISK_FULL"]
     assert sink.lost == lost + 2 * attempts
     feed(sink, 120 + attempts, 100)
-    assert told == ["RECORDER_FAILED", "RECORDER_BACK"]
+    assert told == ["DISK_FULL", "RECORDER_BACK"]
     sink.close()
     files = parts_of(tmp_path / "recording_0001.mcap")
     found = numbers(files)
