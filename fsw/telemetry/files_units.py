@@ -50,8 +50,11 @@ def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
         if unit is None:
             raise UnitError("no known unit")
         _read_all(unit)
+        known = unit.packet_len if isinstance(unit, FileDataPdu) else len(unit.pack())
     except UNPARSABLE as error:
         raise UnitError(str(error)) from error
+    if known != unit.packet_len:
+        raise UnitError(f"{unit.packet_len} bytes announced, {known} of them are fields")
     if isinstance(unit, FileDataPdu):
         size = unit.offset + len(unit.file_data)
     else:

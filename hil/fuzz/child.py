@@ -2,8 +2,9 @@
 
 `python -m hil.fuzz.child TARGET [OPTIONS of libFuzzer]`.
 
-The flight software is instrumented as it is imported. libFuzzer ends the process itself: with 0
-when the runs are done, else after writing the input that failed.
+The flight software, and what it reads files' units with, is instrumented as it is imported.
+libFuzzer ends the process itself: with 0 when the runs are done, else after writing the input that
+failed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import sys
 
 import atheris
 
-INSTRUMENTED = ["fsw"]
+INSTRUMENTED = ["fsw", "cfdppy", "spacepackets"]
 
 
 def main(arguments: list[str]) -> None:

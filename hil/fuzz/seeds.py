@@ -16,6 +16,7 @@ from fsw.messages import Snapshot
 from fsw.recording import RecordingWriter, pack_frame
 from fsw.telemetry.dictionary import DICTIONARY
 from hil.devices import sagitta as sagitta_device
+from hil.fuzz.delivery_target import ANY, DATA, END, METADATA
 from hil.fuzz.oracle import ENDS_CHUNK, SEALED
 from hil.fuzz.text_targets import CORRECT
 
@@ -48,6 +49,7 @@ def seeds(name: str) -> list[bytes]:
         "recording": _recordings,
         "tc_packet": _telecommands,
         "tc_frame": lambda: [segment(SEALED | ENDS_CHUNK, b"\0" + bytes(20)) * 3],
+        "file_unit": _deliveries,
     }
     return makers[name]()
 
@@ -125,3 +127,16 @@ def _telecommands() -> list[bytes]:
         body = bytes(size) if number is None else number.to_bytes(2, "big") + bytes(size)
         found.append(segment(SEALED | ENDS_CHUNK, (head + body)[:255]))
     return [*found, segment(SEALED, b"\xff" + bytes(20))]
+
+
+def _deliveries() -> list[bytes]:
+    """Return a file that comes whole, one whose units are mixed up, and answers to one sent."""
+    named = bytes((0, 0, 0, 0, 8)) + b"\x05a.bin" + b"\x05b.bin"
+    begin, end = segment(SEALED, bytes((METADATA,)) + named), segment(SEALED, bytes((END, 0)))
+    data = [segment(SEALED, bytes((DATA, k)) + bytes((k, 1, 2, 3))) for k in range(2)]
+    final = segment(SEALED, bytes((ANY,)) + bytes((0x06, 0x51, 0x01)))  # acknowledges FINISHED
+    nak = b"\x08" + bytes(4) + (1536).to_bytes(4, "big") + bytes(6) + b"\x01\0"
+    answers = [b"\x06\x41\x01", nak, b"\x05\x02"]
+    back = b"".join(segment(SEALED, bytes((ANY | 0x10,)) + body) for body in answers)
+    whole = begin + data[0] + data[1] + end + final
+    return [whole, data[1] + end + begin + data[0] + end + final, back, whole + back + whole]

@@ -9,7 +9,7 @@ from importlib import import_module
 from hil.fuzz.oracle import Target
 
 SLOW = frozenset(
-    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame"}
+    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit"}
 )  # get fewer inputs
 TARGETS: dict[str, tuple[str, str]] = {
     "canopen": ("hil.fuzz.frame_targets", "canopen_target"),
@@ -23,6 +23,7 @@ TARGETS: dict[str, tuple[str, str]] = {
     "recording": ("hil.fuzz.file_targets", "recording_target"),
     "tc_packet": ("hil.fuzz.telemetry_targets", "packet_target"),
     "tc_frame": ("hil.fuzz.telemetry_targets", "frame_target"),
+    "file_unit": ("hil.fuzz.delivery_target", "delivery_target"),
 }
 
 
