@@ -78,6 +78,13 @@ def _parser() -> argparse.ArgumentParser:
     faults.add_argument(
         "--only", action="append", default=[], metavar="NAME", help="this fault; may be repeated"
     )
+    faults.add_argument(
+        "--lane",
+        action="append",
+        default=[],
+        choices=("virtual", "machine", "socketcan"),
+        help="in virtual time, of the machine, on a real bus; may be repeated; all",
+    )
     faults.add_argument("--seed", type=int, default=1, metavar="N", help="fixes every bit, 1")
     faults.add_argument("--jobs", type=int, default=2, metavar="N", help="processes, 2")
     faults.add_argument("--short", action="store_true", help="the selection that the tests run")
@@ -157,6 +164,7 @@ def _faults(arguments: argparse.Namespace) -> int:
 
     return run(
         only=arguments.only,
+        lanes=arguments.lane,
         seed=arguments.seed,
         jobs=arguments.jobs,
         out=arguments.out,

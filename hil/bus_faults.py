@@ -16,6 +16,7 @@ import can
 import numpy as np
 
 BABBLE_STREAM = 0xBAB
+POLL_S = 0.05
 
 
 class ErrorKind(Enum):
@@ -75,14 +76,69 @@ class Babble:
         self._stop.set()
 
 
+class Echo:
+    """A repeater gone wrong: some of the frames of one identifier come a second time."""
+
+    def __init__(self, channel: str, can_id: int, later_s: float, ratio: float, seed: int) -> None:
+        self._channel, self._can_id = channel, can_id
+        self._later_s, self._ratio = later_s, ratio
+        sequence = np.random.SeedSequence(seed, spawn_key=(BABBLE_STREAM,))
+        self._rng = np.random.default_rng(sequence)
+        self._stop = threading.Event()
+        self.sent = 0
+
+    def run(self) -> None:
+        """Repeat until told to stop."""
+        only = [{"can_id": self._can_id, "can_mask": 0x7FF}]
+        with can.Bus(interface="socketcan", channel=self._channel, can_filters=only) as bus:
+            while not self._stop.is_set():
+                message = bus.recv(POLL_S)
+                if message is None or self._rng.random() >= self._ratio:
+                    continue
+                self._stop.wait(self._later_s)
+                bus.send(message)
+                self.sent += 1
+
+    def stop(self) -> None:
+        """End the repeating."""
+        self._stop.set()
+
+
+@contextmanager
+def running(disturbance: Babble | Echo) -> Iterator[None]:
+    """Let a disturbance go on beside what the block does."""
+    thread = threading.Thread(target=disturbance.run, name="disturbance")
+    thread.start()
+    try:
+        yield
+    finally:
+        disturbance.stop()
+        thread.join()
+
+
+@contextmanager
+def cable(*ends: str) -> Iterator[None]:
+    """Lay a cable between two links of these names, both up: what one sends the other receives."""
+    near, far = ends
+    words = ["ip", "link", "add", "dev", near, "type", "vxcan", "peer", "name", far]
+    subprocess.run(words, check=True)
+    try:
+        for end in ends:
+            set_link(end, up=True)
+        yield
+    finally:
+        subprocess.run(["ip", "link", "delete", "dev", near], check=True)
+
+
+def send(channel: str, can_id: int, data: bytes) -> None:
+    """Send one frame."""
+    with can.Bus(interface="socketcan", channel=channel) as bus:
+        bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+
+
 @contextmanager
 def babbling(channel: str, can_id: int, rate_hz: float, seed: int) -> Iterator[Babble]:
     """Let a node babble beside what the block does."""
     babble = Babble(channel, can_id, rate_hz, seed)
-    thread = threading.Thread(target=babble.run, name="babble")
-    thread.start()
-    try:
+    with running(babble):
         yield babble
-    finally:
-        babble.stop()
-        thread.join()

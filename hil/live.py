@@ -50,6 +50,14 @@ def free_udp_port() -> int:
     return port
 
 
+def free_tcp_port() -> int:
+    """Return a TCP port nobody listens on now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
 Disturb = Callable[[float, int, int], None]  # seconds done, process ids of plant and daemon
 
 

@@ -25,7 +25,14 @@ def commit() -> str:
 
 
 def run(
-    *, only: Sequence[str], seed: int, jobs: int, out: Path | None, as_json: bool, short: bool
+    *,
+    only: Sequence[str],
+    lanes: Sequence[str],
+    seed: int,
+    jobs: int,
+    out: Path | None,
+    as_json: bool,
+    short: bool,
 ) -> int:
     """Run the chosen rows, print them in the table's order, return the exit code.
 
@@ -38,7 +45,11 @@ def run(
     if unknown:
         raise ValueError(f"--only: {unknown} not in {[row.type for row in bounds.faults]}")
     rows = [
-        row for row in bounds.faults if (not only or row.type in only) and (not short or row.short)
+        row
+        for row in bounds.faults
+        if (not only or row.type in only)
+        and (not lanes or row.lane in lanes)
+        and (not short or row.short)
     ]
     stamp = commit()
     done = {}

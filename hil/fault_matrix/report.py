@@ -25,7 +25,7 @@ def show(outcomes: Sequence[Mapping[str, Any]], table: Table, seed: int, console
             verdict += f" ({', '.join(values['others'])})"
         grid.add_row(
             values["type"],
-            values["event"],
+            values["event"] + _mark(row.shares),
             _number(values["detect_s"], 1e3, ".1f"),
             f"{1e3 * values['detect_bound_s']:.0f}{_mark(row.reason)}",
             _number(values["recover_s"], 1.0, ".2f"),
@@ -40,7 +40,8 @@ def show(outcomes: Sequence[Mapping[str, Any]], table: Table, seed: int, console
         f" sigma {table.sigma_ratio:g} x that of the run lacking only the truly lost samples.",
         soft_wrap=True,
     )
-    used = {row.reason for row in table.faults if row.reason}
+    shown = [rows[values["type"]] for values in outcomes]
+    used = {reason for row in shown for reason in (row.reason, row.shares) if reason}
     for name in sorted(used):
         console.print(f"({name}) {table.reasons[name]}", soft_wrap=True)
     good = sum(not values["failed"] for values in outcomes)

@@ -10,8 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from hil.scenario import FaultEntry
 
+LANES = ("virtual", "machine", "socketcan")  # virtual time, real time, a real bus
 PATH = Path(__file__).with_name("table.yaml")
-Device = Literal["arm", "imu", "star_tracker", "machine"]
+Device = Literal["arm", "imu", "star_tracker", "machine", "socketcan"]
 
 
 class Row(BaseModel):
@@ -27,6 +28,7 @@ class Row(BaseModel):
     detect_periods: float = 3.0
     detect_s: float | None = None
     reason: str = ""
+    shares: str = ""  # why another row has the same event
     loses: Literal["samples", "nothing"] = "samples"
     at_s: float | None = None
     for_s: float | None = None
@@ -36,6 +38,11 @@ class Row(BaseModel):
     device: Literal["arm", "imu", "star_tracker"] | None = None
     recover_s: float | None = None  # instead of the table's, with the reason
     short: bool = False  # part of the short form that the tests run
+
+    @property
+    def lane(self) -> str:
+        """Where the row runs: one of `LANES`."""
+        return self.sensor if self.sensor in LANES else LANES[0]
 
 
 class Table(BaseModel):
@@ -73,6 +80,10 @@ class Table(BaseModel):
             return row.detect_s
         return row.detect_periods * self.period_s[row.sensor]
 
+    def of(self, lane: str) -> tuple[Row, ...]:
+        """Return the rows of one of `LANES`."""
+        return tuple(row for row in self.faults if row.lane == lane)
+
     @property
     def recover_bound_s(self) -> float:
         """Return within what its end must be told."""
@@ -83,9 +94,14 @@ def load(path: Path = PATH) -> Table:
     """Read the table; ValueError where it is wrong."""
     table = Table.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     for row in table.faults:
-        if row.reason and row.reason not in table.reasons:
-            raise ValueError(f"{row.type}: reason {row.reason!r} is not listed")
+        for reason in filter(None, (row.reason, row.shares)):
+            if reason not in table.reasons:
+                raise ValueError(f"{row.type}: reason {reason!r} is not listed")
         loose = row.detect_s is not None or row.detect_periods > 3.0
         if loose and not row.reason:
             raise ValueError(f"{row.type}: more than 3 periods to detect it, and no reason")
+    events = [(row.lane, row.event) for row in table.faults]
+    for row in table.faults:
+        if events.count((row.lane, row.event)) > 1 and not row.shares:
+            raise ValueError(f"{row.type}: {row.event} is another row's too, and no reason")
     return table

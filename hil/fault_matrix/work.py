@@ -5,16 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
+import os
+import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from hil import bench
-from hil.fault_matrix import machine, run, table
+from hil.bus_faults import cable
+from hil.fault_matrix import live_rows, machine, real_bus, run, table
 from hil.fault_matrix.run import Flown
+from hil.vcan.job import VcanError
 
 
 @lru_cache(maxsize=1)
@@ -43,14 +48,35 @@ def one(name: str, seed: int) -> dict[str, Any]:
     return run.outcome(bounds, row, _setup(seed), flown, reference, clean)
 
 
-def live_outcomes(rows: Sequence[table.Row], seed: int) -> Iterator[dict[str, Any]]:
-    """Yield the outcomes of faults of the machine, one after the other, a clean run first."""
-    bounds = table.load()
-    with tempfile.TemporaryDirectory(prefix="hil-faults-") as home:
-        clean = machine.fly(bounds, None, seed, Path(home) / "clean")
-        for row in rows:
-            flown = machine.fly(bounds, row, seed, Path(home) / row.type)
-            yield machine.outcome(bounds, row, flown, clean)
+def machine_outcomes(rows: Sequence[table.Row], seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the outcomes of faults of the machine, in real time."""
+    return live_rows.outcomes(machine.lane(), table.load(), rows, seed)
+
+
+def bus_outcomes(rows: Sequence[table.Row], seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the outcomes of faults of a real bus: here, where there is one, or below `hil vcan`.
+
+    Raises
+    ------
+    VcanError when that could not be run.
+    """
+    if os.environ.get("HIL_VCAN"):
+        with cable(real_bus.NEAR, real_bus.FAR):
+            yield from live_rows.outcomes(real_bus.lane(), table.load(), rows, seed)
+        return
+    command = [sys.executable, "-m", "hil", "vcan", "--realtime", "--", sys.executable, "-m", "hil"]
+    command += ["faults", "--lane", "socketcan", "--seed", str(seed), "--json"]
+    command += [word for row in rows for word in ("--only", row.type)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    if not done.stdout:
+        raise VcanError(f"hil vcan: exit {done.returncode}")
+    yield from json.loads(done.stdout)["faults"]
+
+
+REAL: Mapping[str, Callable[[Sequence[table.Row], int], Iterator[dict[str, Any]]]] = {
+    "machine": machine_outcomes,
+    "socketcan": bus_outcomes,
+}
 
 
 def key(row: table.Row, seed: int, commit: str) -> str:
@@ -74,12 +100,12 @@ def outcomes(
         todo.append(row)
     if not todo:
         return
-    of_machine = [row for row in todo if row.sensor == "machine"]
-    if of_machine:
-        for row, values in zip(of_machine, live_outcomes(of_machine, seed), strict=True):
+    for lane, outcomes_of in REAL.items():
+        rows = [row for row in todo if row.lane == lane]
+        for row, values in zip(rows, outcomes_of(rows, seed) if rows else (), strict=True):
             _store(out, row, seed, commit, values)
             yield values
-    todo = [row for row in todo if row.sensor != "machine"]
+    todo = [row for row in todo if row.lane not in REAL]
     if not todo:
         return
     context = multiprocessing.get_context("spawn")

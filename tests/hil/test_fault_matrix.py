@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from fsw.findings import Fault
 from hil import bench
-from hil.fault_matrix import run, table, work
+from hil.fault_matrix import machine, real_bus, run, table, work
 from hil.fault_script import TYPES, install
 from hil.scenario import FaultEntry, ScenarioError
 
@@ -63,7 +64,9 @@ def test_a_clean_run_raises_no_fault(tmp_path: Any, seed: int) -> None:
 def test_the_table_holds_at_least_35_types_and_every_type_of_the_script() -> None:
     types = [row.type for row in BOUNDS.faults]
     assert len(types) == len(set(types)) >= 35
-    assert {row.type for row in BOUNDS.faults if row.sensor != "machine"} == set(TYPES)
+    assert {row.type for row in BOUNDS.of("virtual")} == set(TYPES)
+    assert {row.type for row in BOUNDS.of("machine")} == set(machine.lane().acts)
+    assert {row.type for row in BOUNDS.of("socketcan")} == set(real_bus.lane().acts)
     assert BOUNDS.total_s - BOUNDS.before_s <= 20.0
     own = {row.event for row in BOUNDS.faults}
     told = own & set(Fault)
@@ -76,6 +79,13 @@ def test_bounds_beyond_three_periods_have_a_reason() -> None:
             assert row.reason, row.type
 
 
+def test_two_rows_have_one_event_only_with_a_reason(tmp_path: Path) -> None:
+    text = table.PATH.read_text(encoding="utf-8")
+    (tmp_path / "table.yaml").write_text(text.replace("event: TORQUE_RANGE", "event: TORQUE_FAULT"))
+    with pytest.raises(ValueError, match="TORQUE_FAULT is another row's too"):
+        table.load(tmp_path / "table.yaml")
+
+
 def test_a_type_that_does_not_exist_is_refused(trunk: Any) -> None:
     entry = FaultEntry(type="gremlins", at_s=1.0, for_s=1.0)
     with pytest.raises(ScenarioError, match="gremlins"):
@@ -86,7 +96,7 @@ def test_a_bound_that_does_not_hold_fails_its_row(trunk: Any) -> None:
     before, clean = trunk
     row = next(row for row in BOUNDS.faults if row.type == "frame_drop")
     good = run.outcome(BOUNDS, row, before.setup, clean, clean, clean)
-    assert {"detection", "recovery", "counters"} <= set(good["failed"])
+    assert {"detection", "recovery", "own counter"} <= set(good["failed"])
     worse = dataclasses.replace(
         clean, final=dataclasses.replace(clean.final, covariance=2.0 * clean.final.covariance)
     )

@@ -1,0 +1,169 @@
+"""Rows of the matrix in real time: plant and daemon as processes, over links of the system.
+
+Times of the sensors are not judged here (a bench on a busy machine is late itself): their patience
+is set wide, and what a run is held against is a run in real time without a fault.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.stats import chi2
+
+from hil import bench, live
+from hil.fault_matrix import run
+from hil.fault_matrix.table import Row, Table
+from hil.flight import plant_document, write_yaml
+from hil.inertia import pi_of
+from hil.outcome import result_from_json
+from hil.scenario import Scenario
+from hil.score import Result, normalised_error_squared
+
+TIMING = ("REALTIME", "RING_DROPS", "CAN_UNSENT", "CAN_OVERFLOW", "PRIOR_CONFLICT")
+
+
+@dataclass(slots=True)
+class Hold:
+    """What a fault may take hold of."""
+
+    folder: Path
+    document: dict[str, Any]  # the flight configuration
+    seed: int
+    plant: int = 0
+    daemon: int = 0
+    stack: ExitStack = field(default_factory=ExitStack)  # what must end with the run
+
+
+Action = Callable[[Hold], None]
+
+
+def nothing(_hold: Hold) -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Act:
+    """A fault: what is done before the daemon starts, at the fault's beginning and at its end."""
+
+    begin: Action = nothing
+    end: Action = nothing
+    before: Action = nothing
+    from_start: bool = False  # the fault is there before the daemon is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lane:
+    """Where rows run."""
+
+    acts: Mapping[str, Act]
+    health: Mapping[str, Any]  # the daemon's patience
+    scenario: Scenario
+    device_channel: str | None = None  # the devices' end of a cable
+
+
+def outcomes(lane: Lane, table: Table, rows: Sequence[Row], seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the outcomes of rows, one after the other, a clean run first."""
+    with tempfile.TemporaryDirectory(prefix="hil-faults-") as home:
+        clean = fly(lane, table, None, seed, Path(home) / "clean")
+        for row in rows:
+            flown = fly(lane, table, row, seed, Path(home) / row.type)
+            yield outcome(table, row, flown, clean)
+
+
+def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> dict[str, Any]:
+    """Run in real time, with a fault or without; return what was left behind."""
+    setup = run.prepare(table, seed, folder, real_time=True, scenario=lane.scenario)
+    document = yaml.safe_load(setup.config_path.read_text(encoding="utf-8"))
+    document["health"] = dict(lane.health)
+    plant_path = _write_plant(lane, setup)
+    hold = Hold(folder, document, seed)
+    act = Act() if row is None else lane.acts[row.type]
+    at_s, for_s = (table.at_s, table.for_s) if row is None else table.times(row)
+    times_ns: dict[str, int] = {}
+    with hold.stack:
+        act.before(hold)
+        if act.from_start:
+            times_ns["began"] = time.monotonic_ns()
+        write_yaml(setup.config_path, document)
+
+        def disturb(done_s: float, plant_pid: int, daemon_pid: int) -> None:
+            hold.plant, hold.daemon = plant_pid, daemon_pid
+            if done_s >= at_s and "done" not in times_ns:
+                times_ns.setdefault("began", time.monotonic_ns())
+                times_ns["done"] = 1
+                act.begin(hold)
+            if done_s >= at_s + for_s and "returned" not in times_ns:
+                times_ns["returned"] = time.monotonic_ns()
+                act.end(hold)
+
+        outcome = live.run(setup.config_path, plant_path, setup.total_s, run.Quiet(), disturb)
+    events = (folder / "state" / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    closing = live.read_status(folder / "state" / "status.json") or {}
+    return {
+        "setup": setup,
+        "final": result_from_json(outcome.final, setup.scenario.unknown),
+        "status": outcome.status,
+        "events": [json.loads(line) for line in events],
+        "event_counts": closing.get("event_counts", {}),
+        "times_ns": times_ns,
+        "wall_s": outcome.wall_s,
+    }
+
+
+def _write_plant(lane: Lane, setup: bench.Setup) -> Path:
+    scenario = setup.scenario
+    if lane.device_channel is not None:
+        bus = scenario.flight["bus"] | {"channel": lane.device_channel}
+        scenario = replace(scenario, flight=scenario.flight | {"bus": bus})
+    document = plant_document(scenario, setup.seed, setup.folder, setup.bus_port)
+    return write_yaml(setup.folder / "plant.yaml", document)
+
+
+def outcome(
+    table: Table, row: Row, flown: Mapping[str, Any], clean: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the figures of a row, and what of them is out of bounds."""
+    setup: bench.Setup = flown["setup"]
+    final: Result = flown["final"]
+    truth = np.concatenate([pi_of(setup.scenario.truth[b]) for b in setup.scenario.unknown])
+    began_ns, returned_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
+    told = [e for e in flown["events"] if e["severity"] != "info"]
+    own = [e["t_ns"] for e in told if e["code"] == row.event]
+    over = [e["t_ns"] for e in flown["events"] if e["code"] == row.recovered]
+    usual = {e["code"] for e in clean["events"]} | set(TIMING)
+    codes = {e["code"] for e in told} - usual
+    sigma, usual_sigma = (np.sqrt(np.diag(r.covariance)) for r in (final, clean["final"]))
+    health = flown["status"]["health"]
+    bench_own = clean["status"]["health"]["incidents"]
+    incidents = {n: int(k) for n, k in health["incidents"].items()}
+    counted = incidents.get(row.event, 0) or int(flown["event_counts"].get(row.event, 0))
+    values = {
+        "type": row.type,
+        "event": row.event,
+        "detect_s": (own[0] - began_ns) * 1e-9 if own else None,
+        "detect_bound_s": table.detect_bound_s(row),
+        "recover_s": (over[-1] - returned_ns) * 1e-9 if over else None,
+        "recover_bound_s": row.recover_s or table.recover_bound_s,
+        "nees": normalised_error_squared(final.x - truth, final.covariance),
+        "nees_bound": float(chi2.ppf(table.probability, len(truth))),
+        "sigma_ratio": float(np.max(sigma / usual_sigma)),
+        "sigma_ratio_bound": table.sigma_ratio,
+        "others": sorted(codes - {row.event, row.recovered, *row.also}),
+        "counters": {n: k for n, k in incidents.items() if n == row.event or n not in bench_own},
+        "counted": counted,
+        "findings": int(health["findings"].get(row.event, 0)),
+        "open": health["faulty"],
+        "valid": final.valid,
+        "restored": True,
+        "wall_s": flown["wall_s"],
+    }
+    return values | {"failed": run.failures(row, values)}
