@@ -113,6 +113,7 @@ class Round:
         self._observer = Observer(self._state)
         self._seen: list[dict[str, Any]] = []
         self._checked: set[Path] = set()
+        self._back_ns = 0  # when what was killed last, or the first daemon, was seen at work
 
     def run(self, count: int) -> Iterator[Kill]:
         """Yield so many kills; fewer when the motion is over. Raises LiveError."""
@@ -133,7 +134,7 @@ class Round:
             held.callback(daemon.close)
             daemon.start(cold=True)
             wait_for(lambda: self._observer.status_since(daemon.started_ns), "a first estimate")
-            up_ns = time.monotonic_ns()
+            up_ns = self._back_ns = time.monotonic_ns()
             time.sleep(WARM_S)
             for k in range(count):
                 if (time.monotonic_ns() - up_ns) * 1e-9 > setup.total_s:
@@ -161,6 +162,7 @@ class Round:
             daemon.start(cold=False)
             imports_s, back_s, lost_s, faults = self._loop_is_back(daemon, killed_ns)
             seen_s = (time.monotonic_ns() - daemon.started_ns) * 1e-9
+        back_ns = time.monotonic_ns()
         late = []
         if lost_s > CHECKPOINT_S + WRITE_S:
             late.append(f"{lost_s:.2f} s of information lost")
@@ -170,6 +172,7 @@ class Round:
         faults += unreadable_checkpoints(self._state)
         wait_for(lambda: not alive(service), "the old service has ended")
         faults += self._recordings(killed_ns, late, ended=victim == "loop")
+        self._back_ns = back_ns
         return Kill(
             round=self._number,
             number=number,
@@ -230,8 +233,11 @@ class Round:
     def _recordings(self, killed_ns: int, late: list[str], *, ended: bool) -> list[str]:
         """Check the files whose writer has ended; one that was killed may lack its last chunk.
 
-        `ended`: its writer lived and must have closed it.
+        `ended`: its writer lived and must have closed it. A file that had no time to flush a chunk
+        may be empty.
         """
+        self._seen += self._observer.events()
+        full = any(event["code"] == "RING_DROPS" for event in self._seen)
         files = sorted((self._folder / "recording").glob("*.mcap"))
         writing = self._observer.status.get("recorder", {}).get("path")
         faults = []
@@ -240,13 +246,12 @@ class Round:
                 continue
             self._checked.add(path)
             state = part_state(path, f"/can/{BUS}")
-            missing_s = (killed_ns - state.last_ns) * 1e-9
+            missing_s = (killed_ns - max(state.last_ns, self._back_ns)) * 1e-9
             if ended and state.truncated:
                 faults.append(f"{path.name}: not closed")
             if missing_s > UNFLUSHED_S:
                 late.append(f"{path.name}: ends {missing_s:.2f} s before the kill")
-            full = state.gaps and self._observer.status.get("ring", {}).get("dropped", 0)
-            if state.gaps or not state.syncs:
+            if state.gaps or (not state.syncs and missing_s > UNFLUSHED_S):
                 (late if full else faults).append(
                     f"{path.name}: {state.gaps} gaps in {state.syncs} SYNCs"
                 )
