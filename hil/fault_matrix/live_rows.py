@@ -57,7 +57,6 @@ class Act:
     begin: Action = nothing
     end: Action = nothing
     before: Action = nothing
-    from_start: bool = False  # the fault is there before the daemon is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,15 +90,12 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
     times_ns: dict[str, int] = {}
     with hold.stack:
         act.before(hold)
-        if act.from_start:
-            times_ns["began"] = time.monotonic_ns()
         write_yaml(setup.config_path, document)
 
         def disturb(done_s: float, plant_pid: int, daemon_pid: int) -> None:
             hold.plant, hold.daemon = plant_pid, daemon_pid
-            if done_s >= at_s and "done" not in times_ns:
-                times_ns.setdefault("began", time.monotonic_ns())
-                times_ns["done"] = 1
+            if done_s >= at_s and "began" not in times_ns:
+                times_ns["began"] = time.monotonic_ns()
                 act.begin(hold)
             if done_s >= at_s + for_s and "returned" not in times_ns:
                 times_ns["returned"] = time.monotonic_ns()

@@ -76,13 +76,22 @@ def _hang_up(hold: Hold) -> None:
     os.kill(hold.plant, signal.SIGUSR1)
 
 
+def _in_parts(hold: Hold) -> None:
+    """Have the recording begin a new file every other second."""
+    hold.document["recorder"]["part_s"] = 2.0
+
+
 def _block_recorder(hold: Hold) -> None:
     """Put a file where the recordings' directory should be."""
-    (hold.folder / "recording").write_text("")
+    folder = hold.folder / "recording"
+    folder.rename(folder.with_suffix(".away"))
+    folder.write_text("")
 
 
 def _unblock_recorder(hold: Hold) -> None:
-    (hold.folder / "recording").unlink()
+    folder = hold.folder / "recording"
+    folder.unlink()
+    folder.with_suffix(".away").rename(folder)
 
 
 def _with_telemetry(hold: Hold) -> None:
@@ -149,7 +158,7 @@ def lane() -> Lane:
         acts={
             "cpu_hog": Act(begin=_hog),
             "disk_full": Act(begin=_fill, end=_empty),
-            "recorder_failure": Act(before=_block_recorder, from_start=True, end=_unblock_recorder),
+            "recorder_failure": Act(before=_in_parts, begin=_block_recorder, end=_unblock_recorder),
             "memory_limit": Act(begin=_short_of_memory),
             "service_killed": Act(begin=_kill),
             "pty_hang_up": Act(begin=_hang_up),
