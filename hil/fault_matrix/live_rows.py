@@ -1,7 +1,8 @@
 """Rows of the matrix in real time: plant and daemon as processes, over links of the system.
 
 Times of the sensors are not judged here (a bench on a busy machine is late itself): their patience
-is set wide, and what a run is held against is a run in real time without a fault.
+is set wide, and what a run is held against is a run in real time without a fault. What that run
+finds wrong, as positions off where a SYNC's stamp was late, is the bench's own.
 """
 
 from __future__ import annotations
@@ -134,7 +135,11 @@ def outcome(
     began_ns, returned_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
     told = [e for e in flown["events"] if e["severity"] != "info"]
     own = [e["t_ns"] for e in told if e["code"] == row.event]
-    over = [e["t_ns"] for e in flown["events"] if e["code"] == row.recovered]
+    over = [
+        e["t_ns"]
+        for e in flown["events"]
+        if e["code"] == row.recovered and (row.recovered != "RECOVERED" or row.event in e["text"])
+    ]
     usual = {e["code"] for e in clean["events"]} | set(TIMING)
     codes = {e["code"] for e in told} - usual
     sigma, usual_sigma = (np.sqrt(np.diag(r.covariance)) for r in (final, clean["final"]))
@@ -157,9 +162,15 @@ def outcome(
         "counters": {n: k for n, k in incidents.items() if n == row.event or n not in bench_own},
         "counted": counted,
         "findings": int(health["findings"].get(row.event, 0)),
-        "open": health["faulty"],
+        "open": _not_of(bench_own, health["faulty"]),
         "valid": final.valid,
         "restored": True,
         "wall_s": flown["wall_s"],
     }
     return values | {"failed": run.failures(row, values)}
+
+
+def _not_of(known: Mapping[str, Any], faulty: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+    """Return what is open by subject, without faults that the run without a fault has, too."""
+    left = {subject: [f for f in faults if f not in known] for subject, faults in faulty.items()}
+    return {subject: faults for subject, faults in left.items() if faults}
