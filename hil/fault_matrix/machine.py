@@ -15,8 +15,9 @@ from hil import live
 from hil.fault_matrix.live_rows import Act, Hold, Lane
 from hil.fault_matrix.run import SCENARIO
 from hil.live import LiveError
-from hil.scenario import load as load_scenario
+from hil.scenario import at_rates, load
 
+RATE_HZ, IMU_RATE_HZ = 100.0, 125  # what is asked is not how fast it can go
 PATIENT = {"silent_periods": 500.0, "late_periods": 100, "jitter_s": 1.0, "tracker_late_s": 1.0}
 HOG = """
 import os, sys, time
@@ -29,7 +30,7 @@ end = time.monotonic() + 0.7
 while time.monotonic() < end:
     pass
 """
-SPARE_BYTES = 1 << 20
+LEAST_BYTES = 1 << 20  # below what any process has: every new mapping fails
 
 
 def service_of(hold: Hold) -> int:
@@ -62,10 +63,8 @@ def _empty(hold: Hold) -> None:
 
 
 def _short_of_memory(hold: Hold) -> None:
-    pid = service_of(hold)
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
-    limit = pages * resource.getpagesize() + SPARE_BYTES
-    resource.prlimit(pid, resource.RLIMIT_AS, (limit, limit))
+    """Give the service no memory beyond what it has."""
+    resource.prlimit(service_of(hold), resource.RLIMIT_AS, (LEAST_BYTES, LEAST_BYTES))
 
 
 def _kill(hold: Hold) -> None:
@@ -109,7 +108,7 @@ class SlowClient:
 
     def __init__(self, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 15)
         self._socket.settimeout(0.5)
         self._socket.connect(("127.0.0.1", port))
         self._reads, self._ends = threading.Event(), threading.Event()
@@ -154,7 +153,7 @@ def lane() -> Lane:
     """Return where the faults of the machine run."""
     return Lane(
         health=PATIENT,
-        scenario=load_scenario(SCENARIO),
+        scenario=at_rates(load(SCENARIO), RATE_HZ, IMU_RATE_HZ),
         acts={
             "cpu_hog": Act(begin=_hog),
             "disk_full": Act(begin=_fill, end=_empty),
