@@ -49,6 +49,8 @@ def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
         unit = PduFactory.from_raw(raw)
         if unit is None:
             raise UnitError("no known unit")
+        if isinstance(unit, EofPdu):  # the library leaves it where it stands in its byte
+            unit.condition_code = ConditionCode(int(unit.condition_code) >> 4)
         _read_all(unit)
         known = unit.packet_len if isinstance(unit, FileDataPdu) else len(unit.pack())
     except UNPARSABLE as error:

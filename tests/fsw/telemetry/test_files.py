@@ -15,12 +15,22 @@ import numpy as np
 import pytest
 from spacepackets.cfdp import (
     ChecksumType,
+    ConditionCode,
     Direction,
     PduConfig,
     TransmissionMode,
 )
-from spacepackets.cfdp.pdu import EofPdu, FileDataPdu, MetadataParams, MetadataPdu, NakPdu
+from spacepackets.cfdp.pdu import (
+    AckPdu,
+    DirectiveType,
+    EofPdu,
+    FileDataPdu,
+    MetadataParams,
+    MetadataPdu,
+    NakPdu,
+)
 from spacepackets.cfdp.pdu.file_data import FileDataParams
+from spacepackets.cfdp.pdu.helper import PduFactory
 from spacepackets.util import ByteFieldU8, ByteFieldU16
 
 from fsw.errors import CommandError
@@ -28,8 +38,10 @@ from fsw.telemetry import files_library
 from fsw.telemetry.files import FileEntity
 from fsw.telemetry.files_library import DAEMON, GROUND, Pair
 from fsw.telemetry.files_paths import confined
+from fsw.telemetry.files_units import UnitError, parse
 
 S = 1_000_000_000
+CANCELS = (ConditionCode.CANCEL_REQUEST_RECEIVED, ConditionCode.FILE_CHECKSUM_FAILURE)
 
 
 @pytest.fixture
@@ -221,6 +233,35 @@ def test_what_is_beyond_the_limits_is_refused(entity, folder, change):
         entity.receive(unit, 0)
     assert entity.counters()["pdus_rejected"] == len(units)
     assert leftovers(folder) == []
+
+
+@pytest.mark.parametrize("condition", [ConditionCode.NO_ERROR, *CANCELS])
+def test_an_end_is_read_as_it_was_written(condition):
+    """The library leaves the condition in the upper half of its byte, and cannot write it then."""
+    end = EofPdu(Uplink(b"").conf, bytes(4), 10, condition_code=condition)
+    raw = bytes(end.pack())
+    unit = parse(raw, 100)
+    assert isinstance(unit, EofPdu)
+    assert unit.condition_code == condition
+    assert bytes(unit.pack()) == raw
+
+
+def test_an_end_that_cancels_is_acknowledged_and_leaves_nothing(entity, folder):
+    up = Uplink(content(700))
+    entity.receive(up.metadata(), 0)
+    end = EofPdu(up.conf, bytes(4), 0, condition_code=ConditionCode.CANCEL_REQUEST_RECEIVED)
+    entity.receive(bytes(end.pack()), 0)
+    acknowledged = [u for u in map(PduFactory.from_raw, drain(entity)) if isinstance(u, AckPdu)]
+    assert [u.condition_code_of_acked_pdu for u in acknowledged] == [end.condition_code]
+    assert leftovers(folder) == []
+
+
+def test_a_directive_with_bytes_behind_its_fields_is_refused():
+    ack = bytes(AckPdu(Uplink(b"").conf, DirectiveType.EOF_PDU, 0, 1).pack())
+    assert isinstance(parse(ack, 100), AckPdu)
+    longer = int.from_bytes(ack[1:3], "big") + 4
+    with pytest.raises(UnitError, match="announced"):
+        parse(ack[:1] + longer.to_bytes(2, "big") + ack[3:] + bytes(4), 100)
 
 
 # --- down
