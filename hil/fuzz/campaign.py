@@ -22,7 +22,7 @@ from hil.fuzz.table import TARGETS, quota
 
 BOUT_INPUTS = 50_000
 RSS_LIMIT_MB = 1024
-TIMEOUT_S = 30
+TIMEOUT_S = 900  # of the clock on the wall: a campaign that was stopped for a while goes on
 BOUT_LIMIT_S = 3600.0
 _UNITS = re.compile(r"stat::number_of_executed_units:\s+(\d+)")
 _RSS = re.compile(r"stat::peak_rss_mb:\s+(\d+)")
