@@ -52,10 +52,26 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointCurve:
+    """The joints' motion as one curve linear in k coefficients, fitted to noisy angles."""
+
+    basis: FloatArray  # (3, N, k) angle, rate, acceleration at the samples
+    coefficients: FloatArray  # (k, n)
+    covariance: FloatArray  # (k, k) of the coefficients of every joint
+
+    def information(self) -> FloatArray:
+        """Return the inverse of the covariance."""
+        inverse = np.linalg.solve(self.covariance, np.eye(len(self.covariance)))
+        symmetric: FloatArray = 0.5 * (inverse + inverse.T)
+        return symmetric
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SampleSet:
     """N samples of an arm with n joints, in time order.
 
-    Joint positions and rates are taken as exact (the rates not by CE).
+    Joint positions and rates are taken as exact (the rates not by CE). Where there is a curve the
+    fused method solves for the motion along.
     """
 
     t_s: FloatArray  # (N,)
@@ -69,6 +85,7 @@ class SampleSet:
     R_NB: FloatArray  # (N, 3, 3)
     noise: Noise
     v_NB_B: FloatArray | None = None  # (N, 3) base velocity; no flight sensor gives it
+    curve: JointCurve | None = None  # what q, qd and qdd come from
 
     def __post_init__(self) -> None:
         """Make every array contiguous and read-only; check the shapes and that all is finite."""
@@ -113,6 +130,9 @@ class SampleSet:
             a_NB_B=self.a_NB_B[index],
             R_NB=self.R_NB[index],
             v_NB_B=None if self.v_NB_B is None else self.v_NB_B[index],
+            curve=None
+            if self.curve is None
+            else replace(self.curve, basis=self.curve.basis[:, index]),
         )
 
 

@@ -14,6 +14,7 @@ from fsw.errors import EstimatorError
 from fsw.estimators.curvature import VERY_WEAK, WEAK
 from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.levenberg import Minimum, minimise, straighten
+from fsw.estimators.methods.motion import refine
 from fsw.estimators.methods.prediction_pass import prediction_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
@@ -57,9 +58,12 @@ def solve_channels(
         start = first.x if np.isfinite(first.cost) else start
     run = _Pass(samples, system, use)
     found = minimise(run, system, start, options.max_iterations)
+    curve = samples.curve if use.gyro and use.torque else None
+    if curve is not None and np.all(np.isfinite(found.x)):
+        found = refine(samples, curve, system, use, found.x, options.max_iterations)
     mapped = _through_mobility(found, system) if use.torque else None
     looked = None
-    if mapped is None and options.max_iterations > 0:
+    if mapped is None and curve is None and options.max_iterations > 0:
         looked = straighten(run, system, found, VERY_WEAK if use.torque else WEAK)
     width = problem.model.n * use.torque + 3 * (use.accelerometer + use.gyro + use.velocity)
     return build_result(
