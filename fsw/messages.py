@@ -97,7 +97,9 @@ class Block:
     wd_NB_B_rad_s2: FloatArray  # (m, 3) its derivative
     f_NS_B_m_s2: FloatArray  # (m, 3) specific force at the sensor, in B axes, bias not removed
     R_NB: FloatArray  # (m, 3, 3) attitude; identity where it is not known
-    cov_joint: FloatArray  # (n, 2 m, 2 m) of [qd at the nodes, qdd at the nodes]
+    cov_joint: (
+        FloatArray  # (n, 2 m, 2 m) of [qd, qdd] at the nodes, or (n, 3 m, 3 m) of [qd, qdd, q]
+    )
     cov_tau: FloatArray  # (n, m, m)
     cov_gyro: FloatArray  # (2 m, 2 m) of one axis: [w at the nodes, wd at the nodes]
     cov_acc: FloatArray  # (m, m) of one axis

@@ -124,6 +124,8 @@ def build_both(truth: dict[str, FloatArray]) -> Problem:
         momentum=NO_STATES,
         torque_scale=NO_STATES,
         wrench=NO_STATES,
+        target_wrench=NO_STATES,
+        target_com_m=np.zeros(3),
         p_BS_m=np.zeros(3),
         orbit=None,
         window_s=0.4,

@@ -34,6 +34,8 @@ class EstimatorConfig(Section):
     momentum_sigma_nms: NonNegative = 0.0  # prior of a residual angular momentum; 0: none estimated
     external_force_sigma_n: NonNegative = 0.0  # prior of a constant external wrench at the base's
     external_torque_sigma_nm: NonNegative = 0.0  # origin, inertial axes; 0: none estimated
+    target_force_sigma_n: NonNegative = 0.0  # the same at the target's centre of mass: air
+    target_torque_sigma_nm: NonNegative = 0.0
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
     forgetting_time_s: Positive | None = None  # data's information decays with it; null: never

@@ -45,6 +45,8 @@ class ModelNoise(Section):
     momentum_sigma_nms: NonNegative | None = None
     external_force_sigma_n: NonNegative | None = None
     external_torque_sigma_nm: NonNegative | None = None
+    target_force_sigma_n: NonNegative | None = None
+    target_torque_sigma_nm: NonNegative | None = None
 
 
 class NoiseTable(Section):

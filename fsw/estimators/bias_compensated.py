@@ -26,7 +26,7 @@ from scipy.linalg import solve_triangular
 from fsw.config import EstimatorConfig
 from fsw.errors import EstimatorError
 from fsw.estimators.diagnosis import diagnose, plain
-from fsw.estimators.impulse import external_wrench
+from fsw.estimators.impulse import external_force, pulled
 from fsw.estimators.inertia import cross, skew
 from fsw.estimators.mrnea import base_acceleration, covariance_root, field
 from fsw.estimators.outcome import outcome
@@ -75,7 +75,7 @@ def acceleration_root(block: Block, problem: Problem) -> FloatArray:
     m, n = block.q_rad.shape
     acc = covariance_root(block.cov_acc)
     gyro = covariance_root(block.cov_gyro[m:, m:])
-    joints = [covariance_root(block.cov_joint[j][m:, m:]) for j in range(n)]
+    joints = [covariance_root(block.cov_joint[j][m : 2 * m, m : 2 * m]) for j in range(n)]
     widths = [acc.shape[1]] * 3 + [gyro.shape[1]] * 3 + [root.shape[1] for root in joints]
     K = np.zeros((m, 6 + n, sum(widths)))
     start = np.concatenate([[0], np.cumsum(widths)])
@@ -171,8 +171,8 @@ def _nuisance_columns(
         for i, (q, qd) in enumerate(zip(block.q_rad, block.qd_rad_s, strict=True)):
             C = problem.model.bias_derivative(q, w[i], qd, acceleration[i])
             X[i, :, problem.gyro_bias] -= C[:, 3:6]
-    if present(problem.wrench):
-        X[:, :6, problem.wrench] = -external_wrench(block, x, problem)[1]
+    if pulled(problem):
+        X[:, :, : len(x)] -= external_force(block, x, problem)[1]
 
 
 def _weight_covariance(K: FloatArray, H: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ from fsw.stages import complete
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
 MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is junk
+ANGLE_NOISE_RAD = 1e-5  # of a sample: beyond it the angles' own errors are told beside the rates'
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
 EXTRA_POSITION_DEGREE = 3  # the position's polynomial must still have a good second derivative
@@ -55,6 +56,8 @@ class Conditioner:
         self._min_fill = config.estimator.min_fill_ratio
         self._order = order
         self._joints = tuple(config.joints[k] for k in order)
+        noisy = max(joint.position_noise_rad for joint in self._joints) > ANGLE_NOISE_RAD
+        self._orders = (1, 2, 0) if noisy else (1, 2)
         imu = config.imu
         self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
@@ -89,7 +92,8 @@ class Conditioner:
             self.unusable_windows += 1
             return None
         q, qd, qdd, tau = (np.zeros((m, n)) for _ in range(4))
-        cov_joint = np.empty((n, 2 * m, 2 * m))
+        size = len(self._orders) * m
+        cov_joint = np.empty((n, size, size))
         cov_tau = np.broadcast_to(np.eye(m), (n, m, m)).copy()
         has_joint = np.ones(n, dtype=bool)
         shared: _JointFits | None = None
@@ -112,13 +116,13 @@ class Conditioner:
             q[:, k] = position.fit.operator(0) @ position.coefficients
             qd[:, k] = position.fit.operator(1) @ position.coefficients
             qdd[:, k] = position.fit.operator(2) @ position.coefficients
-            cov_joint[k] = position.fit.covariance((1, 2), joint.position_noise_rad)
+            cov_joint[k] = position.fit.covariance(self._orders, joint.position_noise_rad)
             has_joint[k] = torque.fit is not None
             if torque.fit is not None:
                 tau[:, k] = torque.fit.operator(0) @ torque.coefficients
                 cov_tau[k] = torque.fit.covariance((0,), joint.torque_noise_nm)
             yield
-        still = _still(qd, qdd, cov_joint)
+        still = _still(qd, qdd, cov_joint[:, : 2 * m, : 2 * m])
         qd[:, still] = qdd[:, still] = 0.0
         yield
         gyro, cov_gyro, has_gyro = self._inertial(

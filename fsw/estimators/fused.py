@@ -15,14 +15,14 @@ with Y_h the base rows of Y(q, 0, nu) at the full predicted nu (v_b included) an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
-from fsw.estimators.impulse import Impulse, external_wrench, momentum_at_nodes, needed
+from fsw.estimators.impulse import Impulse, external_force, momentum_at_nodes, needed, pulled
 from fsw.estimators.inertia import cross, skew
 from fsw.estimators.mrnea import Rows, field
 from fsw.estimators.problem import Problem, present
@@ -45,6 +45,7 @@ class Prediction:
     D_qdd: FloatArray  # (m, n + 3, n): d[tau; f]/d qdd
     D_qd: FloatArray  # (m, n + 6, n): d[tau; f; w]/d qd
     D_w: FloatArray  # (m, n + 3, 3): d[tau; f]/dw
+    D_q: FloatArray | None  # (m, n + 6, n): d[tau; f; w]/dq where angles are noisy
     after: Impulse | None  # momentum gained up to the block's end
 
 
@@ -59,6 +60,8 @@ class _Dynamics:
     nu: FloatArray  # (m, 6) predicted base velocity
     a: FloatArray  # (m, 6) predicted base acceleration
     force: FloatArray  # (m, n) joint torque
+    by_angle: FloatArray | None  # (m, 6+n, n) d(generalised force)/dq, where angles are noisy
+    h_by_angle: FloatArray | None  # (m, 6, n) d(base momentum)/dq
 
 
 def _dynamics(
@@ -78,7 +81,10 @@ def _dynamics(
     nu, a = np.zeros((2, m, 6 + n))
     nu[:, 6:], a[:, 6:] = block.qd_rad_s, block.qdd_rad_s2
     momentum = np.concatenate([np.zeros((m, 3)), L_B], axis=1)
-    force = external_wrench(block, x, problem)[0] if present(problem.wrench) else np.zeros((m, 6))
+    noisy = angles_are_noisy(block)
+    by_angle = np.empty((m, 6 + n, n)) if noisy else None
+    h_by_angle = np.empty((m, 6, n)) if noisy else None
+    force = external_force(block, x, problem)[0] if pulled(problem) else np.zeros((m, 6 + n))
     w_measured = block.w_NB_B_rad_s
     if present(problem.gyro_bias):
         w_measured = w_measured - x[problem.gyro_bias]
@@ -95,11 +101,22 @@ def _dynamics(
         w = nu[i, 3:6]
         Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else 0.0
         bias = (model.regressor(q, w, qd, a[i]) - Y_field)[:6] @ pi
-        a[i, :6] = dpotrs(L, force[i] - bias, lower=1)[0]
+        a[i, :6] = dpotrs(L, force[i, :6] - bias, lower=1)[0]
         Y[i] = model.regressor(q, w, qd, a[i]) - Y_field
         C[i] = model.bias_derivative(q, w, qd, a[i])
+        if by_angle is not None and h_by_angle is not None:
+            by_angle[i] = model.angle_derivative(q, w, qd, a[i])
+            h_by_angle[i] = model.momentum_derivative(q, nu[i])
     return _Dynamics(
-        H, C, Y @ problem.U, Y_h[:, :6] @ problem.U, nu[:, :6], a[:, :6], Y[:, 6:] @ pi
+        H,
+        C,
+        Y @ problem.U,
+        Y_h[:, :6] @ problem.U,
+        nu[:, :6],
+        a[:, :6],
+        Y[:, 6:] @ pi - force[:, 6:],
+        by_angle,
+        h_by_angle,
     )
 
 
@@ -131,18 +148,22 @@ def predict(
         J_w[:, :, problem.gyro_bias] = -np.eye(3)
     reaction = C_w[:, :6] @ J_w
     reaction[:, :, k] += d.Y[:, :6]
-    if present(problem.wrench):
-        reaction[:, :, problem.wrench] -= external_wrench(block, x, problem)[1]
+    outside = external_force(block, x, problem)[1] if pulled(problem) else None
+    if outside is not None:
+        reaction -= outside[:, :6]
     J_a = -np.linalg.solve(H_bb, reaction)
     tau, J_tau = d.force, H_bm.transpose(0, 2, 1) @ J_a + C_w[:, 6:] @ J_w
     J_tau[:, :, k] += d.Y[:, 6:]
+    if outside is not None:
+        J_tau -= outside[:, 6:]
     w, wd = d.nu[:, 3:], d.a[:, 3:]
     f = d.a[:, :3] + cross(wd, r) + cross(w, cross(w, r)) - G @ r
     centripetal = -skew(cross(w, r)) - skew(w) @ skew(r)
     J_f = J_a[:, :3] - skew(r) @ J_a[:, 3:] + centripetal @ J_w
     D_qdd, D_qd, D_w = _motion_gains(d.H, d.C, centripetal, r, rate)
+    D_q = _angle_gain(d, D_w, r, rate)
     if present(problem.torque_scale):
-        for gain in (D_qdd, D_qd, D_w):
+        for gain in (D_qdd, D_qd, D_w) if D_q is None else (D_qdd, D_qd, D_w, D_q):
             gain[:, :n] *= 1.0 + x[problem.torque_scale][:, None]
     tau, J_tau = _torque_errors(tau, J_tau, x, problem)
     if present(problem.acc_bias):
@@ -152,7 +173,7 @@ def predict(
         w = w + x[problem.gyro_bias]
         J_w = J_w.copy()
         J_w[:, :, problem.gyro_bias] += np.eye(3)
-    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w, after)
+    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w, D_q, after)
 
 
 def _momentum(
@@ -215,9 +236,13 @@ def fused_rows(
         ],
         axis=1,
     )[:, use]
-    X = np.concatenate([prediction.J_tau, prediction.J_f, prediction.J_w], axis=1)[:, use]
     size, p = r.size, len(x)
     L = np.asarray(np.linalg.cholesky(_covariance(block, prediction, use, rate)), np.float64)
+    at = prediction
+    if prediction.D_q is not None:
+        weighted = np.asarray(dpotrs(L, r.ravel(), lower=1)[0]).reshape(r.shape)
+        at = predict(_smoothed(block, prediction, use, weighted), x, problem, rate, before)
+    X = np.concatenate([at.J_tau, at.J_f, at.J_w], axis=1)[:, use]
     stacked = np.empty((size, p + 1), order="F")
     stacked[:, :p], stacked[:, p] = X.reshape(size, p), r.ravel()
     white = dtrtrs(L, stacked, lower=1, overwrite_b=1)[0]
@@ -237,15 +262,66 @@ def _covariance(
         S[:, n + 3 + axis, :, n + 3 + axis] = block.cov_gyro[:m, :m]
     size = m * int(use.sum())
     S = S[:, use][:, :, :, use].reshape(size, size)
-    D = np.zeros((2, m, n + 6, n))  # by qd and by qdd
-    D[0], D[1, :, : n + 3] = prediction.D_qd, prediction.D_qdd
-    S += _through(D[:, :, use], block.cov_joint.reshape(n, 2, m, 2, m)).reshape(size, size)
+    D = _by_motion(prediction)[:, :, use]
+    orders = len(D)
+    S += _through(D, block.cov_joint.reshape(n, orders, m, orders, m)).reshape(size, size)
     if rate == "measured":
         D_w = np.zeros((1, m, n + 6, 3))
         D_w[0, :, : n + 3] = prediction.D_w
         gyro = np.broadcast_to(block.cov_gyro[:m, :m], (3, m, m)).reshape(3, 1, m, 1, m)
         S += _through(D_w[:, :, use], gyro).reshape(size, size)
     return S
+
+
+def angles_are_noisy(block: Block) -> bool:
+    """Tell whether the block gives the covariance of the angles beside those of the rates."""
+    return bool(block.cov_joint.shape[1] == 3 * len(block.t_ns))
+
+
+def _by_motion(prediction: Prediction) -> FloatArray:
+    """Return (2 or 3, m, n + 6, n): by qd, by qdd, and by q where angles are noisy."""
+    m, rows, n = prediction.D_qd.shape
+    D = np.zeros((2 if prediction.D_q is None else 3, m, rows, n))
+    D[0], D[1, :, : n + 3] = prediction.D_qd, prediction.D_qdd
+    if prediction.D_q is not None:
+        D[2] = prediction.D_q
+    return D
+
+
+def _smoothed(
+    block: Block, prediction: Prediction, use: NDArray[np.bool_], weighted: FloatArray
+) -> Block:
+    """Return the block with the joint motion that residuals S^-1 r (m, rows) make more likely.
+
+    At the measured motion the Jacobian is correlated with the residuals by the motion's noise,
+    which shrinks the estimate; at z + Sigma D^T S^-1 r it is not. Source: as fsw.estimators.mrnea.
+    """
+    m, n = block.q_rad.shape
+    D = _by_motion(prediction)[:, :, use]
+    pulled = np.einsum("dmrj,mr->jdm", D, weighted).reshape(n, -1, 1)
+    step = (block.cov_joint @ pulled).reshape(n, 3, m).transpose(1, 2, 0)
+    return replace(
+        block,
+        qd_rad_s=block.qd_rad_s + step[0],
+        qdd_rad_s2=block.qdd_rad_s2 + step[1],
+        q_rad=block.q_rad + step[2],
+    )
+
+
+def _angle_gain(d: _Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
+    """Return d[tau; f; w]/dq (m, n + 6, n) without external wrench; None where angles are exact."""
+    if d.by_angle is None or d.h_by_angle is None:
+        return None
+    H_bb, H_bm = d.H[:, :6, :6], d.H[:, :6, 6:]
+    reaction = -np.linalg.solve(H_bb, np.concatenate([d.by_angle[:, :6], d.h_by_angle], axis=2))
+    n = d.by_angle.shape[2]
+    a_q, w_q = reaction[:, :, :n], reaction[:, 3:, n:]
+    if rate == "measured":
+        w_q = np.zeros_like(w_q)
+    lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
+    tau_q = d.by_angle[:, 6:] + H_bm.transpose(0, 2, 1) @ a_q
+    direct = np.concatenate([tau_q, lever @ a_q], axis=1)
+    return np.concatenate([direct + D_w @ w_q, w_q], axis=1)
 
 
 def _through(D: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -46,7 +46,12 @@ def _integration(nodes: int) -> tuple[FloatArray, FloatArray]:
 
 def needed(problem: Problem) -> bool:
     """Tell whether anything in this problem changes the momentum."""
-    return problem.orbit is not None or present(problem.wrench)
+    return problem.orbit is not None or pulled(problem)
+
+
+def pulled(problem: Problem) -> bool:
+    """Tell whether an external wrench is estimated."""
+    return present(problem.wrench) or present(problem.target_wrench)
 
 
 def momentum_at_nodes(
@@ -81,6 +86,7 @@ def _moment(
     m, model = len(block.t_ns), problem.model
     pi = problem.pi(x)
     T, J = np.zeros((m, 3)), np.zeros((m, 3, len(x)))
+    outside = external_force(block, x, problem) if pulled(problem) else None
     for i in range(m):
         R = block.R_NB[i]
         whole = model.composite(block.q_rad[i])
@@ -95,12 +101,10 @@ def _moment(
             moment = rows[3:] @ pi
             J_moment[:, problem.bodies] = rows[3:] @ problem.U
             J_force[:, problem.bodies] = rows[:3] @ problem.U
-        if present(problem.wrench):
-            wrench = x[problem.wrench]
-            force = force + R.T @ wrench[:3]
-            moment = moment + R.T @ wrench[3:]
-            J_force[:, problem.wrench.start : problem.wrench.start + 3] = R.T
-            J_moment[:, problem.wrench.start + 3 : problem.wrench.stop] = R.T
+        if outside is not None:
+            force, moment = force + outside[0][i, :3], moment + outside[0][i, 3:6]
+            J_force += outside[1][i, :3]
+            J_moment += outside[1][i, 3:6]
         T[i] = R @ (moment - cross(c, force))
         J_moment -= skew(c) @ J_force
         J_moment[:, problem.bodies] += skew(force) @ J_c
@@ -108,9 +112,34 @@ def _moment(
     return T, J
 
 
-def external_wrench(block: Block, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the constant wrench in base axes at the nodes (m, 6) and its Jacobian (m, 6, 6)."""
-    m = len(block.t_ns)
+def external_force(block: Block, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return the generalised force of the constant wrenches at the nodes (m, 6+n), and d/dx.
+
+    Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is
+    (m, 6+n, p). A wrench on the target acts through the Jacobian of its centre of mass, where
+    that is estimated as of the state x: its own derivative, of the size of the force, is left out.
+    Part of its force is constant in inertial axes and part in the target's: air pushes along the
+    wind, and aside as the faces stand to it.
+    """
+    m, n = block.q_rad.shape
+    J = np.zeros((m, 6 + n, len(x)))
     R = np.zeros((m, 6, 6))
     R[:, :3, :3] = R[:, 3:, 3:] = block.R_NB.transpose(0, 2, 1)
-    return R @ x[problem.wrench], R
+    if present(problem.wrench):
+        J[:, :6, problem.wrench] = R
+    if present(problem.target_wrench):
+        centre_m = _target_com(x, problem)
+        for i in range(m):
+            at, R_BE = problem.model.point_jacobian(block.q_rad[i], centre_m)
+            ways = np.concatenate([R[i], np.vstack([R_BE, np.zeros((3, 3))])], axis=1)
+            J[i, :, problem.target_wrench] = at.T @ ways
+    return J @ x, J
+
+
+def _target_com(x: FloatArray, problem: Problem) -> FloatArray:
+    """Return where the target's centre of mass is in E."""
+    if "target" in problem.unknown:
+        own = x[problem.body("target")]
+        if own[0] > 0:
+            return np.asarray(own[1:4] / own[0])
+    return problem.target_com_m

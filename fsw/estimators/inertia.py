@@ -184,6 +184,7 @@ def log_cholesky_jacobian(theta: FloatArray) -> FloatArray:
 
 _UNIT_PSEUDO_INERTIAS = np.stack([pseudo_inertia(e) for e in np.eye(PARAMETERS)])
 STEPS_PER_UNIT = 5
+ROUNDING = 1e-12  # added to the unit diagonal of a correlation that has no root without
 _GAP = 1e-6  # of the squared distance, and absolutely in squared sigmas, left by the barrier
 
 
@@ -207,7 +208,7 @@ def nearest_consistent_stages(
     """Do what `nearest_consistent` does in bounded units, a few of Newton's steps each."""
     if is_consistent(pi):
         return pi
-    W = np.linalg.cholesky(covariance)
+    W = _root(covariance)
     directions = (W.T @ _UNIT_PSEUDO_INERTIAS.reshape(PARAMETERS, 16)).reshape(PARAMETERS, 4, 4)
     values, vectors = np.linalg.eigh(pseudo_inertia(pi))
     clipped = np.maximum(values, margin * max(abs(values[-1]), abs(values[0]), 1e-9))
@@ -231,6 +232,16 @@ def nearest_consistent_stages(
                 break
             mu *= 0.05
     return x
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Return a lower root of a covariance that may be singular within rounding."""
+    try:
+        return np.asarray(np.linalg.cholesky(covariance), np.float64)
+    except np.linalg.LinAlgError:
+        scale = np.sqrt(np.diag(covariance))
+        correlation = covariance / np.outer(scale, scale) + ROUNDING * np.eye(len(scale))
+        return np.asarray(scale[:, None] * np.linalg.cholesky(correlation), np.float64)
 
 
 def _line_search(slope: float, curvature: float, mu: float, rates: FloatArray) -> float:

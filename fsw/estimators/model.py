@@ -68,6 +68,7 @@ class RobotModel:
                 f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of the arm"
             )
         self.data = self.model.createData()
+        self._tool = self.model.getFrameId(tool_frame)
         self.tool_map = frame_change(frame.placement.rotation, frame.placement.translation)
         self.pi_links = np.concatenate(
             [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
@@ -136,9 +137,34 @@ class RobotModel:
         derivative: FloatArray = self.data.dtau_dv
         return derivative
 
+    def angle_derivative(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return d(generalised force)/dq of the joints at fixed velocity and acceleration."""
+        self.bias_derivative(q, w, qd, a)
+        derivative: FloatArray = self.data.dtau_dq[:, 6:]
+        return derivative
+
+    def momentum_derivative(self, q: FloatArray, nu: FloatArray) -> FloatArray:
+        """Return d(base momentum)/dq (6, n) of the joints at fixed velocity nu (6+n,)."""
+        self._q[7:] = q
+        pin.computeRNEADerivatives(self.model, self.data, self._q, self._zero, nu)
+        derivative: FloatArray = self.data.dtau_dq[:6, 6:]
+        return derivative
+
     def composite(self, q: FloatArray) -> FloatArray:
         """Return (10, 10 (n+1)): parameters of the whole in the base frame = composite @ pi."""
         return np.hstack(list(self._maps_to_base(q)))
+
+    def point_jacobian(self, q: FloatArray, p_E_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (6, 6+n), velocity in B of a point (3,) of E and E's rate by nu; and R_BE."""
+        self._q[7:] = q
+        J: FloatArray = pin.computeFrameJacobian(
+            self.model, self.data, self._q, self._tool, pin.LOCAL_WORLD_ALIGNED
+        )
+        R_BE: FloatArray = self.data.oMf[self._tool].rotation.copy()
+        J[:3] -= pin.skew(R_BE @ p_E_m) @ J[3:]
+        return J, R_BE
 
     def field_regressor(self, q: FloatArray, G: FloatArray) -> FloatArray:
         """Return (6+n, 10 (n+1)): generalised force = regressor @ pi of the field G s, G (3, 3).

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fsw.estimators.impulse import Impulse, external_wrench
+from fsw.estimators.impulse import Impulse, external_force, pulled
 from fsw.estimators.inertia import cross, skew
 from fsw.estimators.problem import Problem, present
 from fsw.messages import Block, FloatArray
@@ -78,9 +78,6 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
         y[:, 6:] -= x[problem.torque_offset]
     gain = 1.0 + x[problem.torque_scale] if present(problem.torque_scale) else np.ones(n)
     y[:, 6:] /= gain
-    if present(problem.wrench):
-        wrench, J_wrench = external_wrench(block, x, problem)
-        y[:, :6] += wrench
     r = np.empty((m, 6 + n))
     H, C = np.empty((2, m, 6 + n, 6 + n))
     Y = np.empty((m, 6 + n, pi.size))
@@ -91,6 +88,9 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
         r[i] = y[i] - Y[i] @ pi
         H[i] = model.mass_matrix(q)
         C[i] = model.bias_derivative(q, w[i], qd, acceleration[i])
+    outside = external_force(block, x, problem) if pulled(problem) else None
+    if outside is not None:
+        r += outside[0]
     D_w = skew(cross(w, problem.p_BS_m)) + skew(w) @ skew(problem.p_BS_m)
     G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
     G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(problem.p_BS_m)
@@ -109,8 +109,8 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
     X = np.zeros((m, 6 + n, len(x)))
     X[:, :, problem.bodies] = Y @ problem.U
     _nuisance_columns(X, y, gain, H, G_w, problem)
-    if present(problem.wrench):
-        X[:, :6, problem.wrench] = -J_wrench
+    if outside is not None:
+        X -= outside[1]
     X = X.reshape(m * (6 + n), len(x))
     return Rows(solve_triangular(L, X, lower=True), white)
 
@@ -143,8 +143,14 @@ def _input_gains(
     # columns ordered (axis, factor)
     G_f = np.einsum("irk,if->irkf", H[:, :, :3], acc)
     G_g = np.einsum("irk,if->irkf", G_w, gyro[:m]) + np.einsum("irk,if->irkf", G_wd, gyro[m:])
-    G_q = joint_gains(C[:, :, 6:], H[:, :, 6:], covariance_root(block.cov_joint))
+    G_q = joint_gains(C[:, :, 6:], H[:, :, 6:], covariance_root(_rates(block)))
     return np.concatenate([G_f.reshape(m, 6 + n, -1), G_g.reshape(m, 6 + n, -1), G_q], axis=2)
+
+
+def _rates(block: Block) -> FloatArray:
+    """Return the covariance (n, 2m, 2m) of rates and accelerations; angles are taken as exact."""
+    size = 2 * len(block.t_ns)
+    return block.cov_joint[:, :size, :size]
 
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
@@ -195,7 +201,7 @@ def _smooth(
     smoothed[:, :3] += f - cross(dwd, r) - cross(w_new, cross(w_new, r))
     smoothed[:, :3] += cross(w, cross(w, r))
     smoothed[:, 3:6] += dwd
-    step = np.einsum("jaf,jf->aj", covariance_root(block.cov_joint), rest.reshape(n, -1))
+    step = np.einsum("jaf,jf->aj", covariance_root(_rates(block)), rest.reshape(n, -1))
     qd = block.qd_rad_s + step[:m]
     smoothed[:, 6:] += step[m:]
     return w_new, smoothed, qd

@@ -1,8 +1,8 @@
 """The estimation problem: which parameters are unknown, their prior, and the state's layout.
 
 State x = [10 parameters per unknown body (base first), torque offsets (n), accelerometer bias (3),
-gyro bias (3), residual angular momentum (3), torque scale errors (n), external wrench (6)]; a
-nuisance whose prior sigma is zero is no state.
+gyro bias (3), residual angular momentum (3), torque scale errors (n), external wrench (6), wrench
+on the target (9)]; a nuisance whose prior sigma is zero is no state.
 """
 
 from __future__ import annotations
@@ -53,6 +53,8 @@ class Problem:
     momentum: slice
     torque_scale: slice
     wrench: slice  # force [N] and moment [N m] at the base's origin, inertial axes
+    target_wrench: slice  # the same at the target's centre of mass, then a force in axes E [N]
+    target_com_m: FloatArray  # (3,) in E, as configured: where that acts on a known target
     p_BS_m: FloatArray  # accelerometer's place
     orbit: CircularOrbit | None  # None: no gravity gradient
     window_s: float
@@ -144,6 +146,13 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
             ("fx", "fy", "fz", "tx", "ty", "tz"),
             [estimator.external_force_sigma_n] * 3 + [estimator.external_torque_sigma_nm] * 3,
         ),
+        (
+            "target_wrench",
+            ("fx", "fy", "fz", "tx", "ty", "tz", "ex", "ey", "ez"),
+            [estimator.target_force_sigma_n] * 3
+            + [estimator.target_torque_sigma_nm] * 3
+            + [estimator.target_force_sigma_n] * 3,
+        ),
     )
     for kind, labels, sigmas in nuisances:
         if not any(sigmas):
@@ -173,6 +182,10 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         momentum=slices[3],
         torque_scale=slices[4],
         wrench=slices[5],
+        target_wrench=slices[6],
+        target_com_m=np.array(
+            config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
+        ),
         p_BS_m=np.array(imu.mounting.p_BS_m),
         orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
         window_s=estimator.window_s,

@@ -111,7 +111,7 @@ def build_subject(
         T[k, k] = report_jacobian(x[k])
     sigma = np.sqrt(np.diag(T @ covariance[:p, :p] @ T.T))
     scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
-    w = np.arange(problem.wrench.start, problem.wrench.stop)
+    w = np.r_[problem.wrench, problem.target_wrench]
     return Subject(
         config=config,
         model=model,

@@ -10,11 +10,12 @@ from typing import Literal
 
 import numpy as np
 
+from fsw.errors import EstimatorError
 from fsw.estimators.inertia import PARAMETERS
 from fsw.estimators.kernel import Arm, build_arm
 from fsw.estimators.methods.layout import Columns, Data
 from fsw.estimators.orbit import CircularOrbit
-from fsw.estimators.problem import Problem
+from fsw.estimators.problem import Problem, present
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
 
@@ -62,7 +63,14 @@ class System:
 
 
 def build_system(problem: Problem, options: Options) -> System:
-    """Lay out states and prior of a batch run."""
+    """Lay out states and prior of a batch run.
+
+    Raises
+    ------
+    EstimatorError for a wrench on the target, which the compiled passes do not know.
+    """
+    if present(problem.target_wrench):
+        raise EstimatorError("a wrench on the target is estimated from blocks only")
     model = problem.model
     arm, change = build_arm(model)
     p, covariance = len(problem.names), problem.prior_covariance

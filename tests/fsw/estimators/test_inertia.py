@@ -135,6 +135,16 @@ def test_consistent_parameters_are_their_own_projection() -> None:
     assert nearest_consistent(pi, np.eye(10)) is pi
 
 
+def test_projection_takes_a_covariance_that_is_singular_within_rounding() -> None:
+    """As a square root's product may be: nothing known apart, an eigenvalue rounded below zero."""
+    pi, _ = inconsistent_case(0)
+    v = np.ones(10) / np.sqrt(10.0)
+    covariance = np.eye(10) - (1.0 + 1e-15) * np.outer(v, v)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(covariance)
+    assert inertia.is_consistent(nearest_consistent(pi, covariance))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_projection_is_consistent_and_nothing_consistent_near_it_is_closer(seed: int) -> None:
     pi, covariance = inconsistent_case(seed)
