@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from hil.study import device_bytes, sample_level
 from hil.study.cases import CASES, DEVICE, SAMPLE, SENSOR_SETS, Key, Record
 from hil.study.methods import names
+from hil.study.parallel import bar, over
 from hil.study.store import Store
 
 QUICK_SENSORS = "data sheet"
@@ -135,29 +127,12 @@ def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key,
     """Run what the store lacks, showing progress; return the records of the plan."""
     units = wanted(plan)
     rest = missing(units, set(store.records()))
-    columns = (
-        TextColumn("study"),
-        BarColumn(bar_width=30),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[text]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, refresh_per_second=2) as progress:
+    with bar(console) as progress:
         task = progress.add_task("", total=len(units), completed=len(units) - len(rest), text="")
-        for records in _results(rest, jobs):
+        for records in over(run_unit, rest, jobs):
             store.append(records)
             key = records[0].key
             text = f"{key.level} {key.case}, {key.sensors}, seed {key.seed}"
             progress.update(task, advance=1, text=text)
     keys = {key for unit in units for key in unit.keys}
     return {key: record for key, record in store.records().items() if key in keys}
-
-
-def _results(units: Sequence[Unit], jobs: int) -> Iterator[list[Record]]:
-    """Yield results as they come; each process is new, so its libraries see the pinned threads."""
-    if jobs <= 1 or len(units) <= 1:
-        yield from map(run_unit, units)
-        return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap_unordered(run_unit, units)

@@ -31,8 +31,15 @@ from hil.study_paper.samples import history_of
 WINDOW_S, NODES = 0.4, 4
 POSITION_NOISE_RAD = 1.1e-7  # 24 bits
 METHODS = ("rda", "fused")
-# priors of what is estimated along: wide against 1e-3 N and 5e-3 N m, narrow against the joints'
-ESTIMATED = {"external_force_sigma_n": 0.01, "external_torque_sigma_nm": 0.01}
+# priors of what is estimated along: so wide that they pull at nothing, the data being free of noise
+SIGMA_N, SIGMA_NM = 1.0, 1.0
+BODIES = {"base": ("external",), "target": ("external", "target"), "both": ("external", "target")}
+
+
+def wrenches(system: str) -> dict[str, float]:
+    """Return the priors of a wrench on every body of a system with surfaces."""
+    kinds = {"force_sigma_n": SIGMA_N, "torque_sigma_nm": SIGMA_NM}
+    return {f"{body}_{kind}": sigma for body in BODIES[system] for kind, sigma in kinds.items()}
 
 
 def run_bias(unit: Unit) -> dict[str, Any]:
@@ -72,7 +79,7 @@ def _problem(unit: Unit, acting: str, *, estimated: bool) -> Problem:
     scenario = scenario_of(unit.orbit, unit.system, acting)
     environment = scenario.environment if estimated else None
     told = replace(
-        exact_sensors(scenario, ESTIMATED if estimated else {}),
+        exact_sensors(scenario, wrenches(unit.system) if estimated else {}),
         environment=environment,
         before_s=0.0,  # blocks count from the start of the motion
     )

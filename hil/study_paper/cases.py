@@ -41,12 +41,13 @@ SCENARIOS: Mapping[tuple[str, str], str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelNoise:
-    """1 sigma of one sample at the study's rate: angle, torque, rate, acceleration."""
+    """1 sigma of one sample at the study's rate: angle, torque, rate, acceleration, attitude."""
 
     position_rad: float
     torque_nm: float
     rate_rad_s: float
     acceleration_m_s2: float
+    attitude_rad: float
     shared: bool = False  # the same sequence on every channel
 
 
@@ -57,6 +58,7 @@ def _paper_like(noise: BandLimitedWhiteNoise, rate_hz: float, *, shared: bool) -
         torque_nm=sigma,
         rate_rad_s=sigma,
         acceleration_m_s2=sigma,
+        attitude_rad=sigma,
         shared=shared,
     )
 
@@ -76,14 +78,19 @@ def noise_of(name: str, rate_hz: float) -> ChannelNoise:
         return _paper_like(literal, rate_hz, shared=False)
     if name == "ideal":
         return ChannelNoise(
-            position_rad=1e-9, torque_nm=1e-6, rate_rad_s=1e-9, acceleration_m_s2=1e-8
+            position_rad=1e-9,
+            torque_nm=1e-6,
+            rate_rad_s=1e-9,
+            acceleration_m_s2=1e-8,
+            attitude_rad=1e-9,
         )
     root = rate_hz**0.5
-    return ChannelNoise(  # common/sensors.yaml: 24 bits, 0.05 N m at 500 Hz, STIM300
+    return ChannelNoise(  # common/sensors.yaml: 24 bits, 0.05 N m at 500 Hz, STIM300, Sagitta
         position_rad=1.1e-7,
         torque_nm=0.05 * (rate_hz / 500.0) ** 0.5,
         rate_rad_s=4.4e-5 * root,
         acceleration_m_s2=5.0e-4 * root,
+        attitude_rad=4.8e-5,
     )
 
 

@@ -55,9 +55,13 @@ def run_samples(unit: Unit, rate_hz: float) -> dict[str, Any]:
 
 
 def problem(orbit: str, system: str, acting: str, seed: int, *, with_wrench: bool) -> Problem:
-    """Return what the flight side is to estimate, its prior drawn from the seed."""
-    scenario = replace(scenario_of(orbit, system, acting), environment=None)
-    told = exact_sensors(scenario, WRENCH if with_wrench else {})
+    """Return what the flight side is to estimate, its prior drawn from the seed.
+
+    Of the environment it knows the gravity gradient, as in the paper; samples count from the start
+    of the motion.
+    """
+    scenario = scenario_of(orbit, system, acting)
+    told = replace(exact_sensors(scenario, WRENCH if with_wrench else {}), before_s=0.0)
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         return problem_of(write_config(told, seed, Path(folder)))
 
@@ -106,9 +110,12 @@ PAPER_METHODS: Mapping[str, Callable[[SampleSet, Problem], BatchResult]] = {
 
 
 def judged(unit: Unit, result: BatchResult) -> dict[str, Any]:
-    """Return a result's errors against the truth."""
+    """Return a result's errors against the truth; of the fused one the Cramer-Rao bound's too."""
     k = slice(0, 10 * len(scenario_of(unit.orbit, unit.system, unit.acting).unknown))
-    return scored(unit, result.mean[k], np.array(result.covariance[k, k]), result.status)
+    found = scored(unit, result.mean[k], np.array(result.covariance[k, k]), result.status)
+    if result.method == "fused":
+        found |= _spread(unit, np.array(result.crb[k, k]), "bound")
+    return found
 
 
 def scored(unit: Unit, x: FloatArray, covariance: FloatArray, status: str) -> dict[str, Any]:
@@ -124,10 +131,17 @@ def scored(unit: Unit, x: FloatArray, covariance: FloatArray, status: str) -> di
         "nees": normalised_error_squared(x - truth, covariance),
         **tool.error(x, truth).summary(),
     }
+    return values | _spread(unit, covariance, "expected")
+
+
+def _spread(unit: Unit, covariance: FloatArray, prefix: str) -> dict[str, float]:
+    """Return the mean end-effector errors of draws from a covariance about the truth."""
+    truth = truth_of(scenario_of(unit.orbit, unit.system, unit.acting))
+    tool = verification(unit.orbit, unit.system)
     rng = np.random.default_rng(np.random.SeedSequence(unit.seed, spawn_key=(DRAW_STREAM,)))
-    spread = rng.multivariate_normal(truth, covariance, DRAWS, "ignore", method="eigh")
-    expected = tool.error(spread, truth).summary()
-    return values | {f"expected_{name}": value for name, value in expected.items()}
+    draws = rng.multivariate_normal(truth, covariance, DRAWS, "ignore", method="eigh")
+    found = tool.error(draws, truth).summary()
+    return {f"{prefix}_{name}": value for name, value in found.items()}
 
 
 @lru_cache(maxsize=6)

@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from hil.scenario import ScenarioError
+from hil.study.parallel import bar, over
 from hil.study_paper.cases import ALL, NOISES, NONE, PAPER, PAPER_SEED, PARTS, SYSTEMS, Unit
 
 RESULTS = "results.jsonl"
@@ -127,29 +118,11 @@ def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[str,
     wanted = units(plan)
     done = store.results()
     rest = [unit for unit in wanted if unit.key not in done]
-    columns = (
-        TextColumn("study"),
-        BarColumn(bar_width=30),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[text]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, refresh_per_second=2) as progress:
+    work = partial(run_unit, rate_hz=plan.rate_hz)
+    with bar(console) as progress:
         task = progress.add_task("", total=len(wanted), completed=len(wanted) - len(rest), text="")
-        for key, values in _results(rest, plan.rate_hz, jobs):
+        for key, values in over(work, rest, jobs):
             store.add(key, values)
             progress.update(task, advance=1, text=" ".join(key.split("|")[:6]))
     keys = {unit.key for unit in wanted}
     return {key: values for key, values in store.results().items() if key in keys}
-
-
-def _results(
-    rest: Sequence[Unit], rate_hz: float, jobs: int
-) -> Iterator[tuple[str, dict[str, Any]]]:
-    work = partial(run_unit, rate_hz=rate_hz)
-    if jobs <= 1 or len(rest) <= 1:
-        yield from map(work, rest)
-        return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap_unordered(work, rest)

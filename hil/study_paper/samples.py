@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 from scipy.interpolate import BSpline
+from scipy.spatial.transform import Rotation
 
-from fsw.estimators.samples import Noise, SampleSet
+from fsw.estimators.samples import JointCurve, Noise, SampleSet
 from hil.environment.wrench import simulate_in
 from hil.history import TruthHistory, TruthState
 from hil.inertia import FloatArray
@@ -29,6 +30,7 @@ STEP_S = 0.01  # of the truth's integration
 WINDOW_S = 0.4
 NODES = 4
 NOISE_STREAM = 131
+LEAST_RAD = 1e-9  # of an angle's noise where there is none
 
 
 class Window(NamedTuple):
@@ -94,21 +96,24 @@ def noisy_samples(
     acceleration = _at_nodes(maps.value, force + noise.acceleration_m_s2 * draw["acceleration"])
     velocity = base_velocity(at)
     spline = JointSpline.load(scenario_of(orbit, system, acting).identification)
-    motion, sigma_qdd = _joint_motion(
+    curve, sigma_qdd = _joint_motion(
         spline, channels, s.q + noise.position_rad * draw["position"], noise.position_rad
     )
     value, slope = _gain(maps.value), _gain(maps.slope)
+    q, qd, qdd = curve.basis @ curve.coefficients
+    turned = _at_nodes(maps.value, noise.attitude_rad * draw["attitude"])
     return SampleSet(
         t_s=at.t_s,
-        q=motion[0],
-        qd=motion[1],
-        qdd=motion[2],
+        q=q,
+        qd=qd,
+        qdd=qdd,
         tau=torque,
         w_NB_B=_at_nodes(maps.value, rate),
         wd_NB_B=_at_nodes(maps.slope, rate),
         a_NB_B=acceleration,
-        R_NB=at.R_NB,
+        R_NB=at.R_NB @ Rotation.from_rotvec(turned).as_matrix(),
         v_NB_B=velocity + value * noise.acceleration_m_s2 * draw["velocity"][: len(velocity)],
+        curve=curve,
         noise=Noise.of(
             n,
             tau_nm=value * noise.torque_nm,
@@ -123,7 +128,14 @@ def noisy_samples(
 
 def _draws(count: int, n: int, seed: int, *, shared: bool) -> dict[str, FloatArray]:
     """Return unit draws per channel; shared: one sequence on every channel and axis."""
-    widths = {"position": n, "torque": n, "rate": 3, "acceleration": 3, "velocity": 3}
+    widths = {
+        "position": n,
+        "torque": n,
+        "rate": 3,
+        "acceleration": 3,
+        "velocity": 3,
+        "attitude": 3,
+    }
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)))
     if shared:
         one = rng.standard_normal((count, 1))
@@ -145,8 +157,8 @@ def _gain(maps: FloatArray) -> float:
 
 def _joint_motion(
     spline: JointSpline, channels: Channels, q: FloatArray, sigma_rad: float
-) -> tuple[tuple[FloatArray, FloatArray, FloatArray], float]:
-    """Return q, qd, qdd at the nodes from noisy angles, and 1 sigma of qdd as white noise.
+) -> tuple[JointCurve, float]:
+    """Return the joints' curve from noisy angles, and 1 sigma of qdd as white noise.
 
     The errors of the spline's accelerations last for a knot's interval; as white noise of the nodes
     they count times the root of the nodes per coefficient, so that their information counts once.
@@ -157,8 +169,13 @@ def _joint_motion(
     spread = np.linalg.solve(root.T, at_nodes[2].T)
     sigma = sigma_rad * float(np.sqrt(np.mean(np.sum(spread**2, axis=0))))
     repeated = np.sqrt(len(channels.nodes.t_s) / at_sensed.shape[1])
-    q0, q1, q2 = (basis @ coefficients for basis in at_nodes)
-    return (q0, q1, q2), sigma * float(repeated)
+    inverse = np.linalg.solve(root, np.eye(len(root)))
+    curve = JointCurve(
+        basis=np.stack(at_nodes),
+        coefficients=np.asarray(coefficients, dtype=np.float64),
+        covariance=max(sigma_rad, LEAST_RAD) ** 2 * inverse @ inverse.T,
+    )
+    return curve, sigma * float(repeated)
 
 
 def _bases(spline: JointSpline, channels: Channels) -> tuple[FloatArray, list[FloatArray]]:

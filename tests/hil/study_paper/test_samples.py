@@ -11,7 +11,9 @@ from hil.study_paper.cases import ALL, NOISES, PAPER, ChannelNoise, noise_of, sc
 from hil.study_paper.samples import channels_of, noisy_samples
 
 RATE_HZ = 100.0
-QUIET = ChannelNoise(position_rad=0.0, torque_nm=0.0, rate_rad_s=0.0, acceleration_m_s2=0.0)
+QUIET = ChannelNoise(
+    position_rad=0.0, torque_nm=0.0, rate_rad_s=0.0, acceleration_m_s2=0.0, attitude_rad=0.0
+)
 
 
 def test_without_noise_the_samples_are_the_truth():

@@ -29,6 +29,7 @@ def made_up(seeds: int = 20) -> dict:
                 "report": [list(range(1, 11))],
                 **{m: ERROR[method] * (1 + 0.2 * rng.standard_normal()) for m in METRICS},
                 **{f"expected_{m}": ERROR[method] for m in METRICS},
+                **{f"bound_{m}": ERROR[method] for m in METRICS},
             }
             for method in unit.methods
         }
@@ -77,6 +78,19 @@ def test_verdicts_hold_the_fused_one_to_a_twentieth():
     assert len(judged) == sum(len(best) for best in BEST.values())
     assert all(v["passed"] for v in judged)
     assert min(v["wanted"] for v in judged) == pytest.approx(0.0054 / 20)
+
+
+def test_what_the_bound_forbids_is_not_called_missed():
+    results = made_up()
+    for key, values in results.items():
+        if key.split("|")[2] == "base":
+            for metric in METRICS:
+                values["fused"][metric] = values["fused"][f"bound_{metric}"] = 1e-2
+    judged = tables.verdicts(tables.cells(results), {})
+    base = [v for v in judged if v["name"].startswith("base")]
+    assert base
+    assert all(v["forbidden"] and not v["passed"] for v in base)
+    assert not any(v["forbidden"] for v in judged if v not in base)
 
 
 def test_the_page_is_self_contained(tmp_path):
