@@ -130,6 +130,7 @@ def build_both(truth: dict[str, FloatArray]) -> Problem:
         orbit=None,
         window_s=0.4,
         wrench_sigma=np.full(6, 1e-3),
+        liquid=np.zeros((20, 20)),
     )
 
 

@@ -91,6 +91,15 @@ def flight_document(
         if body in priors:
             prior = priors[body]
             bodies[body] = mapping_from(prior.report) | {"sigma": mapping_from(prior.sigma)}
+            if body == "base" and scenario.slosh:
+                bodies[body]["liquid"] = [
+                    {
+                        "mass_kg": part.mass_kg,
+                        "place_m": list(part.place_m),
+                        "stroke_m": part.stroke_m,
+                    }
+                    for part in scenario.slosh
+                ]
         else:
             bodies[body] = mapping_from(report)
     joints = [

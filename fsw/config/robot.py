@@ -7,7 +7,15 @@ from typing import Self
 
 from pydantic import model_validator
 
-from fsw.config.base import Positive, PositiveVector3, PositiveVector6, Section, Vector3, Vector6
+from fsw.config.base import (
+    NonNegative,
+    Positive,
+    PositiveVector3,
+    PositiveVector6,
+    Section,
+    Vector3,
+    Vector6,
+)
 
 
 class RobotConfig(Section):
@@ -25,6 +33,14 @@ class BodySigma(Section):
     inertia_kg_m2: PositiveVector6
 
 
+class LiquidConfig(Section):
+    """Liquid that may move in a body on its own: what of the body's mass need not follow it."""
+
+    mass_kg: Positive
+    place_m: Vector3
+    stroke_m: NonNegative = 0.0  # how far from there it may go
+
+
 class BodyConfig(Section):
     """Inertial data of a body in its own frame, inertia about its centre of mass."""
 
@@ -32,6 +48,7 @@ class BodyConfig(Section):
     com_m: Vector3
     inertia_kg_m2: Vector6
     sigma: BodySigma | None = None
+    liquid: tuple[LiquidConfig, ...] = ()  # of an unknown body: widens what is published of it
 
     @model_validator(mode="after")
     def _physical(self) -> Self:

@@ -178,6 +178,7 @@ def run_batch(
         looked = straighten(problem, rows, blocks, solution)
         covariance, note = looked.covariance, looked.note
         status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
+    covariance = covariance + problem.liquid
     bodies = {
         name: body_estimate(problem, name, solution.mean, covariance)[0] for name in problem.unknown
     }

@@ -41,6 +41,8 @@ def outcome(
 ) -> Generator[None, None, Estimate]:
     """Return, in bounded units, the published view: bodies made consistent, the whole as posed.
 
+    Liquid in an unknown body widens what is published of it, not what is weighed.
+
     An estimate without a reason against it gets one here if its excitation was too little or if
     noise does not explain how far a body had to be moved to be physically possible.
 
@@ -50,6 +52,7 @@ def outcome(
     """
     if not reason and weakest_gain(problem, covariance) < WEAKEST_GAIN:
         reason = "INSUFFICIENT_EXCITATION"
+    covariance = covariance + problem.liquid
     bodies = {}
     for name in problem.unknown:
         bodies[name], distance = yield from body_estimate_stages(problem, name, x, covariance)

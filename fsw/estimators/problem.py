@@ -59,6 +59,7 @@ class Problem:
     orbit: CircularOrbit | None  # None: no gravity gradient
     window_s: float
     wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
+    liquid: FloatArray  # (p, p) covariance that liquid in the bodies adds to what is published
 
     @property
     def bodies(self) -> slice:
@@ -86,6 +87,22 @@ def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
     sigma = np.concatenate(([body.sigma.mass_kg], body.sigma.com_m, body.sigma.inertia_kg_m2))
     root = np.linalg.solve(report_jacobian(mean), np.diag(sigma))
     return mean, root @ root.T
+
+
+def liquid_root(body: BodyConfig) -> FloatArray:
+    """Return (10, k): by how much liquid may change the apparent body, a column per way.
+
+    A motion faster than the liquid's own leaves it behind, and the body appears without it; a slow
+    one takes it along; and it may be anywhere within its stroke. Nothing in the data tells which,
+    until the liquid comes back.
+    """
+    ways = []
+    for part in body.liquid:
+        place, still = np.array(part.place_m), np.zeros(6)
+        whole = to_parameters(part.mass_kg, place, still)
+        moved = [place + step for step in part.stroke_m * np.eye(3)]
+        ways += [whole, *(to_parameters(part.mass_kg, at, still) - whole for at in moved)]
+    return np.array(ways).reshape(-1, PARAMETERS).T
 
 
 def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
@@ -122,7 +139,7 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         None if "target" in unknown else pi_target,
     )
     U = np.zeros((pi_known.size, PARAMETERS * len(unknown)))
-    means, covariances, names = [], [], []
+    means, covariances, names, liquids = [], [], [], []
     for index, name in enumerate(unknown):
         columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
         if name == "base":
@@ -132,6 +149,7 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         mean, covariance = body_prior(config.bodies[name])
         means.append(mean)
         covariances.append(covariance)
+        liquids.append(liquid_root(config.bodies[name]))
         names += [f"{name}.{parameter}" for parameter in NAMES]
     slices = []
     imu, estimator = config.imu, config.estimator
@@ -168,6 +186,10 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         stop = start + len(block)
         prior_covariance[start:stop, start:stop] = block
         start = stop
+    liquid = np.zeros_like(prior_covariance)
+    for index, root in enumerate(liquids):
+        k = slice(PARAMETERS * index, PARAMETERS * (index + 1))
+        liquid[k, k] = root @ root.T
     return Problem(
         model=model,
         unknown=unknown,
@@ -192,4 +214,5 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         wrench_sigma=np.repeat(
             [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3
         ),
+        liquid=liquid,
     )
