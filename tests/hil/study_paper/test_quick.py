@@ -13,10 +13,7 @@ from hil.study_paper.cases import ALL, PAPER
 
 @pytest.mark.slow
 def test_the_target_alone_end_to_end(tmp_path, monkeypatch):
-    """Fused within a twentieth of the best printed figures; four fifths of the bias removed.
-
-    Nine tenths are wanted and not reached: 0.89 (RDA) and 0.83 (fused) were measured.
-    """
+    """Fused within a twentieth of the best printed figures; nine tenths of the bias removed."""
     plan = replace(run.quick_plan(), systems=("target",))
     wanted = [u for u in run.units(plan) if (u.orbit, u.noise, u.acting) == ("leo", PAPER, ALL)]
     bias = [u for u in run.units(plan) if u.level == run.BIAS]
@@ -25,7 +22,4 @@ def test_the_target_alone_end_to_end(tmp_path, monkeypatch):
     judged = report.write(tmp_path, results, "test")
     assert {v["name"].split(":")[0] for v in judged} >= {"target, fused"}
     for verdict in judged:
-        if "removed" in verdict["name"]:
-            assert verdict["value"] >= 0.8, verdict
-        else:
-            assert verdict["passed"], verdict
+        assert verdict["passed"], verdict
