@@ -100,6 +100,7 @@ def _with_telemetry(hold: Hold) -> None:
         "queue_bytes": 1 << 16,
         "science_rate_hz": hold.document["scheduler"]["tick_rate_hz"],
         "science_interval_s": 1.0 / hold.document["scheduler"]["tick_rate_hz"],
+        "housekeeping_interval_s": 0.01,
     }
 
 
