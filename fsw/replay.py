@@ -168,6 +168,7 @@ class ReplayResult:
             "method": self.method,
             "estimate": {},
             "sigma": {},
+            "whole": None,
             **summary,
             **_state(self.estimate),
             "diagnosis": self.diagnosis,

@@ -69,7 +69,15 @@ def estimate_summary(estimate: Estimate | None) -> dict[str, Any] | None:
         "physically_consistent": {
             name: body.physically_consistent for name, body in estimate.bodies.items()
         },
+        "whole": whole_values(estimate.whole),
     }
+
+
+def whole_values(whole: BodyEstimate | None) -> dict[str, Any] | None:
+    """Return everything together as posed, in the base's axes: parameters and their 1-sigma."""
+    if whole is None:
+        return None
+    return {**body_values(whole), "sigma": body_sigma(whole)}
 
 
 def finite(value: float) -> float | None:

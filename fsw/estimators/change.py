@@ -25,6 +25,7 @@ THRESHOLD = 12.0  # 1e-10 alarms per block for Gaussian excess (exp(-2 DRIFT THR
 _STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
 SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion
 SLOW_PROBABILITY = 1e-6
+MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
 LEVEL_SIGMAS = 5.0  # how far above one a noise level must stand out to be believed
 
 

@@ -12,6 +12,7 @@ Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -20,10 +21,12 @@ from scipy.linalg import solve_triangular
 
 from fsw.estimators.inertia import from_parameters, report_jacobian
 from fsw.messages import FloatArray
+from fsw.stages import complete
 
 DRAWS = 2000  # second moments good to 3 % where the mapping is bent, exact where it is straight
 STRAIGHT = 1.05  # largest ratio of variances at which pi itself is straight enough
 IMPOSSIBLE = 0.01  # share of draws without a body above which this is no description either
+TORQUE = ("rda", "fused")  # methods whose likelihood is straight in the base's mobility
 NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
 
 _INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))  # xx xy xz yy yz zz
@@ -86,21 +89,36 @@ def by_mobility(x: FloatArray, covariance: FloatArray, base: slice) -> Mapped:
 
     The draws have exactly the covariance asked for, so what is straight comes back unchanged.
     """
+    return complete(by_mobility_stages(x, covariance, base, DRAWS, DRAWS))
+
+
+def by_mobility_stages(
+    x: FloatArray, covariance: FloatArray, base: slice, draws: int, at_once: int
+) -> Generator[None, None, Mapped]:
+    """Do what `by_mobility` does with so many draws, in units of `at_once`."""
+    p = len(x)
     scale = np.sqrt(np.diag(covariance))
     root = scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale))
-    straight = _draws(len(x)) @ root.T
-    centre = to_mobility(x[base])
-    mobilities = centre + straight[:, base] @ mobility_jacobian(x[base]).T
-    central = mobilities[:, 4:][:, np.array(_SYMMETRIC)]
-    possible = (mobilities[:, 0] > 0.0) & _inertias(central)
-    bent = straight[possible]
-    bent[:, base] = from_mobility(mobilities[possible]) - x[base]
-    white = solve_triangular(root, bent.T, lower=True)
-    ratio = white @ white.T / max(1, white.shape[1])
+    centre, slope = to_mobility(x[base]), mobility_jacobian(x[base]).T
+    unit = _draws(p, draws)
+    squares, possible = np.zeros((p, p)), 0
+    yield
+    for first in range(0, len(unit), at_once):
+        straight = unit[first : first + at_once] @ root.T
+        mobilities = centre + straight[:, base] @ slope
+        central = mobilities[:, 4:][:, np.array(_SYMMETRIC)]
+        kept = (mobilities[:, 0] > 0.0) & _inertias(central)
+        bent = straight[kept]
+        bent[:, base] = from_mobility(mobilities[kept]) - x[base]
+        white = solve_triangular(root, bent.T, lower=True)
+        squares += white @ white.T
+        possible += int(np.sum(kept))
+        yield
+    ratio = squares / max(1, possible)
     return Mapped(
         covariance=root @ ratio @ root.T,
         stretch=float(np.linalg.eigvalsh(ratio)[-1]),
-        impossible=1.0 - float(np.mean(possible)),
+        impossible=1.0 - possible / len(unit),
     )
 
 
@@ -120,9 +138,9 @@ def _inertias(inverse: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 @lru_cache(maxsize=4)
-def _draws(p: int) -> FloatArray:
+def _draws(p: int, draws: int) -> FloatArray:
     """Return fixed draws (k, p) in opposite pairs, with mean zero and covariance one exactly."""
-    half = np.random.default_rng(p).standard_normal((max(DRAWS // 2, 4 * p), p))
+    half = np.random.default_rng(p).standard_normal((max(draws // 2, 4 * p), p))
     both = np.concatenate([half, -half])
     root = np.linalg.cholesky(both.T @ both / len(both))
     white: FloatArray = solve_triangular(root, both.T, lower=True).T

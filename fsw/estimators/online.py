@@ -17,20 +17,24 @@ import numpy as np
 from fsw.config import Config, EstimatorConfig
 from fsw.errors import EstimatorError
 from fsw.estimators.bias_compensated import BiasCompensatedEstimator
+from fsw.estimators.change import MISMATCH_LEVEL
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.isolation import ChannelScreen
+from fsw.estimators.mobility import TORQUE, by_mobility_stages
 from fsw.estimators.model import RobotModel
 from fsw.estimators.outcome import outcome
 from fsw.estimators.problem import Problem, build_problem
-from fsw.estimators.recursion import MISMATCH_LEVEL, EventWords, Recursion
+from fsw.estimators.recursion import EventWords, Recursion
 from fsw.estimators.row_functions import RowsFunction, row_function
 from fsw.estimators.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.findings import Finding
-from fsw.messages import Block, Estimate
+from fsw.messages import Block, Estimate, FloatArray
 from fsw.stages import complete
 
 WORK_PER_BLOCK = 18  # of background work due between two blocks, each a unit or a few
+DRAWS = 400  # for the base's mobility, per estimate
+DRAWS_AT_ONCE = 80
 _STATE = ("_after", "_ignored", "_due")
 
 
@@ -117,7 +121,8 @@ class OnlineEstimator:
         """
         while self.work():
             yield
-        if block.index > self._after:
+        fresh = block.index > self._after
+        if fresh:
             self._after = block.index
             yield from self.recursion.fold(block)
             self._due = 0 if self.linear else WORK_PER_BLOCK
@@ -125,7 +130,7 @@ class OnlineEstimator:
             self._ignored += 1
         yield
         estimate = yield from self._published(int(block.t_ns[-1]))
-        self.recursion.armed |= estimate.valid and not self.linear
+        self.recursion.armed |= fresh and estimate.valid and not self.linear
         return estimate
 
     def screened(self, block: Block) -> Block:
@@ -206,6 +211,8 @@ class OnlineEstimator:
             covariance = covariance * recursion.residual_variance()
         condition = information.scaled_condition_number()
         yield
+        if recursion.blocks and self._bent:
+            covariance = yield from self._by_mobility(covariance)
         lag, bound = monitor.whiteness()
         extra = {
             "ignored": float(self._ignored),
@@ -234,6 +241,20 @@ class OnlineEstimator:
                 extra=extra,
             )
         )
+
+    @property
+    def _bent(self) -> bool:
+        """Tell whether the likelihood is bent in pi and straight in the mobility."""
+        return self._settings.method in TORQUE and "base" in self.problem.unknown
+
+    def _by_mobility(self, covariance: FloatArray) -> Generator[None, None, FloatArray]:
+        """Return the covariance by way of the base's mobility where pi is bent and that holds."""
+        x, base = self.recursion.x, self.problem.body("base")
+        try:
+            mapped = yield from by_mobility_stages(x, covariance, base, DRAWS, DRAWS_AT_ONCE)
+        except np.linalg.LinAlgError:  # singular to working precision
+            return covariance
+        return mapped.covariance if mapped.holds and mapped.bent else covariance
 
     def _reason(self, condition: float) -> str:
         recursion = self.recursion

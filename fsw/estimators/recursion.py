@@ -32,7 +32,6 @@ from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 
 LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
-MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
 FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
 ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
 EVENT_LIMIT = 64
@@ -278,6 +277,9 @@ class Recursion:
         self.start(mean, self._spread())
         self.monitor.restart()
         text = f"the innovations no longer fit the {blocks} blocks before; estimate re-opened"
+        unknown = self.problem.unknown
+        if len(unknown) > 1:
+            text += f"; they do not tell which of {' and '.join(unknown)} has changed"
         self._events.append(("medium", "CHANGE_DETECTED", text))
 
     def _begin_pass(self) -> bool:

@@ -192,6 +192,12 @@ def noisy(block: Block, rng: np.random.Generator, biases: dict[str, FloatArray])
     )
 
 
+def at_rest(block: Block) -> Block:
+    """Return the block as the conditioning gives it when no joint moves: rates exactly zero."""
+    zero = np.zeros_like(block.qd_rad_s)
+    return replace(block, qd_rad_s=zero, qdd_rad_s2=zero)
+
+
 def draw_biases(rng: np.random.Generator) -> dict[str, FloatArray]:
     return {
         "torque": rng.normal(size=N) * 0.1,

@@ -234,3 +234,12 @@ def test_rda_converges_from_99_of_100_starts():
         result = solve_rda(noisy, problem, options)
         good += result.status == "OK" and result.cost <= best.cost * (1 + 1e-6)
     assert good >= 99
+
+
+@pytest.mark.parametrize("channel", ["q", "tau", "w_NB_B", "a_NB_B"])
+def test_samples_that_are_not_finite_are_refused(channel):
+    samples = exact("target").take(slice(0, 10))
+    values = getattr(samples, channel).copy()
+    values[3, 1] = np.nan
+    with pytest.raises(ValueError, match=f"{channel} holds 1 non-finite"):
+        replace(samples, **{channel: values})

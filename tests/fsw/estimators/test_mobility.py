@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from fsw.estimators.mobility import (
     by_mobility,
+    by_mobility_stages,
     from_mobility,
     mobility_jacobian,
     to_mobility,
 )
-from tests.fsw.estimators.cases import BASE, parameters
+from fsw.estimators.online import build_online
+from tests.fsw.estimators.cases import BASE, noisy_blocks, parameters, robot_model
+from tests.fsw.estimators.starts import config_of, truth_of
 
 PI = parameters(BASE)
 
@@ -85,3 +89,40 @@ def test_errors_of_a_gaussian_mobility_have_the_degrees_of_freedom_as_mean_squar
 
 def test_a_gaussian_that_is_no_body_says_so():
     assert not by_mobility(PI, covariance_of(1.0), slice(0, 10)).holds
+
+
+def test_few_draws_in_units_come_near_the_many():
+    """400 draws in units of 80, as in the loop: within 20 % of the variances, no more is needed."""
+    covariance = covariance_of(0.07)
+    stages = by_mobility_stages(PI, covariance, slice(0, 10), 400, 80)
+    units = 0
+    while True:
+        try:
+            next(stages)
+        except StopIteration as end:
+            few = end.value
+            break
+        units += 1
+    assert units == 1 + 400 // 80
+    many = by_mobility(PI, covariance, slice(0, 10))
+    assert few.bent
+    assert few.holds
+    assert np.diag(few.covariance) == pytest.approx(np.diag(many.covariance), rel=0.2)
+
+
+def test_the_recursion_s_covariance_of_a_weakly_known_base_is_honest():
+    """RDA online, base alone: NEES of 8 runs in its 99.9 % band; the linear one's is above it."""
+    mapped = linear = 0.0
+    seeds = 8
+    for seed in range(seeds):
+        online = build_online(config_of("base", seed, method="rda"), robot_model())
+        for block in noisy_blocks("base", seed):
+            online.push(block)
+        final, truth = online.finish(), truth_of("base")
+        error = final.mean[:10] - truth
+        plain = online.recursion.memory.information.covariance()
+        mapped += error @ np.linalg.solve(final.covariance[:10, :10], error)
+        linear += error @ np.linalg.solve(plain[:10, :10], error)
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 10 * seeds)
+    assert low <= mapped <= high
+    assert mapped < linear

@@ -19,27 +19,21 @@ from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.recursion import FLAT_PRIOR
 from fsw.messages import Block, Estimate
 from tests.fsw.estimators.cases import (
-    BASE,
     NODES,
     TARGET,
+    at_rest,
     draw_biases,
     noisy,
     noisy_blocks,
-    parameters,
     robot_model,
     true_block,
     true_blocks_cached,
 )
 from tests.fsw.estimators.cases import motion as true_motion
-from tests.fsw.estimators.starts import CASES, config_of
+from tests.fsw.estimators.starts import CASES, config_of, truth_of
 
 POINT_UNITS = 41  # most units of one piece of work: finding a consistent point to begin a pass at
 BATCH_BOUNDS = {"base": 0.05, "target": 0.05, "both": 0.2}  # whitened rms
-
-
-def truth_of(case: str) -> np.ndarray:
-    bodies = {"base": BASE, "target": TARGET}
-    return np.concatenate([parameters(bodies[name]) for name in CASES[case][1]])
 
 
 def run(config: Config, blocks: list[Block]) -> tuple[OnlineEstimator, list[Estimate]]:
@@ -273,7 +267,8 @@ def test_an_arm_at_rest_says_nothing_and_is_not_valid(method: str, weighting: st
     rng = np.random.default_rng(0)
     biases = draw_biases(rng)
     still = true_block(true_motion("target"), -2.0)
-    online, estimates = run(config, [noisy(still, rng, biases) for _ in range(40)])
+    blocks = [at_rest(noisy(replace(still, index=k), rng, biases)) for k in range(40)]
+    online, estimates = run(config, blocks)
     final = online.finish()
     assert not any(e.valid for e in [*estimates, final])
     if weighting == "eiv":
