@@ -10,7 +10,7 @@ import numpy as np
 
 from fsw.clock import MonotonicClock
 from fsw.config import Config
-from fsw.estimators.batch import run_batch
+from fsw.estimators.batch_run import run_batch
 from fsw.messages import Block
 from fsw.replay import replay
 from fsw.sinks import NullSink

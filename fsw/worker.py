@@ -44,7 +44,7 @@ def default_batch(
     progress: Progress,
 ) -> Mapping[str, Any]:
     """Run a batch method of the estimators."""
-    from fsw.estimators.batch import run_batch
+    from fsw.estimators.batch_run import run_batch
 
     return run_batch(config, blocks, method, unknown, progress)
 

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from fsw.config import Config
 from fsw.errors import EstimatorError
-from fsw.estimators.batch_diagnosis import diagnose_batch, stack
+from fsw.estimators.batch_diagnosis import stack
 from fsw.estimators.curvature import WEAK, Widening, constrained_prior, widen
 from fsw.estimators.inertia import (
     from_log_cholesky,
@@ -23,18 +21,14 @@ from fsw.estimators.inertia import (
     nearest_consistent,
     to_log_cholesky,
 )
-from fsw.estimators.mobility import NOTE, by_mobility
-from fsw.estimators.model import RobotModel
-from fsw.estimators.problem import Problem, build_problem
-from fsw.estimators.publish import body_estimate
-from fsw.estimators.row_functions import RowsFunction, row_function
+from fsw.estimators.mobility import NOTE, TORQUE, by_mobility
+from fsw.estimators.problem import Problem
+from fsw.estimators.row_functions import RowsFunction
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.messages import Block, BodyEstimate, FloatArray
+from fsw.messages import Block, FloatArray
 
 MAX_ITERATIONS = 60
 MAX_PLAIN_STEPS = 40  # from 30-50 % wrong starts up to 18 were seen
-CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
-TORQUE = ("rda", "fused")  # straight in the base's mobility
 PROFILE_ITERATIONS = 4  # of every point of a profile
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
 WEAKEST_GAIN = (
@@ -149,61 +143,6 @@ def _gauss_newton(
     return start
 
 
-def run_batch(
-    config: Config,
-    blocks: Sequence[Block],
-    method: str,
-    unknown: Sequence[str],
-    progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
-
-    Raises
-    ------
-    EstimatorError if there are no blocks or no such method; ConfigError if a body has no prior.
-    """
-    if not blocks:
-        raise EstimatorError("no blocks recorded in this window")
-    chosen = config.with_unknown(tuple(unknown)) if unknown else config
-    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    problem = build_problem(chosen, model)
-    start = None
-    if method in ("rda", "ce"):  # nonlinear from a poor start: begin at the linear method's result
-        warm = row_function("mrnea", "eiv", problem)
-        start = solve(problem, warm, blocks).mean
-    rows = row_function(method, config.estimator.weighting, problem)
-    solution = solve(problem, rows, blocks, progress, start)
-    (covariance, note), status = linear_covariance(problem, method, solution), solution.status
-    if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
-        looked = straighten(problem, rows, blocks, solution)
-        covariance, note = looked.covariance, looked.note
-        status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
-    covariance = covariance + problem.liquid
-    bodies = {
-        name: body_estimate(problem, name, solution.mean, covariance)[0] for name in problem.unknown
-    }
-    return {
-        "method": method,
-        "unknown": list(problem.unknown),
-        "status": status,
-        "biased": bool(note) and method in CURVED,
-        "note": note,
-        "iterations": solution.iterations,
-        "cost": solution.cost,
-        "rows": solution.rows,
-        "condition_number": solution.information.scaled_condition_number(),
-        "duration_s": len(blocks) * config.estimator.window_s,
-        "names": list(problem.names),
-        "mean": solution.mean.tolist(),
-        "covariance": covariance.tolist(),
-        "first_block": blocks[0].index,
-        "last_block": blocks[-1].index,
-        "estimate": {name: _plain(body, "") for name, body in bodies.items()},
-        "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
-        "diagnosis": diagnose_batch(problem, rows, blocks, solution.mean, covariance, bodies),
-    }
-
-
 def linear_covariance(
     problem: Problem, method: str, solution: BatchSolution
 ) -> tuple[FloatArray, str]:
@@ -250,14 +189,6 @@ def straighten(
         profile,
         WEAK,
     )
-
-
-def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:
-    if kind:
-        mass, com, inertia = body.mass_sigma_kg, body.com_sigma_m, body.inertia_sigma_kg_m2
-    else:
-        mass, com, inertia = body.mass_kg, body.com_m, body.inertia_kg_m2
-    return {"mass_kg": mass, "com_m": com.tolist(), "inertia_kg_m2": inertia.tolist()}
 
 
 def _stack(

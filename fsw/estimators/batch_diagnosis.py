@@ -32,11 +32,13 @@ def diagnose_batch(
     mean: FloatArray,
     covariance: FloatArray,
     bodies: Mapping[str, BodyEstimate],
+    level: float = 1.0,
 ) -> dict[str, Any] | None:
     """Return the diagnosis of a batch estimate as plain values; None without a proper covariance.
 
     The Cramer-Rao bound is that of all sensors: the Fisher information of the fused rows at the
-    estimate. So a method that does not use them all has an efficiency below one.
+    estimate, for a noise variance `level` times the declared. So a method that does not use them
+    all has an efficiency below one.
     """
     try:
         residuals = [part.b for part in stack(rows, blocks, mean)]
@@ -49,7 +51,7 @@ def diagnose_batch(
             covariance=covariance,
             bodies=dict(bodies),
             duration_s=int(blocks[-1].t_ns[-1] - blocks[0].t_ns[0]) * 1e-9,
-            fisher=np.asarray(sum(part.A.T @ part.A for part in fused)),
+            fisher=np.asarray(sum(part.A.T @ part.A for part in fused)) / level,
         )
     except ValueError:  # LinAlgError: no inertia at the estimate, or no proper covariance
         return None

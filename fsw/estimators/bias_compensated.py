@@ -198,6 +198,32 @@ def _output_covariance(block: Block, problem: Problem) -> FloatArray:
     return S.reshape(m * (6 + n), m * (6 + n))
 
 
+def _root(sums: CompensatedSums, prior_precision: FloatArray) -> FloatArray:
+    """Return the Cholesky factor of the compensated equations."""
+    p = len(prior_precision)
+    try:
+        root = np.linalg.cholesky(sums.F[:p, :p] - sums.C[:p, :p] + prior_precision)
+    except np.linalg.LinAlgError as error:
+        raise EstimatorError("noise explains the excitation so far") from error
+    return np.asarray(root, np.float64)
+
+
+def compensated_mean(
+    sums: CompensatedSums, prior_mean: FloatArray, prior_precision: FloatArray
+) -> FloatArray:
+    """Return the state (p,) alone.
+
+    Raises
+    ------
+    EstimatorError while noise explains the data's excitation.
+    """
+    p, root = len(prior_mean), _root(sums, prior_precision)
+    g = sums.F[:p, p] - sums.C[:p, p] + prior_precision @ prior_mean
+    y = solve_triangular(root, g, lower=True)
+    x: FloatArray = solve_triangular(root, y, lower=True, trans=1)
+    return x
+
+
 def compensated_solution(
     sums: CompensatedSums, prior_mean: FloatArray, prior_precision: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -211,19 +237,14 @@ def compensated_solution(
     EstimatorError while noise explains the data's excitation: M is not positive definite.
     """
     p = len(prior_mean)
-    M = sums.F[:p, :p] - sums.C[:p, :p] + prior_precision
-    try:
-        root = np.linalg.cholesky(M)
-    except np.linalg.LinAlgError as error:
-        raise EstimatorError("noise explains the excitation so far") from error
-    g = sums.F[:p, p] - sums.C[:p, p] + prior_precision @ prior_mean
+    root = _root(sums, prior_precision)
 
     def solve(b: FloatArray) -> FloatArray:
         y: FloatArray = solve_triangular(root, b, lower=True)
         z: FloatArray = solve_triangular(root, y, lower=True, trans=1)
         return z
 
-    x = solve(g)
+    x = compensated_mean(sums, prior_mean, prior_precision)
     score = sums.T + prior_precision
     covariance = solve(solve(score).T)
     extended = np.append(x, -1.0)

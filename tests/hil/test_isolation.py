@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fsw.estimators.batch import run_batch
+from fsw.estimators.batch_run import run_batch
 from fsw.replay import replay
 from hil import bench
 from hil.bench import Collector, Setup

@@ -113,6 +113,7 @@ RESULT_STATUS = Enumeration(
         2: "NOT_CONVERGED",
         3: "INSUFFICIENT_EXCITATION",
         4: "ABORTED",
+        5: "MODEL_MISMATCH",
         255: "OTHER",
     },
 )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fsw.estimators.batch import run_batch
+from fsw.estimators.batch_run import run_batch
 from fsw.estimators.diagnosis import whiteness
 from tests.fsw.estimators.cases import make_config, noisy_blocks
 
