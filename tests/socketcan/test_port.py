@@ -70,8 +70,7 @@ def test_classic_frames_pass_both_ways_and_carry_kernel_stamps(port, other):
     after_ns = CLOCK.now_ns()
     other.send(message(0, can_id=0x18FF0001, is_extended_id=True))
     other.send(can.Message(arbitration_id=0x191, is_remote_frame=True, is_extended_id=False))
-    own, *frames = received(port, 203)
-    assert (own.can_id, own.data) == (0x080, b"\x07")
+    frames = received(port, 202)
     assert [int.from_bytes(f.data, "little") for f in frames[:200]] == list(range(200))
     assert all(f.can_id == 0x191 and not f.is_extended and not f.is_fd for f in frames[:200])
     assert frames[200].is_extended
@@ -81,8 +80,7 @@ def test_classic_frames_pass_both_ways_and_carry_kernel_stamps(port, other):
     assert stamps == sorted(stamps)
     # stamped when sent, not when read; clocks are compared once per batch, within 0.1 ms
     assert before_ns - 100_000 <= stamps[0] <= stamps[-1] <= after_ns + 100_000
-    assert own.t_ns <= stamps[0]
-    assert own.t_ns <= sent.t_ns + 100_000  # on the bus before our stamp was taken
+    assert sent.t_ns <= stamps[0]
     assert port.read() == []
     assert port.take_dropped() == 0
 

@@ -32,7 +32,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
     ------
     PortError naming interface and channel.
     """
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {"receive_own_messages": False}
     if bus.fd or bus.interface in ("socketcan", "udp_multicast"):
         options["fd"] = bus.fd
     if bus.bitrate is not None:
@@ -43,8 +43,6 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
         options["hop_limit"] = LOCAL_HOP_LIMIT
         if bus.port is not None:
             options["port"] = bus.port
-    if bus.interface == "socketcan":
-        options["receive_own_messages"] = True  # stamped when they were on the bus
     name = f"buses.{bus.name} ({bus.interface} {bus.channel})"
     try:
         device = can.Bus(interface=bus.interface, channel=bus.channel, **options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import signal
 import socket
 import subprocess
@@ -141,6 +142,7 @@ class Run:
         self.process.kill()
         for descriptor in services:
             signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+            assert select.select([descriptor], [], [], PATIENCE_S)[0]  # readable when it has ended
             os.close(descriptor)
         self.process.wait()
 
