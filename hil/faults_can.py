@@ -84,11 +84,11 @@ def _wrong_node(place: Place) -> None:
     place.can(renamed, faults.drop, 1.0, faults.is_node(place.node))
 
 
-def _sync_lost(place: Place) -> None:
-    """Let the nodes miss a SYNC now and then; the host does not know."""
+def _strike_syncs(place: Place, action: faults.FrameAction, rate: float) -> None:
+    """Let some of the host's SYNCs be changed on their way to the nodes."""
     struck = Struck(
-        faults.drop,
-        place.entry.rate or 0.01,
+        action,
+        place.entry.rate or rate,
         place.seed,
         only=lambda frame: frame[1] == SYNC_ID,
         window_ns=place.window_ns,
@@ -96,6 +96,11 @@ def _sync_lost(place: Place) -> None:
     )
     place.struck.append(struck)
     place.world.can.host_tap = lambda frame: struck([frame])
+
+
+def _sync_lost(place: Place) -> None:
+    """Let the nodes miss a SYNC now and then; the host does not know."""
+    _strike_syncs(place, faults.drop, 0.01)
 
 
 def _sync_doubled(place: Place) -> None:
@@ -106,16 +111,7 @@ def _sync_doubled(place: Place) -> None:
         place.world.can.inject(again)
         return [frame, again]
 
-    struck: Struck[TimedFrame] = Struck(
-        faults.keep if place.reference else twice,
-        place.entry.rate or 0.05,
-        place.seed,
-        only=lambda frame: frame[1] == SYNC_ID,
-        window_ns=place.window_ns,
-        rest=10,
-    )
-    place.struck.append(struck)
-    place.world.can.host_tap = lambda frame: struck([frame])
+    _strike_syncs(place, faults.keep if place.reference else twice, 0.05)
 
 
 def _cut(place: Place) -> None:

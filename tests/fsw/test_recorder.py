@@ -29,7 +29,7 @@ def test_file_names_are_numbered_and_never_reused(tmp_path: Path):
 
 def test_a_full_disk_is_told_once_counted_and_never_raised(tmp_path: Path):
     if not Path("/dev/full").exists():
-        pytest.skip("no /dev/full")
+        pytest.skip("needs /dev/full")
     told: list[tuple[str, str, str]] = []
     writer = RecordingWriter(tmp_path / "a.mcap", chunk_bytes=4096)
     sink = RecorderSink(writer, lambda *text: told.append(text))
