@@ -11,38 +11,23 @@ Source: Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 2, 5, 6.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, TypeVar, cast
+from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from fsw.estimators.inertia import PARAMETERS, frame_change
 from fsw.estimators.model import RobotModel
+from fsw.estimators.spatial import (
+    compiled,
+    dot6,
+    factor_base,
+    inlined,
+    momentum,
+    place_inertia,
+    routine,
+    set_inertia,
+)
 from fsw.messages import FloatArray
-
-F = TypeVar("F", bound=Callable[..., object])
-
-
-def compiled(function: F) -> F:
-    """Compile to machine code at the first call, cached on disk; releases the interpreter lock."""
-    return _compile(function, into_callers=False)
-
-
-def inlined(function: F) -> F:
-    """Compile as `compiled` does, copied into the callers: passing many arrays costs more."""
-    return _compile(function, into_callers=True)
-
-
-def _compile(function: F, *, into_callers: bool) -> F:
-    jit = numba.njit(
-        cache=True,
-        nogil=True,
-        error_model="numpy",
-        forceinline=into_callers,
-        fastmath={"contract", "reassoc", "nsz"},
-    )
-    return cast(F, jit(function))
 
 
 class Arm(NamedTuple):
@@ -127,7 +112,7 @@ def new_work(n: int) -> Work:
     )
 
 
-@compiled
+@routine
 def configure(arm: Arm, bodies: FloatArray, q: FloatArray, k: Work) -> None:
     """Fill axes, tool pose, inertias, H_bm, N and the factor of H_bb for joint positions q (n,).
 
@@ -135,10 +120,7 @@ def configure(arm: Arm, bodies: FloatArray, q: FloatArray, k: Work) -> None:
     """
     n = q.shape[0]
     own, total = k.own, k.sum
-    for i in range(4):
-        own[0, i] = bodies[0, i]
-    _store_inertia(own, 0, bodies[0, 4], bodies[0, 5], bodies[0, 7], bodies[0, 6], bodies[0, 8],
-                   bodies[0, 9])  # fmt: skip
+    set_inertia(bodies[0], own[0])
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     px, py, pz = 0.0, 0.0, 0.0
     for j in range(n):
@@ -171,33 +153,8 @@ def configure(arm: Arm, bodies: FloatArray, q: FloatArray, k: Work) -> None:
         S = k.S[j]
         S[0], S[1], S[2] = py * r22 - pz * r12, pz * r02 - px * r22, px * r12 - py * r02
         S[3], S[4], S[5] = r02, r12, r22
-        b = bodies[j + 1]
-        m = b[0]
-        hx = r00 * b[1] + r01 * b[2] + r02 * b[3]
-        hy = r10 * b[1] + r11 * b[2] + r12 * b[3]
-        hz = r20 * b[1] + r21 * b[2] + r22 * b[3]
-        # R I, then R I R^T
-        a0 = r00 * b[4] + r01 * b[5] + r02 * b[7]
-        a1 = r00 * b[5] + r01 * b[6] + r02 * b[8]
-        a2 = r00 * b[7] + r01 * b[8] + r02 * b[9]
-        b0 = r10 * b[4] + r11 * b[5] + r12 * b[7]
-        b1 = r10 * b[5] + r11 * b[6] + r12 * b[8]
-        b2 = r10 * b[7] + r11 * b[8] + r12 * b[9]
-        c0 = r20 * b[4] + r21 * b[5] + r22 * b[7]
-        c1 = r20 * b[5] + r21 * b[6] + r22 * b[8]
-        c2 = r20 * b[7] + r21 * b[8] + r22 * b[9]
-        both = 2.0 * (px * hx + py * hy + pz * hz) + m * (px * px + py * py + pz * pz)
-        o = own[j + 1]
-        o[0], o[1], o[2], o[3] = m, hx + m * px, hy + m * py, hz + m * pz
-        _store_inertia(
-            own,
-            j + 1,
-            a0 * r00 + a1 * r01 + a2 * r02 + both - 2.0 * px * hx - m * px * px,
-            a0 * r10 + a1 * r11 + a2 * r12 - px * hy - py * hx - m * px * py,
-            a0 * r20 + a1 * r21 + a2 * r22 - px * hz - pz * hx - m * px * pz,
-            b0 * r10 + b1 * r11 + b2 * r12 + both - 2.0 * py * hy - m * py * py,
-            b0 * r20 + b1 * r21 + b2 * r22 - py * hz - pz * hy - m * py * pz,
-            c0 * r20 + c1 * r21 + c2 * r22 + both - 2.0 * pz * hz - m * pz * pz,
+        place_inertia(
+            bodies[j + 1], r00, r01, r02, r10, r11, r12, r20, r21, r22, px, py, pz, own[j + 1]
         )
     for i in range(3):
         f, t = arm.R_tool, arm.p_tool
@@ -207,54 +164,17 @@ def configure(arm: Arm, bodies: FloatArray, q: FloatArray, k: Work) -> None:
     k.E[3, 0] = px + r00 * t[0] + r01 * t[1] + r02 * t[2]
     k.E[3, 1] = py + r10 * t[0] + r11 * t[1] + r12 * t[2]
     k.E[3, 2] = pz + r20 * t[0] + r21 * t[1] + r22 * t[2]
-    total[n] = own[n]
+    for i in range(10):
+        total[n, i] = own[n, i]
     for j in range(n - 1, -1, -1):
         for i in range(10):
             total[j, i] = total[j + 1, i] + own[j, i]
-    _factor_base(total[0], k.base)
+    factor_base(total[0], k.base)
     for j in range(n):
-        _momentum(total[j + 1], k.S[j], k.H_bm[j])
+        momentum(total[j + 1], k.S[j], k.H_bm[j])
         solve_base(k, k.H_bm[j], k.N[j])
         for i in range(6):
             k.N[j, i] = -k.N[j, i]
-
-
-@inlined
-def _store_inertia(
-    to: FloatArray, b: int, xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
-) -> None:
-    to[b, 4], to[b, 5], to[b, 6] = xx, xy, xz
-    to[b, 7], to[b, 8], to[b, 9] = yy, yz, zz
-
-
-@inlined
-def _momentum(J: FloatArray, V: FloatArray, out: FloatArray) -> None:
-    """Momentum of inertia J (10,) at velocity V (6,), about the base origin."""
-    m, hx, hy, hz = J[0], J[1], J[2], J[3]
-    vx, vy, vz, wx, wy, wz = V[0], V[1], V[2], V[3], V[4], V[5]
-    out[0] = m * vx + wy * hz - wz * hy
-    out[1] = m * vy + wz * hx - wx * hz
-    out[2] = m * vz + wx * hy - wy * hx
-    out[3] = hy * vz - hz * vy + J[4] * wx + J[5] * wy + J[6] * wz
-    out[4] = hz * vx - hx * vz + J[5] * wx + J[7] * wy + J[8] * wz
-    out[5] = hx * vy - hy * vx + J[6] * wx + J[8] * wy + J[9] * wz
-
-
-@inlined
-def _factor_base(J: FloatArray, f: FloatArray) -> None:
-    """Factor H_bb: mass, centre of mass and the inverse of the 3 x 3 central inertia."""
-    m = J[0]
-    cx, cy, cz = J[1] / m, J[2] / m, J[3] / m
-    xx = J[4] - m * (cy * cy + cz * cz)
-    yy = J[7] - m * (cx * cx + cz * cz)
-    zz = J[9] - m * (cx * cx + cy * cy)
-    xy, xz, yz = J[5] + m * cx * cy, J[6] + m * cx * cz, J[8] + m * cy * cz
-    d0, d1, d2 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    det = xx * d0 + xy * d1 + xz * d2
-    f[0], f[1], f[2], f[3] = 1.0 / m, cx, cy, cz
-    f[4], f[5], f[6] = d0 / det, d1 / det, d2 / det
-    f[7], f[8] = (xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det
-    f[9] = (xx * yy - xy * xy) / det
 
 
 @inlined
@@ -274,16 +194,7 @@ def solve_base(k: Work, g: FloatArray, out: FloatArray) -> None:
     out[3], out[4], out[5] = wx, wy, wz
 
 
-@inlined
-def dot6(a: FloatArray, b: FloatArray) -> float:
-    """Return a . b of two (6,)."""
-    product: float = (
-        a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
-    )
-    return product
-
-
-@compiled
+@routine
 def joint_inertia(k: Work) -> None:
     """Fill H_m (n, n), symmetric."""
     n = k.S.shape[0]
@@ -292,7 +203,7 @@ def joint_inertia(k: Work) -> None:
             k.H_m[i, j] = k.H_m[j, i] = dot6(k.S[i], k.H_bm[j])
 
 
-@compiled
+@routine
 def accelerate(w: FloatArray, qd: FloatArray, a: FloatArray, qdd: FloatArray, k: Work) -> None:
     """Fill V and A of every body for base rate w (3,), base acceleration a (6,), joints (n,)."""
     V, A = k.V, k.A
@@ -318,7 +229,7 @@ def accelerate(w: FloatArray, qd: FloatArray, a: FloatArray, qdd: FloatArray, k:
             V[j + 1, i] = V[j, i] + S[i] * u
 
 
-@compiled
+@routine
 def balance(k: Work, tau: FloatArray) -> None:
     """Fill force from V and A, and the joint torques tau (n,); force[0] is the base wrench."""
     n = k.S.shape[0]
@@ -357,7 +268,7 @@ def shift_base(k: Work, a: FloatArray) -> None:
             k.A[b, i] += a[i]
 
 
-@compiled
+@routine
 def rate_gradient(k: Work) -> None:
     """Fill C (6+n, 3) = d(generalised force)/dw at fixed a and qdd, from own and V.
 
@@ -377,8 +288,8 @@ def rate_gradient(k: Work) -> None:
                 rel[o + e] = 0.0
                 rel[o + i1] = -(V[o + i2] - k.V[0, o + i2])
                 rel[o + i2] = V[o + i1] - k.V[0, o + i1]
-            _momentum(J, rel, d)
-            _momentum(J, V, P)
+            momentum(J, rel, d)
+            momentum(J, V, P)
             for i in range(2):
                 o = 3 * i
                 d[o + i1] -= P[o + i2]

@@ -5,7 +5,8 @@ Needs numba, like fsw.estimators.kernel, whose scratch arrays it uses.
 
 from __future__ import annotations
 
-from fsw.estimators.kernel import Work, inlined
+from fsw.estimators.kernel import Work
+from fsw.estimators.spatial import inlined
 from fsw.messages import FloatArray
 
 

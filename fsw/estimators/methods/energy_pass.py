@@ -6,19 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fsw.estimators.kernel import (
-    Arm,
-    Work,
-    compiled,
-    configure,
-    dot6,
-    joint_inertia,
-    new_work,
-    solve_base,
-)
+from fsw.estimators.kernel import Arm, Work, configure, joint_inertia, new_work, solve_base
 from fsw.estimators.methods.gravity_pass import field_base, field_tool, field_wrench
 from fsw.estimators.methods.layout import Columns
 from fsw.estimators.projection import observe_motion, project_base, project_tool
+from fsw.estimators.spatial import compiled, dot6
 from fsw.messages import FloatArray
 
 

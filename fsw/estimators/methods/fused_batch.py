@@ -16,6 +16,7 @@ from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.levenberg import Minimum, minimise, straighten
 from fsw.estimators.methods.motion import refine
 from fsw.estimators.methods.prediction_pass import prediction_pass
+from fsw.estimators.methods.rate_pass import Known, known_pass, rate_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
 from fsw.estimators.mobility import NOTE, Mapped, by_mobility
@@ -103,12 +104,16 @@ class _Pass:
     """The pass over one sample set as a function of the state."""
 
     def __init__(self, samples: SampleSet, system: System, use: Channels) -> None:
-        self._data = kernel_data(samples, system.problem.orbit)
-        self._system = system
-        self._use = use
+        data = kernel_data(samples, system.problem.orbit)
+        self._data, self._system, self._use = data, system, use
+        self._known: Known | None = None
+        if not (use.torque or use.accelerometer or system.problem.orbit):
+            nothing = np.zeros_like(system.prior_mean)
+            self._known = known_pass(system.arm, system.bodies(nothing), data)
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        system = self._system
-        return prediction_pass(
-            system.arm, system.bodies(x), np.ascontiguousarray(x), system.at, self._data, self._use
-        )
+        system, data, use = self._system, self._data, self._use
+        x = np.ascontiguousarray(x)
+        if self._known is not None:
+            return rate_pass(self._known, x, system.at, data, use)
+        return prediction_pass(system.arm, system.bodies(x), x, system.at, data, use)

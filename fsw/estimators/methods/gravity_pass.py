@@ -8,13 +8,14 @@ Source: paper eq. (26), as a field acting on every mass element (see fsw.estimat
 
 from __future__ import annotations
 
-from fsw.estimators.kernel import Work, compiled, dot6
+from fsw.estimators.kernel import Work
 from fsw.estimators.methods.layout import Columns, Data, Prediction
 from fsw.estimators.projection import project
+from fsw.estimators.spatial import dot6, routine
 from fsw.messages import FloatArray
 
 
-@compiled
+@routine
 def field_wrench(J: FloatArray, w: FloatArray, out: FloatArray) -> None:
     """Set out (6,) = force and moment about the base origin on the inertia J (10,)."""
     along = w[0] * J[1] + w[1] * J[2] + w[2] * J[3]
@@ -30,7 +31,7 @@ def field_wrench(J: FloatArray, w: FloatArray, out: FloatArray) -> None:
     out[5] = w[0] * ky - w[1] * kx
 
 
-@compiled
+@routine
 def subtract_field(w: FloatArray, k: Work, tau: FloatArray) -> None:
     """Take the field's wrench off the base wrench in k.force[0] and off the torques tau (n,)."""
     out = k.scratch[1]
@@ -42,7 +43,7 @@ def subtract_field(w: FloatArray, k: Work, tau: FloatArray) -> None:
         k.force[0, c] -= out[c]
 
 
-@compiled
+@routine
 def field_base(k: Work, w: FloatArray, u: FloatArray, row: FloatArray, out: FloatArray) -> None:
     """Take u (6,) . d(field wrench on the base)/d pi off out (10,)."""
     move = k.move[0]
@@ -51,7 +52,7 @@ def field_base(k: Work, w: FloatArray, u: FloatArray, row: FloatArray, out: Floa
         out[c] -= row[c]
 
 
-@compiled
+@routine
 def field_tool(
     k: Work, w: FloatArray, u: FloatArray, v: FloatArray, row: FloatArray, out: FloatArray
 ) -> None:
@@ -85,7 +86,7 @@ def field_tool(
         out[c] -= row[c]
 
 
-@compiled
+@routine
 def field_row(
     ax: float, ay: float, az: float, wx: float, wy: float, wz: float,
     fx: float, fy: float, fz: float, nx: float, ny: float, nz: float,
@@ -109,7 +110,7 @@ def field_row(
     move[5], move[6], move[7], move[8] = b5, b6, b7, b8
 
 
-@compiled
+@routine
 def gain(data: Data, i: int, k: Work, s: Prediction) -> None:
     """Add the moment about the centre of mass since the last sample to s.gained, in N."""
     out, R, f = k.scratch[1], data.R[i], k.base
@@ -124,7 +125,7 @@ def gain(data: Data, i: int, k: Work, s: Prediction) -> None:
         s.gained[1, c] = moment
 
 
-@compiled
+@routine
 def gain_jacobian(at: Columns, data: Data, i: int, k: Work, s: Prediction) -> None:
     """Add the derivative of the moment since the last sample to s.J_gained.
 

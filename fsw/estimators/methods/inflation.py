@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fsw.estimators.kernel import Work, compiled, inlined
+from fsw.estimators.kernel import Work
 from fsw.estimators.methods.layout import Columns
 from fsw.estimators.methods.linear import whiten
 from fsw.estimators.projection import project
+from fsw.estimators.spatial import compiled, inlined, routine
 from fsw.messages import FloatArray
 
 
@@ -48,7 +49,7 @@ def new_inflation(m: int) -> Inflation:
     )
 
 
-@compiled
+@routine
 def add_sample(
     at: Columns, k: Work, H: FloatArray, sigma: FloatArray, L: FloatArray,
     weighted: bool, smoothed: bool, t: Inflation,
@@ -99,7 +100,7 @@ def _add_outer(
             out[a, b] += scaled * row[right + b]
 
 
-@compiled
+@routine
 def _accelerations(k: Work, columns: FloatArray) -> None:
     """Set the first twelve of every row to the two bodies' accelerations for one unit of its own.
 
@@ -113,7 +114,8 @@ def _accelerations(k: Work, columns: FloatArray) -> None:
         if c < 6:
             u[c] = out[c] = 1.0
         else:
-            u[:] = k.S[c - 6]
+            for e in range(6):
+                u[e] = k.S[c - 6, e]
         fx = u[0] + u[4] * E[3, 2] - u[5] * E[3, 1]
         fy = u[1] + u[5] * E[3, 0] - u[3] * E[3, 2]
         fz = u[2] + u[3] * E[3, 1] - u[4] * E[3, 0]
@@ -122,7 +124,7 @@ def _accelerations(k: Work, columns: FloatArray) -> None:
             out[9 + e] = E[0, e] * u[3] + E[1, e] * u[4] + E[2, e] * u[5]
 
 
-@compiled
+@routine
 def _add_product(Q: FloatArray, V: FloatArray, row: int, column: int, out: FloatArray) -> None:
     for k in range(6):
         for i in range(6):
@@ -133,7 +135,7 @@ def _add_product(Q: FloatArray, V: FloatArray, row: int, column: int, out: Float
                     to[6 * b + j] += scale * V[row + i, column + j]
 
 
-@compiled
+@routine
 def shrinkage(at: Columns, t: Inflation, out: FloatArray) -> None:
     """Set out (p,) = sum over the noise of Y^T W H, of the sample last added."""
     out[:] = 0.0

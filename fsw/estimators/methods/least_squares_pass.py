@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fsw.estimators.kernel import Arm, compiled, inlined
+from fsw.estimators.kernel import Arm
 from fsw.estimators.methods.layout import Columns, Data
+from fsw.estimators.spatial import compiled, inlined
 from fsw.messages import FloatArray
 
 CHUNK = 64  # samples whose rows are gathered for one matrix product

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from fsw.estimators.kernel import compiled
+from fsw.estimators.spatial import routine
 from fsw.messages import FloatArray
 
 
-@compiled
+@routine
 def factor(S: FloatArray, m: int) -> bool:
     """Replace the lower triangle of S[:m, :m] by its Cholesky factor; False if not positive."""
     for i in range(m):
@@ -25,7 +25,7 @@ def factor(S: FloatArray, m: int) -> bool:
     return True
 
 
-@compiled
+@routine
 def solve_both(L: FloatArray, z: FloatArray, m: int) -> None:
     """Replace z (m,) by (L L^T)^-1 z."""
     for i in range(m):
@@ -40,7 +40,7 @@ def solve_both(L: FloatArray, z: FloatArray, m: int) -> None:
         z[i] = total / L[i, i]
 
 
-@compiled
+@routine
 def whiten(L: FloatArray, rows: FloatArray, m: int) -> None:
     """Replace rows[:m] by L^-1 rows, in place."""
     width = rows.shape[1]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from fsw.estimators.kernel import Work, inlined
+from fsw.estimators.kernel import Work
 from fsw.estimators.methods.gravity_pass import gain, gain_jacobian
 from fsw.estimators.methods.layout import Channels, Columns, Data, Prediction
 from fsw.estimators.projection import observe_motion, project_base, project_tool
+from fsw.estimators.spatial import inlined
 from fsw.messages import FloatArray
 
 

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from fsw.estimators.kernel import Arm, compiled, new_work
+from fsw.estimators.kernel import Arm, new_work
 from fsw.estimators.methods.layout import Channels, Columns, Data
 from fsw.estimators.methods.prediction_pass import (
-    _new_prediction,
     fill_jacobian,
     fill_residual,
+    new_prediction,
     predict_sample,
 )
+from fsw.estimators.spatial import compiled
 from fsw.messages import FloatArray
 
 STEP = 1e-6  # rad, rad/s, rad/s^2: of central differences, exact to 1e-9 of the derivative
@@ -30,7 +31,7 @@ def row_pass(
     """
     n, p = data.q.shape[1], x.shape[0]
     m = n * use.torque + 3 * use.accelerometer + 3 * use.gyro + 3 * use.velocity
-    k, s = new_work(n), _new_prediction(data, use, p, m)
+    k, s = new_work(n), new_prediction(data, use, p, m)
     out = np.zeros((data.q.shape[0], m, p + 1))
     for i in range(data.q.shape[0]):
         predict_sample(arm, bodies, x, at, data, use, i, k, s)
@@ -53,7 +54,7 @@ def motion_gradient(
     """
     n, p = data.q.shape[1], x.shape[0]
     m = n * use.torque + 3 * use.accelerometer + 3 * use.gyro + 3 * use.velocity
-    k, s = new_work(n), _new_prediction(data, use, p, m)
+    k, s = new_work(n), new_prediction(data, use, p, m)
     out = np.zeros((data.q.shape[0], m, 3, n))
     rows = np.zeros((m, p + 1))
     q, qd, qdd = data.q.copy(), data.qd.copy(), data.qdd.copy()

@@ -14,10 +14,7 @@ from fsw.estimators.kernel import (
     Work,
     accelerate,
     balance,
-    compiled,
     configure,
-    dot6,
-    inlined,
     joint_inertia,
     new_work,
     rate_gradient,
@@ -33,6 +30,7 @@ from fsw.estimators.methods.layout import CHUNK, Channels, Columns, Data, Predic
 from fsw.estimators.methods.linear import factor, solve_both, whiten
 from fsw.estimators.methods.momentum_pass import external, rate_jacobian, turn
 from fsw.estimators.projection import observe_motion, project_base, project_tool
+from fsw.estimators.spatial import compiled, dot6, inlined
 from fsw.messages import FloatArray
 
 
@@ -47,7 +45,7 @@ def prediction_pass(
     """
     n, p = data.q.shape[1], x.shape[0]
     m = n * use.torque + 3 * use.accelerometer + 3 * use.gyro + 3 * use.velocity
-    k, s = new_work(n), _new_prediction(data, use, p, m)
+    k, s = new_work(n), new_prediction(data, use, p, m)
     gram = np.zeros((p + 1, p + 1))
     buffer = np.zeros((CHUNK * m, p + 1))
     fill = 0
@@ -84,7 +82,7 @@ def residual_pass(
     """Return the whitened residuals (N, m) alone, for input channels without noise."""
     n, p = data.q.shape[1], x.shape[0]
     m = n * use.torque + 3 * use.accelerometer + 3 * use.gyro + 3 * use.velocity
-    k, s = new_work(n), _new_prediction(data, use, p, m)
+    k, s = new_work(n), new_prediction(data, use, p, m)
     out = np.zeros((data.q.shape[0], m))
     rows = np.zeros((m, p + 1))
     for i in range(data.q.shape[0]):
@@ -176,7 +174,7 @@ def fill_residual(
 
 
 @compiled
-def _new_prediction(data: Data, use: Channels, p: int, m: int) -> Prediction:
+def new_prediction(data: Data, use: Channels, p: int, m: int) -> Prediction:
     """Return scratch arrays, the outputs' variances and which inputs are noisy filled in."""
     n = data.q.shape[1]
     fixed = np.zeros(m)
@@ -244,16 +242,16 @@ def weigh(data: Data, use: Channels, i: int, k: Work, s: Prediction, rows: Float
 def _center(data: Data, i: int, k: Work, s: Prediction, rows: FloatArray, p: int) -> None:
     """Add to the torque residual the mean that the squared error of the measured rate feigns."""
     n = data.q.shape[1]
-    unit, still, zero, force = np.zeros(3), np.zeros(6), np.zeros(n), np.zeros(6)
+    unit, still, zero = k.scratch[0, :3], k.scratch[1], s.qdd
+    still[:] = 0.0
+    zero[:] = 0.0
     for e in range(3):
         unit[:] = 0.0
         unit[e] = data.s_w[e]
         accelerate(unit, zero, still, zero, k)
         balance(k, s.z[:n])
-        for c in range(6):
-            force[c] = k.force[0, c]
         for j in range(n):
-            rows[j, p] += s.z[j] + dot6(k.N[j], force)
+            rows[j, p] += s.z[j] + dot6(k.N[j], k.force[0])
     solve_motion(data, i, data.qd[i], data.qdd[i], k, s)
 
 
@@ -375,10 +373,12 @@ def fill_jacobian(
         row += 3
     if use.gyro:
         for f in range(3):
-            rows[row + f, :p] = s.J_nu[3 + f]
+            for c in range(p):
+                rows[row + f, c] = s.J_nu[3 + f, c]
             if at.gyro_bias >= 0:
                 rows[row + f, at.gyro_bias + f] += 1.0
         row += 3
     if use.velocity:
         for f in range(3):
-            rows[row + f, :p] = s.J_nu[f]
+            for c in range(p):
+                rows[row + f, c] = s.J_nu[f, c]

@@ -16,9 +16,7 @@ from fsw.estimators.kernel import (
     Work,
     accelerate,
     balance,
-    compiled,
     configure,
-    inlined,
     joint_inertia,
     new_work,
     rate_gradient,
@@ -33,6 +31,7 @@ from fsw.estimators.methods.inflation import (
 from fsw.estimators.methods.layout import CHUNK, Columns, Data
 from fsw.estimators.methods.linear import factor, solve_both, whiten
 from fsw.estimators.projection import observe_motion, project_base, project_tool
+from fsw.estimators.spatial import compiled, inlined
 from fsw.messages import FloatArray
 
 OLS, WLS, EIV = 0, 1, 2
@@ -60,6 +59,7 @@ class _Sample(NamedTuple):
     sigma: FloatArray  # (9+n,) of a, wd, qdd, w
     gain: FloatArray  # (6+n, 9+n) sensitivity to unit errors of them
     unit: FloatArray  # (6, 6)
+    row: FloatArray  # (10,)
 
 
 @compiled
@@ -78,7 +78,7 @@ def regression_pass(
     s = _Sample(
         np.zeros(n), np.zeros(3), np.zeros(6), np.zeros(n), np.zeros((m, m)), np.zeros((m, m)),
         np.zeros(m), np.concatenate((data.s_a, data.s_wd, data.s_qdd, data.s_w)),
-        np.zeros((m, m + 3)), np.eye(6),
+        np.zeros((m, m + 3)), np.eye(6), np.zeros(10),
     )  # fmt: skip
     out = Regression(np.zeros((p + 1, p + 1)), np.zeros((p, p)), np.zeros(p), np.zeros((p, p)))
     buffer = np.zeros((CHUNK * m, p + 1))
@@ -220,7 +220,9 @@ def _weigh(
 def _center(data: Data, i: int, k: Work, s: _Sample, rows: FloatArray, p: int) -> None:
     """Add to the residual the mean force that the squared error of the measured rate feigns."""
     n = data.q.shape[1]
-    unit, still, zero = np.zeros(3), np.zeros(6), np.zeros(n)
+    unit, still, zero = k.scratch[0, :3], k.scratch[1], s.z[:n]
+    still[:] = 0.0
+    zero[:] = 0.0
     for e in range(3):
         unit[:] = 0.0
         unit[e] = data.s_w[e]
@@ -269,10 +271,10 @@ def _body_rows(at: Columns, n: int, k: Work, s: _Sample, rows: FloatArray) -> No
             project_tool(k, k.S[j], k.scratch[0], rows[6 + j, at.target : at.target + 10])
 
 
-@compiled
+@inlined
 def _field_rows(at: Columns, w: FloatArray, n: int, k: Work, s: _Sample, rows: FloatArray) -> None:
     """Take the gravity-gradient field's part off the bodies' columns."""
-    row, still = np.zeros(10), k.scratch[0]
+    row, still = s.row, k.scratch[0]
     for c in range(6):
         if at.base >= 0:
             field_base(k, w, s.unit[c], row, rows[c, at.base : at.base + 10])

@@ -9,7 +9,9 @@ import pytest
 
 from fsw.estimators.fused import predict
 from fsw.estimators.methods.fused_batch import FUSED
+from fsw.estimators.methods.momentum import GYRO
 from fsw.estimators.methods.prediction_pass import prediction_pass, residual_pass
+from fsw.estimators.methods.rate_pass import known_pass, rate_pass
 from fsw.estimators.methods.rda import RDA
 from fsw.estimators.methods.system import Options, build_system, kernel_data
 from fsw.estimators.samples import Noise, SampleSet
@@ -20,16 +22,21 @@ BOUND = 1e-9
 
 
 def one_sample(block, i: int = 0) -> SampleSet:
+    return samples_of(block, slice(i, i + 1))
+
+
+def samples_of(block, part: slice, spacing_s: float = 0.0) -> SampleSet:
+    count = len(block.t_ns[part])
     return SampleSet(
-        t_s=np.zeros(1),
-        q=block.q_rad[i : i + 1],
-        qd=block.qd_rad_s[i : i + 1],
-        qdd=block.qdd_rad_s2[i : i + 1],
-        tau=block.tau_nm[i : i + 1],
-        w_NB_B=block.w_NB_B_rad_s[i : i + 1],
-        wd_NB_B=block.wd_NB_B_rad_s2[i : i + 1],
-        a_NB_B=block.f_NS_B_m_s2[i : i + 1],
-        R_NB=block.R_NB[i : i + 1],
+        t_s=spacing_s * np.arange(count),
+        q=block.q_rad[part],
+        qd=block.qd_rad_s[part],
+        qdd=block.qdd_rad_s2[part],
+        tau=block.tau_nm[part],
+        w_NB_B=block.w_NB_B_rad_s[part],
+        wd_NB_B=block.wd_NB_B_rad_s2[part],
+        a_NB_B=block.f_NS_B_m_s2[part],
+        R_NB=block.R_NB[part],
         noise=Noise.of(N, tau_nm=1.0, w_rad_s=1.0, a_m_s2=1.0),
     )
 
@@ -90,6 +97,23 @@ def test_compiled_residuals_are_those_of_the_gram():
     r = residual_pass(system.arm, system.bodies(x), x, system.at, data, RDA)
     G = prediction_pass(system.arm, system.bodies(x), x, system.at, data, RDA)
     assert float(np.sum(r**2)) == pytest.approx(G[-1, -1], rel=BOUND)
+
+
+@pytest.mark.parametrize("unknown", [("base",), ("target",), ("base", "target")])
+@pytest.mark.parametrize("use", [GYRO, GYRO._replace(velocity=True)])
+def test_known_share_taken_out_leaves_the_gram_as_it_is(unknown, use):
+    problem, system = system_of(
+        unknown, momentum_sigma_nms=1.0, external_force_sigma_n=0.1, external_torque_sigma_nm=0.1
+    )
+    rng = np.random.default_rng(4)
+    x = truth(problem) + 0.1 * rng.normal(size=len(problem.names))
+    samples = replace(samples_of(random_block(), slice(0, 4), 5.0), v_NB_B=rng.normal(size=(4, 3)))
+    data = kernel_data(samples)._replace(s_w=np.array([0.1, 0.2, 0.3]), s_v=np.ones(3))
+    whole = prediction_pass(system.arm, system.bodies(x), x, system.at, data, use)
+    known = known_pass(system.arm, system.bodies(np.zeros_like(x)), data)
+    G = rate_pass(known, x, system.at, data, use)
+    scale = np.sqrt(np.outer(np.diag(whole), np.diag(whole)))
+    assert np.all(np.abs(G - whole) <= BOUND * scale + 1e-12)
 
 
 def test_rda_does_not_depend_on_the_base_velocity():
