@@ -37,7 +37,8 @@ def inlined(function: F) -> F:
 
 def _compile(function: F, **flags: bool) -> F:
     fastmath = {"contract", "reassoc", "nsz"}
-    jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath, **flags)
+    flags |= {"cache": True, "nogil": True}
+    jit = numba.njit(error_model="numpy", fastmath=fastmath, **flags)  # type: ignore[call-overload]
     return cast(F, jit(function))
 
 
