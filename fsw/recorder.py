@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from zstandard import ZstdError
 
 from fsw.config import Config, load
 from fsw.drivers.wire import ByteChunk, CanFrame
@@ -237,6 +238,8 @@ class RecorderSink(NullSink):
             writer.abandon()
             text = f"{writer.path}: {error.strerror or error}"
             self._report("high", failure_code(error), text)
+        except ZstdError as error:  # whatever the data: it got no memory
+            raise MemoryError(str(error)) from error
 
 
 def failure_code(error: OSError) -> str:

@@ -23,6 +23,7 @@ from mcap.records import Attachment, Channel, Chunk, Message, Metadata
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import CompressionType, Writer
+from zstandard import ZstdError
 
 from fsw.drivers.wire import CanFrame
 from fsw.errors import ConfigError
@@ -350,16 +351,17 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
         whole.ended = True
 
 
-def _broken() -> tuple[type[Exception], ...]:
-    """Return what a broken file can raise in the MCAP reader."""
-    kinds: list[type[Exception]] = [McapError, ValueError, struct.error, zlib.error, EOFError]
-    kinds.append(RuntimeError)  # what lz4 raises
-    kinds += [MemoryError, OverflowError, OSError]  # a length or place no file has
-    try:
-        from zstandard import ZstdError
-    except ImportError:
-        return tuple(kinds)
-    return (*kinds, ZstdError)
-
-
-_BROKEN = _broken()
+# what a broken file can raise in the MCAP reader: RuntimeError is lz4's, the last three come of a
+# length or place that no file has
+_BROKEN = (
+    McapError,
+    ValueError,
+    struct.error,
+    zlib.error,
+    EOFError,
+    RuntimeError,
+    ZstdError,
+    MemoryError,
+    OverflowError,
+    OSError,
+)

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,28 @@ def test_a_full_disk_is_told_once_counted_and_never_raised(tmp_path: Path):
     sink.close()
     assert [code for _, code, _ in told] == ["DISK_FULL"]
     assert sink.lost > 1000
+
+
+STARVED = """
+import resource, sys
+from pathlib import Path
+from fsw.drivers.wire import ByteChunk
+from fsw.recorder import RecorderSink
+from fsw.recording import RecordingWriter
+sink = RecorderSink(RecordingWriter(Path(sys.argv[1]), chunk_bytes=1 << 30), print)
+sink.serial("imu", [ByteChunk(0, bytes(1 << 26))])
+resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))
+try:
+    sink.status(0, {})
+except MemoryError:
+    print("no memory")
+"""
+
+
+def test_compression_without_memory_is_that_and_no_fault_of_the_file(tmp_path: Path):
+    command = [sys.executable, "-c", STARVED, str(tmp_path / "a.mcap")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout == "no memory\n", done.stderr
 
 
 def test_the_drop_count_is_written(tmp_path: Path):
