@@ -52,7 +52,7 @@ from fsw.drivers.wire import ByteChunk
 from fsw.recorder import RecorderSink
 from fsw.recording import RecordingWriter
 sink = RecorderSink(RecordingWriter(Path(sys.argv[1]), chunk_bytes=1 << 30), print)
-sink.serial("imu", [ByteChunk(0, bytes(1 << 26))])
+sink.serial("imu", [ByteChunk(0, bytes(1 << 16))])
 resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))
 try:
     sink.status(0, {})
