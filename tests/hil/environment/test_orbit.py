@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import erfa
 import numpy as np
 import pytest
 
@@ -60,6 +61,15 @@ def test_sun_stands_at_the_vernal_point_at_the_equinox():
     assert abs(np.degrees(np.arctan2(y, x))) < 0.25
     assert abs(np.degrees(z)) < 0.12
     assert np.linalg.norm(sun) == pytest.approx(0.996 * AU_M, rel=2e-3)
+
+
+def test_positions_between_evaluations_are_those_of_the_ephemerides():
+    epoch, t = epoch_tt("2013-09-05T11:36:00"), np.linspace(-7.0, 5000.0, 997)
+    days = epoch[1] + t / 86400.0
+    sun = -1.495978707e11 * erfa.epv00(epoch[0], days)[0]["p"]
+    moon = 1.495978707e11 * erfa.moon98(epoch[0], days)["p"]
+    assert np.abs(sun_m(epoch, t) - sun).max() < 5.0
+    assert np.abs(moon_m(epoch, t) - moon).max() < 5.0
 
 
 def test_moon_meets_sun_and_shadow_at_the_eclipses():
