@@ -128,7 +128,7 @@ def _linear(run: _Pass, options: Options) -> BatchResult:
     elif options.weighting == "compensated":
         x = compensated
         if noisy:
-            near = _consistent(run, consistent_start(x, system), options)
+            near = _consistent(run, x0, options)
             covariance, bias, note = near.covariance(system), x - near.x, COMPENSATED_NOTE
             converged = near.converged
     else:
