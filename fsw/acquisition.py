@@ -8,7 +8,7 @@ to a deadline: what is stamped later waits until the window has closed.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
@@ -25,6 +25,7 @@ NODE_MASK = 0x07F
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
 BACK_TOLERANCE_NS = 100_000  # of two clocks read at different moments
+LATE_NS = 100_000_000  # what was sent and has not come back by then never will
 
 Item = TypeVar("Item", CanFrame, ByteChunk)
 
@@ -128,6 +129,7 @@ class BusInput:
         self._nodes = nodes
         self._clock = clock
         self._sent: list[tuple[int, CanFrame]] = []
+        self._awaited: list[tuple[int, CanFrame]] = []  # recorded already, may still come back
         self._newest_ns = -(1 << 62)
         self.overflowed = 0  # received frames the port had no room for
         self.unsent = 0  # frames its transmit queue had no room for
@@ -180,7 +182,7 @@ class BusInput:
         before = self.link
         reason = self.selector.poll(now_ns, (self.links[0].up, self.links[1].up))
         if reason:
-            self._talking_since_ns = None
+            self._talking_since_ns, self._awaited = None, []
             text = f"{before.name}: {reason}; {self.link.name} is active"
             sink.event(Event(now_ns, "high", "BUS_SWITCHED", text))
         return bool(reason)
@@ -261,7 +263,7 @@ class BusInput:
 
     def _in_order(self, read: list[CanFrame]) -> list[CanFrame]:
         """Merge sent and read frames; stamps never run backwards."""
-        frames = self._with_sent(read) if self._sent else read
+        frames = self._with_sent(read) if self._sent or self._awaited else read
         for i, frame in enumerate(frames):
             if frame.t_ns < self._newest_ns:
                 frames[i] = replace(frame, t_ns=self._newest_ns)
@@ -273,31 +275,41 @@ class BusInput:
         """Put what was sent where the bus handed it back, with the stamp it has there.
 
         That stamp is the kernel's: ours, taken after sending, is late by whatever came between. A
-        frame may come back after the answers to it, but its stamp tells its place. What does not
-        come back stands before all that is stamped after its sending began.
+        frame may come back after the answers to it, but its stamp tells its place. What has not
+        come back stands before all that is stamped after its sending began; when it comes later,
+        it is there already.
         """
+        now_ns, rest = self._clock.now_ns(), list(read)
         frames: list[CanFrame] = []
-        rest = deque(read)
-        for before_ns, sent in self._sent:
-            back = _find_back(rest, before_ns, sent)
-            own, first_after_ns = sent, before_ns
+        sent = [(item, _take_back(rest, item)) for item in self._sent]
+        missing = [
+            item
+            for item in self._awaited
+            if _take_back(rest, item) is None and now_ns - item[0] < LATE_NS
+        ]
+        others = deque(rest)
+        for item, back in sent:
+            first_after_ns, own = item
             if back is not None:
-                rest.remove(back)
-                first_after_ns = max(before_ns, back.t_ns)
-                own = replace(sent, t_ns=first_after_ns)
-            while rest and rest[0].t_ns < first_after_ns:
-                frames.append(rest.popleft())
+                first_after_ns = max(first_after_ns, back.t_ns)
+                own = replace(own, t_ns=first_after_ns)
+            elif self.link.port is not None and self.link.port.hands_back:
+                missing.append(item)
+            while others and others[0].t_ns < first_after_ns:
+                frames.append(others.popleft())
             frames.append(own)
-        self._sent = []
-        return frames + list(rest)
+        self._sent, self._awaited = [], missing
+        return frames + list(others)
 
 
-def _find_back(read: Iterable[CanFrame], before_ns: int, sent: CanFrame) -> CanFrame | None:
-    """Return a frame sent after `before_ns` as it has come back, if it has."""
+def _take_back(read: list[CanFrame], item: tuple[int, CanFrame]) -> CanFrame | None:
+    """Remove and return a frame as it has come back, if it has; with when its sending began."""
+    before_ns, sent = item
     for frame in read:
         if (frame.can_id, frame.data) == (sent.can_id, sent.data) and not (
             frame.is_error or frame.is_extended or frame.t_ns < before_ns - BACK_TOLERANCE_NS
         ):
+            read.remove(frame)
             return frame
     return None
 

@@ -94,6 +94,8 @@ class ReplayClock:
 class ReplayFramePort:
     """A recorded bus."""
 
+    hands_back = False
+
     def __init__(self, feed: RecordingFeed, topic: str) -> None:
         self._feed, self._topic = feed, topic
         self.undecodable = 0

@@ -45,6 +45,8 @@ class VirtualCan:
     produces SYNC: then its stamp is the joints' time of validity.
     """
 
+    hands_back = False
+
     def __init__(self, plant: Plant, clock: SimClock, bus: str, line: int = 0) -> None:
         """`line` 1 is the redundant bus of a pair."""
         self._producer = plant.sync_producer(clock.now_ns())

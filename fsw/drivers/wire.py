@@ -49,11 +49,10 @@ class Reject(StrEnum):
 class FramePort(Protocol):
     """Non-blocking CAN port."""
 
-    def read(self) -> list[CanFrame]:
-        """Return every frame received since the last call, with its stamp. Raises PortError.
+    hands_back: bool  # whether what is written is read again, stamped when it was on the bus
 
-        Frames of our own may be among them, in their place and stamped when they were on the bus.
-        """
+    def read(self) -> list[CanFrame]:
+        """Return every frame received since the last call, with its stamp. Raises PortError."""
         ...
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:

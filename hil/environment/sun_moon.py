@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import datetime
+from typing import Any
 
 import erfa
 import numpy as np
@@ -40,9 +41,7 @@ def moon_m(epoch: tuple[float, float], t_s: FloatArray) -> FloatArray:
 
 
 def _positions_m(
-    ephemeris: Callable[[float, FloatArray], FloatArray],
-    epoch: tuple[float, float],
-    t_s: FloatArray,
+    ephemeris: Callable[[float, FloatArray], Any], epoch: tuple[float, float], t_s: FloatArray
 ) -> FloatArray:
     """Return positions (k, 3), along a straight line about each minute's: within 3 m of curved."""
     t = np.asarray(t_s, dtype=np.float64)

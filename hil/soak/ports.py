@@ -92,6 +92,8 @@ class Lane:
 class _Can:
     """The CAN port of the lane."""
 
+    hands_back = False
+
     def __init__(self, lane: Lane) -> None:
         self._lane = lane
         self.unplugged = False

@@ -24,9 +24,9 @@ from hil.study_paper.identify import scored
 
 # Angles of 3.2 mrad noise need long windows before they say anything of accelerations.
 ESTIMATOR = {
-    "window_s": 3.0,
-    "nodes": 6,
-    "settle_blocks": 8,
+    "window_s": 6.0,
+    "nodes": 8,
+    "settle_blocks": 5,
     "external_force_sigma_n": 0.01,
     "external_torque_sigma_nm": 0.01,
 }

@@ -63,6 +63,7 @@ class FakePort:
 
 
 class FakeCan(FakePort):
+    hands_back = False
     dropped = 0
     full = False
 

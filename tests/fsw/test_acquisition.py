@@ -112,6 +112,38 @@ def test_a_sync_that_comes_back_after_its_answers_stands_before_them(line: Line)
     assert line.drained() == [(before_ns + 25 * US, 0x080), (before_ns + 300 * US, 0x191)]
 
 
+def test_a_sync_that_comes_back_in_a_later_read_is_not_another_one(line: Line):
+    line.can.hands_back = True
+    before_ns = line.sync(back_after_ns=None)
+    assert line.drained() == [(before_ns + 40 * US, 0x080)]
+    line.can.queue.append(CanFrame(before_ns + 25 * US, 0x080, b"\x01"))
+    assert line.drained() == []
+    line.can.queue.append(CanFrame(before_ns + 30 * US, 0x080, b"\x01"))  # this one is foreign
+    assert len(line.drained()) == 1
+
+
+def test_a_late_one_does_not_stand_for_the_next(line: Line):
+    line.can.hands_back = True
+    line.source.next_sync = lambda: (0x080, b"")  # no counter: all alike
+    first_ns = line.sync(back_after_ns=None)
+    assert len(line.drained()) == 1
+    line.clock.now += 2 * MS
+    line.can.queue.append(CanFrame(first_ns + 25 * US, 0x080, b""))
+    second_ns = line.sync(back_after_ns=20 * US)
+    assert line.drained() == [(second_ns + 20 * US, 0x080)]
+
+
+@pytest.mark.parametrize(("hands_back", "after_ns"), [(False, 25 * US), (True, 200 * MS)])
+def test_a_foreign_sync_is_kept_where_nothing_is_awaited(line: Line, hands_back, after_ns):
+    line.can.hands_back = hands_back
+    before_ns = line.sync(back_after_ns=None)
+    line.drained()
+    line.clock.now = before_ns + max(after_ns, 300 * US)
+    line.drained()
+    line.can.queue.append(CanFrame(line.clock.now, 0x080, b"\x01"))
+    assert len(line.drained()) == 1
+
+
 def test_an_old_frame_alike_is_not_taken_for_what_was_sent(line: Line):
     line.can.queue.append(CanFrame(line.clock.now - 5 * MS, 0x080, b"\x01"))
     before_ns = line.sync(back_after_ns=None)

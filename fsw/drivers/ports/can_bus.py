@@ -32,7 +32,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
     ------
     PortError naming interface and channel.
     """
-    options: dict[str, Any] = {"receive_own_messages": False}
+    options: dict[str, Any] = {"receive_own_messages": bus.interface == "socketcan"}
     if bus.fd or bus.interface in ("socketcan", "udp_multicast"):
         options["fd"] = bus.fd
     if bus.bitrate is not None:
@@ -61,15 +61,15 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
 class CanPort:
     """Any python-can bus.
 
-    With `stamped` its messages carry the kernel's stamps (udp_multicast's do), else they are
-    stamped when read. What was sent may come back among what is read; the reader sorts that out.
+    With `stamped` its messages carry the kernel's stamps and what is sent comes back (as
+    udp_multicast has it), else they are stamped when read.
     """
 
     def __init__(
         self, device: can.BusABC, clock: Clock, name: str, *, stamped: bool = False
     ) -> None:
         self._device, self._clock, self._name = device, clock, name
-        self._stamped = stamped
+        self._stamped = self.hands_back = stamped
         self._empty_ns = clock.now_ns()
 
     def read(self) -> list[CanFrame]:
@@ -138,6 +138,8 @@ class SocketCanPort:
     Frames carry the kernel's stamps. They are CLOCK_REALTIME and mapped once per batch; none comes
     before what the last read had left empty, nor after now, however that clock was set meanwhile.
     """
+
+    hands_back = True
 
     def __init__(self, device: can.BusABC, link: socket.socket, clock: Clock, name: str) -> None:
         self._device, self._socket, self._clock, self._name = device, link, clock, name
