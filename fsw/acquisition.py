@@ -24,7 +24,7 @@ COB_HEARTBEAT = 0x700
 NODE_MASK = 0x07F
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
-BACK_TOLERANCE_NS = 100_000  # of two clocks read at different moments
+BACK_TOLERANCE_NS = 1_000_000  # of two clocks read at different moments; less than a period
 LATE_NS = 100_000_000  # what was sent and has not come back by then never will
 
 Item = TypeVar("Item", CanFrame, ByteChunk)

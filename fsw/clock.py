@@ -7,6 +7,8 @@ import time
 from collections.abc import Sequence
 from typing import Protocol
 
+CLOCK_READINGS, TOGETHER_NS = 4, 5_000
+
 
 class Clock(Protocol):
     """Monotonic time and the one wait of the loop."""
@@ -46,7 +48,17 @@ class MonotonicClock:
 
 
 def monotonic_less_realtime_ns() -> int:
-    """Return what takes a CLOCK_REALTIME stamp of just now to CLOCK_MONOTONIC [ns]."""
-    before_ns = time.monotonic_ns()
-    realtime_ns = time.time_ns()
-    return (before_ns + time.monotonic_ns()) // 2 - realtime_ns
+    """Return what takes a CLOCK_REALTIME stamp of just now to CLOCK_MONOTONIC [ns].
+
+    The clocks are read again, a few times, when something came between the readings.
+    """
+    least_ns, offset_ns = 1 << 62, 0
+    for _ in range(CLOCK_READINGS):
+        before_ns = time.monotonic_ns()
+        realtime_ns = time.time_ns()
+        after_ns = time.monotonic_ns()
+        if after_ns - before_ns < least_ns:
+            least_ns, offset_ns = after_ns - before_ns, (before_ns + after_ns) // 2 - realtime_ns
+        if least_ns < TOGETHER_NS:
+            break
+    return offset_ns

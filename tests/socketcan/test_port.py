@@ -64,6 +64,9 @@ def test_classic_frames_pass_both_ways_and_carry_kernel_stamps(port, other):
     sent = port.write(0x080, b"\x07")
     got = other.recv(10.0)
     assert (got.arbitration_id, bytes(got.data), got.is_fd) == (0x080, b"\x07", False)
+    (own,) = received(port, 1)  # as it was on the bus
+    assert (own.can_id, own.data) == (0x080, b"\x07")
+    assert own.t_ns <= sent.t_ns + 100_000
     before_ns = CLOCK.now_ns()
     for k in range(200):  # more than three batches
         other.send(message(k))
