@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
+
+INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 
 def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> int:
@@ -20,3 +23,16 @@ def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> i
     except (FswError, LiveError) as error:
         sys.stderr.write(f"hil: {error}\n")
         return failed_exit
+    except KeyboardInterrupt:
+        sys.stderr.write("hil: interrupted; a command that resumes goes on with the same --out\n")
+        return INTERRUPTED_EXIT
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder of a command's results. Raises ScenarioError when that cannot be."""
+    from hil.scenario import ScenarioError
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ScenarioError(f"--out {path}: {error.strerror}") from error

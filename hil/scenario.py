@@ -33,6 +33,9 @@ MARGIN_RATIO = 0.02  # a prior keeps this distance from the triangle inequality'
 BodyName = Literal["base", "target"]
 
 
+LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
+
+
 class ScenarioError(ValueError):
     """A scenario cannot be used; the message names file, key and value."""
 
@@ -137,10 +140,10 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         raise ScenarioError(f"no scenario {name!r}; there are {names(folder)}")
     home = path.parent
     try:
-        document = Document.model_validate(_read(path))
+        document = Document.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise ScenarioError(f"{path}: {_faults(error)}") from error
-    catalogue = _read(home / document.bodies_file)
+        raise ScenarioError(f"{path}: {faults(error)}") from error
+    catalogue = read_yaml(home / document.bodies_file)
     environment = None
     if document.environment is not None:
         environment = _environment(path, _section(home, document.environment))
@@ -232,22 +235,30 @@ def _environment(path: Path, section: dict[str, Any]) -> EnvironmentSection:
     try:
         return EnvironmentSection.from_dict(section)
     except ValidationError as error:
-        raise ScenarioError(f"{path}: environment: {_faults(error)}") from error
+        raise ScenarioError(f"{path}: environment: {faults(error)}") from error
 
 
-def _faults(error: ValidationError) -> str:
-    return "; ".join(f"{'.'.join(str(k) for k in e['loc'])}: {e['msg']}" for e in error.errors())
+def faults(error: ValidationError) -> str:
+    """Return what is wrong in one line: key, bound, and the value where it is short."""
+    found = []
+    for e in error.errors():
+        key = ".".join(str(k) for k in e["loc"]) or "the file"
+        value = repr(e["input"]) if e["type"] != "missing" else ""
+        given = f" (given: {value})" if 0 < len(value) <= LONGEST_VALUE else ""
+        found.append(f"{key}: {e['msg']}{given}")
+    return "; ".join(found)
 
 
 def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:
-    return _read(home / section) if isinstance(section, Path) else section
+    return read_yaml(home / section) if isinstance(section, Path) else section
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Return the mapping in a file. Raises ScenarioError in one line."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
     if not isinstance(document, dict):
         raise ScenarioError(f"{path}: must be a mapping")
     return document

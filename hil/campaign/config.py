@@ -6,17 +6,18 @@ import hashlib
 import json
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from hil.scenario import ScenarioError, load
+from hil.scenario import ScenarioError, faults, load, read_yaml
+from hil.spline import JointSpline
 from hil.study.cases import SENSOR_SETS
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Seeds(_Section):
@@ -32,8 +33,11 @@ class Campaign(_Section):
     level: Literal["sample", "device"]
     seeds: Seeds
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]  # robot, bodies, who is unknown
-    noises: tuple[str, ...] = ("data sheet",)  # sample level: names of the study's sensor sets
-    trajectories: tuple[Path | None, ...] = (None,)  # null: the scenario's own
+    noises: Annotated[tuple[str, ...], Field(min_length=1)] = (
+        "data sheet",
+    )  # sample level: names of the study's sensor sets
+    # null: the scenario's own
+    trajectories: Annotated[tuple[Path | None, ...], Field(min_length=1)] = (None,)
     duration_s: Annotated[float, Field(gt=0)] | None = None  # of the motion; null: all of it
     rate_hz: Annotated[float, Field(gt=0)] = 100.0  # sample level
 
@@ -82,32 +86,31 @@ def read(path: Path) -> Campaign:
     ScenarioError naming file, key and value.
     """
     try:
-        document: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-        campaign = Campaign.model_validate(document)
-    except (OSError, yaml.YAMLError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+        campaign = Campaign.model_validate(read_yaml(path))
     except ValidationError as error:
-        faults = "; ".join(
-            f"{'.'.join(str(k) for k in e['loc'])}: {e['msg']}" for e in error.errors()
-        )
-        raise ScenarioError(f"{path}: {faults}") from error
+        raise ScenarioError(f"{path}: {faults(error)}") from error
     wrong = set(campaign.noises) - set(SENSOR_SETS)
     if wrong:
         raise ScenarioError(f"{path}: noises: {sorted(wrong)}; there are {list(SENSOR_SETS)}")
     if campaign.level == "device" and campaign.noises != ("data sheet",):
         raise ScenarioError(f"{path}: noises: at device level the scenario's sensors are used")
     home = path.parent
-    for name in campaign.scenarios:
-        load(_placed(home, name))
-    return campaign.model_copy(
-        update={
-            "scenarios": tuple(_placed(home, name) for name in campaign.scenarios),
-            "trajectories": tuple(
-                None if place is None else (home / place).resolve()
-                for place in campaign.trajectories
-            ),
-        }
+    scenarios = tuple(_placed(home, name) for name in campaign.scenarios)
+    trajectories = tuple(
+        None if place is None else (home / place).resolve() for place in campaign.trajectories
     )
+    for name in scenarios:
+        try:
+            load(name)
+        except ScenarioError as error:
+            raise ScenarioError(f"{path}: scenarios: {error}") from error
+    for place in trajectories:
+        try:
+            if place is not None:
+                JointSpline.load(place)
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise ScenarioError(f"{path}: trajectories: {' '.join(str(error).split())}") from error
+    return campaign.model_copy(update={"scenarios": scenarios, "trajectories": trajectories})
 
 
 def _placed(home: Path, name: str) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 
 from hil.campaign.config import Run
 from hil.campaign.work import attempt
+from hil.scenario import ScenarioError
 
 MOST_ATTEMPTS = 3  # of a run whose worker dies
 AHEAD = 4  # runs handed out per worker: few are lost with it
@@ -42,6 +43,9 @@ def local(runs: Sequence[Run], workers: int) -> Iterator[Row]:
                     for future in done:
                         yield future.result()
                         del flying[future]
+            except KeyboardInterrupt:
+                executor.shutdown(wait=False, cancel_futures=True)
+                raise
             except BrokenProcessPool:
                 for future, (run, tries) in flying.items():
                     row = _finished(future)
@@ -54,7 +58,8 @@ def local(runs: Sequence[Run], workers: int) -> Iterator[Row]:
 
 
 def _end_with_driver() -> None:
-    """Have the kernel end this worker with its driver, however that ends."""
+    """Have the kernel end this worker with its driver; SIGINT is for the driver alone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
@@ -83,11 +88,19 @@ def on_dask(runs: Sequence[Run], address: str) -> Iterator[Row]:
     """Yield rows as they come from the cluster; it does a lost worker's runs again itself.
 
     Its workers must have this software and one thread per library, as `local` sets it.
+
+    Raises
+    ------
+    ScenarioError when there is no scheduler.
     """
     from distributed import Client, as_completed
 
     by_key = {run.key: run for run in runs}
-    with Client(address) as client:
+    try:
+        client = Client(address)
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"--scheduler {address}: {error}") from error
+    with client:
         futures = [
             client.submit(attempt, run.model_dump(mode="json"), key=f"run-{key}", pure=False)
             for key, run in by_key.items()

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.campaign.config import Campaign
+from hil.errors import make_folder
 from hil.scenario import ScenarioError
 
 JOURNAL, TABLE, CAMPAIGN = "journal.jsonl", "results.parquet", "campaign.json"
@@ -21,7 +22,7 @@ class Store:
     """One folder."""
 
     def __init__(self, folder: Path, campaign: Campaign) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self._folder, self._journal = folder, folder / JOURNAL
         text = campaign.model_dump_json()
         known = folder / CAMPAIGN

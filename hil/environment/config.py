@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import math
+from datetime import datetime
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+TABLE_FROM_M = 300e3  # lowest altitude of the embedded density table
+UNIT_TOLERANCE = 1e-6
 
 Positive = Annotated[float, Field(gt=0)]
 Ratio = Annotated[float, Field(ge=0, le=1)]
@@ -13,7 +18,7 @@ Activity = Literal["low", "moderate", "high"]
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class OrbitSection(_Section):
@@ -24,6 +29,13 @@ class OrbitSection(_Section):
     ascending_node_rad: float = 0.0  # right ascension
     latitude_argument_rad: float = 0.0  # angle from the ascending node at t = 0
     epoch_utc: str = "2013-09-04T12:00:00"  # of t = 0: places Sun and Moon
+
+    @field_validator("epoch_utc")
+    @classmethod
+    def _is_utc(cls, text: str) -> str:
+        if datetime.fromisoformat(text).utcoffset():
+            raise ValueError("must be UTC, without an offset")
+        return text
 
 
 class AtmosphereSection(_Section):
@@ -45,11 +57,17 @@ class RadiationSection(_Section):
     absorbed_ratio: Ratio = 0.5
     mirrored_ratio: Ratio = 0.5
 
+    @model_validator(mode="after")
+    def _no_more_than_all(self) -> Self:
+        if self.absorbed_ratio + self.mirrored_ratio > 1.0:
+            raise ValueError("absorbed_ratio and mirrored_ratio must not exceed 1 together")
+        return self
+
 
 class CuboidSection(_Section):
     """Outer surfaces of a body in its own axes; null: those of the uniform cuboid it weighs as."""
 
-    size_m: Vector3 | None = None
+    size_m: tuple[Positive, Positive, Positive] | None = None
     centre_m: Vector3 | None = None  # in the body's frame; null: its centre of mass
 
 
@@ -64,6 +82,24 @@ class EnvironmentSection(_Section):
     surfaces: dict[Literal["base", "target"], CuboidSection] = {}
     attitude_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)  # R_NB at the start
     told_to_flight: bool = True  # the orbit stands in the flight configuration
+
+    @field_validator("attitude_xyzw")
+    @classmethod
+    def _is_unit(cls, q: tuple[float, ...]) -> tuple[float, ...]:
+        if abs(math.hypot(*q) - 1.0) > UNIT_TOLERANCE:
+            raise ValueError("must have norm 1")
+        return q
+
+    @model_validator(mode="after")
+    def _has_a_density(self) -> Self:
+        air, altitude_m = self.atmosphere, self.orbit.altitude_m
+        by_table = air is not None and air.density == "table" and air.density_kg_m3 is None
+        if by_table and altitude_m < TABLE_FROM_M:
+            raise ValueError(
+                f"orbit.altitude_m {altitude_m:g} is below the density table's {TABLE_FROM_M:g}; "
+                "atmosphere.density: orekit has no such end"
+            )
+        return self
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> EnvironmentSection:

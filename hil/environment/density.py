@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from hil.environment.config import Activity
+from hil.environment.config import TABLE_FROM_M, Activity
 from hil.environment.orbit import FloatArray
 
 TABLE = Path(__file__).parent / "jb2006.npz"
 TURN = 2.0 * np.pi
 ACTIVITIES: tuple[Activity, ...] = ("low", "moderate", "high")
 WGS84 = 1  # ERFA's number of the ellipsoid
-LOWEST_M, HIGHEST_M = 300e3, 1000e3  # where the table is JB2006 within 1 %
+LOWEST_M, HIGHEST_M = TABLE_FROM_M, 1000e3  # where the table is JB2006 within 1 %
 WRAP = 6  # local times repeated at either end: the spline is periodic
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.errors import make_folder
 from hil.inertia import FloatArray
 from hil.scenario import ScenarioError
 from hil.study.cases import Key, Record, settings
@@ -32,7 +33,7 @@ class Store:
     """The results of one folder. A line cut off by a crash is dropped at the next start."""
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self.path = folder / RESULTS
         _same_settings(folder / SETTINGS)
         if self.path.exists():

@@ -10,6 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
+from hil.errors import make_folder
 from hil.scenario import ScenarioError
 from hil.study.parallel import bar, over
 from hil.study_paper.cases import ALL, NOISES, NONE, PAPER, PAPER_SEED, PARTS, SYSTEMS, Unit
@@ -89,7 +90,7 @@ class Store:
     """Results by key in one folder; a line cut off by a crash is dropped at the next start."""
 
     def __init__(self, folder: Path, rate_hz: float) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         wanted = {"version": VERSION, "rate_hz": rate_hz}
         settings = folder / SETTINGS
         if settings.exists() and json.loads(settings.read_text(encoding="utf-8")) != wanted:

@@ -84,7 +84,13 @@ def test_a_file_is_the_product_of_what_it_names(path: Path):
     [
         ("noises: [loud]", "loud"),
         ("scenarios: [nowhere]", "nowhere"),
-        ("rate_hz: -1.0", "rate_hz"),
+        ("rate_hz: -1.0", r"rate_hz.*greater than 0.*given: -1\.0"),
+        ("rate_hz: .inf", "rate_hz"),
+        ("duration_s: .inf", "duration_s"),
+        ("noises: []", "noises"),
+        ("trajectories: []", "trajectories"),
+        ("trajectories: [nosuch.yaml]", "trajectories.*nosuch"),
+        ("scenarios: [nowhere.yaml]", "scenarios.*nowhere"),
         ("speed: 1", "speed"),
     ],
 )
@@ -94,6 +100,34 @@ def test_what_is_wrong_is_named(path: Path, line: str, named: str):
     path.write_text("\n".join([*kept, line]), encoding="utf-8")
     with pytest.raises(ScenarioError, match=named):
         read(path)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"- 1\n", b"", b"a: [1\nb: 2\n"])
+def test_a_file_that_is_no_mapping_is_told_in_one_line(path: Path, content: bytes):
+    path.write_bytes(content)
+    with pytest.raises(ScenarioError) as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--workers", "0"], "--workers"),
+        (["--scheduler", "bogus://x"], "--scheduler bogus://x"),
+        (["--out", "{file}"], "--out"),
+    ],
+)
+def test_wrong_options_are_told_in_one_line_with_exit_code_2(path: Path, options, named):
+    command = [sys.executable, "-m", "hil", "campaign", str(path)]
+    if "--out" not in options:
+        command += ["--out", str(path.parent / "out")]
+    command += [word.format(file=path) for word in options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment())
+    assert done.returncode == 2
+    assert named in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_failing_run_is_recorded_with_seed_and_traceback():
