@@ -181,12 +181,18 @@ def is_link(sample: Sample, log: DaemonLog) -> bool:
     return holds(values, same) and all(values[key] <= final[key] for key in counts)
 
 
+def says(values: Values, event: Values) -> bool:
+    """Whether a report tells a logged event; a code without a number goes at the text's head."""
+    if values["event"] == "OTHER":
+        return f"{event['code']}: {event['text']}".startswith(values["text"])
+    return event["code"] == values["event"] and event["text"].startswith(values["text"])
+
+
 def is_event(sample: Sample, log: DaemonLog) -> bool:
     values, severity = sample.values, sample.packet.removeprefix("event_")
     for event in log.events:
         time_s = (event["t_ns"] * 2**24 // 10**9) / 2**24
-        same = (event["code"], event["severity"]) == (values["event"], severity)
-        if same and time_s == sample.time_s and event["text"].startswith(values["text"]):
+        if event["severity"] == severity and time_s == sample.time_s and says(values, event):
             return True
     return False
 
@@ -194,9 +200,9 @@ def is_event(sample: Sample, log: DaemonLog) -> bool:
 def is_log_entry(sample: Sample, log: DaemonLog) -> bool:
     found = sample.values
     return any(
-        (event["t_ns"] * 1e-9, event["code"]) == (found["time_s"], found["event"])
+        event["t_ns"] * 1e-9 == found["time_s"]
         and event["severity"].upper() == found["severity"]
-        and event["text"].startswith(found["text"])
+        and says(found, event)
         for event in log.events
     )
 

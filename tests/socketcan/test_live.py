@@ -197,7 +197,7 @@ def test_error_frames_and_a_babbling_node_are_counted_and_cost_nothing(slow, tmp
     samples = recorded.status["samples"]["arm"]
     for condition in ("can_error_passive", "can_bus_off", "can_restarted"):
         assert samples[condition] == 1
-        (t_ns,) = told(recorded, condition)
+        (t_ns,) = told(recorded, condition.upper())
         assert recorded.estimates[-1].t_ns > t_ns
     assert samples["error_frames"] == 3
     assert sum(frame.can_id == 0x7E5 for frame in frames_of(recorded)) == heard[0] > 20

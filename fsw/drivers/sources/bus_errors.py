@@ -43,7 +43,7 @@ class BusErrors:
                 if report.transmit_errors is not None:
                     text += f" (errors: {report.transmit_errors} sending,"
                     text += f" {report.receive_errors} receiving)"
-                events.append((severity, f"can_{condition}", text))
+                events.append((severity, f"CAN_{condition.upper()}", text))
         return events
 
     def _event(self, condition: BusCondition, t_ns: int) -> tuple[str, str] | None:

@@ -233,12 +233,12 @@ class JointBusSource:
             if not isinstance(emergency, Reject):
                 text = f"emergency 0x{emergency.code:04x} register 0x{emergency.register:02x}"
                 severity = "high" if emergency.code else "info"
-                self._event(severity, "emergency", track, f"{text} {emergency.detail.hex()}")
+                self._event(severity, "NODE_EMERGENCY", track, f"{text} {emergency.detail.hex()}")
         elif function == canopen.COB_HEARTBEAT:
             state = canopen.decode_heartbeat(frame.data)
             if not isinstance(state, Reject) and state != self._states.get(node):
                 self._states[node] = state
-                code = "boot_up" if state == canopen.NmtState.BOOT_UP else "node_state"
+                code = "NODE_BOOT_UP" if state == canopen.NmtState.BOOT_UP else "NODE_STATE"
                 self._event("info", code, track, f"NMT state 0x{state:02x}")
             if state == canopen.NmtState.BOOT_UP:
                 self._watch.boot(node, frame.t_ns)

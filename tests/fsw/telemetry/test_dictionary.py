@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from fsw.drivers.codecs.can_error import BusCondition
 from fsw.drivers.wire import Reject
 from fsw.estimators.inertia import NAMES
 from fsw.findings import Fault, severity
@@ -76,6 +77,8 @@ def test_every_fault_and_every_event_in_the_source_has_a_number():
     known = {event.code for event in DICTIONARY.events}
     source = "".join(path.read_text() for path in (Path(__file__).parents[3] / "fsw").rglob("*.py"))
     raised = set(re.findall(r'"(?:info|low|medium|high)",\s*"([A-Z_]+)"', source))
+    raised |= set(re.findall(r'"((?:CAN|NODE)_[A-Z_]+)"', source))  # named apart from severity
+    raised |= {f"CAN_{condition.upper()}" for condition in BusCondition}
     assert raised | {str(fault) for fault in Fault} | {RECOVERED} <= known, (
         "add them to fsw/telemetry/dictionary/events.py, then python -m fsw.telemetry.export"
     )

@@ -23,10 +23,10 @@ def test_a_change_of_the_controllers_state_is_told_once():
     ]:
         told += errors.feed(error(t_ms, classes, data))
     assert [(severity, code) for severity, code, _ in told] == [
-        ("medium", "can_error_passive"),
-        ("high", "can_bus_off"),
-        ("info", "can_restarted"),
-        ("info", "can_error_active"),
+        ("medium", "CAN_ERROR_PASSIVE"),
+        ("high", "CAN_BUS_OFF"),
+        ("info", "CAN_RESTARTED"),
+        ("info", "CAN_ERROR_ACTIVE"),
     ]
     assert "128 sending, 0 receiving" in told[0][2]
     assert (errors.counts["error_passive"], errors.counts["bus_off"]) == (2, 2)

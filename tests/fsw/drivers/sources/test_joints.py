@@ -187,7 +187,7 @@ def test_other_services_are_routed_or_ignored_and_never_rejected() -> None:
     assert counters["received"] == counters["rejected"] == 0
     assert counters["sync_invalid"] == 2
     codes = [code for _, code, _ in bus.events()]
-    assert codes == ["boot_up", "node_state", "emergency", "can_bus_off"]
+    assert codes == ["NODE_BOOT_UP", "NODE_STATE", "NODE_EMERGENCY", "CAN_BUS_OFF"]
     assert bus.events() == []
     assert (counters["error_frames"], counters["can_bus_off"]) == (1, 1)
     assert bus.node_states == {0x11: 5}
