@@ -7,7 +7,8 @@ import time
 from collections.abc import Sequence
 from typing import Protocol
 
-CLOCK_READINGS, TOGETHER_NS = 4, 5_000
+CLOCK_READINGS = 4  # attempts at reading two clocks together
+TOGETHER_NS = 5_000  # apart at most, so that no attempt is made again
 
 
 class Clock(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fsw.estimators.spatial import routine
+from fsw.estimators.spatial import compiled, routine
 from fsw.messages import FloatArray
 
 
@@ -38,6 +38,32 @@ def solve_both(L: FloatArray, z: FloatArray, m: int) -> None:
         for c in range(i + 1, m):
             total -= L[c, i] * z[c]
         z[i] = total / L[i, i]
+
+
+@routine
+def divide_rows(variances: FloatArray, rows: FloatArray) -> None:
+    """Divide each row by the sigma of its own output, in place."""
+    for i in range(rows.shape[0]):
+        scale = 1.0 / np.sqrt(variances[i])
+        for k in range(rows.shape[1]):
+            rows[i, k] *= scale
+
+
+@compiled
+def gather(buffer: FloatArray, fill: int, gram: FloatArray) -> int:
+    """Add a full buffer's rows to their Gram matrix; return how far it is filled then."""
+    if fill == buffer.shape[0]:
+        gram += np.dot(buffer.T, buffer)
+        return 0
+    return fill
+
+
+@compiled
+def gather_rest(buffer: FloatArray, fill: int, gram: FloatArray) -> None:
+    """Add what a buffer that is not full holds."""
+    if fill:
+        buffer[fill:] = 0.0
+        gram += np.dot(buffer.T, buffer)
 
 
 @routine

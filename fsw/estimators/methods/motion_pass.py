@@ -9,6 +9,7 @@ import numpy as np
 
 from fsw.estimators.kernel import Arm, new_work
 from fsw.estimators.methods.layout import Channels, Columns, Data
+from fsw.estimators.methods.linear import divide_rows
 from fsw.estimators.methods.prediction_pass import (
     fill_jacobian,
     fill_residual,
@@ -37,10 +38,7 @@ def row_pass(
         predict_sample(arm, bodies, x, at, data, use, i, k, s)
         fill_residual(x, at, data, use, i, s, out[i], n, p)
         fill_jacobian(x, at, data, use, i, k, s, out[i])
-        for c in range(m):
-            scale = 1.0 / np.sqrt(s.fixed[c])
-            for b in range(p + 1):
-                out[i, c, b] *= scale
+        divide_rows(s.fixed, out[i])
     return out
 
 

@@ -27,7 +27,14 @@ from fsw.estimators.methods.gravity_pass import (
     subtract_field,
 )
 from fsw.estimators.methods.layout import CHUNK, Channels, Columns, Data, Prediction
-from fsw.estimators.methods.linear import factor, solve_both, whiten
+from fsw.estimators.methods.linear import (
+    divide_rows,
+    factor,
+    gather,
+    gather_rest,
+    solve_both,
+    whiten,
+)
 from fsw.estimators.methods.momentum_pass import external, rate_jacobian, turn
 from fsw.estimators.projection import observe_motion, project_base, project_tool
 from fsw.estimators.spatial import compiled, dot6, inlined
@@ -61,17 +68,9 @@ def prediction_pass(
         if s.noisy[0] or s.noisy[1]:
             whiten(s.S, rows, m)
         else:
-            for c in range(m):
-                scale = 1.0 / np.sqrt(s.fixed[c])
-                for b in range(p + 1):
-                    rows[c, b] *= scale
-        fill += m
-        if fill == CHUNK * m:
-            gram += np.dot(buffer.T, buffer)
-            fill = 0
-    if fill:
-        buffer[fill:] = 0.0
-        gram += np.dot(buffer.T, buffer)
+            divide_rows(s.fixed, rows)
+        fill = gather(buffer, fill + m, gram)
+    gather_rest(buffer, fill, gram)
     return gram
 
 

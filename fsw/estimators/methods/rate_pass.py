@@ -12,6 +12,7 @@ import numpy as np
 
 from fsw.estimators.kernel import Arm, Work, configure, new_work, solve_base
 from fsw.estimators.methods.layout import CHUNK, Channels, Columns, Data, Prediction
+from fsw.estimators.methods.linear import divide_rows, gather, gather_rest
 from fsw.estimators.methods.momentum_pass import external
 from fsw.estimators.methods.prediction_pass import fill_jacobian, fill_residual, new_prediction
 from fsw.estimators.spatial import (
@@ -69,17 +70,9 @@ def rate_pass(known: Known, x: FloatArray, at: Columns, data: Data, use: Channel
         _predict(known, x, at, data, i, k, s)
         fill_residual(x, at, data, use, i, s, rows, n, p)
         fill_jacobian(x, at, data, use, i, k, s, rows)
-        for c in range(m):
-            scale = 1.0 / np.sqrt(s.fixed[c])
-            for b in range(p + 1):
-                rows[c, b] *= scale
-        fill += m
-        if fill == CHUNK * m:
-            gram += np.dot(buffer.T, buffer)
-            fill = 0
-    if fill:
-        buffer[fill:] = 0.0
-        gram += np.dot(buffer.T, buffer)
+        divide_rows(s.fixed, rows)
+        fill = gather(buffer, fill + m, gram)
+    gather_rest(buffer, fill, gram)
     return gram
 
 

@@ -29,7 +29,7 @@ from fsw.estimators.methods.inflation import (
     shrinkage,
 )
 from fsw.estimators.methods.layout import CHUNK, Columns, Data
-from fsw.estimators.methods.linear import factor, solve_both, whiten
+from fsw.estimators.methods.linear import factor, gather, gather_rest, solve_both, whiten
 from fsw.estimators.projection import observe_motion, project_base, project_tool
 from fsw.estimators.spatial import compiled, inlined
 from fsw.messages import FloatArray
@@ -103,13 +103,8 @@ def regression_pass(
             out.shrinkage[:] += pull
             pull += np.dot(np.ascontiguousarray(rows[:, :p]).T, np.ascontiguousarray(rows[:, p]))
             out.scores[:] += np.outer(pull, pull)
-        fill += m
-        if fill == CHUNK * m:
-            out.gram[:] += np.dot(buffer.T, buffer)
-            fill = 0
-    if fill:
-        buffer[fill:] = 0.0
-        out.gram[:] += np.dot(buffer.T, buffer)
+        fill = gather(buffer, fill + m, out.gram)
+    gather_rest(buffer, fill, out.gram)
     if inflate:
         inflation(at, spread, out.inflation)
     if mode == OLS:

@@ -9,6 +9,7 @@ import numpy as np
 from fsw.estimators.methods.result import BatchResult
 from fsw.estimators.problem import Problem
 from fsw.estimators.samples import Noise, SampleSet
+from fsw.messages import Block
 from tests.fsw.estimators.cases import BASE, TARGET, N, motion, parameters, robot_model, wrong
 
 TRUE = {"base": parameters(BASE), "target": parameters(TARGET)}
@@ -33,6 +34,23 @@ def exact(kind: str, rate_hz: float = 50.0, duration_s: float = 60.0) -> SampleS
         R_NB=s.R_NB,
         noise=Noise.of(N, tau_nm=1e-6, w_rad_s=1e-9, a_m_s2=1e-8, v_m_s=1e-8),
         v_NB_B=None,
+    )
+
+
+def samples_of(block: Block, count: int, spacing_s: float = 0.0) -> SampleSet:
+    """Return the first nodes of a block as samples, at other times if asked for."""
+    part = slice(0, count)
+    return SampleSet(
+        t_s=block.t_ns[part] * 1e-9 + spacing_s * np.arange(count),
+        q=block.q_rad[part],
+        qd=block.qd_rad_s[part],
+        qdd=block.qdd_rad_s2[part],
+        tau=block.tau_nm[part],
+        w_NB_B=block.w_NB_B_rad_s[part],
+        wd_NB_B=block.wd_NB_B_rad_s2[part],
+        a_NB_B=block.f_NS_B_m_s2[part],
+        R_NB=block.R_NB[part],
+        noise=Noise.of(N, tau_nm=1.0, w_rad_s=1.0, a_m_s2=1.0),
     )
 
 

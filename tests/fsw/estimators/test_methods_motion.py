@@ -16,8 +16,8 @@ from fsw.estimators.methods.system import Options, kernel_data
 from fsw.estimators.samples import JointCurve, Noise, SampleSet, with_noise
 from hil.spline import DEGREE
 from tests.fsw.estimators.cases import N, make_problem, random_block
-from tests.fsw.estimators.methods_cases import band, exact, nees, truth
-from tests.fsw.estimators.test_methods_prediction import one_sample, system_of
+from tests.fsw.estimators.methods_cases import band, exact, nees, samples_of, truth
+from tests.fsw.estimators.test_methods_prediction import system_of
 
 ANGLE_RAD = 3e-3
 COEFFICIENTS = 21  # of the stored motions
@@ -27,7 +27,7 @@ COEFFICIENTS = 21  # of the stored motions
 def test_rows_are_those_of_the_gram(unknown):
     problem, system = system_of(unknown)
     x = truth(problem)
-    data = kernel_data(one_sample(random_block()))
+    data = kernel_data(samples_of(random_block(), 1))
     given = (system.arm, system.bodies(x), x, system.at, data, FUSED)
     rows, G = row_pass(*given)[0], prediction_pass(*given)
     scale = np.sqrt(np.outer(np.diag(G), np.diag(G)))
@@ -39,7 +39,7 @@ def test_gradient_by_the_motion_is_that_of_the_pinocchio_prediction():
     problem, system = system_of(("base", "target"), biases=False)
     x, block = truth(problem), random_block()
     one = predict(block, x, problem)
-    data = kernel_data(one_sample(block))
+    data = kernel_data(samples_of(block, 1))
     D = motion_gradient(system.arm, system.bodies(x), x, system.at, data, FUSED)[0]
     assert np.allclose(D[:, 1], one.D_qd[0], rtol=1e-6, atol=1e-6 * np.abs(one.D_qd[0]).max())
     scale = np.abs(one.D_qdd[0]).max()

@@ -21,7 +21,7 @@ from fsw.estimators.methods.system import Options, build_system, kernel_data
 from fsw.estimators.mrnea import mrnea_rows
 from fsw.estimators.samples import Noise, SampleSet
 from tests.fsw.estimators.cases import N, make_problem, random_block
-from tests.fsw.estimators.methods_cases import truth
+from tests.fsw.estimators.methods_cases import samples_of, truth
 from tests.fsw.estimators.test_external_moments import RATE, START_S, STOP_S, disturbed, orbit
 
 BOUND = 1e-9
@@ -34,23 +34,6 @@ SOLVERS = {
     "cm": solve_momentum,
     "fused": solve_fused,
 }
-
-
-def samples_of(block, count: int, spacing_s: float = 0.0) -> SampleSet:
-    """Return the first nodes of a block as samples, at other times if asked for."""
-    part = slice(0, count)
-    return SampleSet(
-        t_s=block.t_ns[part] * 1e-9 + spacing_s * np.arange(count),
-        q=block.q_rad[part],
-        qd=block.qd_rad_s[part],
-        qdd=block.qdd_rad_s2[part],
-        tau=block.tau_nm[part],
-        w_NB_B=block.w_NB_B_rad_s[part],
-        wd_NB_B=block.wd_NB_B_rad_s2[part],
-        a_NB_B=block.f_NS_B_m_s2[part],
-        R_NB=block.R_NB[part],
-        noise=Noise.of(N, tau_nm=1.0, w_rad_s=1.0, a_m_s2=1.0),
-    )
 
 
 def strong_problem(unknown, **options):

@@ -14,31 +14,11 @@ from fsw.estimators.methods.prediction_pass import prediction_pass, residual_pas
 from fsw.estimators.methods.rate_pass import known_pass, rate_pass
 from fsw.estimators.methods.rda import RDA
 from fsw.estimators.methods.system import Options, build_system, kernel_data
-from fsw.estimators.samples import Noise, SampleSet
+from fsw.estimators.samples import Noise
 from tests.fsw.estimators.cases import N, make_problem, random_block
-from tests.fsw.estimators.methods_cases import truth
+from tests.fsw.estimators.methods_cases import samples_of, truth
 
 BOUND = 1e-9
-
-
-def one_sample(block, i: int = 0) -> SampleSet:
-    return samples_of(block, slice(i, i + 1))
-
-
-def samples_of(block, part: slice, spacing_s: float = 0.0) -> SampleSet:
-    count = len(block.t_ns[part])
-    return SampleSet(
-        t_s=spacing_s * np.arange(count),
-        q=block.q_rad[part],
-        qd=block.qd_rad_s[part],
-        qdd=block.qdd_rad_s2[part],
-        tau=block.tau_nm[part],
-        w_NB_B=block.w_NB_B_rad_s[part],
-        wd_NB_B=block.wd_NB_B_rad_s2[part],
-        a_NB_B=block.f_NS_B_m_s2[part],
-        R_NB=block.R_NB[part],
-        noise=Noise.of(N, tau_nm=1.0, w_rad_s=1.0, a_m_s2=1.0),
-    )
 
 
 def system_of(unknown, **options):
@@ -63,7 +43,7 @@ def test_gram_is_that_of_the_pinocchio_prediction(unknown):
     )
     rows = np.column_stack([J, r])
     G = prediction_pass(
-        system.arm, system.bodies(x), x, system.at, kernel_data(one_sample(block)), FUSED
+        system.arm, system.bodies(x), x, system.at, kernel_data(samples_of(block, 1)), FUSED
     )
     scale = np.sqrt(np.outer(np.diag(rows.T @ rows), np.diag(rows.T @ rows)))
     assert np.abs(G - rows.T @ rows).max() <= BOUND * scale.max()
@@ -76,7 +56,7 @@ def test_gradient_agrees_with_finite_differences_with_noisy_inputs(unknown, use)
     problem, system = system_of(unknown, biases=False)
     x = truth(problem)
     noise = Noise.of(N, tau_nm=0.05, qdd_rad_s2=1e-3, w_rad_s=1e-5, a_m_s2=1e-2)
-    data = kernel_data(replace(one_sample(random_block()), noise=noise))
+    data = kernel_data(replace(samples_of(random_block(), 1), noise=noise))
 
     def gram(at: np.ndarray) -> np.ndarray:
         return prediction_pass(system.arm, system.bodies(at), at, system.at, data, use)
@@ -93,7 +73,7 @@ def test_gradient_agrees_with_finite_differences_with_noisy_inputs(unknown, use)
 def test_compiled_residuals_are_those_of_the_gram():
     problem, system = system_of(("base", "target"), biases=False)
     x = truth(problem)
-    data = kernel_data(one_sample(random_block()))._replace(s_w=np.zeros(3))
+    data = kernel_data(samples_of(random_block(), 1))._replace(s_w=np.zeros(3))
     r = residual_pass(system.arm, system.bodies(x), x, system.at, data, RDA)
     G = prediction_pass(system.arm, system.bodies(x), x, system.at, data, RDA)
     assert float(np.sum(r**2)) == pytest.approx(G[-1, -1], rel=BOUND)
@@ -107,7 +87,7 @@ def test_known_share_taken_out_leaves_the_gram_as_it_is(unknown, use):
     )
     rng = np.random.default_rng(4)
     x = truth(problem) + 0.1 * rng.normal(size=len(problem.names))
-    samples = replace(samples_of(random_block(), slice(0, 4), 5.0), v_NB_B=rng.normal(size=(4, 3)))
+    samples = replace(samples_of(random_block(), 4, 5.0), v_NB_B=rng.normal(size=(4, 3)))
     data = kernel_data(samples)._replace(s_w=np.array([0.1, 0.2, 0.3]), s_v=np.ones(3))
     whole = prediction_pass(system.arm, system.bodies(x), x, system.at, data, use)
     known = known_pass(system.arm, system.bodies(np.zeros_like(x)), data)
@@ -122,7 +102,7 @@ def test_rda_does_not_depend_on_the_base_velocity():
 
     problem, system = system_of(("base", "target"), biases=False)
     x, block = truth(problem), random_block()
-    sample = one_sample(block)
+    sample = samples_of(block, 1)
     data = kernel_data(sample)._replace(s_w=np.zeros(3))
     r = residual_pass(system.arm, system.bodies(x), x, system.at, data, RDA)[0]
     model = problem.model
