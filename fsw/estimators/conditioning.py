@@ -324,8 +324,10 @@ def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:
     noisier sensor than declared degrades instead of losing every sample. The worst go first: an
     outlier bends the fit, and good samples near it must not be left out with it.
     """
-    scale = np.maximum(sigma, 1.4826 * np.median(np.abs(residuals), axis=0))
-    ratio = np.max(np.abs(residuals) / scale, axis=1)
+    size = np.abs(residuals)
+    middle = len(size) // 2
+    median = np.partition(size, middle, axis=0)[middle]  # np.median is ten times as slow
+    ratio = np.max(size / np.maximum(sigma, 1.4826 * median), axis=1)
     good: np.ndarray = ratio <= np.maximum(GATE_SIGMAS, 0.5 * ratio.max())
     return good
 

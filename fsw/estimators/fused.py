@@ -54,6 +54,7 @@ class _Dynamics:
     """Mass matrix, velocity derivative and regressors at the nodes' predicted base motion."""
 
     H: FloatArray  # (m, 6+n, 6+n)
+    H_bb_inverse: FloatArray  # (m, 6, 6)
     C: FloatArray  # (m, 6+n, 6+n)
     Y: FloatArray  # (m, 6+n, k) at the predicted acceleration, unknown bodies' columns
     Y_h: FloatArray  # (m, 6, k) momentum regressor
@@ -99,16 +100,21 @@ def _dynamics(
             nu[i, 3:6] = w_measured[i]
         Y_h[i] = model.momentum_regressor(q, nu[i])
         w = nu[i, 3:6]
-        Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else 0.0
-        bias = (model.regressor(q, w, qd, a[i]) - Y_field)[:6] @ pi
+        bias = model.generalised_force(q, w, qd, a[i])[:6]
+        Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else None
+        if Y_field is not None:
+            bias = bias - Y_field[:6] @ pi
         a[i, :6] = dpotrs(L, force[i, :6] - bias, lower=1)[0]
-        Y[i] = model.regressor(q, w, qd, a[i]) - Y_field
+        Y[i] = model.regressor(q, w, qd, a[i])
+        if Y_field is not None:
+            Y[i] -= Y_field
         C[i] = model.bias_derivative(q, w, qd, a[i])
         if by_angle is not None and h_by_angle is not None:
             by_angle[i] = model.angle_derivative(q, w, qd, a[i])
             h_by_angle[i] = model.momentum_derivative(q, nu[i])
     return _Dynamics(
         H,
+        np.linalg.solve(H[:, :6, :6], np.eye(6)),
         C,
         Y @ problem.U,
         Y_h[:, :6] @ problem.U,
@@ -138,12 +144,12 @@ def predict(
     G = field(block, problem)
     L_B, J_L, after = _momentum(block, x, problem, G, before)
     d = _dynamics(block, x, problem, rate, L_B, G)
-    H_bb, H_bm, C_w = d.H[:, :6, :6], d.H[:, :6, 6:], d.C[:, :, 3:6]
+    H_bm, C_w = d.H[:, :6, 6:], d.C[:, :, 3:6]
     J_w = np.zeros((m, 3, p))
     if rate == "momentum":
         gained = np.concatenate([np.zeros((m, 3, p)), J_L], axis=1)
         gained[:, :, k] -= d.Y_h
-        J_w = np.linalg.solve(H_bb, gained)[:, 3:]
+        J_w = d.H_bb_inverse[:, 3:] @ gained
     elif present(problem.gyro_bias):
         J_w[:, :, problem.gyro_bias] = -np.eye(3)
     reaction = C_w[:, :6] @ J_w
@@ -151,7 +157,7 @@ def predict(
     outside = external_force(block, x, problem)[1] if pulled(problem) else None
     if outside is not None:
         reaction -= outside[:, :6]
-    J_a = -np.linalg.solve(H_bb, reaction)
+    J_a = -(d.H_bb_inverse @ reaction)
     tau, J_tau = d.force, H_bm.transpose(0, 2, 1) @ J_a + C_w[:, 6:] @ J_w
     J_tau[:, :, k] += d.Y[:, 6:]
     if outside is not None:
@@ -160,7 +166,7 @@ def predict(
     f = d.a[:, :3] + cross(wd, r) + cross(w, cross(w, r)) - G @ r
     centripetal = -skew(cross(w, r)) - skew(w) @ skew(r)
     J_f = J_a[:, :3] - skew(r) @ J_a[:, 3:] + centripetal @ J_w
-    D_qdd, D_qd, D_w = _motion_gains(d.H, d.C, centripetal, r, rate)
+    D_qdd, D_qd, D_w = _motion_gains(d, centripetal, r, rate)
     D_q = _angle_gain(d, D_w, r, rate)
     if present(problem.torque_scale):
         for gain in (D_qdd, D_qd, D_w) if D_q is None else (D_qdd, D_qd, D_w, D_q):
@@ -312,9 +318,8 @@ def _angle_gain(d: _Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> Flo
     """Return d[tau; f; w]/dq (m, n + 6, n) without external wrench; None where angles are exact."""
     if d.by_angle is None or d.h_by_angle is None:
         return None
-    H_bb, H_bm = d.H[:, :6, :6], d.H[:, :6, 6:]
-    reaction = -np.linalg.solve(H_bb, np.concatenate([d.by_angle[:, :6], d.h_by_angle], axis=2))
-    n = d.by_angle.shape[2]
+    n, H_bm = d.by_angle.shape[2], d.H[:, :6, 6:]
+    reaction = -d.H_bb_inverse @ np.concatenate([d.by_angle[:, :6], d.h_by_angle], axis=2)
     a_q, w_q = reaction[:, :, :n], reaction[:, 3:, n:]
     if rate == "measured":
         w_q = np.zeros_like(w_q)
@@ -337,13 +342,13 @@ def _through(D: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def _motion_gains(
-    H: FloatArray, C: FloatArray, centripetal: FloatArray, r: FloatArray, rate: Rate
+    d: _Dynamics, centripetal: FloatArray, r: FloatArray, rate: Rate
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return d[tau; f]/d qdd, d[tau; f; w]/d qd and d[tau; f]/dw at zero external wrench."""
-    H_bb, H_bm, H_m = H[:, :6, :6], H[:, :6, 6:], H[:, 6:, 6:]
+    C, H_bm, H_m = d.C, d.H[:, :6, 6:], d.H[:, 6:, 6:]
     lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
     n = H_m.shape[1]
-    reaction = -np.linalg.solve(H_bb, np.concatenate([H_bm, C[:, :6, 3:]], axis=2))
+    reaction = -d.H_bb_inverse @ np.concatenate([H_bm, C[:, :6, 3:]], axis=2)
     N, a_w, a_qd = reaction[:, :, :n], reaction[:, :, n : n + 3], reaction[:, :, n + 3 :]
     D_qdd = np.concatenate([H_m + H_bm.transpose(0, 2, 1) @ N, lever @ N], axis=1)
     D_w = np.concatenate(

@@ -7,21 +7,21 @@ normalised errors of twice their share. The Gaussian is therefore taken in the b
 other states as they are, and its second moment about the estimate is what is published in pi.
 
 Source: the elimination of the base acceleration, paper eqs. (22)-(23); second moments of a mapped
-Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws.
+Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws. Only the base's
+ten states are drawn: given them, the others are straight, and their share is in closed form.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fsw.estimators.inertia import from_parameters, report_jacobian
+from fsw.estimators.inertia import PARAMETERS, from_parameters, report_jacobian
 from fsw.messages import FloatArray
-from fsw.stages import complete
 
 DRAWS = 2000  # second moments good to 3 % where the mapping is bent, exact where it is straight
 STRAIGHT = 1.05  # largest ratio of variances at which pi itself is straight enough
@@ -30,7 +30,6 @@ TORQUE = ("rda", "fused")  # methods whose likelihood is straight in the base's 
 NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
 
 _INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))  # xx xy xz yy yz zz
-_PI_INDEX = ((0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2))  # the last six of pi
 _SYMMETRIC = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 
@@ -59,18 +58,17 @@ class Mapped:
 def to_mobility(pi: FloatArray) -> FloatArray:
     """Return [1/m, centre of mass, inverse central inertia xx xy xz yy yz zz] (10,) of pi."""
     m, c, central = from_parameters(pi)
-    inverse = np.linalg.solve(central[np.array(_SYMMETRIC)], np.eye(3))
-    return np.concatenate(([1.0 / m], c, inverse[_INDEX]))
+    return np.concatenate(([1.0 / m], c, _inverse(central)))
 
 
 def from_mobility(mobility: FloatArray) -> FloatArray:
-    """Return pi (..., 10) of mobilities (..., 10); inverse of `to_mobility`."""
-    central = np.linalg.solve(mobility[..., 4:][..., np.array(_SYMMETRIC)], np.eye(3))
-    m, c = 1.0 / mobility[..., :1], mobility[..., 1:4]
-    square = np.sum(c * c, axis=-1)[..., None, None] * np.eye(3)
-    origin = central + m[..., None] * (square - c[..., :, None] * c[..., None, :])
-    rows, columns = _PI_INDEX
-    return np.concatenate([m, m * c, origin[..., rows, columns]], axis=-1)
+    """Return pi (10, ...) of mobilities (10, ...); inverse of `to_mobility`."""
+    m = 1.0 / mobility[0]
+    x, y, z = mobility[1:4]
+    xx, xy, xz, yy, yz, zz = _inverse(mobility[4:])
+    origin = [xx + m * (y * y + z * z), xy - m * x * y, yy + m * (x * x + z * z)]
+    origin += [xz - m * x * z, yz - m * y * z, zz + m * (x * x + y * y)]
+    return np.stack([m, m * x, m * y, m * z, *origin])
 
 
 def mobility_jacobian(pi: FloatArray) -> FloatArray:
@@ -87,62 +85,64 @@ def mobility_jacobian(pi: FloatArray) -> FloatArray:
 def by_mobility(x: FloatArray, covariance: FloatArray, base: slice) -> Mapped:
     """Return the second moment about x (p,) of the Gaussian in the mobility of the ten `base`.
 
-    The draws have exactly the covariance asked for, so what is straight comes back unchanged.
+    The draws have exactly the covariance asked for, so what is straight comes back unchanged. The
+    other states are `along` the drawn ones, plus a rest that does not depend on them.
     """
-    return complete(by_mobility_stages(x, covariance, base, DRAWS, DRAWS))
-
-
-def by_mobility_stages(
-    x: FloatArray, covariance: FloatArray, base: slice, draws: int, at_once: int
-) -> Generator[None, None, Mapped]:
-    """Do what `by_mobility` does with so many draws, in units of `at_once`."""
-    p = len(x)
     scale = np.sqrt(np.diag(covariance))
-    root = scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale))
-    centre, slope = to_mobility(x[base]), mobility_jacobian(x[base]).T
-    unit = _draws(p, draws)
-    squares, possible = np.zeros((p, p)), 0
-    yield
-    for first in range(0, len(unit), at_once):
-        straight = unit[first : first + at_once] @ root.T
-        mobilities = centre + straight[:, base] @ slope
-        central = mobilities[:, 4:][:, np.array(_SYMMETRIC)]
-        kept = (mobilities[:, 0] > 0.0) & _inertias(central)
-        bent = straight[kept]
-        bent[:, base] = from_mobility(mobilities[kept]) - x[base]
-        white = solve_triangular(root, bent.T, lower=True)
-        squares += white @ white.T
-        possible += int(np.sum(kept))
-        yield
-    ratio = squares / max(1, possible)
+    correlation = covariance / np.outer(scale, scale)
+    root = np.linalg.cholesky(correlation[base, base])
+    along = solve_triangular(root, correlation[base], lower=True)  # (10, p) per unit drawn
+    unit = _draws(DRAWS)
+    slope = mobility_jacobian(x[base]) @ (scale[base, None] * root)
+    mobilities = to_mobility(x[base])[:, None] + slope @ unit
+    kept = _bodies(mobilities)
+    possible = max(1, int(np.sum(kept)))
+    drawn, bent = unit[:, kept], from_mobility(mobilities[:, kept]) - x[base, None]
+    bent /= scale[base, None]
+    second = correlation + along.T @ (drawn @ drawn.T / possible - np.eye(PARAMETERS)) @ along
+    second[base] = bent @ drawn.T @ along / possible
+    second[:, base] = second[base].T
+    second[base, base] = bent @ bent.T / possible
+    whole = np.linalg.cholesky(correlation)
+    half = solve_triangular(whole, second, lower=True)
+    ratio = solve_triangular(whole, half.T, lower=True)
     return Mapped(
-        covariance=root @ ratio @ root.T,
+        covariance=second * np.outer(scale, scale),
         stretch=float(np.linalg.eigvalsh(ratio)[-1]),
-        impossible=1.0 - possible / len(unit),
+        impossible=1.0 - possible / DRAWS,
     )
 
 
-def _inertias(inverse: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Tell which of inverse central inertias (k, 3, 3) are those of a body.
+def _inverse(six: FloatArray) -> FloatArray:
+    """Return the inverses of symmetric matrices, xx xy xz yy yz zz (6, ...)."""
+    a, b, c, d, e, f = six
+    xx, xy, xz = d * f - e * e, c * e - b * f, b * e - c * d
+    adjugate = np.stack([xx, xy, xz, a * f - c * c, b * c - a * e, a * d - b * b])
+    with np.errstate(divide="ignore", invalid="ignore"):  # a singular one is no body
+        inverse: FloatArray = adjugate / (a * xx + b * xy + c * xz)
+    return inverse
 
-    Principal moments positive and none above the sum of the other two.
+
+def _bodies(mobility: FloatArray) -> NDArray[np.bool_]:
+    """Tell which mobilities (10, k) are those of a body.
+
+    Mass positive, and the second moments of mass about its centre, tr(I) / 2 - I, positive
+    definite (Wensing et al., RA-L 2018, sec. III), told by their leading minors.
     """
-    values = np.linalg.eigvalsh(inverse)
-    with np.errstate(divide="ignore"):
-        moments = 1.0 / values
-    positive = values[:, 0] > 0.0
-    possible: np.ndarray[tuple[int], np.dtype[np.bool_]] = positive & (
-        moments[:, 0] < moments[:, 1] + moments[:, 2]
-    )
+    xx, xy, xz, yy, yz, zz = _inverse(mobility[4:])
+    a, d, f = 0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz)
+    minor = a * d - xy * xy
+    whole = f * minor - a * yz * yz - d * xz * xz - 2.0 * xy * xz * yz
+    possible: NDArray[np.bool_] = (mobility[0] > 0.0) & (a > 0.0) & (minor > 0.0) & (whole > 0.0)
     return possible
 
 
-@lru_cache(maxsize=4)
-def _draws(p: int, draws: int) -> FloatArray:
-    """Return fixed draws (k, p) in opposite pairs, with mean zero and covariance one exactly."""
-    half = np.random.default_rng(p).standard_normal((max(draws // 2, 4 * p), p))
-    both = np.concatenate([half, -half])
-    root = np.linalg.cholesky(both.T @ both / len(both))
-    white: FloatArray = solve_triangular(root, both.T, lower=True).T
+@lru_cache(maxsize=1)
+def _draws(draws: int) -> FloatArray:
+    """Return fixed draws (10, k) in opposite pairs, with mean zero and covariance one exactly."""
+    half = np.random.default_rng(0).standard_normal((PARAMETERS, draws // 2))
+    both = np.concatenate([half, -half], axis=1)
+    root = np.linalg.cholesky(both @ both.T / draws)
+    white: FloatArray = solve_triangular(root, both, lower=True)
     white.setflags(write=False)
     return white

@@ -96,6 +96,12 @@ class RobotModel:
             self.model.inertias[index] = _spatial_inertia(own)
         self._set = pi.copy()
 
+    def _move(self, q: FloatArray, w: FloatArray, qd: FloatArray) -> None:
+        self._q[7:] = q
+        self._v[:3] = 0.0
+        self._v[3:6] = w
+        self._v[6:] = qd
+
     def regressor(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
         """Return Y (6+n, 10 (n+1)): generalised force = Y pi; rows base force, moment, joints.
 
@@ -103,12 +109,17 @@ class RobotModel:
         base origin in base axes first. Source: eqs. (3)-(7) of the paper, as Pinocchio evaluates
         them.
         """
-        self._q[7:] = q
-        self._v[:3] = 0.0
-        self._v[3:6] = w
-        self._v[6:] = qd
+        self._move(q, w, qd)
         Y: FloatArray = pin.computeJointTorqueRegressor(self.model, self.data, self._q, self._v, a)
         return Y
+
+    def generalised_force(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return `regressor` times the parameters set, (6+n,)."""
+        self._move(q, w, qd)
+        force: FloatArray = pin.rnea(self.model, self.data, self._q, self._v, a)
+        return force
 
     def momentum_regressor(self, q: FloatArray, nu: FloatArray) -> FloatArray:
         """Return Y(q, 0, nu) (6+n, 10 (n+1)), H nu = Y pi; base rows: momentum regressor."""
@@ -129,10 +140,7 @@ class RobotModel:
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
     ) -> FloatArray:
         """Return d(generalised force)/d nu at fixed acceleration, (6+n, 6+n)."""
-        self._q[7:] = q
-        self._v[:3] = 0.0
-        self._v[3:6] = w
-        self._v[6:] = qd
+        self._move(q, w, qd)
         pin.computeRNEADerivatives(self.model, self.data, self._q, self._v, a)
         derivative: FloatArray = self.data.dtau_dv
         return derivative

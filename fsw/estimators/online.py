@@ -20,7 +20,7 @@ from fsw.estimators.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.change import MISMATCH_LEVEL
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.isolation import ChannelScreen
-from fsw.estimators.mobility import TORQUE, by_mobility_stages
+from fsw.estimators.mobility import TORQUE, by_mobility
 from fsw.estimators.model import RobotModel
 from fsw.estimators.outcome import outcome
 from fsw.estimators.problem import Problem, build_problem
@@ -33,8 +33,6 @@ from fsw.messages import Block, Estimate, FloatArray
 from fsw.stages import complete
 
 WORK_PER_BLOCK = 18  # of background work due between two blocks, each a unit or a few
-DRAWS = 400  # for the base's mobility, per estimate
-DRAWS_AT_ONCE = 80
 _STATE = ("_after", "_ignored", "_due")
 
 
@@ -212,7 +210,8 @@ class OnlineEstimator:
         condition = information.scaled_condition_number()
         yield
         if recursion.blocks and self._bent:
-            covariance = yield from self._by_mobility(covariance)
+            covariance = self._by_mobility(covariance)
+            yield
         lag, bound = monitor.whiteness()
         extra = {
             "ignored": float(self._ignored),
@@ -247,11 +246,11 @@ class OnlineEstimator:
         """Tell whether the likelihood is bent in pi and straight in the mobility."""
         return self._settings.method in TORQUE and "base" in self.problem.unknown
 
-    def _by_mobility(self, covariance: FloatArray) -> Generator[None, None, FloatArray]:
+    def _by_mobility(self, covariance: FloatArray) -> FloatArray:
         """Return the covariance by way of the base's mobility where pi is bent and that holds."""
         x, base = self.recursion.x, self.problem.body("base")
         try:
-            mapped = yield from by_mobility_stages(x, covariance, base, DRAWS, DRAWS_AT_ONCE)
+            mapped = by_mobility(x, covariance, base)
         except np.linalg.LinAlgError:  # singular to working precision
             return covariance
         return mapped.covariance if mapped.holds and mapped.bent else covariance

@@ -52,11 +52,15 @@ class NodeFit:
         self._half_width_s = half_width_s
         self._bases = _node_bases(nodes, degree)
         self._basis = legendre.legvander(t_s / half_width_s, degree)
-        self._Q, self._R = np.linalg.qr(self._basis)
+        Q, R = np.linalg.qr(self._basis)
+        self._R_inverse = np.linalg.solve(R, np.eye(degree + 1))
+        self._solve = self._R_inverse @ Q.T
+        self._unit: dict[tuple[int, ...], FloatArray] = {}  # covariances of noise with sigma one
 
     def coefficients(self, values: FloatArray) -> FloatArray:
         """Return Legendre coefficients (degree + 1, width) of samples (k, width)."""
-        return np.linalg.solve(self._R, self._Q.T @ values)
+        coefficients: FloatArray = self._solve @ values
+        return coefficients
 
     def residuals(self, values: FloatArray, coefficients: FloatArray) -> FloatArray:
         """Return samples minus polynomial, (k, width)."""
@@ -69,6 +73,7 @@ class NodeFit:
 
     def covariance(self, orders: tuple[int, ...], sigma: float) -> FloatArray:
         """Return the covariance of the stacked derivatives at the nodes, for white samples."""
-        E = np.concatenate([self.operator(order) for order in orders])
-        root = np.linalg.solve(self._R.T, E.T)
-        return sigma**2 * (root.T @ root)
+        if orders not in self._unit:
+            E = np.concatenate([self.operator(order) for order in orders]) @ self._R_inverse
+            self._unit[orders] = E @ E.T
+        return sigma**2 * self._unit[orders]
