@@ -9,11 +9,13 @@ import socket
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 from hil import live
 from hil.fault_matrix.live_rows import Act, Hold, Lane
 from hil.fault_matrix.run import SCENARIO
+from hil.kills.watch import children
 from hil.live import LiveError
 from hil.scenario import at_rates, load
 
@@ -32,21 +34,36 @@ while time.monotonic() < end:
 """
 LEAST_BYTES = 1 << 20  # below what any process has: every new mapping fails
 
+LEAST_MAPPED = "MALLOC_MMAP_THRESHOLD_"  # of glibc: larger pieces are the system's, see mallopt(3)
+
 
 def service_of(hold: Hold) -> int:
     """Return the process identifier of the daemon's service. Raises LiveError without one."""
-    children = Path(f"/proc/{hold.daemon}/task/{hold.daemon}/children").read_text().split()
-    for child in children:
+    for child in children(hold.daemon):
         if b"fsw.service" in Path(f"/proc/{child}/cmdline").read_bytes():
-            return int(child)
+            return child
     raise LiveError("the daemon has no service process")
 
 
 def _hog(hold: Hold) -> None:
-    """Take every processor, ahead of the daemon where the system allows it, for a while."""
-    for cpu in os.sched_getaffinity(0):
-        hog = hold.stack.enter_context(subprocess.Popen([sys.executable, "-c", HOG, str(cpu)]))
-        hold.stack.callback(hog.kill)
+    """Take the robot computer's processor, ahead of the daemon where the system allows it.
+
+    The simulated devices are no part of that computer: they are given the other processors before,
+    where there are any.
+    """
+    taken, *others = sorted(os.sched_getaffinity(0))
+    for process in (hold.daemon, *children(hold.daemon)):
+        _pin(process, {taken})
+    _pin(hold.plant, set(others) or {taken})
+    hog = hold.stack.enter_context(subprocess.Popen([sys.executable, "-c", HOG, str(taken)]))
+    hold.stack.callback(hog.kill)
+
+
+def _pin(process: int, cpus: set[int]) -> None:
+    """Let all threads of a process run on these processors only."""
+    for thread in Path(f"/proc/{process}/task").iterdir():
+        with suppress(ProcessLookupError):  # it has ended
+            os.sched_setaffinity(int(thread.name), cpus)
 
 
 def _fill(hold: Hold) -> None:
@@ -78,6 +95,16 @@ def _hang_up(hold: Hold) -> None:
 def _in_parts(hold: Hold) -> None:
     """Have the recording begin a new file every other second."""
     hold.document["recorder"]["part_s"] = 2.0
+
+
+def _without_reserve(hold: Hold) -> None:
+    """Have chunks of the recording end as often as at full rates, and memory asked for at each.
+
+    Otherwise the C library serves them from what it has kept, and a limit is felt at some time.
+    """
+    hold.document["recorder"]["chunk_bytes"] = 1 << 15
+    os.environ[LEAST_MAPPED] = "32768"
+    hold.stack.callback(os.environ.pop, LEAST_MAPPED, None)
 
 
 def _block_recorder(hold: Hold) -> None:
@@ -159,7 +186,7 @@ def lane() -> Lane:
             "cpu_hog": Act(begin=_hog),
             "disk_full": Act(begin=_fill, end=_empty),
             "recorder_failure": Act(before=_in_parts, begin=_block_recorder, end=_unblock_recorder),
-            "memory_limit": Act(begin=_short_of_memory),
+            "memory_limit": Act(before=_without_reserve, begin=_short_of_memory),
             "service_killed": Act(begin=_kill),
             "pty_hang_up": Act(begin=_hang_up),
             "slow_client": _slow_client(),

@@ -11,6 +11,7 @@ from fsw.drivers.codecs.sagitta import (
     SOLUTION_ID,
     SagittaCodec,
     Solution,
+    Telemetry,
     encode_subscribe,
 )
 from fsw.drivers.sources.arrival import ArrivalTracker
@@ -23,7 +24,7 @@ from fsw.messages import AttitudeSample
 
 SUBJECT = "star_tracker"
 CLOCK_TOLERANCE_PPM = 200.0
-JUMP_S = 0.5  # unit time and host time may not part by more from one solution to the next
+JUMP_NS = 500_000_000  # unit and host time may not part by more from one solution to the next
 PERIOD_RATIO = 0.5  # of a period: solutions are not closer, nor ahead of the unit's clock by more
 _FAULT_OF_REJECT = {Reject.STATUS: Fault.TRACKER_BLIND, Reject.RANGE: Fault.TRACKER_RANGE}
 CHAIN = 3  # solutions in order that are believed to be the unit's new time
@@ -80,6 +81,7 @@ class StarTrackerSource:
         self._last_frame = b""
         self._doubted: tuple[int, int] | None = None
         self._chain = 0
+        self._waited_ns = 0.0  # so long the frame may have waited for this computer
 
     @property
     def counters(self) -> dict[str, int]:
@@ -102,15 +104,28 @@ class StarTrackerSource:
         """Take chunks in, in order, and return the attitudes they complete."""
         samples = []
         for chunk in chunks:
-            for frame in self._codec.framer.feed(chunk):
-                sample = self._take(frame)
+            frames = [(f, self._codec.decode(f.data)) for f in self._codec.framer.feed(chunk)]
+            sent_us = {item.unix_us for _, item in frames if isinstance(item, Solution)}
+            most_ns = chunk.t_ns - self._last[1] if self._last and len(sent_us) > 1 else 0
+            for frame, decoded in frames:
+                self._waited_ns = min(self._wait_ns(decoded, sent_us), most_ns)
+                sample = self._take(frame, decoded)
                 if sample is not None:
                     samples.append(sample)
         return samples
 
-    def _take(self, frame: Frame) -> AttitudeSample | None:
+    def _wait_ns(self, decoded: Solution | Telemetry | Reject, sent_us: set[int]) -> float:
+        """Return how long a frame may have waited to be read, from the times sent in its chunk.
+
+        A unit sends a solution when it has it: two in one chunk were waiting for the computer,
+        the newest for up to a period, the others longer.
+        """
+        if not isinstance(decoded, Solution):
+            return 0.0
+        return (max(sent_us) - decoded.unix_us) * 1e3 + self._period_ns
+
+    def _take(self, frame: Frame, decoded: Solution | Telemetry | Reject) -> AttitudeSample | None:
         length = len(frame.data)
-        decoded = self._codec.decode(frame.data)
         t_ns = frame.pieces[-1].t_ns
         if isinstance(decoded, Reject):
             self._refuse(frame, decoded, _FAULT_OF_REJECT.get(decoded, Fault.TRACKER_DAMAGED))
@@ -130,9 +145,11 @@ class StarTrackerSource:
         self._last, self._last_frame, self._chain = (decoded.unix_us, t_ns), frame.data, 0
         sample_ns, late_ns = self._time_of_validity(frame, decoded, restart)
         self._watch.accepted(t_ns, frame.skipped, lost, length)
-        if late_ns > self._late_ns:
+        late = late_ns > self._late_ns + self._waited_ns
+        if late:
             text = f"{late_ns * 1e-6:.0f} ms later than its own clock allows"
             self._watch.find(t_ns, Fault.TRACKER_LATE, text)
+        if late or (self._waited_ns > 0.0 and self._config.time == "arrival"):
             self._counts.reject(Reject.STALE, length)
             return None
         self._counts.accepted += 1
@@ -187,11 +204,11 @@ class StarTrackerSource:
             ahead_ns = self._clock.early_ns(unix_us, t_ns)
         else:
             ahead_ns = (unix_us - self._last[0]) * 1e3 - (t_ns - self._last[1])
-        return ahead_ns <= least_ns and _follows((unix_us, t_ns), self._last, least_ns)
+        return ahead_ns <= least_ns and self._follows((unix_us, t_ns), self._last, least_ns)
 
     def _is_chain(self, unix_us: int, t_ns: int) -> bool:
         now = (unix_us, t_ns)
-        in_order = self._chain and self._doubted is not None and _follows(now, self._doubted, 0.0)
+        in_order = self._chain and self._doubted is not None and self._follows(now, self._doubted)
         self._chain = self._chain + 1 if in_order else 1
         self._doubted = now
         return self._chain >= CHAIN
@@ -208,8 +225,9 @@ class StarTrackerSource:
         self._counts.lost += lost
         return lost
 
-
-def _follows(now: tuple[int, int], before: tuple[int, int], least_ns: float) -> bool:
-    """Tell whether unit time went on, by more than the least, and about as far as host time."""
-    unit_s = (now[0] - before[0]) * 1e-6
-    return unit_s > least_ns * 1e-9 and abs(unit_s - (now[1] - before[1]) * 1e-9) < JUMP_S
+    def _follows(
+        self, now: tuple[int, int], before: tuple[int, int], least_ns: float = 0.0
+    ) -> bool:
+        """Tell whether unit time went on, by more than the least, and about as far as host time."""
+        unit_ns, host_ns = (now[0] - before[0]) * 1e3, now[1] - before[1]
+        return unit_ns > least_ns and abs(unit_ns - host_ns) < JUMP_NS + self._waited_ns

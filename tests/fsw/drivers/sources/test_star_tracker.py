@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from fsw.config import Mounting
 from fsw.drivers.sources.star_tracker import StarTrackerSource, to_bus
 from fsw.drivers.wire import ByteChunk
+from fsw.findings import Fault
 from fsw.messages import AttitudeSample
 from tests.fsw.drivers.configs import star_tracker_config
 from tests.fsw.drivers.encoders import solution
@@ -116,6 +117,31 @@ def test_lost_solutions_are_counted_and_a_new_unit_time_is_believed() -> None:
         ByteChunk(T0 + 100 * MS * k, frame(k, unix_us=50 + 100_000 * k)) for k in range(20, 30)
     ]
     assert len(unit.feed(later)) == 8
+
+
+@pytest.mark.parametrize("time", ["unit", "arrival"])
+@pytest.mark.parametrize("together", [True, False])
+def test_what_this_computer_read_late_is_no_fault_of_the_unit(together: bool, time: str) -> None:
+    """Ten solutions wait up to 0.9 s for a computer that was busy: they come in one chunk."""
+    unit = StarTrackerSource(star_tracker_config(time=time))
+    run(unit, range(60))
+    read_ns, waiting = T0 + 100 * MS * 69, [frame(k) for k in range(60, 70)]
+    if not together:  # the same bytes at nearly the same time, but read as they came
+        unit.feed([ByteChunk(read_ns + k, data) for k, data in enumerate(waiting)])
+        assert Fault.TRACKER_CLOCK in [finding.fault for finding in unit.findings()]
+        return
+    samples = unit.feed([ByteChunk(read_ns, b"".join(waiting))])
+    assert unit.findings() == []
+    if time == "arrival":  # when they were valid is not known
+        assert samples == []
+        assert unit.counters["reject_stale"] == 10
+    else:
+        error_s = [1e-9 * (s.t_ns - T0) - 0.1 * (k - 1) for k, s in enumerate(samples, start=60)]
+        assert len(samples) == 10
+        assert np.abs(error_s).max() < 0.012  # the time on the wire and of an escape
+    assert len(run(unit, range(70, 80))) == 10
+    assert unit.findings() == []
+    assert unit.counters["lost"] == 0
 
 
 def test_subscription_is_configuration() -> None:
