@@ -51,7 +51,7 @@ def test_the_oracle_sees_a_framer_that_loses_a_byte(monkeypatch: pytest.MonkeyPa
         make("stim300")(b"\x00\x05hello")
 
 
-@pytest.mark.live
+@pytest.mark.slow
 @needs_atheris
 @pytest.mark.timeout(600)
 def test_a_short_campaign_finds_nothing_and_is_resumed(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ import pytest
 COUNT = 10
 
 
-@pytest.mark.live
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_killed_processes_come_back_and_nothing_readable_is_lost(tmp_path: Path) -> None:
