@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import track
 
 from hil.fault_matrix import report, table, work
+from hil.scenario import ScenarioError
 
 FAILED_EXIT = 1
 PLAIN_WIDTH = 150
@@ -38,12 +39,12 @@ def run(
 
     Raises
     ------
-    ValueError for a fault that is not in the table.
+    ScenarioError for a fault that is not in the table.
     """
     bounds = table.load()
     unknown = sorted(set(only) - {row.type for row in bounds.faults})
     if unknown:
-        raise ValueError(f"--only: {unknown} not in {[row.type for row in bounds.faults]}")
+        raise ScenarioError(f"--only: {unknown} not in {[row.type for row in bounds.faults]}")
     rows = [
         row
         for row in bounds.faults

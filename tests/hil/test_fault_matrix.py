@@ -11,6 +11,7 @@ import pytest
 
 from fsw.findings import Fault
 from hil import bench
+from hil.__main__ import main
 from hil.fault_matrix import machine, real_bus, run, table, work
 from hil.fault_script import TYPES, install
 from hil.scenario import FaultEntry, ScenarioError
@@ -110,3 +111,9 @@ def test_stored_outcomes_are_not_run_again(tmp_path: Any) -> None:
     row = SHORT[0]
     work._store(tmp_path, row, 1, "abc", {"type": row.type, "failed": []})
     assert list(work.outcomes([row], 1, 1, tmp_path, "abc")) == [{"type": row.type, "failed": []}]
+
+
+def test_an_unknown_fault_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["faults", "--only", "gremlins"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("hil: --only: ['gremlins'] not in ['frame_drop'")
