@@ -42,6 +42,10 @@ class FrameSource(Protocol):
         """Decode frames in order."""
         ...
 
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Take in whether the bus has its port."""
+        ...
+
     def next_sync(self) -> tuple[int, bytes]:
         """Return identifier and payload of the next SYNC."""
         ...
@@ -221,7 +225,8 @@ class BusInput:
         return self.source.feed(ready) if ready else ()
 
     def watch(self, now_ns: int) -> None:
-        """Nothing: SYNC is what tells a silent node."""
+        """Tell the source whether it has its port; a lost one is an event of its own."""
+        self.source.watch(now_ns, up=self.link.up)
 
     def _send(self, can_id: int, data: bytes) -> bool:
         """Send one frame; False when it is not out."""

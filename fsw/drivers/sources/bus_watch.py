@@ -31,6 +31,11 @@ class _Node:
         self.excused = 0  # missing answers to SYNCs before this one are explained
         self.silent_at = -1  # SYNC at which its silence was told last; -1: not silent
 
+    def is_explained(self, index: int) -> bool:
+        """Tell whether it may still be silent for what it is excused for."""
+        excused = self.excused == FOREVER and self.silent_at < 0
+        return excused and index - self.newest < REPEAT_SYNCS
+
 
 class BusWatch:
     """Bookkeeping of one bus's answers.
@@ -124,6 +129,12 @@ class BusWatch:
         if state.newest >= 0:
             state.excused = FOREVER
 
+    def without_port(self) -> None:
+        """Take in that there is no port; what misses until the next answer is explained."""
+        for state in self._nodes.values():
+            if state.newest >= 0:
+                state.excused = FOREVER
+
     def _settle(self, index: int, t_ns: int) -> None:
         answers = self._answers.pop(index, {})
         if len(answers) == self._heard == sum(answers.values()):
@@ -152,19 +163,17 @@ class BusWatch:
             self.find(t_ns, Fault.JOINT_LOST, node)
 
     def _watch_silence(self, index: int, t_ns: int) -> None:
-        silent = [
+        missing = [
             (node, state)
             for node, state in self._nodes.items()
             if state.newest >= 0 and index - state.newest > self._silent
         ]
+        silent = [(node, state) for node, state in missing if not state.is_explained(index)]
         if not silent:
             return
-        whole = len(silent) > 1 and len(silent) == self._heard
+        whole = len(missing) > 1 and len(missing) == self._heard
         for node, state in silent:
             if state.silent_at >= 0 and index - state.silent_at < REPEAT_SYNCS:
-                continue
-            restarting = state.excused == FOREVER and state.silent_at < 0
-            if restarting and index - state.newest < REPEAT_SYNCS:
                 continue
             first = state.silent_at < 0
             state.silent_at = index

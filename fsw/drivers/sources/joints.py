@@ -103,6 +103,11 @@ class JointBusSource:
         """Return and forget what was found wrong."""
         return self._watch.take()
 
+    def watch(self, _now_ns: int, *, up: bool) -> None:
+        """Take in whether the bus has its port; a silent node is told by the SYNCs it misses."""
+        if not up:
+            self._watch.without_port()
+
     def next_sync(self) -> tuple[int, bytes]:
         """Return COB-ID and data of the next SYNC to send; tell `sync_sent`, and feed it back."""
         return canopen.encode_sync(self._syncs.next_counter())

@@ -95,3 +95,20 @@ def test_a_boot_up_explains_what_misses() -> None:
             watch.boot(2, k * PERIOD_NS)
         found += [(str(f.fault), f.subject) for f in watch.take()]
     assert found == [("NODE_RESTARTED", "j2")]
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_what_misses_while_there_is_no_port_is_no_lost_sync(told: bool) -> None:
+    """The last SYNCs before the port goes are out, their answers never come."""
+    watch = BusWatch("arm", {n: f"j{n}" for n in NODES}, 500.0, 3.0, 2)
+    found = []
+    gone = (100, 101, 102, 103) if told else (100,)
+    for k in range(200):
+        if told and k == 102:
+            watch.without_port()
+        watch.sync(k, k * PERIOD_NS)
+        for node, sync in usual(k - 1):
+            if k and sync not in gone:
+                watch.answer(node, sync, k * PERIOD_NS)
+        found += [(str(f.fault), f.subject) for f in watch.take()]
+    assert found == ([] if told else [("SYNC_LOST", "arm")])
