@@ -61,7 +61,9 @@ class CheckpointKeeper:
         if self._store is None:
             return
         wanted = snapshot.refers
-        missing = [index for index in wanted if index not in self._blocks]
+        if self._missing(wanted):
+            self._take_back(self._store, snapshot.grid_ns)
+        missing = self._missing(wanted)
         if missing:
             self._fail(f"{len(missing)} blocks of the state did not come")
             return
@@ -74,6 +76,19 @@ class CheckpointKeeper:
             return
         self._written += 1
         self._told = False
+
+    def _missing(self, wanted: Sequence[int]) -> list[int]:
+        return [index for index in wanted if index not in self._blocks]
+
+    def _take_back(self, store: CheckpointStore, grid_ns: int | None) -> None:
+        """Take blocks from what was written before, by a service of the same loop that has died.
+
+        Only on the same grid does an index mean the same block.
+        """
+        for checkpoint in store.read()[0]:
+            if checkpoint.snapshot.grid_ns == grid_ns:
+                for block in checkpoint.snapshot.blocks:
+                    self._blocks.setdefault(block.index, block)
 
     def _forget(self, wanted: Sequence[int]) -> None:
         """Keep what the newest state needs, and the newest blocks: a later state may need them."""

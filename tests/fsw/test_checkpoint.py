@@ -165,6 +165,23 @@ def test_the_keeper_takes_over_what_a_run_goes_on_from(arm: ArmProject, tmp_path
     assert second.summary()["written"] == 1
 
 
+@pytest.mark.parametrize(("grid_ns", "written"), [(0, 1), (1, 0)])
+def test_a_service_that_has_died_leaves_its_blocks_in_its_checkpoints(
+    arm: ArmProject, tmp_path: Path, grid_ns: int, written: int
+) -> None:
+    """The next one has only the blocks of this run, not those the run went on from."""
+    told: list[str] = []
+    config = arm_config(arm)
+    first = CheckpointKeeper(config, tmp_path, pytest.fail)
+    first.block(make_block(2))
+    first.write(Snapshot(t_ns=1, grid_ns=0, state={}, refers=(2,)))
+    second = CheckpointKeeper(config, tmp_path, lambda _s, code, _t: told.append(code))
+    second.block(make_block(3))
+    second.write(Snapshot(t_ns=2, grid_ns=grid_ns, state={}, refers=(2, 3)))
+    assert second.summary()["written"] == written
+    assert told == ["CHECKPOINT_FAILED"] * (1 - written)
+
+
 def test_a_directory_that_cannot_be_written_is_told_once(arm: ArmProject, tmp_path: Path) -> None:
     told: list[str] = []
     keeper = CheckpointKeeper(
