@@ -144,14 +144,14 @@ def _gauss_newton(
 
 
 def linear_covariance(
-    problem: Problem, method: str, solution: BatchSolution
+    problem: Problem, method: str, weighting: str, solution: BatchSolution
 ) -> tuple[FloatArray, str]:
     """Return the covariance without a look at the cost elsewhere, and what to say of it.
 
     For torque and an unknown base it comes by way of the base's mobility.
     """
     covariance = solution.information.covariance()
-    if method in TORQUE and "base" in problem.unknown:
+    if method in TORQUE and weighting == "eiv" and "base" in problem.unknown:
         try:
             mapped = by_mobility(solution.mean, covariance, problem.body("base"))
         except np.linalg.LinAlgError:  # singular to working precision

@@ -152,7 +152,7 @@ def _likelihood(
         if solution.status != "NOT_CONVERGED":  # what does not fit may be why it did not
             start = solution.mean
     status = solution.status
-    covariance, note = linear_covariance(problem, method, solution)
+    covariance, note = linear_covariance(problem, method, "eiv", solution)
     if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
         looked = straighten(problem, weighted, used, solution)
         covariance, note = looked.covariance, looked.note

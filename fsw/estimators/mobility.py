@@ -26,7 +26,7 @@ from fsw.messages import FloatArray
 DRAWS = 2000  # second moments good to 3 % where the mapping is bent, exact where it is straight
 STRAIGHT = 1.05  # largest ratio of variances at which pi itself is straight enough
 IMPOSSIBLE = 0.01  # share of draws without a body above which this is no description either
-TORQUE = ("rda", "fused")  # methods whose likelihood is straight in the base's mobility
+TORQUE = ("mrnea", "rda", "fused")  # whose likelihood may be straight in the base's mobility
 NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
 
 _INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))  # xx xy xz yy yz zz

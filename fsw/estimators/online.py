@@ -244,7 +244,8 @@ class OnlineEstimator:
     @property
     def _bent(self) -> bool:
         """Tell whether the likelihood is bent in pi and straight in the mobility."""
-        return self._settings.method in TORQUE and "base" in self.problem.unknown
+        torque = self._settings.method in TORQUE and not self.linear
+        return torque and "base" in self.problem.unknown
 
     def _by_mobility(self, covariance: FloatArray) -> FloatArray:
         """Return the covariance by way of the base's mobility where pi is bent and that holds."""

@@ -127,7 +127,7 @@ def on_blocks(
         start = warm_start(blocks, problem) if warm is None else warm
     solution = solve(problem, row_function(*choice, problem), blocks, None, start)
     k = problem.bodies
-    covariance, note = linear_covariance(problem, choice[0], solution)
+    covariance, note = linear_covariance(problem, *choice, solution)
     return Outcome(
         status=solution.status,
         x=solution.mean[k],

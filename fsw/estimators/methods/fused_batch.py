@@ -10,16 +10,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from fsw.errors import EstimatorError
 from fsw.estimators.curvature import VERY_WEAK, WEAK
 from fsw.estimators.methods.layout import Channels
-from fsw.estimators.methods.levenberg import Minimum, minimise, straighten
+from fsw.estimators.methods.levenberg import minimise, straighten
+from fsw.estimators.methods.mobility_covariance import through_mobility
 from fsw.estimators.methods.motion import refine
 from fsw.estimators.methods.prediction_pass import prediction_pass
 from fsw.estimators.methods.rate_pass import Known, known_pass, rate_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
-from fsw.estimators.mobility import NOTE, Mapped, by_mobility
+from fsw.estimators.mobility import NOTE
 from fsw.estimators.problem import Problem
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
@@ -62,7 +62,9 @@ def solve_channels(
     curve = samples.curve if use.gyro and use.torque else None
     if curve is not None and np.all(np.isfinite(found.x)):
         found = refine(samples, curve, system, use, found.x, options.max_iterations)
-    mapped = _through_mobility(found, system) if use.torque else None
+    mapped = None
+    if use.torque and found.converged:
+        mapped = through_mobility(found.x, found.information, system)
     looked = None
     if mapped is None and curve is None and options.max_iterations > 0:
         looked = straighten(run, system, found, VERY_WEAK if use.torque else WEAK)
@@ -82,22 +84,6 @@ def solve_channels(
         bias_note=NOTE if mapped is not None and mapped.bent else "",
         widening=looked,
     )
-
-
-def _through_mobility(found: Minimum, system: System) -> Mapped | None:
-    """Return the covariance by way of the base's mobility; None where that is no description.
-
-    Torque is straight in it. The momentum fixes the scale of base and target only together, which
-    no such coordinates straighten: there the likelihood's profile is looked at.
-    """
-    if "base" not in system.problem.unknown or not found.converged:
-        return None
-    try:
-        covariance = invert(found.information + system.prior_information)
-        mapped = by_mobility(found.x, covariance, system.problem.body("base"))
-    except (EstimatorError, np.linalg.LinAlgError):  # singular to working precision
-        return None
-    return mapped if mapped.holds else None
 
 
 class _Pass:

@@ -60,7 +60,7 @@ def minimise(
     coordinates = _to_coordinates(start, system)
     x = _from_coordinates(coordinates, system)
     G = gram(x)
-    cost = _cost(G, x, system)
+    cost = cost_of(G, x, system)
     damping, growth = 1e-3, 2.0
     converged = False
     iterations = 0
@@ -81,7 +81,7 @@ def minimise(
             trial = coordinates + step / scale
             trial_x = _from_coordinates(trial, system)
             trial_G = gram(trial_x) if np.all(np.isfinite(trial_x)) else np.full_like(G, np.nan)
-            trial_cost = _cost(trial_G, trial_x, system)
+            trial_cost = cost_of(trial_G, trial_x, system)
             ratio = (cost - trial_cost) / gain
             accepted = bool(np.isfinite(trial_cost) and ratio > 1e-4)
             if not accepted:
@@ -142,7 +142,7 @@ def _settle(
         if not np.all(np.isfinite(trial_x)):
             break
         trial_G = gram(trial_x)
-        trial_cost = _cost(trial_G, trial_x, system)
+        trial_cost = cost_of(trial_G, trial_x, system)
         if not np.isfinite(trial_cost):
             break
         coordinates, x, G, cost = trial, trial_x, trial_G, trial_cost
@@ -158,7 +158,7 @@ def straighten(gram: Gram, system: System, found: Minimum, weak: float) -> Widen
         )
         held = replace(system, prior_mean=mean, prior_information=information)
         x = minimise(gram, held, start, PROFILE_ITERATIONS, PROFILE_DECREMENT).x
-        return x, _cost(gram(x), x, system)
+        return x, cost_of(gram(x), x, system)
 
     try:
         covariance = invert(found.information + system.prior_information)
@@ -176,7 +176,8 @@ def _solve(A: FloatArray, g: FloatArray, damping: float) -> FloatArray:
     return solution
 
 
-def _cost(G: FloatArray, x: FloatArray, system: System) -> float:
+def cost_of(G: FloatArray, x: FloatArray, system: System) -> float:
+    """Return squared residuals plus the prior's at x of the Gram matrix [J | r] there."""
     off = x - system.prior_mean
     return float(G[-1, -1] + off @ system.prior_information @ off)
 

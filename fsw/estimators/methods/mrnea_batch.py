@@ -8,7 +8,8 @@ against the errors in variables, and its sigma includes that.
 `eiv` is iterated: its score X^T S^-1 r (X at the smoothed input, r at the
 measured) has mean zero at the truth, but its variance G = sum X^T S^-1 X exceeds its slope G - C by
 the noise C left in X; the two are combined with the prior by the Godambe information
-(G - C) G^-1 (G - C) rather than by G, which would overstate what is known.
+(G - C) G^-1 (G - C) rather than by G, which would overstate what is known. Where the accelerometer
+says little, it is the torques that know the base, and the covariance comes by way of its mobility.
 
 Source: paper eqs. (8)-(16); Stefanski, Carroll, Biometrika 74 (1987), for the score;
 Godambe (1960).
@@ -22,15 +23,18 @@ import numpy as np
 
 from fsw.errors import EstimatorError
 from fsw.estimators.methods.least_squares_pass import least_squares_gram
-from fsw.estimators.methods.levenberg import consistent_start, minimise
+from fsw.estimators.methods.levenberg import consistent_start, cost_of, minimise
+from fsw.estimators.methods.mobility_covariance import through_mobility
 from fsw.estimators.methods.regression_pass import EIV, OLS, WLS, Regression, regression_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
+from fsw.estimators.mobility import NOTE
 from fsw.estimators.problem import Problem
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
 
 SETTLED = 1e-5  # squared whitened length of the last step
+RISE = 1.0  # of the cost at most from its least to the root of the score, a squared sigma
 COMPENSATED_NOTE = (
     "compensated for noisy accelerations, not for noisy rates; sigma is that of the errors in "
     "variables and includes the distance from them"
@@ -158,6 +162,8 @@ def _errors_in_variables(run: _Pass, options: Options) -> BatchResult:
     system = run.system
     start = consistent_start(system.with_bodies(options.start), system)
     found = _consistent(run, start, options)
+    mapped = through_mobility(found.x, found.information, system) if found.converged else None
+    bent = mapped is not None and mapped.bent
     return build_result(
         system,
         options,
@@ -169,32 +175,39 @@ def _errors_in_variables(run: _Pass, options: Options) -> BatchResult:
         duration_s=float(run.samples.t_s[-1] - run.samples.t_s[0]),
         iterations=found.iterations,
         converged=found.converged,
+        covariance=mapped.covariance if mapped is not None and bent else None,
+        bias_note=NOTE if bent else "",
     )
 
 
 def _consistent(run: _Pass, start: FloatArray, options: Options) -> _Consistent:
-    """Iterate to the root of the score, then to that of score and prior in the right proportion."""
+    """Iterate to the root of the score, then to that of score and prior in the right proportion.
+
+    The cost has no minimum just at the root. Where its descent stalls on the way, the steps of the
+    score may still get there; they count if they settle, and not noticeably higher.
+    """
     system, p = run.system, len(run.system.names)
     found = minimise(run.eiv_gram, system, start, options.max_iterations)
-    x, converged = found.x, found.converged
-    G = found.information
-    godambe = slope = G
-    for _ in range(options.max_iterations if converged else 0):
+    x, settled = found.x, options.max_iterations == 0
+    godambe = found.information
+    cost = found.cost
+    for _ in range(options.max_iterations if np.isfinite(cost) else 0):
         sums = run(x, EIV, inflate=True)
         G = sums.gram[:p, :p]
         slope = G - sums.inflation
         godambe, pull = _godambe(slope, G, sums.gram[:p, p])
         total = godambe + system.prior_information
         step = _solve(total, pull - system.prior_information @ (x - system.prior_mean))
+        cost = cost_of(sums.gram, x, system)
         if not np.all(np.isfinite(step)):
-            converged = False
             break
         x = x + step
-        if step @ total @ step < SETTLED:
+        settled = bool(step @ total @ step < SETTLED)
+        if settled:
             break
-        if not _usable(x):
-            x = consistent_start(x, system)
-    return _Consistent(x, godambe, found.cost, found.iterations, converged)
+    if found.converged or (settled and cost <= found.cost + RISE):
+        return _Consistent(x, godambe, found.cost, found.iterations, settled)
+    return _Consistent(found.x, found.information, found.cost, found.iterations, False)
 
 
 def _godambe(slope: FloatArray, G: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -211,10 +224,6 @@ def _godambe(slope: FloatArray, G: FloatArray, score: FloatArray) -> tuple[Float
     information = back @ np.diag(shares**2) @ back.T
     pull: FloatArray = back @ (shares * (white @ score))
     return 0.5 * (information + information.T), pull
-
-
-def _usable(x: FloatArray) -> bool:
-    return bool(np.all(np.isfinite(x)))
 
 
 def _scaled(A: FloatArray, by: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from fsw.estimators.samples import with_noise
 from hil.study import sample_level
@@ -26,6 +27,24 @@ def test_fused_converges_from_the_wrong_prior_to_the_truth_without_noise():
     assert outcome.status == "OK"
     # the iteration stops at a squared step of 1e-5 of the covariance
     assert np.all(np.abs(outcome.x - truth_of("target")) < 0.01 * sigma)
+
+
+@pytest.mark.parametrize("seed", [111, 118])
+def test_errors_in_variables_get_home_where_the_descent_of_the_cost_stalls(seed):
+    """Poor IMU, both unknown: sixty steps end with a NEES of 4867 for 20, or at no minimum."""
+    (record,) = sample_level.run_seed("both", "poor IMU", seed, ["mrnea eiv"])
+    assert record.status == "OK"
+    assert record.nees < chi2.ppf(0.999, 20)
+
+
+def test_errors_in_variables_know_a_base_by_its_mobility_where_the_imu_is_poor():
+    """Seeds whose NEES in the parameters were 51 and 57; with a good IMU nothing is bent."""
+    for seed in (48, 62):
+        (record,) = sample_level.run_seed("base", "poor IMU", seed, ["mrnea eiv"])
+        assert "mobility" in record.bias_note
+        assert record.nees < 35.0
+    (record,) = sample_level.run_seed("base", "good IMU", 48, ["mrnea eiv"])
+    assert record.bias_note == ""
 
 
 def test_every_method_of_a_level_runs_there_and_only_there():
