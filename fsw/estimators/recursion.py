@@ -368,7 +368,11 @@ class Recursion:
     def _whitened(self, A: FloatArray, innovation: FloatArray) -> FloatArray:
         """Return the innovation whitened by its own covariance."""
         AS = A @ self.memory.information.covariance_root()
-        L = np.linalg.cholesky(np.eye(len(innovation)) + AS @ AS.T)
+        unit = np.eye(len(innovation))
+        try:
+            L = np.linalg.cholesky(unit + AS @ AS.T)
+        except np.linalg.LinAlgError:  # a prior so wide that the unit is lost beside its square
+            L = np.linalg.qr(np.concatenate([unit, AS.T])).R.T
         white: FloatArray = np.linalg.solve(L, innovation)
         return white
 

@@ -32,6 +32,7 @@ from hil.study.sample_level import failed, judged
 from hil.truth import simulate
 
 SENSORS = "data sheet"  # the scenarios' devices
+WIDER = 100.0  # times the prior's sigma: as for samples, what is judged is what the data says
 SILENT = 1e12  # times the noise of a channel that is not used
 
 
@@ -94,14 +95,14 @@ def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
     """
     scenario = scenario_of(case)
     spline, history = _motion(case)
-    config = write_config(scenario, seed, folder)
+    config = write_config(scenario, seed, folder, WIDER)
     setup = Setup(
         scenario=scenario,
         seed=seed,
         folder=folder,
         config_path=folder / "flight.yaml",
         config=with_estimator(config, "mrnea", "ols"),
-        priors=priors_of(scenario, seed),
+        priors=priors_of(scenario, seed, WIDER),
         robot=_robot(case),
         spline=spline,
         history=history,

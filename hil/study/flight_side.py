@@ -16,14 +16,18 @@ from hil.robot import Robot
 from hil.scenario import Prior, Scenario, draw_prior
 
 
-def priors_of(scenario: Scenario, seed: int) -> dict[str, Prior]:
-    """Return the priors of the unknown bodies, 30-50 % off, as `hil run` draws them."""
-    return {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
+def priors_of(scenario: Scenario, seed: int, wider: float = 1.0) -> dict[str, Prior]:
+    """Return the priors of the unknown bodies, 30-50 % off, as `hil run` draws them.
+
+    `wider` multiplies their sigma.
+    """
+    drawn = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
+    return {body: replace(prior, sigma=wider * prior.sigma) for body, prior in drawn.items()}
 
 
-def write_config(scenario: Scenario, seed: int, folder: Path) -> Config:
+def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0) -> Config:
     """Write the flight configuration of a seed into a folder and load it."""
-    priors = priors_of(scenario, seed)
+    priors = priors_of(scenario, seed, wider)
     names = _joint_names(scenario.urdf, scenario.tool_frame)
     document = flight_document(
         scenario, priors, names, folder, int(scenario.flight["bus"]["port"]), {}

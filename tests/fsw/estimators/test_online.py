@@ -17,6 +17,7 @@ from fsw.estimators.mrnea import Rows, mrnea_rows
 from fsw.estimators.online import WORK_PER_BLOCK, OnlineEstimator, build_online
 from fsw.estimators.problem import Problem, build_problem
 from fsw.estimators.recursion import FLAT_PRIOR
+from fsw.estimators.row_functions import row_function
 from fsw.messages import Block, Estimate
 from tests.fsw.estimators.cases import (
     NODES,
@@ -120,6 +121,27 @@ def test_recursion_from_a_wrong_start_ends_at_the_batch(case: str, method: str) 
     k = problem.bodies
     nees = error @ np.linalg.solve(final.covariance[k, k], error)
     assert nees < chi2.ppf(0.9999, len(error))
+
+
+@pytest.mark.parametrize("wider", [1e2, 1e5])
+@pytest.mark.parametrize(
+    ("method", "weighting"), [("mrnea", "ols"), ("rda", "eiv"), ("fused", "eiv")]
+)
+def test_a_prior_of_any_width_never_stops_the_recursion(
+    method: str, weighting: str, wider: float
+) -> None:
+    """The unit of the whitened noise is lost beside the square of such a prior."""
+    config = config_of("base", 1, method=method, weighting=weighting)
+    problem = build_problem(config, robot_model())
+    scale = np.ones(len(problem.prior_mean))
+    scale[problem.bodies] = wider
+    flat = replace(problem, prior_covariance=problem.prior_covariance * np.outer(scale, scale))
+    rows = row_function(method, weighting, flat)
+    online = OnlineEstimator(flat, config.estimator, rows, linear=weighting == "ols")
+    for block in noisy_blocks("base", 1, 10.0):
+        estimate = online.push(block)
+        assert np.all(np.isfinite(estimate.mean))
+        assert np.all(np.diag(estimate.covariance) > 0.0)
 
 
 @pytest.mark.parametrize("method", ["fused", "mrnea"])
