@@ -79,12 +79,17 @@ class Daemon:
     @property
     def pids(self) -> tuple[int, int]:
         """Loop and service."""
-        if self.process is None or self.process.poll() is not None:
-            raise LiveError(f"the daemon is not running; {self._config.parent / 'daemon.log'}")
-        started = children(self.process.pid)
+        loop = self.loop()
+        started = children(loop)
         if not started:
             raise LiveError("the daemon has no service")
-        return self.process.pid, started[-1]
+        return loop, started[-1]
+
+    def loop(self) -> int:
+        """Return the loop's process identifier. Raises LiveError when it has ended."""
+        if self.process is None or self.process.poll() is not None:
+            raise LiveError(f"the daemon is not running; {self._config.parent / 'daemon.log'}")
+        return self.process.pid
 
     def reap(self) -> None:
         """Wait for a killed loop."""
@@ -133,7 +138,10 @@ class Round:
             daemon = Daemon(setup.config_path, self._observer)
             held.callback(daemon.close)
             daemon.start(cold=True)
-            wait_for(lambda: self._observer.status_since(daemon.started_ns), "a first estimate")
+            wait_for(
+                lambda: bool(daemon.loop()) and self._observer.status_since(daemon.started_ns),
+                "a first estimate",
+            )
             up_ns = self._back_ns = time.monotonic_ns()
             time.sleep(WARM_S)
             for k in range(count):
