@@ -61,6 +61,15 @@ def free_tcp_port() -> int:
 Disturb = Callable[[float, int, int], None]  # seconds done, process ids of plant and daemon
 
 
+def children(pid: int) -> list[int]:
+    """Return the processes a process has started."""
+    try:
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
+    except FileNotFoundError:
+        return []
+    return [int(word) for word in text.split()]
+
+
 def _leave(_done_s: float, _plant: int, _daemon: int) -> None:
     return None
 

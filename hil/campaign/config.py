@@ -33,9 +33,8 @@ class Campaign(_Section):
     level: Literal["sample", "device"]
     seeds: Seeds
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]  # robot, bodies, who is unknown
-    noises: Annotated[tuple[str, ...], Field(min_length=1)] = (
-        "data sheet",
-    )  # sample level: names of the study's sensor sets
+    # sample level: names of the study's sensor sets
+    noises: Annotated[tuple[str, ...], Field(min_length=1)] = ("data sheet",)
     # null: the scenario's own
     trajectories: Annotated[tuple[Path | None, ...], Field(min_length=1)] = (None,)
     duration_s: Annotated[float, Field(gt=0)] | None = None  # of the motion; null: all of it

@@ -15,8 +15,7 @@ from pathlib import Path
 from hil import live
 from hil.fault_matrix.live_rows import Act, Hold, Lane
 from hil.fault_matrix.run import SCENARIO
-from hil.kills.watch import children
-from hil.live import LiveError
+from hil.live import LiveError, children
 from hil.scenario import at_rates, load
 
 RATE_HZ, IMU_RATE_HZ = 100.0, 125  # what is asked is not how fast it can go

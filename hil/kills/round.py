@@ -21,8 +21,8 @@ from hil import live
 from hil.bench import prepare
 from hil.flight import BUS, plant_document, write_yaml
 from hil.kills.files import part_state, unreadable_checkpoints
-from hil.kills.watch import Observer, alive, children, wait_for
-from hil.live import LiveError
+from hil.kills.watch import Observer, alive, wait_for
+from hil.live import LiveError, children
 from hil.scenario import at_rates, load
 
 SCENARIO = "target_leo"

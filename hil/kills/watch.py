@@ -52,15 +52,6 @@ class Observer:
         return [json.loads(line) for line in whole.splitlines()]
 
 
-def children(pid: int) -> list[int]:
-    """Return the processes a process has started."""
-    try:
-        text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
-    except FileNotFoundError:
-        return []
-    return [int(word) for word in text.split()]
-
-
 def alive(pid: int) -> bool:
     """Tell whether a process runs; a zombie does not."""
     try:
