@@ -13,6 +13,7 @@ from fsw.clock import MonotonicClock
 from fsw.drivers.ports.can_bus import RECEIVE_BUFFER_BYTES, SocketCanPort, open_can
 from fsw.errors import PortError
 from tests.fsw.drivers.configs import bus_config
+from tests.fsw.drivers.kernel_stamps import wait_for_kernel_stamps
 
 CLOCK = MonotonicClock()
 
@@ -26,6 +27,7 @@ def opened(channel="vcan0", *, fd=False):
 @pytest.fixture
 def port():
     port = opened()
+    wait_for_kernel_stamps(port, CLOCK)
     yield port
     port.close()
 

@@ -62,7 +62,8 @@ class CanPort:
     """Any python-can bus.
 
     With `stamped` its messages carry the kernel's stamps and what is sent comes back (as
-    udp_multicast has it), else they are stamped when read.
+    udp_multicast has it), else they are stamped when read. So are the first ones where no socket of
+    the machine had asked for stamps before: Linux switches them on a moment later.
     """
 
     def __init__(
