@@ -1,8 +1,9 @@
 """Rows of the matrix in real time: plant and daemon as processes, over links of the system.
 
 Times of the sensors are not judged here (a bench on a busy machine is late itself): their patience
-is set wide, and what a run is held against is a run in real time without a fault. What that run
-finds wrong, as positions off where a SYNC's stamp was late, is the bench's own.
+is set wide, and what a run is held against is a run in real time without a fault; on a real bus
+without the answers, too, that the fault took (see `lost`). What the run without a fault finds
+wrong, as positions off where a SYNC's stamp was late, is the bench's own.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ import numpy as np
 import yaml
 from scipy.stats import chi2
 
+from fsw.config import load as load_config
 from hil import bench, live
-from hil.fault_matrix import run
+from hil.fault_matrix import lost, run
 from hil.fault_matrix.table import Row, Table
 from hil.flight import plant_document, write_yaml
-from hil.inertia import pi_of
+from hil.inertia import FloatArray, pi_of
 from hil.outcome import result_from_json
 from hil.scenario import Scenario
 from hil.score import Result, normalised_error_squared
@@ -69,6 +71,11 @@ class Lane:
     scenario: Scenario
     device_channel: str | None = None  # the devices' end of a cable
 
+    @property
+    def of_the_bus(self) -> bool:
+        """Whether faults take samples on the bus."""
+        return self.device_channel is not None
+
 
 def outcomes(lane: Lane, table: Table, rows: Sequence[Row], seed: int) -> Iterator[dict[str, Any]]:
     """Yield the outcomes of rows, one after the other, a clean run first."""
@@ -76,7 +83,14 @@ def outcomes(lane: Lane, table: Table, rows: Sequence[Row], seed: int) -> Iterat
         clean = fly(lane, table, None, seed, Path(home) / "clean")
         for row in rows:
             flown = fly(lane, table, row, seed, Path(home) / row.type)
-            yield outcome(table, row, flown, clean)
+            sigma, missing = _sigma(clean["final"]), 0
+            if lane.of_the_bus and row.loses != "nothing":
+                span_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
+                config = load_config(clean["setup"].config_path)
+                recordings = clean["recording"], flown["recording"]
+                reference, missing = lost.reference(*recordings, config, span_ns, Path(home))
+                sigma = _sigma(reference)
+            yield outcome(table, row, flown, clean, sigma) | {"lost": missing}
 
 
 def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> dict[str, Any]:
@@ -107,6 +121,7 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
     closing = live.read_status(folder / "state" / "status.json") or {}
     return {
         "setup": setup,
+        "recording": outcome.recording,
         "final": result_from_json(outcome.final, setup.scenario.unknown),
         "status": outcome.status,
         "events": [json.loads(line) for line in events],
@@ -125,8 +140,16 @@ def _write_plant(lane: Lane, setup: bench.Setup) -> Path:
     return write_yaml(setup.folder / "plant.yaml", document)
 
 
+def _sigma(result: Result) -> FloatArray:
+    return np.asarray(np.sqrt(np.diag(result.covariance)))
+
+
 def outcome(
-    table: Table, row: Row, flown: Mapping[str, Any], clean: Mapping[str, Any]
+    table: Table,
+    row: Row,
+    flown: Mapping[str, Any],
+    clean: Mapping[str, Any],
+    reference_sigma: FloatArray,
 ) -> dict[str, Any]:
     """Return the figures of a row, and what of them is out of bounds."""
     setup: bench.Setup = flown["setup"]
@@ -142,7 +165,6 @@ def outcome(
     ]
     usual = {e["code"] for e in clean["events"]} | set(TIMING)
     codes = {e["code"] for e in told} - usual
-    sigma, usual_sigma = (np.sqrt(np.diag(r.covariance)) for r in (final, clean["final"]))
     health = flown["status"]["health"]
     bench_own = clean["status"]["health"]["incidents"]
     incidents = {n: int(k) for n, k in health["incidents"].items()}
@@ -156,7 +178,7 @@ def outcome(
         "recover_bound_s": row.recover_s or table.recover_bound_s,
         "nees": normalised_error_squared(final.x - truth, final.covariance),
         "nees_bound": float(chi2.ppf(table.probability, len(truth))),
-        "sigma_ratio": float(np.max(sigma / usual_sigma)),
+        "sigma_ratio": float(np.max(_sigma(final) / reference_sigma)),
         "sigma_ratio_bound": table.sigma_ratio,
         "others": sorted(codes - {row.event, row.recovered, *row.also}),
         "counters": {n: k for n, k in incidents.items() if n == row.event or n not in bench_own},

@@ -12,7 +12,7 @@ import pytest
 from fsw.findings import Fault
 from hil import bench
 from hil.__main__ import main
-from hil.fault_matrix import machine, real_bus, run, table, work
+from hil.fault_matrix import lost, machine, real_bus, run, table, work
 from hil.fault_script import TYPES, install
 from hil.scenario import FaultEntry, ScenarioError
 
@@ -105,6 +105,32 @@ def test_a_bound_that_does_not_hold_fails_its_row(trunk: Any) -> None:
     off = dataclasses.replace(clean.final, x=clean.final.x + 8.0 * clean.sigma)
     wrong = dataclasses.replace(clean, final=off)
     assert "nees" in run.outcome(BOUNDS, row, before.setup, wrong, clean, clean)["failed"]
+
+
+def test_what_a_fault_took_is_left_out_of_the_clean_run_s_recording(tmp_path: Path) -> None:
+    bounds = BOUNDS.model_copy(update={"total_s": 7.0, "at_s": 4.0})
+    row = next(row for row in BOUNDS.faults if row.type == "bus_cut")
+    recordings, finals = {}, {}
+    for name in ("clean", "faulty", "reference"):
+        setup = run.prepare(bounds, SEED, tmp_path / name)
+        flight = bench.VirtualRun(setup, record=True)
+        entries = [] if name == "clean" else [bounds.entry(row)]
+        install(entries, flight.world, SEED, bench.T0_NS, reference=name == "reference")
+        flight.advance(setup.total_s, run.Quiet())
+        finals[name] = flight.finish(run.Quiet()).final
+        recordings[name] = setup.folder / "recording.mcap"
+    began_ns = bench.T0_NS + 4_000_000_000
+    span_ns = began_ns, began_ns + round(1e9 * (row.for_s or 0.0))
+    pair = recordings["clean"], recordings["faulty"]
+    result, missing = lost.reference(*pair, setup.config, span_ns, tmp_path)
+    assert missing == pytest.approx(7 * 500 * (row.for_s or 0.0), abs=7 * 2)
+    sigma = np.sqrt(np.diag(result.covariance))
+    wanted, clean = (np.sqrt(np.diag(finals[n].covariance)) for n in ("reference", "clean"))
+    np.testing.assert_allclose(sigma, wanted, rtol=1e-3)
+    assert np.max(sigma / clean) > 1.01
+    kept, none = lost.reference(*pair, setup.config, (0, 1), tmp_path)
+    assert none == 0
+    np.testing.assert_allclose(kept.covariance, finals["clean"].covariance, rtol=1e-9)
 
 
 def test_stored_outcomes_are_not_run_again(tmp_path: Any) -> None:
