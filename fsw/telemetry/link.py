@@ -119,7 +119,7 @@ class LinkServer:
                 found += self._read(key.data, now_ns)
         for client in self._clients:
             found += client.uplink.expire(now_ns)
-            self._watch(client)
+            self._watch_uplink(client)
         return found
 
     def flush(self) -> None:
@@ -143,6 +143,7 @@ class LinkServer:
                 self._account(client, sent)
                 if sent < len(data):
                     break
+            self._watch_queue(client)
 
     def close(self) -> None:
         """Close everything, the door first; what a client did not take is lost."""
@@ -198,14 +199,17 @@ class LinkServer:
         self.counters.tc_bytes += len(data)
         return client.uplink.feed(data, now_ns)
 
-    def _watch(self, client: _Client) -> None:
-        """Count and tell garbage and drops that are new, and that drops are over."""
+    def _watch_uplink(self, client: _Client) -> None:
+        """Count and tell garbage that is new."""
         skipped, resyncs = client.uplink.skipped_bytes, client.uplink.resyncs
         self.counters.tc_garbage_bytes += skipped - client.skipped
         self.counters.tc_resyncs += resyncs - client.resyncs
         if resyncs > client.resyncs:
             self._report("TC_GARBAGE", f"{client.name}: {skipped - client.skipped} bytes")
         client.skipped, client.resyncs = skipped, resyncs
+
+    def _watch_queue(self, client: _Client) -> None:
+        """Tell drops that are new, and that they are over: of all that waited nothing is left."""
         if client.dropped > client.told_drops and not client.is_slow:
             client.is_slow = True
             self._report("LINK_DROPS", f"{client.name} is slow: packets are dropped")
@@ -232,5 +236,6 @@ class LinkServer:
         self._clients.remove(client)
         self._selector.unregister(client.connection)
         client.connection.close()
-        self._watch(client)
+        self._watch_uplink(client)
+        self._watch_queue(client)
         self._report("LINK_CLOSED", f"{client.name}: {why}")

@@ -3,6 +3,7 @@
 import binascii
 import socket
 import struct
+from contextlib import suppress
 
 import pytest
 from hypothesis import given
@@ -97,7 +98,24 @@ def test_a_stuck_client_costs_its_own_packets_whole_and_nobody_waits(link: Link)
     link.server.flush()
     with pytest.raises(TimeoutError):
         stuck.recv(1)  # the stream holds whole packets only: every byte is accounted for
-    link.server.serve(0)
+    assert link.told.count("LINK_DROPS") == link.told.count("LINK_CAUGHT_UP") == 1
+
+
+def test_a_client_has_caught_up_though_every_look_finds_a_new_packet(link: Link):
+    client = link.connect(buffer=4096)
+    packet = bytes(1000)
+    while not link.server.counters.tm_dropped:
+        link.server.send(packet)
+        link.server.flush()
+    client.settimeout(0.02)
+    for _ in range(500):  # as a daemon goes on: records, then what has come up, then what goes down
+        link.server.send(packet)
+        link.server.serve(0)
+        link.server.flush()
+        with suppress(TimeoutError):
+            client.recv(1 << 20)
+        if "LINK_CAUGHT_UP" in link.told:
+            break
     assert link.told.count("LINK_DROPS") == link.told.count("LINK_CAUGHT_UP") == 1
 
 
