@@ -9,6 +9,7 @@ wrong, as positions off where a SYNC's stamp was late, is the bench's own.
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -91,6 +92,7 @@ def outcomes(lane: Lane, table: Table, rows: Sequence[Row], seed: int) -> Iterat
                 reference, missing = lost.reference(*recordings, config, span_ns, Path(home))
                 sigma = _sigma(reference)
             yield outcome(table, row, flown, clean, sigma) | {"lost": missing}
+            shutil.rmtree(Path(home) / row.type)  # below `hil vcan` files are in memory
 
 
 def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> dict[str, Any]:

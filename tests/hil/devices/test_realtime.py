@@ -15,6 +15,7 @@ import pytest
 import serial
 import yaml
 
+from hil.devices import realtime
 from hil.devices.sagitta import frame
 from hil.spline import JointSpline
 
@@ -66,6 +67,21 @@ def exchange(bus: can.BusABC, imu: serial.Serial, ticks: int) -> tuple[list[can.
                 else:
                     received += os.read(imu.fileno(), 4096)
     return messages, received
+
+
+@pytest.mark.parametrize("held_up", range(6))
+def test_two_clocks_are_compared_though_one_comparison_is_interrupted(monkeypatch, held_up):
+    now_ns, readings, offset_ns = 1_000_000_000, 0, -123_456_789_012
+
+    def read(shift_ns):
+        nonlocal now_ns, readings
+        now_ns += 5_000_000 if readings == held_up else 100
+        readings += 1
+        return now_ns - shift_ns
+
+    monkeypatch.setattr(time, "monotonic_ns", lambda: read(0))
+    monkeypatch.setattr(time, "time_ns", lambda: read(offset_ns))
+    assert abs(realtime.monotonic_less_realtime_ns() - offset_ns) < 1000
 
 
 @pytest.mark.timeout(30)
