@@ -160,7 +160,8 @@ class Memory:
                 self._failures += 1
             else:
                 stored.A, stored.c, stored.made = new.A, new.b + new.A @ self.at, True
-                stored.at, stored.before = self.at, self._gained_in_pass
+                # a copy, so that memory does not grow once passes have ended
+                stored.at, stored.before = self.at.copy(), self._gained_in_pass
                 stored.after = new.after
             self._gained_in_pass = stored.after
             self._pass = self._with_rows(stored).into(self._pass)
