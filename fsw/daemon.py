@@ -248,7 +248,7 @@ class Daemon:
         if block is None:
             self.unusable_windows += 1
             return
-        if not self.dispatcher.identifying:
+        if not self.dispatcher.identifying or window.index < self.dispatcher.first_window:
             self._store(block)
             return
         yield
@@ -320,7 +320,8 @@ class Daemon:
     def _commands(self, tick: Tick) -> None:
         """Apply what is queued; while a window is being worked off, commands wait for its end."""
         busy = self._windows.is_busy
-        for estimate in self.dispatcher.run(tick.now_ns, self.aligner.next_index, held=busy):
+        windows = self.aligner.next_index, self.aligner.first_after(tick.now_ns)
+        for estimate in self.dispatcher.run(tick.now_ns, *windows, held=busy):
             self._publish(estimate)
         if self.dispatcher.checkpoint_due and not busy:
             self.dispatcher.checkpoint_due = False

@@ -30,6 +30,8 @@ KEPT_AFTER = (
     CommandName.SAVE_STATE,
     CommandName.RESTORE_STATE,
 )
+# after which the estimator begins anew: windows that began before are of the time before
+ANEW = (CommandName.RESET, CommandName.RESUME, CommandName.CONFIGURE)
 
 
 class Resettable(Protocol):
@@ -86,9 +88,10 @@ class Dispatcher:
         self._estimator, self._sink, self._jobs = estimator, sink, jobs
         self._reconfigure = reconfigure
         self.identifying = identifying  # whether windows reach the estimator
+        self.first_window = 0  # that reaches it
         self.changes: list[Mapping[str, Any]] = []  # other unknowns, in order: for checkpoints
         self._queue: deque[Command] = deque()
-        self._planned: deque[tuple[int, Command]] = deque()
+        self._planned: deque[tuple[int, int, Command]] = deque()
         self._running: BatchRequest | None = None
         self._report: JobReport | None = None
         self._result: Mapping[str, Any] | None = None
@@ -105,9 +108,12 @@ class Dispatcher:
             return
         self._queue.append(command)
 
-    def plan(self, window: int, command: Command) -> None:
-        """Apply a recorded command right before the given window; call in order."""
-        self._planned.append((window, command))
+    def plan(self, window: int, command: Command, clean_window: int = 0) -> None:
+        """Apply a recorded command right before the given window; call in order.
+
+        `clean_window` is the first that began after the command.
+        """
+        self._planned.append((window, clean_window, command))
 
     def store(self, block: Block) -> None:
         """Keep a block for later jobs."""
@@ -118,20 +124,28 @@ class Dispatcher:
         """Apply recorded commands that came before this window; return the estimates they gave."""
         estimates = []
         while self._planned and self._planned[0][0] <= index:
-            window, command = self._planned.popleft()
-            estimate = self._apply(command, now_ns, window)
+            window, clean_window, command = self._planned.popleft()
+            estimate = self._apply(command, now_ns, window, clean_window)
             if estimate is not None:
                 estimates.append(estimate)
         return estimates
 
-    def run(self, now_ns: int, next_window: int, *, held: bool = False) -> list[Estimate]:
-        """Apply what is queued, unless held back; return the estimates it gave."""
+    def run(
+        self, now_ns: int, next_window: int, clean_window: int = 0, *, held: bool = False
+    ) -> list[Estimate]:
+        """Apply what is queued, unless held back; return the estimates it gave.
+
+        Parameters
+        ----------
+        next_window : index of the window that closes next
+        clean_window : of the first that begins from now on
+        """
         if self._jobs is not None:
             for report in self._jobs.poll(now_ns):
                 self._follow(report, now_ns)
         estimates = []
         while self._queue and not held:
-            estimate = self._apply(self._queue.popleft(), now_ns, next_window)
+            estimate = self._apply(self._queue.popleft(), now_ns, next_window, clean_window)
             if estimate is not None:
                 estimates.append(estimate)
         return estimates
@@ -144,7 +158,9 @@ class Dispatcher:
         summary = {"id": report.id, "state": report.state, "progress": report.progress}
         return summary | {"text": report.text, "result": report.result}
 
-    def _apply(self, command: Command, now_ns: int, next_window: int) -> Estimate | None:
+    def _apply(
+        self, command: Command, now_ns: int, next_window: int, clean_window: int
+    ) -> Estimate | None:
         data: Mapping[str, Any] = {}
         try:
             if command.name is CommandName.REPORT:
@@ -156,8 +172,11 @@ class Dispatcher:
         except EstimatorError as error:
             self._answer(command, Code.ESTIMATOR, str(error))
             return None
+        if command.name in ANEW:
+            self.first_window = clean_window
         record = {"command": str(command.name), "id": command.id, "args": args}
-        self._sink.command(now_ns, record | {"next_window": next_window})
+        windows = {"next_window": next_window, "clean_window": clean_window}
+        self._sink.command(now_ns, record | windows)
         self._answer(command, Code.ACCEPTED, "", data)
         return estimate
 

@@ -57,7 +57,13 @@ _SCHEMAS: dict[str, dict[str, Any]] = {
     },
     "/events": {"t_ns": "integer", "severity": "string", "code": "string", "text": "string"},
     "/tm": {"t_ns": "integer", "ticks": "integer", "slips": "integer", "samples": "object"},
-    "/tc": {"command": "string", "id": "integer", "args": "object", "next_window": "integer"},
+    "/tc": {
+        "command": "string",
+        "id": "integer",
+        "args": "object",
+        "next_window": "integer",
+        "clean_window": "integer",
+    },
 }
 
 

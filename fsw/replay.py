@@ -315,5 +315,6 @@ def _plan(daemon: Daemon, commands: Sequence[Record], checkpoint: bytes | None) 
         elif values.get("command") in REPLAYED:
             name = CommandName(values["command"])
             command = Command(name=name, id=int(values["id"]), args=values["args"])
-            daemon.dispatcher.plan(int(values["next_window"]), command)
+            windows = int(values["next_window"]), int(values.get("clean_window", 0))
+            daemon.dispatcher.plan(windows[0], command, windows[1])
     return end_ns

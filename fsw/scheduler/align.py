@@ -106,6 +106,12 @@ class Aligner:
         """Index of the window that closes next."""
         return self._next
 
+    def first_after(self, t_ns: int) -> int:
+        """Return the index of the first window that begins at a time or after it."""
+        if self._t0_ns is None:
+            return 0
+        return max(self._next, -((self._t0_ns - t_ns) // self._window_ns))
+
     @property
     def deadline_ns(self) -> int | None:
         """Receive stamp after which the next window takes nothing more; None before the start."""

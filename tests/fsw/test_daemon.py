@@ -112,6 +112,16 @@ def test_a_window_is_worked_off_one_unit_a_tick(bench: Bench):
     assert bench.sink.commands[-1]["next_window"] == 1
 
 
+def test_a_window_that_began_before_a_reset_does_not_reach_the_estimator(bench: Bench):
+    """Windows of 100 ms from 1 s on; the reset at 1.122 s, in window 1, which closes at 1.25 s."""
+    bench.run(61)
+    bench.daemon.submit(Command(name=CommandName.RESET))
+    bench.run(115)
+    bench.run(UNITS)
+    assert bench.estimator.pushed == [2]
+    assert [block.index for block in bench.sink.blocks] == [0, 1, 2]
+
+
 def test_jobs_and_checkpoints_get_a_block_as_the_estimator_used_it(bench: Bench):
     def screened(block: Block) -> Block:
         return replace(block, has_joint=np.zeros_like(block.has_joint))

@@ -34,7 +34,7 @@ class Bench:
 
     def tell(self, name: CommandName, number: int = 1, **args) -> Code:
         self.dispatcher.submit(Command(name=name, id=number, args=args))
-        self.estimates = self.dispatcher.run(1000, 5)
+        self.estimates = self.dispatcher.run(1000, 5, 7)
         return self.sink.replies[-1].code
 
 
@@ -72,7 +72,14 @@ def test_what_a_checkpoint_carries_is_the_choice_of_unknowns_and_no_table(bench:
 
 def test_an_applied_command_is_recorded_with_its_place(bench: Bench):
     bench.tell(CommandName.RESET, 9)
-    assert bench.sink.commands == [{"command": "reset", "id": 9, "args": {}, "next_window": 5}]
+    place = {"next_window": 5, "clean_window": 7}
+    assert bench.sink.commands == [{"command": "reset", "id": 9, "args": {}} | place]
+
+
+@pytest.mark.parametrize("name", [CommandName.RESET, CommandName.REST, CommandName.SAVE_STATE])
+def test_windows_of_before_a_new_beginning_are_left_out(bench: Bench, name: CommandName):
+    bench.tell(name)
+    assert bench.dispatcher.first_window == (7 if name is CommandName.RESET else 0)
 
 
 def test_a_refused_command_is_not_recorded(bench: Bench):

@@ -130,3 +130,11 @@ def test_given_out_arrays_cannot_be_changed(aligner: Aligner):
     (window,) = aligner.close(T0 + WINDOW + LAG)
     with pytest.raises(ValueError, match="read-only"):
         window.joints[0].values[0, 0] = 1.0
+
+
+def test_the_first_window_that_begins_from_a_time_on(aligner: Aligner):
+    aligner.push(joint(T0))
+    first = [aligner.first_after(T0 + k) for k in (-1, 0, 1, WINDOW, WINDOW + 1)]
+    assert first == [0, 0, 1, 1, 2]
+    aligner.close(T0 + 3 * WINDOW + LAG)
+    assert aligner.first_after(T0) == aligner.next_index == 3
