@@ -143,7 +143,7 @@ class Schedule:
             values = {
                 "entry": place,
                 "entries": len(self._waiting),
-                "release_time_s": activity.release_ns * 1e-9,
+                "release_time_s": activity.release_ns / 1e9,  # a whole second stays one
                 "request_packet_id": request.id.packet_id,
                 "request_sequence": request.id.sequence,
                 "service": request.telecommand.service,

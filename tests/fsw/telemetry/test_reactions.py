@@ -221,6 +221,13 @@ class TestSchedule:
         flight.send("REPORT_SCHEDULE")
         assert flight.last("schedule_entry")["entry"] == 0
 
+    def test_a_whole_second_is_told_as_one(self, flight: Flight):
+        """In floating point 1020 e9 ns times 1e-9 is another number than 1020."""
+        assert 1020 * SECOND * 1e-9 != 1020.0
+        flight.send("INSERT_ACTIVITY", at(20.0, flight))
+        flight.send("REPORT_SCHEDULE")
+        assert flight.last("schedule_entry")["release_time_s"] == 1020.0
+
     def test_what_comes_due_while_disabled_is_discarded(self, flight: Flight):
         flight.send("DISABLE_SCHEDULE")
         flight.send("INSERT_ACTIVITY", at(1.0, flight))
