@@ -76,10 +76,10 @@ def test_an_applied_command_is_recorded_with_its_place(bench: Bench):
     assert bench.sink.commands == [{"command": "reset", "id": 9, "args": {}} | place]
 
 
-@pytest.mark.parametrize("name", [CommandName.RESET, CommandName.REST, CommandName.SAVE_STATE])
+@pytest.mark.parametrize("name", [CommandName.RESET, CommandName.RESUME, CommandName.REST])
 def test_windows_of_before_a_new_beginning_are_left_out(bench: Bench, name: CommandName):
     bench.tell(name)
-    assert bench.dispatcher.first_window == (7 if name is CommandName.RESET else 0)
+    assert bench.dispatcher.first_window == (0 if name is CommandName.REST else 7)
 
 
 def test_a_refused_command_is_not_recorded(bench: Bench):
