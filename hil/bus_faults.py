@@ -12,6 +12,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from enum import Enum
 
@@ -19,7 +20,7 @@ import can
 import numpy as np
 
 BABBLE_STREAM = 0xBAB
-BABBLE_FRAMES, BABBLE_PAUSE_S = 256, 0.002
+BABBLE_FRAMES, BABBLE_PAUSE_S = 256, 0.005
 CAN_FRAME = struct.Struct("=IB3x8s")  # of linux/can.h
 POLL_S = 0.05
 SIOCGIFFLAGS, SIOCSIFFLAGS, IFF_UP = 0x8913, 0x8914, 1  # netdevice(7)
@@ -127,14 +128,14 @@ class Echo:
 
 @contextmanager
 def running(disturbance: Babble | Echo) -> Iterator[None]:
-    """Let a disturbance go on beside what the block does."""
-    thread = threading.Thread(target=disturbance.run, name="disturbance")
-    thread.start()
-    try:
-        yield
-    finally:
-        disturbance.stop()
-        thread.join()
+    """Let a disturbance go on beside what the block does; what stopped it early is raised."""
+    with ThreadPoolExecutor(1, "disturbance") as pool:
+        ended = pool.submit(disturbance.run)
+        try:
+            yield
+        finally:
+            disturbance.stop()
+            ended.result()
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from hil.devices.bus_toggle import BusToggle
 
 SYNC_ID = 0x080
 NMT_ID = 0x000
+SDO_ID = 0x600  # and above: requests to a node, then heartbeats
 COUNTS_PER_RAD = 2**24 / (2.0 * math.pi)
 STATUS_GOOD = 0x09  # torque valid, encoder valid
 STATUS_OVERLOAD = 0x02

@@ -21,7 +21,7 @@ from typing import Any
 import can
 
 from hil.devices.can_segment import TimedFrame
-from hil.devices.canopen import SYNC_ID
+from hil.devices.canopen import NMT_ID, SDO_ID, SYNC_ID
 from hil.devices.plant_file import BusLink, PlantFile, Realtime, build, load
 from hil.plant import Plant
 
@@ -29,6 +29,7 @@ PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
 HANG_UP_NS = 1_000_000_000
 READ_LIMIT = 64  # frames read in one go
+HEARD = (SYNC_ID, 0x7FF), (NMT_ID, 0x7FF), (SDO_ID, SDO_ID)  # what a node takes: identifier, mask
 
 
 def monotonic_less_realtime_ns() -> int:
@@ -52,6 +53,8 @@ class BusEnd:
         options = {"port": link.port, "bitrate": link.bitrate, "data_bitrate": link.data_bitrate}
         given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
         self._bus = can.Bus(interface=link.interface, channel=link.channel, fd=link.fd, **given)
+        if link.interface == "socketcan":  # the kernel filters, as a controller of a node does
+            self._bus.set_filters([{"can_id": i, "can_mask": m, "extended": False} for i, m in HEARD])
         self._plant, self._name, self._line = plant, link.name, line
         self._producer = plant.sync_producer(time.monotonic_ns())
         self._queue: list[tuple[int, int, TimedFrame]] = []
@@ -80,7 +83,7 @@ class BusEnd:
                 continue
             if can_id == SYNC_ID and self._producer is not None:
                 continue
-            if can_id not in (SYNC_ID, 0) and can_id <= 0x600:
+            if not any(can_id & mask == heard for heard, mask in HEARD):
                 continue
             stamp_ns = round(message.timestamp * 1e9) + offset_ns
             self.sync_seen |= can_id == SYNC_ID
