@@ -54,7 +54,9 @@ class BusEnd:
         given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
         self._bus = can.Bus(interface=link.interface, channel=link.channel, fd=link.fd, **given)
         if link.interface == "socketcan":  # the kernel filters, as a controller of a node does
-            self._bus.set_filters([{"can_id": i, "can_mask": m, "extended": False} for i, m in HEARD])
+            self._bus.set_filters(
+                [{"can_id": i, "can_mask": m, "extended": False} for i, m in HEARD]
+            )
         self._plant, self._name, self._line = plant, link.name, line
         self._producer = plant.sync_producer(time.monotonic_ns())
         self._queue: list[tuple[int, int, TimedFrame]] = []
