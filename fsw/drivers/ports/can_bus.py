@@ -10,9 +10,10 @@ from typing import Any
 
 import can
 
-from fsw.clock import Clock, monotonic_less_realtime_ns
+from fsw.clock import Clock
 from fsw.config import BusConfig
 from fsw.drivers.ports import linux_can
+from fsw.drivers.ports.stamps import KernelStamps
 from fsw.drivers.wire import CanFrame, FramePort
 from fsw.errors import PortError
 
@@ -70,8 +71,8 @@ class CanPort:
         self, device: can.BusABC, clock: Clock, name: str, *, stamped: bool = False
     ) -> None:
         self._device, self._clock, self._name = device, clock, name
-        self._stamped = self.hands_back = stamped
-        self._empty_ns = clock.now_ns()
+        self.hands_back = stamped
+        self._stamps = KernelStamps(clock) if stamped else None
 
     def read(self) -> list[CanFrame]:
         """Return every frame received since the last call."""
@@ -85,31 +86,25 @@ class CanPort:
                 messages.append(message)
         except (can.CanError, OSError) as error:
             raise PortError(f"{self._name}: cannot be read: {error}") from error
-        if not messages:
-            self._empty_ns = began_ns
-            return []
-        offset_ns, now_ns = monotonic_less_realtime_ns(), self._clock.now_ns()
-        frames = []
-        for message in messages:
-            t_ns = now_ns
-            if self._stamped:
-                stamp_ns = round(message.timestamp * 1e9) + offset_ns
-                t_ns = min(max(stamp_ns, self._empty_ns), now_ns)
-            frames.append(
-                CanFrame(
-                    t_ns,
-                    message.arbitration_id,
-                    bytes(message.data),
-                    message.is_fd,
-                    message.is_extended_id,
-                    message.is_remote_frame,
-                    message.is_error_frame,
-                    message.bitrate_switch,
-                )
+        if messages and self._stamps is not None:
+            times_ns = self._stamps.monotonic_ns(round(m.timestamp * 1e9) for m in messages)
+        else:
+            times_ns = [self._clock.now_ns()] * len(messages)
+        if self._stamps is not None and len(messages) < MAX_BATCH:
+            self._stamps.left_empty(began_ns)
+        return [
+            CanFrame(
+                t_ns,
+                message.arbitration_id,
+                bytes(message.data),
+                message.is_fd,
+                message.is_extended_id,
+                message.is_remote_frame,
+                message.is_error_frame,
+                message.bitrate_switch,
             )
-        if len(messages) < MAX_BATCH:
-            self._empty_ns = began_ns
-        return frames
+            for t_ns, message in zip(times_ns, messages, strict=True)
+        ]
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
         """Send a classic frame and stamp it."""
@@ -136,8 +131,7 @@ class CanPort:
 class SocketCanPort:
     """A SocketCAN bus: opened by python-can, its socket served without python-can's cost per frame.
 
-    Frames carry the kernel's stamps. They are CLOCK_REALTIME and mapped once per batch; none comes
-    before what the last read had left empty, nor after now, however that clock was set meanwhile.
+    Frames carry the kernel's stamps (`KernelStamps`).
     """
 
     hands_back = True
@@ -149,7 +143,7 @@ class SocketCanPort:
         if code:
             raise PortError(f"{name}: cannot be opened: {os.strerror(code)}")
         self._receiver = linux_can.Receiver(link)
-        self._empty_ns = clock.now_ns()
+        self._stamps = KernelStamps(clock)
         self._failure: OSError | None = None
 
     def read(self) -> list[CanFrame]:
@@ -165,7 +159,7 @@ class SocketCanPort:
                 batch = self._rest()
             frames += self._stamped(batch)
             if len(batch) < linux_can.BATCH:
-                self._empty_ns = began_ns
+                self._stamps.left_empty(began_ns)
                 break
         if frames:
             self._failure = failure  # told by the next read
@@ -183,12 +177,10 @@ class SocketCanPort:
     def _stamped(self, batch: list[linux_can.Received]) -> list[CanFrame]:
         if not batch:
             return []
-        offset_ns = monotonic_less_realtime_ns()
-        now_ns = self._clock.now_ns()
-        earliest_ns = self._empty_ns
+        times_ns = self._stamps.monotonic_ns(frame.realtime_ns for frame in batch)
         return [
-            frame_of(frame.data, min(max(frame.realtime_ns + offset_ns, earliest_ns), now_ns))
-            for frame in batch
+            frame_of(frame.data, t_ns)
+            for frame, t_ns in zip(batch, times_ns, strict=True)
             if len(frame.data) in (linux_can.CLASSIC_BYTES, linux_can.FD_BYTES)
         ]
 

@@ -1,0 +1,48 @@
+"""The kernel's stamps of one port as times of the monotonic clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from fsw.clock import Clock, monotonic_less_realtime_ns
+
+SET_NS = 100_000  # two clocks that moved further apart than this: one of them was set
+DOUBT_NS = 100_000_000  # after that, and the longest that a frame waits in the kernel's own queues
+
+
+class KernelStamps:
+    """Takes stamps (CLOCK_REALTIME) to CLOCK_MONOTONIC, never later than now.
+
+    A frame can be stamped, then wait in the kernel's own queues while a read finds nothing: what a
+    read left empty tells no frame's time. It bounds the stamps only of a clock that was set less
+    than `DOUBT_NS` before, and those that lie further back than that, which are not times at all.
+
+    Parameters
+    ----------
+    compare : returns what takes CLOCK_REALTIME to CLOCK_MONOTONIC [ns]
+    """
+
+    def __init__(
+        self, clock: Clock, compare: Callable[[], int] = monotonic_less_realtime_ns
+    ) -> None:
+        self._clock, self._compare = clock, compare
+        self._empty_ns = clock.now_ns()
+        self._offset_ns = compare()
+        self._doubted_until_ns = 0
+
+    def left_empty(self, began_ns: int) -> None:
+        """Take note that a read which began then [ns, monotonic] left nothing waiting."""
+        self._empty_ns = began_ns
+
+    def monotonic_ns(self, stamps_ns: Iterable[int]) -> list[int]:
+        """Return the times of a batch that was read just now; the clocks are compared once."""
+        offset_ns, now_ns = self._compare(), self._clock.now_ns()
+        if abs(offset_ns - self._offset_ns) > SET_NS:
+            self._doubted_until_ns = now_ns + DOUBT_NS
+        self._offset_ns = offset_ns
+        trusted_ns = self._empty_ns - (DOUBT_NS if now_ns >= self._doubted_until_ns else 0)
+        times_ns = []
+        for stamp_ns in stamps_ns:
+            t_ns = stamp_ns + offset_ns
+            times_ns.append(min(t_ns if t_ns >= trusted_ns else self._empty_ns, now_ns))
+        return times_ns
