@@ -211,6 +211,25 @@ def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
     return {topic: json.loads(data) for topic, data in last.items()}
 
 
+def estimate_by(recording: Path, end_ns: int) -> dict[str, Any]:
+    """Return the last estimate of a run of until then [ns]: a run ends some time after its motion.
+
+    Raises
+    ------
+    LiveError when there is none.
+    """
+    last: dict[str, Any] | None = None
+    with recording.open("rb") as file, suppress(McapError):
+        messages = NonSeekingReader(file).iter_messages(["/estimate"], log_time_order=False)
+        for _, _, message in messages:
+            values = json.loads(message.data)
+            if values["t_ns"] <= end_ns:
+                last = values
+    if last is None:
+        raise LiveError(f"{recording}: holds no estimate of the motion")
+    return last
+
+
 def _tail(folder: Path, name: str) -> str:
     path = folder / f"{name}.log"
     text = path.read_text(encoding="utf-8") if path.exists() else ""

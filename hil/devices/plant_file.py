@@ -48,12 +48,16 @@ class RedundantLink:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusLink:
-    """One python-can bus; `name` is the one the nodes refer to."""
+    """One python-can bus; `name` is the one the nodes refer to.
+
+    `stamped_at` is the host's end of a SocketCAN cable: a SYNC's time is its stamp there.
+    """
 
     __pydantic_config__ = STRICT
     name: str
     interface: str
     channel: str
+    stamped_at: str | None = None
     port: int | None = None
     fd: bool = False
     bitrate: int | None = None

@@ -29,6 +29,8 @@ PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
 HANG_UP_NS = 1_000_000_000
 READ_LIMIT = 64  # frames read in one go
+TAP_WAIT_S = 0.005  # for a SYNC at the host's end that has come to the devices'
+TAP_APART_S = 0.05  # stamps of one SYNC at most; its counter comes again much later
 HEARD = (SYNC_ID, 0x7FF), (NMT_ID, 0x7FF), (SDO_ID, SDO_ID)  # what a node takes: identifier, mask
 
 
@@ -40,6 +42,35 @@ def monotonic_less_realtime_ns() -> int:
     readings = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(3)]
     before_ns, realtime_ns, after_ns = min(readings, key=lambda reading: reading[2] - reading[0])
     return (before_ns + after_ns) // 2 - realtime_ns
+
+
+class SyncTap:
+    """Hears SYNCs at the host's end of a cable, for their stamps.
+
+    A frame on a wire has one time. On a cable between two links of one kernel it is stamped twice,
+    and a timer of that kernel in between sets the stamps 50 us apart.
+    """
+
+    def __init__(self, channel: str) -> None:
+        only = [{"can_id": SYNC_ID, "can_mask": 0x7FF, "extended": False}]
+        self._bus = can.Bus(interface="socketcan", channel=channel, can_filters=only)
+
+    def timestamp(self, sync: can.Message) -> float:
+        """Return when a SYNC was on the cable [s, CLOCK_REALTIME]; its own stamp where unheard."""
+        while True:
+            try:
+                heard = self._bus.recv(TAP_WAIT_S)
+            except can.CanError:  # this end was down; it comes back to the same socket
+                continue
+            if heard is None:
+                return sync.timestamp
+            apart_s = heard.timestamp - sync.timestamp
+            if heard.data == sync.data and abs(apart_s) < TAP_APART_S:
+                return heard.timestamp
+
+    def close(self) -> None:
+        """Release the link."""
+        self._bus.shutdown()
 
 
 class BusEnd:
@@ -57,6 +88,7 @@ class BusEnd:
             self._bus.set_filters(
                 [{"can_id": i, "can_mask": m, "extended": False} for i, m in HEARD]
             )
+        self._tap = None if link.stamped_at is None else SyncTap(link.stamped_at)
         self._plant, self._name, self._line = plant, link.name, line
         self._producer = plant.sync_producer(time.monotonic_ns())
         self._queue: list[tuple[int, int, TimedFrame]] = []
@@ -87,7 +119,10 @@ class BusEnd:
                 continue
             if not any(can_id & mask == heard for heard, mask in HEARD):
                 continue
-            stamp_ns = round(message.timestamp * 1e9) + offset_ns
+            stamp_s = message.timestamp
+            if can_id == SYNC_ID and self._tap is not None:
+                stamp_s = self._tap.timestamp(message)
+            stamp_ns = round(stamp_s * 1e9) + offset_ns
             self.sync_seen |= can_id == SYNC_ID
             data = bytes(message.data)
             self._enqueue(self._plant.on_frame(stamp_ns, can_id, data, self._name, self._line))
@@ -133,6 +168,8 @@ class BusEnd:
     def close(self) -> None:
         """Release the bus."""
         self._bus.shutdown()
+        if self._tap is not None:
+            self._tap.close()
 
 
 class PtyEnd:

@@ -2,8 +2,8 @@
 
 Times of the sensors are not judged here (a bench on a busy machine is late itself): their patience
 is set wide, and what a run is held against is a run in real time without a fault; on a real bus
-without the answers, too, that the fault took (see `lost`). What the run without a fault finds
-wrong, as positions off where a SYNC's stamp was late, is the bench's own.
+without the answers, too, that the fault took (see `lost`). Both are judged at the same time of
+the motion. What the run without a fault finds wrong is the bench's own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +89,9 @@ def outcomes(lane: Lane, table: Table, rows: Sequence[Row], seed: int) -> Iterat
                 span_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
                 config = load_config(clean["setup"].config_path)
                 recordings = clean["recording"], flown["recording"]
-                reference, missing = lost.reference(*recordings, config, span_ns, Path(home))
+                reference, missing = lost.reference(
+                    *recordings, config, span_ns, Path(home), clean["end_ns"]
+                )
                 sigma = _sigma(reference)
             yield outcome(table, row, flown, clean, sigma) | {"lost": missing}
             shutil.rmtree(Path(home) / row.type)  # below `hil vcan` files are in memory
@@ -119,12 +121,16 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
                 act.end(hold)
 
         outcome = live.run(setup.config_path, plant_path, setup.total_s, run.Quiet(), disturb)
+    end_s = setup.total_s - setup.scenario.before_s
+    end_ns = int(outcome.plant["origin_ns"]) + round(1e9 * end_s)
+    final = live.estimate_by(outcome.recording, end_ns)
     events = (folder / "state" / "events.jsonl").read_text(encoding="utf-8").splitlines()
     closing = live.read_status(folder / "state" / "status.json") or {}
     return {
         "setup": setup,
         "recording": outcome.recording,
-        "final": result_from_json(outcome.final, setup.scenario.unknown),
+        "final": result_from_json(final, setup.scenario.unknown),
+        "end_ns": end_ns,
         "status": outcome.status,
         "events": [json.loads(line) for line in events],
         "event_counts": closing.get("event_counts", {}),
@@ -134,11 +140,10 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
 
 
 def _write_plant(lane: Lane, setup: bench.Setup) -> Path:
-    scenario = setup.scenario
+    document = plant_document(setup.scenario, setup.seed, setup.folder, setup.bus_port)
     if lane.device_channel is not None:
-        bus = scenario.flight["bus"] | {"channel": lane.device_channel}
-        scenario = replace(scenario, flight=scenario.flight | {"bus": bus})
-    document = plant_document(scenario, setup.seed, setup.folder, setup.bus_port)
+        link = document["links"]["buses"][0]
+        link["stamped_at"], link["channel"] = link["channel"], lane.device_channel
     return write_yaml(setup.folder / "plant.yaml", document)
 
 

@@ -17,6 +17,7 @@ from fsw.ports import IMU, STAR_TRACKER
 from fsw.recording import RecordingWriter, unpack_frame
 from fsw.recording_parts import contents_of, messages_of, parts_of
 from fsw.replay import replay
+from hil.bench import Collector
 from hil.outcome import result_of
 from hil.score import Result
 
@@ -84,7 +85,12 @@ def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], pat
 
 
 def reference(
-    clean: Path, faulty: Path, config: Config, span_ns: tuple[int, int], folder: Path
+    clean: Path,
+    faulty: Path,
+    config: Config,
+    span_ns: tuple[int, int],
+    folder: Path,
+    end_ns: int,
 ) -> tuple[Result, int]:
     """Return the clean run's result without what the fault took, and how many answers that is.
 
@@ -92,10 +98,15 @@ def reference(
     ----------
     clean, faulty : recordings of the two runs
     config : of the clean run; its first bus is the one with the fault
+    span_ns : when the fault began and ended, on the faulty run's clock [ns]
+    end_ns : the result is the clean run's last until then, on its clock [ns]
     """
     bus = config.buses[0]
     period_ns = round(1e9 / bus.rate_hz)
     missing = lost(frames_of(clean, bus.name), frames_of(faulty, bus.name), period_ns, span_ns)
     path = folder / "reference.mcap"
     without(clean, bus.name, period_ns, missing, path)
-    return result_of(replay(path, config).estimate, config.unknown), len(missing)
+    collector = Collector()
+    replay(path, config, sink=collector)
+    last = next((e for e in reversed(collector.estimates) if e.t_ns <= end_ns), None)
+    return result_of(last, config.unknown), len(missing)

@@ -122,15 +122,18 @@ def test_what_a_fault_took_is_left_out_of_the_clean_run_s_recording(tmp_path: Pa
     began_ns = bench.T0_NS + 4_000_000_000
     span_ns = began_ns, began_ns + round(1e9 * (row.for_s or 0.0))
     pair = recordings["clean"], recordings["faulty"]
-    result, missing = lost.reference(*pair, setup.config, span_ns, tmp_path)
+    end_ns = bench.T0_NS + round(1e9 * setup.total_s)
+    result, missing = lost.reference(*pair, setup.config, span_ns, tmp_path, end_ns)
     assert missing == pytest.approx(7 * 500 * (row.for_s or 0.0), abs=7 * 2)
     sigma = np.sqrt(np.diag(result.covariance))
     wanted, clean = (np.sqrt(np.diag(finals[n].covariance)) for n in ("reference", "clean"))
     np.testing.assert_allclose(sigma, wanted, rtol=1e-3)
     assert np.max(sigma / clean) > 1.01
-    kept, none = lost.reference(*pair, setup.config, (0, 1), tmp_path)
+    kept, none = lost.reference(*pair, setup.config, (0, 1), tmp_path, end_ns)
     assert none == 0
     np.testing.assert_allclose(kept.covariance, finals["clean"].covariance, rtol=1e-9)
+    early, _ = lost.reference(*pair, setup.config, (0, 1), tmp_path, end_ns - 1_000_000_000)
+    assert np.all(np.diag(early.covariance) > 1.01 * np.diag(kept.covariance))
 
 
 def test_stored_outcomes_are_not_run_again(tmp_path: Any) -> None:
