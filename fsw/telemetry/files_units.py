@@ -52,7 +52,7 @@ def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
         if isinstance(unit, EofPdu):  # the library leaves it where it stands in its byte
             unit.condition_code = ConditionCode(int(unit.condition_code) >> 4)
         _read_all(unit)
-        known = unit.packet_len if isinstance(unit, FileDataPdu) else len(unit.pack())
+        known = len(unit.pack())
     except UNPARSABLE as error:
         raise UnitError(str(error)) from error
     if known != unit.packet_len:

@@ -264,6 +264,16 @@ def test_a_directive_with_bytes_behind_its_fields_is_refused():
         parse(ack[:1] + longer.to_bytes(2, "big") + ack[3:] + bytes(4), 100)
 
 
+@pytest.mark.parametrize("behind", [1, 4, 40])
+def test_a_piece_of_a_file_with_bytes_behind_it_is_refused(behind):
+    """The library takes all bytes behind the offset as the file's, whatever the length says."""
+    params = FileDataParams(file_data=content(20), offset=8)
+    raw = bytes(FileDataPdu(Uplink(b"").conf, params).pack())
+    assert parse(raw, 100).file_data == content(20)
+    with pytest.raises(UnitError, match="announced"):
+        parse(raw + bytes(behind), 100)
+
+
 # --- down
 
 
