@@ -6,6 +6,7 @@ Worst cases only, computed before any device is opened. Frame lengths are those 
 from __future__ import annotations
 
 from fsw.config import BusConfig, ImuConfig, JointConfig, SchedulerConfig, StarTrackerConfig
+from fsw.drivers.wire import KERNEL_WAIT_NS
 
 BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
 ASSUMED_BITRATE = 1_000_000  # of a bus whose interface sets the bit rate elsewhere
@@ -75,8 +76,9 @@ def star_tracker_load(tracker: StarTrackerConfig) -> float:
 
 
 def joint_delay_s(bus: BusConfig, scheduler: SchedulerConfig) -> float:
-    """Return the longest time [s] from a joint's latch to its reading: a cycle and a tick."""
-    return abs(bus.latch_offset_s) + 1.0 / bus.rate_hz + 1.0 / scheduler.tick_rate_hz
+    """Return the longest time [s] from latch to reading: a cycle, the kernel's queues, a tick."""
+    waits_s = KERNEL_WAIT_NS * 1e-9 + 1.0 / scheduler.tick_rate_hz
+    return abs(bus.latch_offset_s) + 1.0 / bus.rate_hz + waits_s
 
 
 def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:

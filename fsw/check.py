@@ -187,7 +187,9 @@ def _window_faults(config: Config) -> list[str]:
 def _lag_faults(config: Config) -> list[str]:
     scheduler, lag_s = config.scheduler, config.estimator.lag_s
     delays = {
-        f"joints on buses.{i} (one cycle and one tick)": budget.joint_delay_s(bus, scheduler)
+        f"joints on buses.{i} (one cycle, the kernel's queues, one tick)": budget.joint_delay_s(
+            bus, scheduler
+        )
         for i, bus in enumerate(config.buses)
     }
     delays["imu (group delay, one sample, the line, one tick)"] = budget.imu_delay_s(

@@ -287,7 +287,7 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
     plant_path = write_yaml(setup.folder / "plant.yaml", plant)
     outcome = live.run(setup.config_path, plant_path, setup.total_s, meter)
     collector = Collector()
-    replayed = replay(outcome.recording, setup.config, sink=collector)
+    replayed = replay(outcome.recordings[-1], setup.config, sink=collector)
     final = outcome.final
     result = result_from_json(final, scenario.unknown)
     again = result_of(replayed.estimate, scenario.unknown)
@@ -305,7 +305,7 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
         wall_s=outcome.wall_s,
         extra={
             "bus": scenario.flight["bus"]["interface"],
-            "recording": str(outcome.recording),
+            "recording": str(outcome.recordings[-1]),
             "replay_difference_sigma": float(np.max(np.abs(again.x - result.x) / scale)),
             "recorder_dropped": replayed.dropped,
             "daemon_exit_code": outcome.exit_code,

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ class LiveError(RuntimeError):
 class Outcome:
     """What the processes left behind."""
 
-    recording: Path
+    recordings: tuple[Path, ...]  # the parts this run has left
     final: Mapping[str, Any]  # the last /estimate message
     status: Mapping[str, Any]  # the last /tm message
     plant: Mapping[str, Any]  # the plant's closing line: origin_ns, imu
@@ -98,15 +98,14 @@ def run(
         stop_process(plant, "plant")
         output = plant.stdout.read() if plant.stdout is not None else ""
     closing = json.loads(output.strip().splitlines()[-1])
-    recordings = sorted(set((folder / "recording").glob("*.mcap")) - before)
+    recordings = tuple(sorted(set((folder / "recording").glob("*.mcap")) - before))
     if not recordings:
         raise LiveError(f"the daemon left no recording in {folder}; {_tail(folder, 'daemon')}")
-    recording = recordings[-1]
-    last = _last_messages(recording, ("/estimate", "/tm"))
+    last = _last_messages(recordings[-1], ("/estimate", "/tm"))
     if "/estimate" not in last:
-        raise LiveError(f"{recording}: holds no estimate; {_tail(folder, 'daemon')}")
+        raise LiveError(f"{recordings[-1]}: holds no estimate; {_tail(folder, 'daemon')}")
     return Outcome(
-        recording=recording,
+        recordings=recordings,
         final=last["/estimate"],
         status=last["/tm"],
         plant=closing,
@@ -211,22 +210,23 @@ def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
     return {topic: json.loads(data) for topic, data in last.items()}
 
 
-def estimate_by(recording: Path, end_ns: int) -> dict[str, Any]:
-    """Return the last estimate of a run of until then [ns]: a run ends some time after its motion.
+def estimate_by(recordings: Sequence[Path], end_ns: int) -> dict[str, Any]:
+    """Return a run's last estimate that is not after a time [ns].
 
     Raises
     ------
     LiveError when there is none.
     """
     last: dict[str, Any] | None = None
-    with recording.open("rb") as file, suppress(McapError):
-        messages = NonSeekingReader(file).iter_messages(["/estimate"], log_time_order=False)
-        for _, _, message in messages:
-            values = json.loads(message.data)
-            if values["t_ns"] <= end_ns:
-                last = values
+    for part in recordings:
+        with part.open("rb") as file, suppress(McapError):
+            messages = NonSeekingReader(file).iter_messages(["/estimate"], log_time_order=False)
+            for _, _, message in messages:
+                values = json.loads(message.data)
+                if values["t_ns"] <= end_ns:
+                    last = values
     if last is None:
-        raise LiveError(f"{recording}: holds no estimate of the motion")
+        raise LiveError(f"{recordings[-1]}: holds no estimate of the motion")
     return last
 
 

@@ -69,7 +69,8 @@ class BusLink:
         if self.redundant is None:
             return (self,)
         second = self.redundant
-        return self, replace(self, channel=second.channel, port=second.port, redundant=None)
+        alone = replace(self, stamped_at=None, redundant=None)
+        return self, replace(alone, channel=second.channel, port=second.port)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

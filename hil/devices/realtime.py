@@ -54,19 +54,27 @@ class SyncTap:
     def __init__(self, channel: str) -> None:
         only = [{"can_id": SYNC_ID, "can_mask": 0x7FF, "extended": False}]
         self._bus = can.Bus(interface="socketcan", channel=channel, can_filters=only)
+        self._ahead: can.Message | None = None  # heard here, not yet at the devices' end
 
     def timestamp(self, sync: can.Message) -> float:
         """Return when a SYNC was on the cable [s, CLOCK_REALTIME]; its own stamp where unheard."""
-        while True:
-            try:
-                heard = self._bus.recv(TAP_WAIT_S)
-            except can.CanError:  # this end was down; it comes back to the same socket
-                continue
-            if heard is None:
-                return sync.timestamp
+        while (heard := self._next()) is not None:
             apart_s = heard.timestamp - sync.timestamp
             if heard.data == sync.data and abs(apart_s) < TAP_APART_S:
                 return heard.timestamp
+            if apart_s > 0.0:
+                self._ahead = heard
+                break
+        return sync.timestamp
+
+    def _next(self) -> can.Message | None:
+        heard, self._ahead = self._ahead, None
+        if heard is not None:
+            return heard
+        try:
+            return self._bus.recv(TAP_WAIT_S)
+        except can.CanError:  # this end was down; it comes back to the same socket
+            return None
 
     def close(self) -> None:
         """Release the link."""

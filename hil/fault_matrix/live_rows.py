@@ -123,13 +123,14 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
         outcome = live.run(setup.config_path, plant_path, setup.total_s, run.Quiet(), disturb)
     end_s = setup.total_s - setup.scenario.before_s
     end_ns = int(outcome.plant["origin_ns"]) + round(1e9 * end_s)
-    final = live.estimate_by(outcome.recording, end_ns)
+    final = live.estimate_by(outcome.recordings, end_ns)
     events = (folder / "state" / "events.jsonl").read_text(encoding="utf-8").splitlines()
     closing = live.read_status(folder / "state" / "status.json") or {}
     return {
         "setup": setup,
-        "recording": outcome.recording,
+        "recording": outcome.recordings[-1],
         "final": result_from_json(final, setup.scenario.unknown),
+        "settled": result_from_json(outcome.final, setup.scenario.unknown),
         "end_ns": end_ns,
         "status": outcome.status,
         "events": [json.loads(line) for line in events],
@@ -161,6 +162,7 @@ def outcome(
     """Return the figures of a row, and what of them is out of bounds."""
     setup: bench.Setup = flown["setup"]
     final: Result = flown["final"]
+    both = final, flown["settled"]  # at the end of the motion, and when the daemon was stopped
     truth = np.concatenate([pi_of(setup.scenario.truth[b]) for b in setup.scenario.unknown])
     began_ns, returned_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
     told = [e for e in flown["events"] if e["severity"] != "info"]
@@ -183,7 +185,7 @@ def outcome(
         "detect_bound_s": table.detect_bound_s(row),
         "recover_s": (over[-1] - returned_ns) * 1e-9 if over else None,
         "recover_bound_s": row.recover_s or table.recover_bound_s,
-        "nees": normalised_error_squared(final.x - truth, final.covariance),
+        "nees": max(normalised_error_squared(r.x - truth, r.covariance) for r in both),
         "nees_bound": float(chi2.ppf(table.probability, len(truth))),
         "sigma_ratio": float(np.max(_sigma(final) / reference_sigma)),
         "sigma_ratio_bound": table.sigma_ratio,
@@ -192,7 +194,7 @@ def outcome(
         "counted": counted,
         "findings": int(health["findings"].get(row.event, 0)),
         "open": _not_of(bench_own, health["faulty"]),
-        "valid": final.valid,
+        "valid": all(r.valid for r in both),
         "restored": True,
         "wall_s": flown["wall_s"],
     }

@@ -51,7 +51,9 @@ def test_joints_of_another_bus_do_not_count(arm):
 
 def test_delays_add_up(arm):
     config = load(arm.write())
-    assert budget.joint_delay_s(config.buses[0], config.scheduler) == pytest.approx(0.004 + 0.002)
+    assert budget.joint_delay_s(config.buses[0], config.scheduler) == pytest.approx(
+        0.004 + 0.02 + 0.002
+    )
     imu_s = 0.0063 + 0.002 + 65 * 10 / 921600 + 0.002
     assert budget.imu_delay_s(config.imu, config.scheduler) == pytest.approx(imu_s)
     tracker_s = 0.1 + 176 * 10 / 115200 + 0.002

@@ -186,7 +186,7 @@ def test_a_lag_shorter_than_the_imu_is_refused(arm):
 
 def test_a_lag_shorter_than_the_joints_is_refused(arm):
     arm.data["estimator"] = {"lag_s": 0.005}
-    assert_named(fault(arm), "estimator.lag_s", "0.005 ", "buses.0", "at least 0.006")
+    assert_named(fault(arm), "estimator.lag_s", "0.005 ", "buses.0", "at least 0.026")
 
 
 # links

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from fsw.clock import Clock, monotonic_less_realtime_ns
+from fsw.drivers.wire import KERNEL_WAIT_NS
 
 SET_NS = 100_000  # two clocks that moved further apart than this: one of them was set
-DOUBT_NS = 100_000_000  # after that, and the longest that a frame waits in the kernel's own queues
+DOUBT_NS = 100_000_000  # after that
 
 
 class KernelStamps:
@@ -40,7 +41,7 @@ class KernelStamps:
         if abs(offset_ns - self._offset_ns) > SET_NS:
             self._doubted_until_ns = now_ns + DOUBT_NS
         self._offset_ns = offset_ns
-        trusted_ns = self._empty_ns - (DOUBT_NS if now_ns >= self._doubted_until_ns else 0)
+        trusted_ns = self._empty_ns - (KERNEL_WAIT_NS if now_ns >= self._doubted_until_ns else 0)
         times_ns = []
         for stamp_ns in stamps_ns:
             t_ns = stamp_ns + offset_ns
