@@ -21,6 +21,8 @@ from hil.fuzz.seeds import seeds
 from hil.fuzz.table import TARGETS, quota
 
 BOUT_INPUTS = 50_000
+SHORT_INPUT_BYTES = 128  # of most bouts, or the longest seed: an input's cost goes by its length
+LONG_EVERY = 16  # bouts: one up to MAX_INPUT_BYTES
 RSS_LIMIT_MB = 1024
 TIMEOUT_S = 900  # of the clock on the wall: a campaign that was stopped for a while goes on
 BOUT_LIMIT_S = 3600.0
@@ -38,8 +40,8 @@ class Bout:
     failure: str  # empty: none
 
 
-def bout(target: str, inputs: int, seed: int, folder: Path) -> Bout:
-    """Feed a target so many inputs in a process of its own."""
+def bout(target: str, inputs: int, seed: int, most_bytes: int, folder: Path) -> Bout:
+    """Feed a target so many inputs of so many bytes at most in a process of its own."""
     corpus = folder / "corpus" / target
     failed = folder / "failed"
     failed.mkdir(parents=True, exist_ok=True)
@@ -50,7 +52,7 @@ def bout(target: str, inputs: int, seed: int, folder: Path) -> Bout:
     options = {
         "runs": inputs + len(list(corpus.iterdir())),
         "seed": seed,
-        "max_len": MAX_INPUT_BYTES,
+        "max_len": most_bytes,
         "len_control": 20,
         "timeout": TIMEOUT_S,
         "rss_limit_mb": RSS_LIMIT_MB,
@@ -77,6 +79,13 @@ def _why(code: int, output: bytes) -> str:
     return f"exit {code}: {output.decode(errors='replace').strip()[-1000:]}"
 
 
+def longest(target: str, number: int) -> int:
+    """Return how long the inputs of a target's bout may be [bytes]."""
+    if number % LONG_EVERY == 0:
+        return MAX_INPUT_BYTES
+    return max(SHORT_INPUT_BYTES, *(len(data) for data in seeds(target)))
+
+
 def campaign(inputs: int, folder: Path, seed: int) -> Iterator[Bout]:
     """Yield bouts until every target has had its share; a target that failed is left alone.
 
@@ -89,7 +98,9 @@ def campaign(inputs: int, folder: Path, seed: int) -> Iterator[Bout]:
         held = state.setdefault(target, {"inputs": 0, "bouts": 0, "rss_mb": 0, "failure": ""})
         while held["inputs"] < share and not held["failure"]:
             count = min(BOUT_INPUTS, share - held["inputs"])
-            result = bout(target, count, seed + held["bouts"] + 1, folder)
+            number = held["bouts"]
+            most_bytes = longest(target, number)
+            result = bout(target, count, seed + number + 1, most_bytes, folder)
             held["inputs"] += result.inputs
             held["bouts"] += 1
             held["rss_mb"] = max(held["rss_mb"], result.peak_rss_mb)
