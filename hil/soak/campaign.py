@@ -6,7 +6,9 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -48,20 +50,21 @@ def soak(
     write_yaml(setup.config_path, document)
     setup = prepare_again(setup)
     epochs, segments = plan(hours, setup.spline.duration_s)
-    for number in range(epochs):
-        path = folder / f"epoch_{number:03d}.json"
-        if path.exists():
-            continue
-        place = folder / f"epoch_{number:03d}"
-        shutil.rmtree(place, ignore_errors=True)
-        flown = []
-        for segment in Epoch(setup, seed, number, folder).run(segments):
-            flown.append(segment)
-            yield segment
-        temporary = path.with_suffix(".tmp")
-        temporary.write_text(json.dumps([asdict(s) for s in flown]), encoding="utf-8")
-        temporary.replace(path)
-        shutil.rmtree(place)
+    with ProcessPoolExecutor(1, get_context("spawn")) as reader:
+        for number in range(epochs):
+            path = folder / f"epoch_{number:03d}.json"
+            if path.exists():
+                continue
+            place = folder / f"epoch_{number:03d}"
+            shutil.rmtree(place, ignore_errors=True)
+            flown = []
+            for segment in Epoch(setup, seed, number, folder, reader).run(segments):
+                flown.append(segment)
+                yield segment
+            temporary = path.with_suffix(".tmp")
+            temporary.write_text(json.dumps([asdict(s) for s in flown]), encoding="utf-8")
+            temporary.replace(path)
+            shutil.rmtree(place)
 
 
 def prepare_again(setup: Setup) -> Setup:

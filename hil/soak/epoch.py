@@ -6,6 +6,7 @@ import gc
 import hashlib
 import os
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,8 +88,11 @@ class Watch(NullSink):
 class Epoch:
     """One daemon's life."""
 
-    def __init__(self, setup: Setup, seed: int, number: int, folder: Path) -> None:
-        self._setup, self._seed, self._number = setup, seed, number
+    def __init__(
+        self, setup: Setup, seed: int, number: int, folder: Path, reader: Executor
+    ) -> None:
+        """`reader` reads recordings elsewhere: what that takes is not the daemon's memory."""
+        self._setup, self._seed, self._number, self._reader = setup, seed, number, reader
         self._folder = folder / f"epoch_{number:03d}"
         self._sensors = SensorConfig.from_dict(setup.scenario.sensors)
         self._histories = (setup.history, Reversed(setup.history))
@@ -184,13 +188,18 @@ class Epoch:
         files = sorted(self._folder.glob("*.mcap"))
         broken = []
         for path in files[:-KEPT_PARTS]:
-            if contents_of([path]).truncated:
+            if self._reader.submit(is_truncated, path).result():
                 broken.append(f"{path.name}: cut off")
             path.unlink()
         return broken
 
     def _recorder_says(self, _severity: str, code: str, text: str) -> None:
         self._watch.broken.append(f"{code}: {text}")
+
+
+def is_truncated(path: Path) -> bool:
+    """Tell whether a recording breaks off."""
+    return contents_of([path]).truncated
 
 
 def resident_bytes() -> int:
