@@ -19,7 +19,7 @@ FALSE_ALARM = 1e-12  # per sample
 QUIETER = 3.0
 TORQUE_STEP_NM: Mapping[str, float] = {"classic": 1e-2, "fd": 1e-4}
 CLUSTER_SAMPLES = 3  # equal vectors of three noisy 24-bit readings: below 1e-12 for any real unit
-REPEAT = 50  # samples after which what is still stuck is told again
+REPEAT_NS = 100_000_000  # what is still stuck is told again after so long
 
 
 def equal_readings(step: float, sigma: float) -> int:
@@ -33,24 +33,28 @@ def equal_readings(step: float, sigma: float) -> int:
 class _Run:
     """Equal readings in a row of one channel."""
 
-    __slots__ = ("count", "limit", "newest")
+    __slots__ = ("_told_ns", "count", "limit", "newest")
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self.count = 0
         self.newest: object = None
+        self._told_ns: int | None = None
 
     def add(self, reading: object) -> bool:
         """Take a reading in; True while the channel is stuck."""
         if reading != self.newest:
-            self.newest, self.count = reading, 1
+            self.newest, self.count, self._told_ns = reading, 1, None
             return False
         self.count += 1
         return bool(self.limit) and self.count >= self.limit
 
-    @property
-    def is_to_be_told(self) -> bool:
-        return (self.count - self.limit) % REPEAT == 0
+    def is_to_be_told(self, t_ns: int) -> bool:
+        """Tell whether it is stuck anew, or has been for a while since it was told."""
+        if self._told_ns is not None and t_ns - self._told_ns < REPEAT_NS:
+            return False
+        self._told_ns = t_ns
+        return True
 
 
 class StuckScreen:
@@ -96,5 +100,5 @@ class StuckScreen:
         return sample
 
     def _tell(self, run: _Run, t_ns: int, fault: Fault, subject: str) -> None:
-        if run.is_to_be_told:
+        if run.is_to_be_told(t_ns):
             self._found.append(Finding(t_ns, fault, subject, f"{run.count} equal readings"))

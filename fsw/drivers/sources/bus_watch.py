@@ -14,7 +14,8 @@ from fsw.findings import Fault, Finding
 
 SETTLE_SYNCS = 3
 ESTABLISHED_SYNCS = 50  # a node that answers for longer has started; its next boot-up is another
-REPEAT_SYNCS = 50  # a silence that goes on is told again after so many
+EXCUSED_SYNCS = 50  # the longest silence that a restart explains
+REPEAT_S = 0.1  # a silence that goes on is told again after so long
 BABBLE_FRAMES_PER_S = 3000.0  # of nobody's, a third of what a bus can carry
 BABBLE_SYNCS = 3
 MAX_FINDINGS = 1024  # until they are taken; the oldest go
@@ -34,7 +35,7 @@ class _Node:
     def is_explained(self, index: int) -> bool:
         """Tell whether it may still be silent for what it is excused for."""
         excused = self.excused == FOREVER and self.silent_at < 0
-        return excused and index - self.newest < REPEAT_SYNCS
+        return excused and index - self.newest < EXCUSED_SYNCS
 
 
 class BusWatch:
@@ -65,6 +66,7 @@ class BusWatch:
         self._index = -1  # of the newest SYNC
         self._bus_silent = False
         self._strangers = 0
+        self._repeat = max(1, round(REPEAT_S * rate_hz))
         self._babble_limit = BABBLE_FRAMES_PER_S * BABBLE_SYNCS / rate_hz
         self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
@@ -173,13 +175,13 @@ class BusWatch:
             return
         whole = len(missing) > 1 and len(missing) == self._heard
         for node, state in silent:
-            if state.silent_at >= 0 and index - state.silent_at < REPEAT_SYNCS:
+            if state.silent_at >= 0 and index - state.silent_at < self._repeat:
                 continue
             first = state.silent_at < 0
             state.silent_at = index
             if not whole:
                 text = f"no sample for {index - state.newest} SYNCs" if first else ""
                 self.find(t_ns, Fault.JOINT_SILENT, node, text)
-        if whole and (not self._bus_silent or index % REPEAT_SYNCS == 0):
+        if whole and (not self._bus_silent or index % self._repeat == 0):
             self._bus_silent = True
             self.find(t_ns, Fault.BUS_SILENT, None, "no node answers")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -30,8 +31,8 @@ def test_a_sensor_quieter_than_its_step_is_never_stuck() -> None:
     assert equal_readings(0.01, 0.01) == 0
 
 
-def joint(k: int, torque: float) -> JointSample:
-    return JointSample(2_000_000 * k, 2_000_000 * k, 2, k % 240 + 1, 0.0, torque, 9)
+def joint(k: int, torque: float, period_ns: int = 2_000_000) -> JointSample:
+    return JointSample(period_ns * k, period_ns * k, 2, k % 240 + 1, 0.0, torque, 9)
 
 
 def test_a_stuck_torque_is_taken_out_and_comes_back_with_the_first_other_reading() -> None:
@@ -46,6 +47,16 @@ def test_a_stuck_torque_is_taken_out_and_comes_back_with_the_first_other_reading
     (found, *_) = tested.take()
     assert (found.fault, found.subject) == ("TORQUE_STUCK", config.joints[2].name)
     assert found.t_ns == 2_000_000 * (limit - 1)
+
+
+@pytest.mark.parametrize("period_ns", [1_000_000, 2_000_000, 20_000_000])
+def test_what_stays_stuck_is_told_again_after_a_tenth_of_a_second(period_ns: int) -> None:
+    tested = StuckScreen(make_config())
+    for k in range(2_000_000_000 // period_ns):
+        tested.screen(joint(k, 1.0, period_ns))
+    told_ns = [found.t_ns for found in tested.take()]
+    assert len(told_ns) > 10
+    assert {b - a for a, b in pairwise(told_ns)} == {100_000_000}
 
 
 def test_noise_rounded_to_the_wire_is_never_stuck() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -13,9 +14,9 @@ PERIOD_NS = 2_000_000
 Answers = Callable[[int], list[tuple[int, int]]]  # SYNC to (node, SYNC answered), in order
 
 
-def run(count: int, answers: Answers) -> list[tuple[int, str, str]]:
+def run(count: int, answers: Answers, rate_hz: float = 500.0) -> list[tuple[int, str, str]]:
     """Return SYNC, fault and subject of every finding; answers come behind the next SYNC."""
-    watch = BusWatch("arm", {n: f"j{n}" for n in NODES}, 500.0, 3.0, 2)
+    watch = BusWatch("arm", {n: f"j{n}" for n in NODES}, rate_hz, 3.0, 2)
     found = []
     for k in range(count):
         watch.sync(k, k * PERIOD_NS)
@@ -81,6 +82,22 @@ def test_a_node_is_silent_after_three_periods_and_nothing_else_when_it_is_back()
 def test_a_bus_on_which_nobody_answers_is_silent_itself() -> None:
     found = run(100, lambda k: [] if 20 <= k < 40 else usual(k))
     assert found == [(23, "BUS_SILENT", "arm")]
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 50.0, 100.0, 500.0, 1000.0])
+@pytest.mark.parametrize(("silent", "subject"), [(NODES, "arm"), ((2,), "j2")])
+def test_a_silence_that_goes_on_is_told_again_before_it_would_be_over(
+    rate_hz: float, silent: tuple[int, ...], subject: str
+) -> None:
+    def answers(k: int) -> list[tuple[int, int]]:
+        return [a for a in usual(k) if a[0] not in silent or k < 20]
+
+    found = run(20 + round(3.0 * rate_hz), answers, rate_hz)
+    assert {subject_ for _, _, subject_ in found} == {subject}
+    told_s = [k / rate_hz for k, _, _ in found]
+    apart_s = [b - a for a, b in pairwise(told_s)]
+    assert len(apart_s) > 10
+    assert max(apart_s) < 0.25  # half of the usual health.recover_s
 
 
 def test_a_boot_up_explains_what_misses() -> None:
