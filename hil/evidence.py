@@ -31,6 +31,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
     soak.add_argument("--imu-rate", type=int, default=500, metavar="HZ", help="500")
     soak.add_argument("--seed", type=int, default=0, metavar="K", help="fixes every bit")
+    soak.add_argument("--jobs", type=int, default=1, metavar="N", help="quarters at a time, 1")
     soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     soak.set_defaults(command=_soak)
 
@@ -93,10 +94,11 @@ def _soak(arguments: argparse.Namespace) -> int:
     motion_s = JointSpline.load(load(SCENARIO).identification).duration_s
     epochs, segments = plan(arguments.hours, motion_s)
     with bar() as progress:
-        task = progress.add_task("soak", total=epochs * segments)
+        whole = len(list(folder.glob("epoch_*.json")))
+        task = progress.add_task("soak", total=epochs * segments, completed=whole * segments)
         chosen = (arguments.hours, arguments.rate, arguments.imu_rate, arguments.seed, folder)
-        for segment in soak(*chosen):
-            progress.update(task, completed=segment.epoch * segments + segment.number + 1)
+        for segment in soak(*chosen, arguments.jobs):
+            progress.advance(task)
             for text in segment.broken:
                 place = f"epoch {segment.epoch} segment {segment.number}"
                 progress.console.print(f"{place}: {text}", markup=False)

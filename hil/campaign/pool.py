@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
-import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -14,12 +12,11 @@ from typing import Any
 from hil.campaign.config import Run
 from hil.campaign.work import attempt
 from hil.scenario import ScenarioError
+from hil.workers import end_with_driver
 
 MOST_ATTEMPTS = 3  # of a run whose worker dies
 AHEAD = 4  # runs handed out per worker: few are lost with it
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-PR_SET_PDEATHSIG = 1  # prctl(2)
 
 Row = dict[str, Any]
 
@@ -31,7 +28,7 @@ def local(runs: Sequence[Run], workers: int) -> Iterator[Row]:
     waiting = [(run, 1) for run in reversed(runs)]
     while waiting:
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, context, _end_with_driver) as executor:
+        with ProcessPoolExecutor(workers, context, end_with_driver) as executor:
             flying: dict[Future[Row], tuple[Run, int]] = {}
             try:
                 while waiting or flying:
@@ -55,12 +52,6 @@ def local(runs: Sequence[Run], workers: int) -> Iterator[Row]:
                         yield _dead(run)
                     else:
                         waiting.append((run, tries + 1))
-
-
-def _end_with_driver() -> None:
-    """Have the kernel end this worker with its driver; SIGINT is for the driver alone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _finished(future: Future[Row]) -> Row | None:

@@ -6,10 +6,12 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import asdict, replace
 from multiprocessing import get_context
 from pathlib import Path
+from queue import Empty, Queue
 from typing import Any
 
 import numpy as np
@@ -19,12 +21,15 @@ from scipy.stats import chi2
 from fsw.config import load as load_config
 from hil.bench import Setup, prepare
 from hil.flight import write_yaml
-from hil.scenario import at_rates, load
+from hil.scenario import Scenario, at_rates, load
 from hil.soak.epoch import REST_S, TAIL_S, Epoch, Segment
+from hil.spline import JointSpline
+from hil.workers import end_with_interrupt
 
 SCENARIO = "target_leo"
 EPOCHS = 4
 PART_S = 600.0
+POLL_S = 0.5
 MOST_SLOPE_MB = 1.0  # of resident memory per 1e6 ticks, after warm-up
 LEAST_TICKS = 300_000  # after warm-up; less says nothing about a slope
 WARM_RATIO = 0.3
@@ -39,32 +44,58 @@ def plan(hours: float, motion_s: float) -> tuple[int, int]:
 
 
 def soak(
-    hours: float, rate_hz: float, imu_rate_hz: int, seed: int, folder: Path
+    hours: float, rate_hz: float, imu_rate_hz: int, seed: int, folder: Path, jobs: int = 1
 ) -> Iterator[Segment]:
-    """Yield segments; epochs that are whole in the folder are not flown again."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Yield segments as they are flown; every epoch has a process of its own, `jobs` at a time.
+
+    Epochs that are whole in the folder are not flown again.
+    """
     scenario = at_rates(load(SCENARIO), rate_hz, imu_rate_hz)
-    setup = prepare(scenario, seed, folder)
+    epochs, segments = plan(hours, JointSpline.load(scenario.identification).duration_s)
+    todo = [number for number in range(epochs) if not _result(folder, number).exists()]
+    if not todo:
+        return
+    context = get_context("spawn")
+    with (
+        context.Manager() as manager,
+        ProcessPoolExecutor(jobs, context, end_with_interrupt, max_tasks_per_child=1) as pool,
+    ):
+        flown = manager.Queue()
+        left = {pool.submit(fly, scenario, seed, n, segments, folder, flown) for n in todo}
+        while left or not flown.empty():
+            with suppress(Empty):
+                yield flown.get(timeout=POLL_S)
+            done, left = wait(left, timeout=0.0)
+            for flight in done:
+                flight.result()
+
+
+def fly(
+    scenario: Scenario, seed: int, number: int, segments: int, folder: Path, flown: Queue[Segment]
+) -> None:
+    """Fly one epoch; put its segments in the queue, and all of them in a file when it is whole."""
+    place = folder / f"epoch_{number:03d}"
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir(parents=True)
+    setup = prepare(scenario, seed, place)
     document = yaml.safe_load(setup.config_path.read_text(encoding="utf-8"))
     document["recorder"]["part_s"] = PART_S
     write_yaml(setup.config_path, document)
-    setup = prepare_again(setup)
-    epochs, segments = plan(hours, setup.spline.duration_s)
-    with ProcessPoolExecutor(1, get_context("spawn")) as reader:
-        for number in range(epochs):
-            path = folder / f"epoch_{number:03d}.json"
-            if path.exists():
-                continue
-            place = folder / f"epoch_{number:03d}"
-            shutil.rmtree(place, ignore_errors=True)
-            flown = []
-            for segment in Epoch(setup, seed, number, folder, reader).run(segments):
-                flown.append(segment)
-                yield segment
-            temporary = path.with_suffix(".tmp")
-            temporary.write_text(json.dumps([asdict(s) for s in flown]), encoding="utf-8")
-            temporary.replace(path)
-            shutil.rmtree(place)
+    results = []
+    with ProcessPoolExecutor(1, get_context("spawn"), end_with_interrupt) as reader:
+        epoch = Epoch(prepare_again(setup), seed, number, place, reader)
+        for segment in epoch.run(segments):
+            results.append(asdict(segment))
+            flown.put(segment)
+    path = _result(folder, number)
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(results), encoding="utf-8")
+    temporary.replace(path)
+    shutil.rmtree(place)
+
+
+def _result(folder: Path, number: int) -> Path:
+    return folder / f"epoch_{number:03d}.json"
 
 
 def prepare_again(setup: Setup) -> Setup:

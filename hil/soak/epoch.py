@@ -93,7 +93,7 @@ class Epoch:
     ) -> None:
         """`reader` reads recordings elsewhere: what that takes is not the daemon's memory."""
         self._setup, self._seed, self._number, self._reader = setup, seed, number, reader
-        self._folder = folder / f"epoch_{number:03d}"
+        self._folder = folder
         self._sensors = SensorConfig.from_dict(setup.scenario.sensors)
         self._histories = (setup.history, Reversed(setup.history))
         self._watch = Watch()

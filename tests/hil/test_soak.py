@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -45,6 +51,26 @@ def test_the_seed_fixes_every_bit(flown: list[Path]) -> None:
 @pytest.mark.slow
 def test_what_was_flown_is_not_flown_again(flown: list[Path]) -> None:
     assert list(soak(HOURS, 50.0, 125, SEED, flown[0])) == []
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_it_at_once_and_leaves_what_can_be_resumed(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hil", "soak", "--hours", "24", "--rate", "50"]
+    command += ["--imu-rate", "125", "--jobs", "2", "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
+    try:
+        for _ in range(1200):
+            if len(list(tmp_path.glob("epoch_*/*.mcap"))) == 2:
+                break
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 130
+    assert b"resumes" in said
+    assert list(tmp_path.glob("epoch_*.json")) == []
 
 
 def test_the_standard_forms_are_as_long_as_they_say() -> None:
