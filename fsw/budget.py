@@ -5,8 +5,8 @@ Worst cases only, computed before any device is opened. Frame lengths are those 
 
 from __future__ import annotations
 
+from fsw.clock import KERNEL_WAIT_NS
 from fsw.config import BusConfig, ImuConfig, JointConfig, SchedulerConfig, StarTrackerConfig
-from fsw.drivers.wire import KERNEL_WAIT_NS
 
 BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
 ASSUMED_BITRATE = 1_000_000  # of a bus whose interface sets the bit rate elsewhere

@@ -9,6 +9,7 @@ from typing import Protocol
 
 CLOCK_READINGS = 4  # attempts at reading two clocks together
 TOGETHER_NS = 5_000  # apart at most, so that no attempt is made again
+KERNEL_WAIT_NS = 20_000_000  # of a stamped frame in the kernel's own queues, at most; 16 ms seen
 
 
 class Clock(Protocol):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from fsw.clock import Clock, monotonic_less_realtime_ns
-from fsw.drivers.wire import KERNEL_WAIT_NS
+from fsw.clock import KERNEL_WAIT_NS, Clock, monotonic_less_realtime_ns
 
 SET_NS = 100_000  # two clocks that moved further apart than this: one of them was set
 DOUBT_NS = 100_000_000  # after that
