@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil import evidence
+from hil.options import count
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,10 +68,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     seeds.add_argument("scenario", metavar="SCENARIO")
     seeds.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
-    seeds.add_argument(
-        "--count", type=_count, default=10, metavar="N", help="consecutive seeds, 10"
-    )
-    seeds.add_argument("--jobs", type=int, default=1, metavar="N", help="runs at a time, 1")
+    seeds.add_argument("--count", type=count, default=10, metavar="N", help="consecutive seeds, 10")
+    seeds.add_argument("--jobs", type=count, default=1, metavar="N", help="runs at a time, 1")
     seeds.add_argument(
         "--real-time", action="store_true", help="live links instead of virtual time"
     )
@@ -88,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
         help="in virtual time, of the machine, on a real bus; may be repeated; all",
     )
     faults.add_argument("--seed", type=int, default=1, metavar="N", help="fixes every bit, 1")
-    faults.add_argument("--jobs", type=int, default=2, metavar="N", help="processes, 2")
+    faults.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
     faults.add_argument("--short", action="store_true", help="the selection that the tests run")
     faults.add_argument("--json", action="store_true", help="print one JSON object")
     faults.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
@@ -143,9 +142,9 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     methods.add_argument(
         "--out", type=Path, metavar="DIR", help="keep results and resume from them"
     )
-    methods.add_argument("--seeds", type=_count, metavar="N", help="of the sample level, 200")
+    methods.add_argument("--seeds", type=count, metavar="N", help="of the sample level, 200")
     methods.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 30")
-    methods.add_argument("--jobs", type=int, default=2, metavar="N", help="processes, 2")
+    methods.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
     methods.add_argument(
         "--redo", action="append", default=[], metavar="METHOD", help="drop its stored results"
     )
@@ -154,7 +153,7 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     paper = kinds.add_parser("paper", help="the paper's tables and figure, and the fused estimator")
     paper.add_argument("--quick", action="store_true", help="one seed, 100 Hz, no device bytes")
     paper.add_argument("--out", type=Path, metavar="DIR", help="keep results and resume from them")
-    paper.add_argument("--seeds", type=_count, metavar="N", help="per cell of Tables 4-7, 20")
+    paper.add_argument("--seeds", type=count, metavar="N", help="per cell of Tables 4-7, 20")
     paper.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 20")
     paper.set_defaults(command=_study_paper)
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
@@ -175,20 +174,12 @@ def _faults(arguments: argparse.Namespace) -> int:
     )
 
 
-def _count(text: str) -> int:
-    """Return a count; argparse names the option of one that is none."""
-    number = int(text) if text.isdecimal() else 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 1")
-    return number
-
-
 def _campaign_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the campaigns."""
     campaign = commands.add_parser("campaign", help="Monte Carlo over what a YAML file names")
     campaign.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml")
     campaign.add_argument("--out", type=Path, metavar="DIR", help="results; resumed if there")
-    campaign.add_argument("--workers", type=_count, default=2, metavar="N", help="processes, 2")
+    campaign.add_argument("--workers", type=count, default=2, metavar="N", help="processes, 2")
     campaign.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, instead")
     campaign.set_defaults(command=_campaign)
 

@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hil.options import count
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -22,7 +24,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     fuzz.add_argument("--keep", type=Path, metavar="DIR", help="copy a small corpus there")
     fuzz.set_defaults(command=_fuzz)
     kills = commands.add_parser("kills", help="kill -9 of loop and service in a real-time run")
-    kills.add_argument("--count", type=int, default=200, metavar="N", help="in all, 200")
+    kills.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
     kills.add_argument("--seed", type=int, default=0, metavar="K", help="of instants and victims")
     kills.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     kills.set_defaults(command=_kills)
@@ -31,7 +33,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
     soak.add_argument("--imu-rate", type=int, default=500, metavar="HZ", help="500")
     soak.add_argument("--seed", type=int, default=0, metavar="K", help="fixes every bit")
-    soak.add_argument("--jobs", type=int, default=1, metavar="N", help="quarters at a time, 1")
+    soak.add_argument("--jobs", type=count, default=1, metavar="N", help="quarters at a time, 1")
     soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     soak.set_defaults(command=_soak)
 

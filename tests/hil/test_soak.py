@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.__main__ import main
 from hil.bench import prepare
 from hil.scenario import load
 from hil.soak.campaign import plan, slope_mb, soak, summary
@@ -71,6 +72,17 @@ def test_an_interrupt_ends_it_at_once_and_leaves_what_can_be_resumed(tmp_path: P
     assert process.returncode == 130
     assert b"resumes" in said
     assert list(tmp_path.glob("epoch_*.json")) == []
+
+
+@pytest.mark.parametrize("option", [["soak", "--jobs"], ["faults", "--jobs"], ["kills", "--count"]])
+@pytest.mark.parametrize("value", ["0", "-1", "two"])
+def test_a_count_below_one_is_refused(
+    option: list[str], value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as refused:
+        main([*option, value])
+    assert refused.value.code == 2
+    assert f"{option[1]}: {value}: must be a whole number of at least 1" in capsys.readouterr().err
 
 
 def test_the_standard_forms_are_as_long_as_they_say() -> None:

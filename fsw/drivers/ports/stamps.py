@@ -15,7 +15,7 @@ class KernelStamps:
 
     A frame can be stamped, then wait in the kernel's own queues while a read finds nothing: what a
     read left empty tells no frame's time. It bounds the stamps only of a clock that was set less
-    than `DOUBT_NS` before, and those that lie further back than that, which are not times at all.
+    than `DOUBT_NS` before, and those more than `KERNEL_WAIT_NS` further back.
 
     Parameters
     ----------
