@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections import defaultdict
@@ -88,8 +89,9 @@ class Model:
         require(unit.packet_len <= len(raw), "longer than what came", unit.packet_len, raw)
         again = packed(PduHolder(unit))
         require(again is not None and len(again) == unit.packet_len, "cannot be written", raw)
-        twice = packed(PduHolder(parse(again or b"", MAX_FILE_BYTES)))
-        require(twice == again, "not the same again", raw)
+        if again is not None and again != raw[: len(again)]:  # written otherwise: the same still?
+            twice = packed(PduHolder(parse(again, MAX_FILE_BYTES)))
+            require(twice == again, "not the same again", raw)
         key = transaction_of(unit)
         if isinstance(unit, FileDataPdu):
             places = self._bytes.setdefault(key, defaultdict(set))
@@ -157,8 +159,9 @@ def _look(entity: FileEntity, folder: Path, model: Model) -> None:
         if number == 0 and good:
             content = (folder / text).read_bytes()
             require(model.explains(content), "not what came", text, content)
-    for path in folder.rglob("*"):
-        if path.is_file():
-            require(path.stat().st_size <= MAX_FILE_BYTES, "too large a file", path)
-    partial = [path.name for path in folder.glob(f"{PARTIAL}*")]
+    for where, _, names in os.walk(folder):  # after every unit: `Path` walks five times as long
+        for name in names:
+            path = os.path.join(where, name)
+            require(os.stat(path).st_size <= MAX_FILE_BYTES, "too large a file", path)
+    partial = [name for name in os.listdir(folder) if name.startswith(PARTIAL)]
     require(len(partial) <= 1, "more than one file begun", partial)
