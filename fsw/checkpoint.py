@@ -21,7 +21,6 @@ from fsw.messages import Block, Snapshot
 
 MAGIC = b"FSWCKPT\n"
 FORMAT_VERSION = 2  # rises with every change of what the states hold
-MAX_BYTES = 1 << 30
 _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
 _ARRAY = 1
@@ -102,15 +101,17 @@ def decode(data: bytes, identity: Identity | None = None) -> Checkpoint:
     if identity is not None and robot_crc32 != identity.robot_crc32:
         raise CheckpointError("foreign: made for another robot")
     try:
-        body = msgpack.unpackb(data[_HEAD.size : -_CRC.size], ext_hook=_array, strict_map_key=False)
+        read = msgpack.unpackb(data[_HEAD.size : -_CRC.size], ext_hook=_array, strict_map_key=False)
+        body = _mapping(read)
+        blocks = [_mapping(values) for values in _list(body["blocks"])]
         snapshot = Snapshot(
-            t_ns=int(body["t_ns"]),
-            grid_ns=None if body["grid_ns"] is None else int(body["grid_ns"]),
+            t_ns=_integer(body["t_ns"]),
+            grid_ns=None if body["grid_ns"] is None else _integer(body["grid_ns"]),
             state=_mapping(body["state"]),
-            changes=tuple(_mapping(changes) for changes in body["changes"]),
-            identifying=bool(body["identifying"]),
-            refers=tuple(int(values["index"]) for values in body["blocks"]),
-            blocks=tuple(Block(**values) for values in body["blocks"]),
+            changes=tuple(_mapping(changes) for changes in _list(body["changes"])),
+            identifying=body["identifying"] is True,
+            refers=tuple(_integer(values["index"]) for values in blocks),
+            blocks=tuple(Block(**values) for values in blocks),
         )
         boot_id = str(body["boot_id"])
     except (ValueError, TypeError, KeyError, msgpack.exceptions.UnpackException) as error:
@@ -153,15 +154,29 @@ def _extension(value: object) -> Any:  # noqa: ANN401 - MessagePack's hook
 def _array(code: int, data: bytes) -> Any:  # noqa: ANN401 - MessagePack's hook
     if code != _ARRAY:
         raise ValueError(f"extension type {code} is unknown")
-    kind, shape, content = msgpack.unpackb(data)
+    kind, shape, content = _list(msgpack.unpackb(data))
     if kind not in _TYPES:
         raise ValueError(f"arrays of type {kind!r} have no place in a checkpoint")
-    array = np.frombuffer(bytes(content), kind).reshape(tuple(shape))
+    if not isinstance(content, bytes):
+        raise TypeError(f"an array's content is bytes, not {type(content).__name__}")
+    array = np.frombuffer(content, kind).reshape([_integer(size) for size in _list(shape)])
     array.setflags(write=False)
     return array
 
 
 def _mapping(values: object) -> dict[str, Any]:
     if not isinstance(values, dict):
-        raise TypeError(f"a state is a mapping, not {type(values).__name__}")
+        raise TypeError(f"a mapping is expected, not {type(values).__name__}")
     return values
+
+
+def _list(values: object) -> list[Any]:
+    if not isinstance(values, list):
+        raise TypeError(f"a list is expected, not {type(values).__name__}")
+    return values
+
+
+def _integer(value: object) -> int:
+    if not isinstance(value, int):
+        raise TypeError(f"a whole number is expected, not {type(value).__name__}")
+    return value

@@ -99,7 +99,7 @@ def put_back(estimator: object, snapshot: Snapshot) -> Estimate:
         raise EstimatorError("this estimator takes no state")
     try:
         estimator.restore(snapshot.state, {block.index: block for block in snapshot.blocks})
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise EstimatorError(f"the state is not one of this software: {error!r}") from error
     return estimator.estimate(snapshot.t_ns)
 

@@ -179,7 +179,8 @@ def _check(argument: Field, place: int, value: Value, data: bytes, layout: Layou
     if argument.type is Type.TEXT:
         start = sum(f.size_bytes for f in layout.fields[: place - 1])
         raw = data[start : start + argument.size].rstrip(b"\0")
-        if not raw or b"\0" in raw or not raw.isascii() or not raw.decode("ascii").isprintable():
+        held = 0 < len(raw) < argument.size and b"\0" not in raw  # at least one zero ends it
+        if not held or not raw.isascii() or not raw.decode("ascii").isprintable():
             raise TcError(Error.BAD_ARG, place)
         return
     number = float(value)

@@ -7,6 +7,7 @@ import zlib
 from dataclasses import replace
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 
@@ -94,6 +95,59 @@ def test_an_array_that_would_run_code_is_refused() -> None:
     data = made().replace(b"<f8", b"|O8", 1)[:-4]
     with pytest.raises(CheckpointError, match="body cannot be read"):
         decode(data + struct.pack("<I", zlib.crc32(data)), OURS)
+
+
+def spoiled(body: object) -> bytes:
+    """A file around any body, length and check value right."""
+    packed = msgpack.packb(body)
+    head = made()[:26] + struct.pack("<Q", len(packed))
+    return head + packed + struct.pack("<I", zlib.crc32(head + packed))
+
+
+WHOLE = {
+    "boot_id": "boot",
+    "t_ns": 1,
+    "grid_ns": None,
+    "state": {},
+    "changes": [],
+    "identifying": True,
+    "blocks": [],
+}
+ARRAY = msgpack.ExtType(1, msgpack.packb(["<f8", [1], b"12345678"]))
+
+
+def test_a_whole_body_is_read() -> None:
+    assert decode(spoiled(WHOLE), OURS).snapshot.t_ns == 1
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        ARRAY,
+        [],
+        None,
+        WHOLE | {"t_ns": float("inf")},
+        WHOLE | {"grid_ns": float("nan")},
+        WHOLE | {"changes": 3},
+        WHOLE | {"blocks": {"index": 1}},
+        WHOLE | {"blocks": [{"index": float("inf")}]},
+        WHOLE | {"blocks": [ARRAY]},
+        WHOLE | {"state": ARRAY},
+        *(
+            WHOLE | {"state": {"x": msgpack.ExtType(1, msgpack.packb(parts))}}
+            for parts in (
+                ["<f8", [1], 1 << 62],
+                ["<f8", [float("inf")], b"12345678"],
+                ["<f8", [2], b"12345678"],
+                ["<f8", 1, b"12345678"],
+                3,
+            )
+        ),
+    ],
+)
+def test_a_body_of_another_shape_is_refused(body: object) -> None:
+    with pytest.raises(CheckpointError, match="body cannot be read"):
+        decode(spoiled(body), OURS)
 
 
 def test_generations_take_turns_and_the_newest_comes_first(tmp_path: Path) -> None:

@@ -100,6 +100,13 @@ def test_an_unknown_function_is_named(flight: Flight):
     assert flight.last("acceptance_failure")["error_value"] == 0xEE
 
 
+def test_text_that_no_zero_ends_is_refused(flight: Flight):
+    packet = telecommand_packet(DICTIONARY.telecommand("LIST_FILES"), {"path": "f" * 999}, 1)
+    assert packet[-3] == 0
+    flight.app.dispatcher.receive(changed(len(packet) - 3, ord("f"), packet))
+    assert flight.error() is Error.BAD_ARG
+
+
 LOOP = [
     (Code.JOB_RUNNING, "", Error.BUSY),
     (Code.QUEUE_FULL, "", Error.BUSY),
