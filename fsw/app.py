@@ -20,6 +20,7 @@ from fsw.messages import Event
 from fsw.notify import Notifier
 from fsw.ports import IMU, SECOND, STAR_TRACKER, Ports
 from fsw.restart import judge
+from fsw.scheduler.tasks import is_due
 from fsw.service_process import ServiceProcess, lock_state
 from fsw.sinks import Sink
 from fsw.wiring import build
@@ -106,20 +107,44 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     realtime.freeze_garbage()
     ticks_per_s = max(1, round(config.scheduler.tick_rate_hz))
     notifier.send("READY=1")
-    while not (stop.received or daemon.dispatcher.stop_requested):
-        tick = daemon.step()
+
+    def turn() -> int:
+        index = daemon.step().index
         for command in jobs.commands():
             daemon.submit(command)
-        if tick.index % ticks_per_s == ticks_per_s - 1:
-            realtime.collect_young()
-            if service.watch():
-                notifier.send("WATCHDOG=1")
+        return index
+
+    def each_second() -> None:
+        realtime.collect_young()
+        if service.watch():
+            notifier.send("WATCHDOG=1")
+
+    drive(turn, each_second, ticks_per_s, lambda: stop.received or daemon.dispatcher.stop_requested)
     notifier.send("STOPPING=1")
     daemon.shutdown()
     ended = service.wait(SERVICE_WAIT_S)
     if daemon.dispatcher.restart_requested:
         return RESTART_EXIT
     return 0 if ended else 1
+
+
+def drive(
+    turn: Callable[[], int],
+    each_second: Callable[[], None],
+    ticks_per_s: int,
+    ended: Callable[[], bool],
+) -> None:
+    """Turn until the end; once a second of the grid do what is due, whichever ticks were missed.
+
+    Parameters
+    ----------
+    turn : runs a tick and returns its index on the grid
+    """
+    index = 0
+    while not ended():
+        before, index = index, turn()
+        if is_due(ticks_per_s, index, before):
+            each_second()
 
 
 def _import_all() -> None:

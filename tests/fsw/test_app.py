@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from fsw import service_process
+from fsw.app import drive
 from fsw.checkpoint import decode
 from fsw.clock import MonotonicClock
 from fsw.control import control
@@ -200,6 +201,22 @@ def test_the_watchdog_is_stroked_while_loop_and_service_are_at_work_and_only_the
         while True:
             last = run.told_systemd()
     assert last == "STOPPING=1"
+
+
+@pytest.mark.parametrize("step", [1, 2, 3, 7])
+def test_what_is_due_each_second_is_done_whichever_ticks_are_missed(step: int):
+    """A loop at twice its period has even indices only: 99 of 100 is never one of them."""
+    indices, done = list(range(0, 1001, step)), []
+    left = iter(indices)
+    turned: list[int] = []
+
+    def turn() -> int:
+        turned.append(next(left))
+        return turned[-1]
+
+    drive(turn, lambda: done.append(turned[-1]), 100, lambda: len(turned) == len(indices))
+    assert len(done) == indices[-1] // 100
+    assert all(100 * k <= index < 100 * k + step for k, index in enumerate(done, start=1))
 
 
 def test_a_second_daemon_on_the_same_state_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch):
