@@ -78,7 +78,7 @@ class Inputs:
         return min((t_ns for t_ns in stamps if t_ns is not None), default=None)
 
     def retry(self) -> None:
-        """Open lost links again when their backoff is over, and start their devices."""
+        """Open lost links again as soon as they can be, and start their devices."""
         for member in self:
             for link in member.links:
                 if link.up or not link.retry(self._clock.now_ns()):

@@ -1,4 +1,4 @@
-"""One device link of the loop: a port that may be lost and is opened again with backoff."""
+"""One device link of the loop: a port that may be lost and is tried again until it is back."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Generic, TypeVar
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.errors import PortError
 
-FIRST_BACKOFF_NS = 500_000_000
-MAX_BACKOFF_NS = 10_000_000_000
+RETRY_NS = 500_000_000  # opening a port costs little, and a device that is back is wanted in 1 s
 
 P = TypeVar("P", FramePort, BytePort)
 
@@ -29,7 +28,6 @@ class Link(Generic[P]):
         self.port: P | None = port
         self.losses = 0 if port is not None else 1
         self._opener: Callable[[], P] | None = opener
-        self._backoff_ns = FIRST_BACKOFF_NS
         self._next_try_ns = 0
 
     @property
@@ -49,19 +47,17 @@ class Link(Generic[P]):
         """Close after a failure and plan the next attempt."""
         self.close()
         self.losses += 1
-        self._next_try_ns = now_ns + self._backoff_ns
+        self._next_try_ns = now_ns + RETRY_NS
 
     def retry(self, now_ns: int) -> bool:
-        """Try to open again when the backoff is over; True when it has come back."""
+        """Try to open again, twice a second; True when it has come back."""
         if self.port is not None or self._opener is None or now_ns < self._next_try_ns:
             return False
         try:
             self.port = self._opener()
         except PortError:
-            self._backoff_ns = min(2 * self._backoff_ns, MAX_BACKOFF_NS)
-            self._next_try_ns = now_ns + self._backoff_ns
+            self._next_try_ns = now_ns + RETRY_NS
             return False
-        self._backoff_ns = FIRST_BACKOFF_NS
         return True
 
     def close(self) -> None:
