@@ -15,11 +15,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.errors import FswError
 from fsw.messages import Block
 
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
 HEADER_BYTES = 4096
 _NAMES = tuple(item.name for item in fields(Block))
+
+
+class BlockStoreError(FswError):
+    """A file that is no store of blocks."""
 
 
 def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
@@ -35,6 +40,10 @@ class BlockWriter:
     """The writing end; the file is made when the first block comes.
 
     `keep` goes on in the file of a writer that has died.
+
+    Raises
+    ------
+    BlockStoreError when that file is none.
     """
 
     def __init__(self, path: Path, capacity: int = CAPACITY, *, keep: bool = False) -> None:
@@ -63,16 +72,23 @@ class BlockWriter:
     def _create(self, block: Block) -> NDArray[np.void]:
         layout = row_fields(block)
         dtype = _dtype(layout)
-        with self.path.open("wb") as file:
+        new = self.path.with_suffix(".new")  # whole before anybody finds it
+        with new.open("wb") as file:
             file.write(json.dumps(layout).encode().ljust(HEADER_BYTES))
             file.flush()
             size = HEADER_BYTES + dtype.itemsize * self._capacity
             os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, not as SIGBUS
+        new.replace(self.path)
         return _open(self.path, "r+")
 
 
 def read_blocks(path: Path, *, last_s: float | None = None) -> list[Block]:
-    """Return the stored blocks in order; only those of the newest `last_s` seconds when given."""
+    """Return the stored blocks in order; only those of the newest `last_s` seconds when given.
+
+    Raises
+    ------
+    BlockStoreError when the file is no store of blocks.
+    """
     if not path.exists():
         return []
     rows = _open(path, "r")
@@ -93,9 +109,17 @@ def newest(blocks: list[Block], last_s: float | None) -> list[Block]:
 
 
 def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
-    with path.open("rb") as file:
-        dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
-    return np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
+    try:
+        with path.open("rb") as file:
+            dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
+        if dtype.names != ("serial", *_NAMES):
+            raise BlockStoreError(f"{path}: fields {dtype.names}")
+        rows = np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
+    except (OSError, ValueError, TypeError) as error:
+        raise BlockStoreError(f"{path}: {error}") from error
+    if not len(rows):
+        raise BlockStoreError(f"{path}: no row")
+    return rows
 
 
 def _dtype(layout: list[Any]) -> np.dtype[np.void]:

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fsw.blockstore import BlockWriter, read_blocks
+from fsw.blockstore import BlockStoreError, BlockWriter, read_blocks
 from fsw.checkpoint_keeper import CheckpointKeeper
 from fsw.clock import Clock, MonotonicClock
 from fsw.commands import BatchRequest, Command, JobReport, Reply
@@ -64,14 +64,21 @@ class Service(NullSink):
         self._telemetry: TelemetryApplication | None = None
         blocks = self._directory / BLOCKS_NAME
         self._keeper = CheckpointKeeper(config, self._directory, self._report)
-        if resume:
-            for block in read_blocks(blocks):
-                self._keeper.block(block)
-        self._blocks = BlockWriter(blocks, keep=resume)
         self._blocks_failed = False
+        self._blocks = self._resumed(blocks) if resume else BlockWriter(blocks)
         self._control: ControlServer | None = None
         self._jobs = JobProcess(config, self._directory / BLOCKS_NAME)
         self._drops_told = 0
+
+    def _resumed(self, path: Path) -> BlockWriter:
+        """Go on in the store of a service that has died; a store that is none is begun anew."""
+        try:
+            for block in read_blocks(path):
+                self._keeper.block(block)
+            return BlockWriter(path, keep=True)
+        except BlockStoreError as error:
+            self._report("medium", "BLOCKS_FAILED", str(error))
+            return BlockWriter(path)
 
     def open(self) -> None:
         """Open files and socket; what cannot be opened is an event."""
@@ -148,13 +155,14 @@ class Service(NullSink):
         self._keeper.block(block)
         if self._telemetry is not None:
             self._telemetry.block(block)
-        if self._blocks_failed:
-            return
         try:
             self._blocks.append(block)
-        except OSError as error:
+        except (OSError, BlockStoreError) as error:  # the next block may find room again
+            if not self._blocks_failed:
+                self._report("medium", "BLOCKS_FAILED", str(error))
             self._blocks_failed = True
-            self._report("medium", "BLOCKS_FAILED", str(error))
+        else:
+            self._blocks_failed = False
 
     def checkpoint(self, snapshot: Snapshot) -> None:
         """Write the estimator's state."""

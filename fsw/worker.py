@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from fsw.blockstore import CAPACITY, newest, read_blocks
+from fsw.blockstore import CAPACITY, BlockStoreError, newest, read_blocks
 from fsw.commands import BatchRequest, JobReport
 from fsw.config import Config
 from fsw.errors import EstimatorError
@@ -119,8 +119,12 @@ def main(source: IO[bytes], target: IO[str]) -> int:
         tell(JobReport(id=job.request.id, state="running", progress=ratio, text=text))
         return True
 
-    blocks = read_blocks(job.blocks, last_s=job.request.last_s)
-    report = run_job(config, blocks, job.request, progress, default_batch)
+    try:
+        blocks = read_blocks(job.blocks, last_s=job.request.last_s)
+    except BlockStoreError as error:
+        report = JobReport(id=job.request.id, state="failed", progress=1.0, text=str(error))
+    else:
+        report = run_job(config, blocks, job.request, progress, default_batch)
     tell(report)
     return 0 if report.state == "done" else 1
 

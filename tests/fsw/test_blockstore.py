@@ -2,8 +2,9 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from fsw.blockstore import BlockWriter, newest, read_blocks
+from fsw.blockstore import BlockStoreError, BlockWriter, newest, read_blocks
 from fsw.messages import Block
 from tests.fsw.loop_cases import make_block
 
@@ -34,6 +35,39 @@ def test_a_row_that_is_being_written_is_left_out(tmp_path: Path):
         writer.append(make_block(k))
     writer._rows["serial"][1] = 0
     assert [b.index for b in read_blocks(tmp_path / "b")] == [0, 2]
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"[", b"[]".ljust(4096), b"3", b'[["serial", "<i8", []]]'.ljust(5000)]
+)
+def test_a_file_that_is_no_store_is_refused(tmp_path: Path, content: bytes):
+    path = tmp_path / "b"
+    path.write_bytes(content)
+    with pytest.raises(BlockStoreError):
+        read_blocks(path)
+    with pytest.raises(BlockStoreError):
+        BlockWriter(path, keep=True)
+
+
+def test_a_store_that_was_cut_is_refused_and_none_is_found_half_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "b"
+    writer = BlockWriter(path, capacity=4)
+    with monkeypatch.context() as patch:
+        patch.setattr("os.posix_fallocate", raising)
+        with pytest.raises(OSError, match="no space"):
+            writer.append(make_block(0))
+    assert not path.exists()
+    writer.append(make_block(1))  # there is room again
+    assert [b.index for b in read_blocks(path)] == [1]
+    path.write_bytes(path.read_bytes()[:4096])
+    with pytest.raises(BlockStoreError):
+        read_blocks(path)
+
+
+def raising(*_arguments: object) -> None:
+    raise OSError("no space")
 
 
 def test_a_span_takes_the_newest_seconds():
