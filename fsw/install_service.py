@@ -20,9 +20,7 @@ def unit_text(config: Config, config_path: Path, user: str, command: Path) -> st
     ------
     ConfigError when a path or name cannot stand in a unit as it is.
     """
-    folders = [config.resolve(config.service.state_directory)]
-    if config.recorder.directory is not None:
-        folders.append(config.resolve(config.recorder.directory))
+    folders = written_folders(config)
     path = config_path.absolute()
     for word in (user, str(command), str(path), *map(str, folders)):
         if not word or FORBIDDEN & set(word):
@@ -34,6 +32,14 @@ def unit_text(config: Config, config_path: Path, user: str, command: Path) -> st
         user=user,
         writable=" ".join(f"-{folder}" for folder in folders),
     )
+
+
+def written_folders(config: Config) -> list[Path]:
+    """Return where the daemon writes."""
+    folders = [config.resolve(config.service.state_directory)]
+    if config.recorder.directory is not None:
+        folders.append(config.resolve(config.recorder.directory))
+    return folders
 
 
 def install(config: Config, config_path: Path, user: str, directory: Path) -> str:
@@ -50,11 +56,11 @@ def install(config: Config, config_path: Path, user: str, directory: Path) -> st
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise PortError(f"{path}: {error.strerror or error}") from error
-    state = config.resolve(config.service.state_directory)
+    folders = " ".join(map(str, written_folders(config)))
     steps = [
         f"{path} is written; then, as root:",
         f"  id {user} || useradd --system --groups dialout {user}",
-        f"  install -d -o {user} -g {user} {state}",
+        f"  install -d -o {user} -g {user} {folders}",
         f"  systemctl daemon-reload && systemctl enable --now {UNIT_NAME}",
     ]
     return "\n".join(steps)
