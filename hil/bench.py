@@ -40,7 +40,7 @@ from hil.outcome import result_from_json, result_of
 from hil.plant import Plant
 from hil.progress import Meter
 from hil.robot import Body, Robot
-from hil.scenario import Prior, Scenario, draw_prior
+from hil.scenario import Prior, Scenario, ScenarioError, draw_prior
 from hil.score import Result
 from hil.sensors import SensorConfig
 from hil.spline import JointSpline
@@ -138,6 +138,8 @@ def prepare(
     ------
     ScenarioError, or the flight software's ConfigError, when something does not fit.
     """
+    if real_time and scenario.faults:
+        raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
     bodies = {name: _body(report) for name, report in scenario.truth.items()}
     robot = Robot.load(
         scenario.urdf, scenario.tool_frame, bodies.get("base"), bodies.get("target"), scenario.slosh

@@ -11,13 +11,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hil.devices import sagitta, stim300
+from hil.devices import sagitta, stim300, tpdo1
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import COUNTS_PER_RAD, clamp
 from hil.devices.uart import TimedBytes
 from hil.faults import ByteAction, FrameAction
 
-NM_PER_COUNT = 0.01
 CLUSTER_AT = {"gyro": 1, "acc": 11}
 LSB = {"gyro": stim300.RATE_LSB_RAD_S, "acc": stim300.ACC_LSB_G[10] * stim300.G_M_S2}
 STATUS_OFFSET = 9  # behind a cluster's first byte
@@ -54,25 +53,27 @@ class Stuck:
 
 
 def torque(change: Change) -> FrameAction:
-    """Return the action that changes the torque [N m] of a classic TPDO1."""
+    """Return the action that changes the torque [N m] of a TPDO1."""
 
     def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
         t_ns, can_id, data, is_fd = frame
-        position, raw, status, counter = struct.unpack("<ihBB", data)
-        raw = clamp(change(raw * NM_PER_COUNT, t_ns) / NM_PER_COUNT, 16)
-        return [(t_ns, can_id, struct.pack("<ihBB", position, raw, status, counter), is_fd)]
+        form = tpdo1.layout(data)
+        value = change(form.read(data, "torque") * form.nm_per_count, t_ns)
+        data = form.written(data, {"torque": value / form.nm_per_count})
+        return [(t_ns, can_id, data, is_fd)]
 
     return changed
 
 
 def position(change: Change) -> FrameAction:
-    """Return the action that changes the position [rad] of a classic TPDO1."""
+    """Return the action that changes the position [rad] of a TPDO1."""
 
     def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
         t_ns, can_id, data, is_fd = frame
-        raw, *rest = struct.unpack("<ihBB", data)
-        raw = clamp(change(raw / COUNTS_PER_RAD, t_ns) * COUNTS_PER_RAD, 32)
-        return [(t_ns, can_id, struct.pack("<ihBB", raw, *rest), is_fd)]
+        form = tpdo1.layout(data)
+        value = change(form.read(data, "position") / COUNTS_PER_RAD, t_ns)
+        data = form.written(data, {"position": value * COUNTS_PER_RAD})
+        return [(t_ns, can_id, data, is_fd)]
 
     return changed
 

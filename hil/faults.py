@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from hil.devices import sagitta, stim300
+from hil.devices import sagitta, stim300, tpdo1
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import SYNC_ID
 from hil.devices.uart import TimedBytes
@@ -331,14 +331,16 @@ def change_frame(
     torque: int | None = None,
     status: int | None = None,
 ) -> FrameAction:
-    """Return the action that sets raw fields of a classic TPDO1, or its length."""
+    """Return the action that sets raw fields of a TPDO1, or its length."""
+    given: dict[tpdo1.Field, int | None]
+    given = {"position": position, "torque": torque, "status": status}
+    fields = {name: value for name, value in given.items() if value is not None}
 
     def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
         t_ns, can_id, data, is_fd = frame
-        values = list(struct.unpack("<ihBB", data))
-        for at, value in enumerate((position, torque, status)):
-            values[at] = values[at] if value is None else value
-        values[3] = (values[3] - 1 + counter_step) % counter_max + 1
-        return [(t_ns, can_id, struct.pack("<ihBB", *values)[:length], is_fd)]
+        form = tpdo1.layout(data)
+        counter = (form.read(data, "counter") - 1 + counter_step) % counter_max + 1
+        data = form.written(data, {**fields, "counter": counter})
+        return [(t_ns, can_id, data[:length], is_fd)]
 
     return changed

@@ -17,6 +17,7 @@ STRANGER = 0x2A
 MS = 1_000_000
 ERROR_BUS = 0x088  # protocol violation, bus error
 ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100
+FULL_SCALE = 2**31 - 1  # the nearest that the frame holds
 NO_TORQUE = 0x08  # status: the encoder is valid, the torque is not
 
 
@@ -27,9 +28,9 @@ def _frame(action: FrameAction, instead: FrameAction, rate: float = 1.0, *, rest
     return put
 
 
-def _status(status: int, *, torque_only: bool) -> Type:
+def _status(status: int, *, torque_only: bool, torque: int | None = None) -> Type:
     lost = faults.change_frame(status=NO_TORQUE) if torque_only else faults.drop
-    return _frame(faults.change_frame(status=status), lost)
+    return _frame(faults.change_frame(status=status, torque=torque), lost)
 
 
 def _torque(change: Callable[[Place], values.Change], rate: float = 1.0, rest: int = 0) -> Type:
@@ -194,7 +195,7 @@ TYPES: Mapping[str, Type] = {
     "node_no_sync": _status(0x49, torque_only=False),
     "node_test_data": _status(0x89, torque_only=False),
     "encoder_fault": _status(0x19, torque_only=False),
-    "torque_saturated": _status(0x0B, torque_only=True),
+    "torque_saturated": _status(0x0B, torque_only=True, torque=FULL_SCALE),
     "torque_fault": _status(0x0D, torque_only=True),
     "torque_stuck": _torque(amounts.stuck),
     "torque_spike": _torque(amounts.shift(5.0), 0.02, 10),

@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from hil import bench, judgement
 from hil.__main__ import main
 from hil.progress import describe
-from hil.scenario import load
+from hil.scenario import FOLDER, load
 
 CHI2_20_999 = 45.3  # 99.9 % bound of chi-squared with 20 degrees of freedom
 
@@ -121,6 +122,32 @@ def test_an_unknown_scenario_is_one_line_and_exit_code_two(capsys):
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1
+
+
+def scripted(folder):
+    """Return a scenario's file with a fault of its own, from a user's folder."""
+    faults = [{"type": "torque_saturated", "at_s": 3.0, "for_s": 0.5, "node_id": 0x13}]
+    document = yaml.safe_load((FOLDER / "target_leo.yaml").read_text()) | {"faults": faults}
+    path = folder / "mine" / "mine.yaml"
+    path.parent.mkdir()
+    path.write_text(yaml.safe_dump(document))
+    for item in ("robots", "trajectories"):
+        (folder / item).symlink_to(FOLDER.parent / item)
+    (path.parent / "common").symlink_to(FOLDER / "common")
+    return path
+
+
+def test_a_fault_that_a_scenario_scripts_is_there_and_told(tmp_path):
+    path = scripted(tmp_path)
+    recorded = bench.run_virtual(short(str(path), tmp_path / "out", 8.0), Silent(), record=False)
+    assert recorded.status["health"]["incidents"] == {"TORQUE_OVERLOAD": 1}
+
+
+def test_a_scripted_fault_in_real_time_is_one_line_and_exit_code_two(tmp_path, capsys):
+    path = scripted(tmp_path)
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "hil: faults: a scenario's own need virtual time: add --fast"
 
 
 def test_list_names_the_scenarios(capsys):

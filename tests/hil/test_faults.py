@@ -7,10 +7,12 @@ import struct
 import numpy as np
 import pytest
 
+from fsw.drivers.codecs import canopen as flight_canopen
 from fsw.drivers.codecs import sagitta as flight_sagitta
 from fsw.drivers.codecs import stim300 as flight_stim300
 from fsw.drivers.codecs.sagitta import SagittaCodec
 from fsw.drivers.codecs.stim300 import StimDatagram
+from hil import fault_values as values
 from hil import faults
 from hil.devices import canopen, sagitta
 from hil.faults import Regrouped, Struck, chain
@@ -131,6 +133,28 @@ def test_frame_actions_change_the_fields_they_say() -> None:
     assert forged == (5, 0x1A2, *TPDO1[2:])
     ((_, _, flipped, _),) = faults.flip_payload(TPDO1, rng())
     assert sum((a ^ b).bit_count() for a, b in zip(flipped, TPDO1[2], strict=True)) == 1
+
+
+@pytest.mark.parametrize("is_fd", [False, True])
+def test_faults_of_a_joint_know_both_forms_of_its_frame(is_fd: bool) -> None:
+    data = canopen.encode_fd(READING, 0x09, 42, 7) if is_fd else TPDO1[2]
+    frame = (5, 0x193, data, is_fd)
+
+    def decoded(action: faults.FrameAction) -> flight_canopen.FdTpdo1 | flight_canopen.Tpdo1:
+        ((_, _, changed, _),) = action(frame, rng())
+        assert len(changed) == len(data)
+        found = flight_canopen.decode_fd(changed) if is_fd else flight_canopen.decode_tpdo1(changed)
+        assert isinstance(found, flight_canopen.FdTpdo1 | flight_canopen.Tpdo1)
+        return found
+
+    more = decoded(values.torque(values.shifted(2.0)))
+    assert more.torque_nm == pytest.approx(-10.34, abs=0.006)
+    assert more.position_rad == pytest.approx(-1.25, abs=1e-6)
+    moved = decoded(values.position(values.shifted(0.5)))
+    assert moved.position_rad == pytest.approx(-0.75, abs=1e-6)
+    assert moved.torque_nm == pytest.approx(-12.34, abs=0.006)
+    full = decoded(faults.change_frame(status=0x0B, torque=2**31 - 1))
+    assert full.torque_nm == pytest.approx((2**31 - 1) * 1e-4 if is_fd else 327.67)
 
 
 def test_frames_are_told_apart() -> None:
