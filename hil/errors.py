@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+SETTINGS = "settings.json"  # in a folder of results: what they were made with
 INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 
@@ -26,6 +29,23 @@ def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> i
     except KeyboardInterrupt:
         sys.stderr.write("hil: interrupted; a command that resumes goes on with the same --out\n")
         return INTERRUPTED_EXIT
+
+
+def same_settings(folder: Path, wanted: Mapping[str, Any]) -> None:
+    """Note what a folder's results were made with; they are not mixed with others.
+
+    Raises
+    ------
+    ScenarioError when the folder cannot be made, or holds results of other settings.
+    """
+    from hil.scenario import ScenarioError
+
+    make_folder(folder)
+    path, text = folder / SETTINGS, json.dumps(wanted, indent=1)
+    if not path.exists():
+        path.write_text(text + "\n", encoding="utf-8")
+    elif json.loads(path.read_text(encoding="utf-8")) != json.loads(text):
+        raise ScenarioError(f"{path}: results of other settings; choose another --out")
 
 
 def make_folder(path: Path) -> None:

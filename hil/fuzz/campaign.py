@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hil.errors import same_settings
 from hil.fuzz.oracle import MAX_INPUT_BYTES
 from hil.fuzz.seeds import seeds
 from hil.fuzz.table import TARGETS, quota
@@ -90,9 +91,13 @@ def campaign(inputs: int, folder: Path, seed: int) -> Iterator[Bout]:
     """Yield bouts until every target has had its share; a target that failed is left alone.
 
     What an earlier call in the same folder has done counts.
+
+    Raises
+    ------
+    ScenarioError for a folder of a campaign with another seed.
     """
     path = folder / "state.json"
-    folder.mkdir(parents=True, exist_ok=True)
+    same_settings(folder, {"seed": seed})
     state: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
     for target, share in quota(inputs).items():
         held = state.setdefault(target, {"inputs": 0, "bouts": 0, "rss_mb": 0, "failure": ""})

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.errors import same_settings
 from hil.kills.round import BOUND_RATIO, VICTIMS, Kill, Round
 from hil.live import LiveError
 
@@ -22,9 +23,10 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[Kill]:
 
     Raises
     ------
-    LiveError when a daemon does not come back; the round's files stay.
+    LiveError when a daemon does not come back; the round's files stay. ScenarioError for a folder
+    of kills with another seed.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    same_settings(folder, {"seed": seed})
     path = folder / "kills.jsonl"
     held = _held(path)
     number = 1 + max((kill["round"] for kill in held), default=-1)

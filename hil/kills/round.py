@@ -46,9 +46,8 @@ class Kill:
     victim: str
     at_s: float  # since the round's daemon was up
     imports_s: float  # of the process started instead
-    back_s: float  # from its start to the restored estimate published, or a status written
-    seen_s: float  # the same as an observer of the status file sees it
-    ratio: float
+    back_s: float  # from its start to the restored estimate, or a status, as an observer sees it
+    ratio: float  # of the two
     lost_s: float  # age of the restored checkpoint at the kill; 0 where the loop lived on
     faults: tuple[str, ...]
     late: tuple[
@@ -164,12 +163,10 @@ class Round:
         lost_s = 0.0
         if victim == "service":
             imports_s, back_s, faults = self._service_is_back(killed_ns, service)
-            seen_s = back_s
         else:
             daemon.reap()
             daemon.start(cold=False)
             imports_s, back_s, lost_s, faults = self._loop_is_back(daemon, killed_ns)
-            seen_s = (time.monotonic_ns() - daemon.started_ns) * 1e-9
         back_ns = time.monotonic_ns()
         late = []
         if lost_s > CHECKPOINT_S + WRITE_S:
@@ -188,7 +185,6 @@ class Round:
             at_s=(killed_ns - up_ns) * 1e-9,
             imports_s=imports_s,
             back_s=back_s,
-            seen_s=seen_s,
             ratio=ratio,
             lost_s=lost_s,
             faults=tuple(faults),
@@ -201,12 +197,12 @@ class Round:
         """Wait for the restored estimate to be seen; times from the start of the new process."""
         began_ns = daemon.started_ns
         wait_for(lambda: self._observer.status_since(began_ns), "a restored estimate")
+        back_s = (time.monotonic_ns() - began_ns) * 1e-9
         started, restored = (
             self._event("STARTED", began_ns),
             self._event("STATE_RESTORED", began_ns),
         )
         faults = [e["text"] for e in self._seen if e["code"] == "CHECKPOINT_REFUSED"]
-        back_s = (restored["t_ns"] - began_ns) * 1e-9
         match = re.search(r"([\d.]+) s old; all of it", restored["text"])
         if match is None:
             return 0.0, back_s, 0.0, [*faults, f"not restored whole: {restored['text']}"]

@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from fsw.config import load as load_config
 from hil.bench import Setup, prepare
+from hil.errors import same_settings
 from hil.flight import write_yaml
 from hil.scenario import Scenario, at_rates, load
 from hil.soak.epoch import REST_S, TAIL_S, Epoch, Segment
@@ -49,7 +50,13 @@ def soak(
     """Yield segments as they are flown; every epoch has a process of its own, `jobs` at a time.
 
     Epochs that are whole in the folder are not flown again.
+
+    Raises
+    ------
+    ScenarioError for a folder of a soak with other settings.
     """
+    settings = {"hours": hours, "rate_hz": rate_hz, "imu_rate_hz": imu_rate_hz, "seed": seed}
+    same_settings(folder, settings)
     scenario = at_rates(load(SCENARIO), rate_hz, imu_rate_hz)
     epochs, segments = plan(hours, JointSpline.load(scenario.identification).duration_s)
     todo = [number for number in range(epochs) if not _result(folder, number).exists()]

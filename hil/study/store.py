@@ -16,26 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from hil.errors import make_folder
+from hil.errors import same_settings
 from hil.inertia import FloatArray
-from hil.scenario import ScenarioError
 from hil.study.cases import Key, Record, settings
 
 RESULTS = "results.jsonl"
-SETTINGS = "settings.json"
-
-
-class StoreError(ScenarioError):
-    """The folder holds results of another study."""
 
 
 class Store:
     """The results of one folder. A line cut off by a crash is dropped at the next start."""
 
     def __init__(self, folder: Path) -> None:
-        make_folder(folder)
+        same_settings(folder, settings())
         self.path = folder / RESULTS
-        _same_settings(folder / SETTINGS)
         if self.path.exists():
             whole = self.path.read_bytes()
             end = whole.rfind(b"\n") + 1
@@ -80,22 +73,6 @@ def commit() -> str:
     except OSError:
         return "unknown"
     return ran.stdout.strip() or "unknown"
-
-
-def _same_settings(path: Path) -> None:
-    """Write the settings into a new folder; in an old one they must be the same.
-
-    Raises
-    ------
-    StoreError otherwise.
-    """
-    wanted = json.loads(json.dumps(settings()))
-    if path.exists():
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found != wanted:
-            raise StoreError(f"{path}: results of other settings; choose another --out")
-        return
-    path.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
 
 
 def _plain(record: Record) -> dict[str, Any]:

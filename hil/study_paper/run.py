@@ -10,13 +10,11 @@ from typing import Any
 
 from rich.console import Console
 
-from hil.errors import make_folder
-from hil.scenario import ScenarioError
+from hil.errors import same_settings
 from hil.study.parallel import bar, over
 from hil.study_paper.cases import ALL, NOISES, NONE, PAPER, PAPER_SEED, PARTS, SYSTEMS, Unit
 
 RESULTS = "results.jsonl"
-SETTINGS = "settings.json"
 VERSION = 1
 SAMPLE, DEVICE, BIAS = "sample", "device", "bias"
 
@@ -90,12 +88,7 @@ class Store:
     """Results by key in one folder; a line cut off by a crash is dropped at the next start."""
 
     def __init__(self, folder: Path, rate_hz: float) -> None:
-        make_folder(folder)
-        wanted = {"version": VERSION, "rate_hz": rate_hz}
-        settings = folder / SETTINGS
-        if settings.exists() and json.loads(settings.read_text(encoding="utf-8")) != wanted:
-            raise ScenarioError(f"{settings}: results of other settings; choose another --out")
-        settings.write_text(json.dumps(wanted), encoding="utf-8")
+        same_settings(folder, {"version": VERSION, "rate_hz": rate_hz})
         self._path = folder / RESULTS
         if self._path.exists():
             whole = self._path.read_bytes()

@@ -9,16 +9,18 @@ import tempfile
 
 import pytest
 
+from hil.kills.round import VICTIMS
+
 COUNT = 10
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_killed_processes_come_back_and_nothing_readable_is_lost() -> None:
-    """How late is not asked here: that is `hil kills --count 200` on a machine with time to spare.
+    """Every restart goes on from a whole checkpoint, every file is readable, nothing has a gap.
 
-    Every restart goes on from a whole checkpoint, no checkpoint is ever unreadable, every file of
-    a recording is read to its end or its last flushed chunk without a gap.
+    How late is asked of the median only: of every kill that is `hil kills --count 200`, on a
+    machine with time to spare.
     """
     with tempfile.TemporaryDirectory(prefix="kills-") as short:  # a socket's path must be
         command = [sys.executable, "-m", "hil", "kills", "--out", short, "--seed", "1"]
@@ -28,3 +30,5 @@ def test_killed_processes_come_back_and_nothing_readable_is_lost() -> None:
     result = json.loads(done.stdout)
     assert result["kills"] == COUNT, done.stderr
     assert result["faults"] == [], result
+    medians = [result[victim]["median_ratio"] for victim in VICTIMS if victim in result]
+    assert 1.0 < max(medians) <= result["bound_ratio"] == 2.5, result

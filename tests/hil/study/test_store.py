@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.errors import SETTINGS
+from hil.scenario import ScenarioError
 from hil.study.cases import DEVICE, SAMPLE, Key, Record
 from hil.study.run import Plan as StudyPlan
 from hil.study.run import missing, wanted
-from hil.study.store import RESULTS, SETTINGS, Store, StoreError
+from hil.study.store import RESULTS, Store
 
 
 def record(seed, method="fused", error=True):
@@ -54,7 +56,7 @@ def test_results_of_other_settings_are_refused(tmp_path):
     Store(tmp_path)
     path = tmp_path / SETTINGS
     path.write_text(json.dumps(json.loads(path.read_text()) | {"rate_hz": 50.0}))
-    with pytest.raises(StoreError, match="other settings"):
+    with pytest.raises(ScenarioError, match="other settings"):
         Store(tmp_path)
 
 
