@@ -188,17 +188,30 @@ def outcome(
         "nees": max(normalised_error_squared(r.x - truth, r.covariance) for r in both),
         "nees_bound": float(chi2.ppf(table.probability, len(truth))),
         "sigma_ratio": float(np.max(_sigma(final) / reference_sigma)),
-        "sigma_ratio_bound": table.sigma_ratio,
+        "sigma_ratio_bounds": (table.sigma_least, table.sigma_ratio),
         "others": sorted(codes - {row.event, row.recovered, *row.also}),
         "counters": {n: k for n, k in incidents.items() if n == row.event or n not in bench_own},
         "counted": counted,
         "findings": int(health["findings"].get(row.event, 0)),
         "open": _not_of(bench_own, health["faulty"]),
         "valid": all(r.valid for r in both),
-        "restored": True,
+        "restored": all(link["up"] for link in flown["status"]["links"].values()),
         "wall_s": flown["wall_s"],
+        "clean": _clean(clean, truth, table.probability),
     }
-    return values | {"failed": run.failures(row, values)}
+    failed = run.failures(row, values)
+    if not values["clean"]["good"] or row.event in values["clean"]["codes"]:
+        failed.append("clean run")
+    return values | {"failed": failed}
+
+
+def _clean(clean: Mapping[str, Any], truth: FloatArray, probability: float) -> dict[str, Any]:
+    """Return what the run without a fault told, and whether it can be a reference."""
+    final: Result = clean["final"]
+    nees = normalised_error_squared(final.x - truth, final.covariance)
+    codes = {e["code"] for e in clean["events"] if e["severity"] != "info"}
+    good = final.valid and nees <= float(chi2.ppf(probability, len(truth)))
+    return {"codes": sorted(codes), "nees": nees, "good": good}
 
 
 def _not_of(known: Mapping[str, Any], faulty: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:

@@ -16,7 +16,17 @@ def show(outcomes: Sequence[Mapping[str, Any]], table: Table, seed: int, console
     rows = {row.type: row for row in table.faults}
     lane = f"seed {seed}, {table.total_s - table.before_s:g} s of motion"
     grid = Grid(title=f"Fault matrix, {lane}", title_justify="left")
-    for name in ("fault", "event", "told after ms", "bound", "over after s", "NEES", "sigma", ""):
+    for name in (
+        "fault",
+        "event",
+        "told after ms",
+        "bound",
+        "over after s",
+        "bound",
+        "NEES",
+        "sigma",
+        "",
+    ):
         grid.add_column(name, justify="left" if name in ("fault", "event", "") else "right")
     for values in outcomes:
         row = rows[values["type"]]
@@ -29,6 +39,7 @@ def show(outcomes: Sequence[Mapping[str, Any]], table: Table, seed: int, console
             _number(values["detect_s"], 1e3, ".1f"),
             f"{1e3 * values['detect_bound_s']:.0f}{_mark(row.reason)}",
             _number(values["recover_s"], 1.0, ".2f"),
+            f"{values['recover_bound_s']:g}{_mark(row.recover_reason)}",
             _number(values["nees"], 1.0, ".1f"),
             _number(values["sigma_ratio"], 1.0, ".3f"),
             verdict,
@@ -37,11 +48,18 @@ def show(outcomes: Sequence[Mapping[str, Any]], table: Table, seed: int, console
     console.print(
         f"Bounds: recovery {table.recover_bound_s:g} s (1 s and the filter's {table.filter_s:g} s);"
         f" NEES {outcomes[0]['nees_bound']:.1f} (chi-squared, {100 * table.probability:g} %);"
-        f" sigma {table.sigma_ratio:g} x that of the run lacking only the truly lost samples.",
+        f" sigma {table.sigma_least:g}-{table.sigma_ratio:g} x that of the run lacking only the"
+        " truly lost samples.",
         soft_wrap=True,
     )
+    for values in outcomes[:1] if "clean" in outcomes[0] else ():
+        found = values["clean"]
+        told = ", ".join(found["codes"]) or "nothing"
+        console.print(
+            f"The run without a fault told {told}; NEES {found['nees']:.1f}.", soft_wrap=True
+        )
     shown = [rows[values["type"]] for values in outcomes]
-    used = {reason for row in shown for reason in (row.reason, row.shares) if reason}
+    used = {reason for row in shown for reason in row.reasons if reason}
     for name in sorted(used):
         console.print(f"({name}) {table.reasons[name]}", soft_wrap=True)
     good = sum(not values["failed"] for values in outcomes)

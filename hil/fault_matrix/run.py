@@ -161,7 +161,7 @@ def outcome(
         "nees": normalised_error_squared(final.x - truth, final.covariance),
         "nees_bound": float(chi2.ppf(table.probability, len(truth))),
         "sigma_ratio": float(np.max(flown.sigma / reference.sigma)),
-        "sigma_ratio_bound": table.sigma_ratio,
+        "sigma_ratio_bounds": (table.sigma_least, table.sigma_ratio),
         "others": others,
         "counters": {name: int(n) for name, n in health["incidents"].items()},
         "counted": int(health["incidents"].get(row.event, 0)) or _losses(flown, row),
@@ -184,6 +184,7 @@ def failures(row: Row, values: Mapping[str, Any]) -> list[str]:
     """Return which bounds do not hold."""
     wanted = {row.event} & set(Fault)
     recovers = row.recovered != "NONE"
+    least, most = values["sigma_ratio_bounds"]
     checks = {
         "detection": values["detect_s"] is not None
         and 0.0 <= values["detect_s"] <= values["detect_bound_s"],
@@ -197,7 +198,7 @@ def failures(row: Row, values: Mapping[str, Any]) -> list[str]:
         "channels": values["restored"],
         "valid": values["valid"],
         "nees": values["nees"] <= values["nees_bound"],
-        "sigma": values["sigma_ratio"] <= values["sigma_ratio_bound"],
+        "sigma": least <= values["sigma_ratio"] <= most,
         "other events": not values["others"],
         "own counter": values["counted"] > 0,
         "other counters": set(values["counters"]) <= wanted,

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ from hil.scenario import FaultEntry, ScenarioError
 BOUNDS = table.load()
 SHORT = [row for row in BOUNDS.faults if row.short]
 SEED = 2
+MACHINE = ("disk_full", "service_killed")
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +84,30 @@ def test_bounds_beyond_three_periods_have_a_reason() -> None:
             assert row.reason, row.type
 
 
+def test_a_recovery_of_its_own_has_a_reason(tmp_path: Path) -> None:
+    text = table.PATH.read_text(encoding="utf-8")
+    (tmp_path / "table.yaml").write_text(text.replace(", recover_reason: wait", "", 1))
+    with pytest.raises(ValueError, match="a recovery of its own, and no reason"):
+        table.load(tmp_path / "table.yaml")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_faults_of_the_machine_are_told_and_leave_no_trace() -> None:
+    """When and what else is not asked here: other tests have the machine's processors."""
+    command = [sys.executable, "-m", "hil", "faults", "--json"]
+    for name in MACHINE:
+        command += ["--only", name]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    found = json.loads(done.stdout)["faults"]
+    assert [values["type"] for values in found] == list(MACHINE), done.stderr
+    bounds = {"channels", "valid", "nees", "sigma", "own counter"}
+    for values in found:
+        assert values["detect_s"] is not None, values
+        assert values["recover_s"] is not None, values
+        assert not bounds & set(values["failed"]), values
+
+
 def test_two_rows_have_one_event_only_with_a_reason(tmp_path: Path) -> None:
     text = table.PATH.read_text(encoding="utf-8")
     (tmp_path / "table.yaml").write_text(text.replace("event: TORQUE_RANGE", "event: TORQUE_FAULT"))
@@ -102,6 +130,10 @@ def test_a_bound_that_does_not_hold_fails_its_row(trunk: Any) -> None:
         clean, final=dataclasses.replace(clean.final, covariance=2.0 * clean.final.covariance)
     )
     assert "sigma" in run.outcome(BOUNDS, row, before.setup, worse, clean, clean)["failed"]
+    surer = dataclasses.replace(
+        clean, final=dataclasses.replace(clean.final, covariance=0.8 * clean.final.covariance)
+    )
+    assert "sigma" in run.outcome(BOUNDS, row, before.setup, surer, clean, clean)["failed"]
     off = dataclasses.replace(clean.final, x=clean.final.x + 8.0 * clean.sigma)
     wrong = dataclasses.replace(clean, final=off)
     assert "nees" in run.outcome(BOUNDS, row, before.setup, wrong, clean, clean)["failed"]
