@@ -1,4 +1,4 @@
-"""A sensor out for most of a motion: the estimate goes on, honest, and knows less by what it lost."""
+"""A sensor out for most of a motion: the estimate stays honest and knows less by what it lost."""
 
 from __future__ import annotations
 
