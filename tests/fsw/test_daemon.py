@@ -183,12 +183,13 @@ def test_a_lost_port_is_an_event_and_comes_back_with_its_devices_started(arm: Ar
     bench = Bench(arm, can_openers={"arm": opener})
     bench.daemon.step()
     bench.can.broken = True
-    for _ in range(3000):  # 6 s
+    for _ in range(1000):  # 2 s
         bench.daemon.step()
     assert bench.can.closed
     assert bench.sink.codes == ["PORT_LOST", "PORT_BACK"]
     assert len(attempts) == 3
-    assert attempts[2] - attempts[1] > attempts[1] - attempts[0] > 500 * MS
+    pauses = [attempts[1] - attempts[0], attempts[2] - attempts[1]]
+    assert all(500 * MS <= pause <= 700 * MS for pause in pauses)
     assert [can_id for _, can_id, _ in fresh[0].written[:4]] == [0, 0, 0, 0x080]
     assert bench.daemon.status(0)["links"]["arm"] == {"up": True, "losses": 1}
 
