@@ -9,6 +9,7 @@ from fsw.commands import Code, JobReport
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.packets import telecommand_packet
+from fsw.telemetry.telecommands import TcError, TelecommandReader
 from tests.fsw.telemetry.application_cases import BEGUN, Flight
 
 PING = telecommand_packet(DICTIONARY.telecommand("PING"), {}, 1)
@@ -100,11 +101,13 @@ def test_an_unknown_function_is_named(flight: Flight):
     assert flight.last("acceptance_failure")["error_value"] == 0xEE
 
 
-def test_text_that_no_zero_ends_is_refused(flight: Flight):
+def test_text_that_no_zero_ends_is_refused():
     packet = telecommand_packet(DICTIONARY.telecommand("LIST_FILES"), {"path": "f" * 999}, 1)
     assert packet[-3] == 0
-    flight.app.dispatcher.receive(changed(len(packet) - 3, ord("f"), packet))
-    assert flight.error() is Error.BAD_ARG
+    TelecommandReader().read(packet)
+    with pytest.raises(TcError) as caught:
+        TelecommandReader().read(changed(len(packet) - 3, ord("f"), packet))
+    assert caught.value.error is Error.BAD_ARG
 
 
 LOOP = [
