@@ -13,7 +13,8 @@ import numpy as np
 
 from hil.devices import sagitta, stim300, tpdo1
 from hil.devices.can_segment import TimedFrame
-from hil.devices.canopen import COUNTS_PER_RAD, clamp
+from hil.devices.canopen import COUNTS_PER_RAD
+from hil.devices.tpdo1 import clamp
 from hil.devices.uart import TimedBytes
 from hil.faults import ByteAction, FrameAction
 
@@ -58,8 +59,10 @@ def torque(change: Change) -> FrameAction:
     def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
         t_ns, can_id, data, is_fd = frame
         form = tpdo1.layout(data)
-        value = change(form.read(data, "torque") * form.nm_per_count, t_ns)
-        data = form.written(data, {"torque": value / form.nm_per_count})
+        if form is None:
+            return [frame]
+        value = change(form.read(data, "torque") / form.counts_per_nm, t_ns)
+        data = form.written(data, {"torque": value * form.counts_per_nm})
         return [(t_ns, can_id, data, is_fd)]
 
     return changed
@@ -71,6 +74,8 @@ def position(change: Change) -> FrameAction:
     def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
         t_ns, can_id, data, is_fd = frame
         form = tpdo1.layout(data)
+        if form is None:
+            return [frame]
         value = change(form.read(data, "position") / COUNTS_PER_RAD, t_ns)
         data = form.written(data, {"position": value * COUNTS_PER_RAD})
         return [(t_ns, can_id, data, is_fd)]
@@ -78,59 +83,73 @@ def position(change: Change) -> FrameAction:
     return changed
 
 
-def _resealed(body: bytearray) -> bytes:
+Edit = Callable[[bytearray, int, np.random.Generator], None]  # of a body at a time [ns]
+
+
+def _resealed(body: bytes | bytearray) -> bytes:
     padded = bytes(body) + bytes(-len(body) % 4)
     return bytes(body) + stim300.crc32_mpeg2(padded).to_bytes(4, "big")
 
 
-def inertial(cluster: str, changes: Sequence[Change]) -> ByteAction:
-    """Return the action that changes the three axes [rad/s or m/s^2] of a cluster."""
+def _datagram(edit: Edit) -> ByteAction:
+    """Return the action that edits a whole datagram and makes its check value right again.
 
-    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
+    What another fault has damaged before passes as it is.
+    """
+
+    def changed(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
         t_ns, data = item
-        body, lsb = bytearray(data[:-4]), LSB[cluster]
-        for axis, change in enumerate(changes):
-            at = CLUSTER_AT[cluster] + 3 * axis
-            raw = int.from_bytes(body[at : at + 3], "big", signed=True)
-            raw = clamp(change(raw * lsb, t_ns) / lsb, 24)
-            body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
+        body = bytearray(data[:-4])
+        if _resealed(body) != data:
+            return [item]
+        edit(body, t_ns, rng)
         return [(t_ns, _resealed(body))]
 
     return changed
 
 
-def flip_unseen(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
-    """Invert an upper bit of the specific force of a datagram whose CRC holds all the same."""
-    t_ns, data = item
-    body = bytearray(data[:-4])
+def inertial(cluster: str, changes: Sequence[Change]) -> ByteAction:
+    """Return the action that changes the three axes [rad/s or m/s^2] of a cluster."""
+
+    def edit(body: bytearray, t_ns: int, _rng: np.random.Generator) -> None:
+        lsb = LSB[cluster]
+        for axis, change in enumerate(changes):
+            at = CLUSTER_AT[cluster] + 3 * axis
+            raw = int.from_bytes(body[at : at + 3], "big", signed=True)
+            raw = clamp(change(raw * lsb, t_ns) / lsb, 24)
+            body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
+
+    return _datagram(edit)
+
+
+def _flip_upper(body: bytearray, _t_ns: int, rng: np.random.Generator) -> None:
     at = CLUSTER_AT["acc"] + 3 * int(rng.integers(3))
     bit = int(rng.integers(16, 22))
     raw = int.from_bytes(body[at : at + 3], "big", signed=True) ^ (1 << bit)
     body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
-    return [(t_ns, _resealed(body))]
+
+
+# inverts an upper bit of the specific force of a datagram whose CRC holds all the same
+flip_unseen = _datagram(_flip_upper)
 
 
 def flagged(*, gyro: int = 0, acc: int = 0) -> ByteAction:
     """Return the action that sets status bits of the clusters."""
 
-    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
-        body = bytearray(item[1][:-4])
+    def edit(body: bytearray, _t_ns: int, _rng: np.random.Generator) -> None:
         body[CLUSTER_AT["gyro"] + STATUS_OFFSET] |= gyro
         body[CLUSTER_AT["acc"] + STATUS_OFFSET] |= acc
-        return [(item[0], _resealed(body))]
 
-    return changed
+    return _datagram(edit)
 
 
 def counted_on(step: int) -> ByteAction:
     """Return the action that adds to a datagram's counter."""
 
-    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
-        body = bytearray(item[1][:-4])
+    def edit(body: bytearray, _t_ns: int, _rng: np.random.Generator) -> None:
         body[-3] = (body[-3] + step) & 0xFF
-        return [(item[0], _resealed(body))]
 
-    return changed
+    return _datagram(edit)
 
 
 def solution(*, turn_rad: float = 0.0, blind: bool = False, time_step_us: int = 0) -> ByteAction:

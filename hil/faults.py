@@ -339,6 +339,8 @@ def change_frame(
     def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
         t_ns, can_id, data, is_fd = frame
         form = tpdo1.layout(data)
+        if form is None:
+            return [frame]
         counter = (form.read(data, "counter") - 1 + counter_step) % counter_max + 1
         data = form.written(data, {**fields, "counter": counter})
         return [(t_ns, can_id, data[:length], is_fd)]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from hil.devices.bus_toggle import BusToggle
+from hil.devices.tpdo1 import CLASSIC, FD, clamp
 
 SYNC_ID = 0x080
 NMT_ID = 0x000
@@ -45,18 +46,11 @@ class Reading:
     temperature_degc: float
 
 
-def clamp(value: float, bits: int) -> int:
-    """Round to the nearest integer a signed field of `bits` can hold."""
-    top = 2 ** (bits - 1) - 1
-    return int(max(-top - 1, min(top, round(value))))
-
-
 def encode_tpdo1(reading: Reading, status: int, counter: int) -> bytes:
     """Return the 8 bytes of TPDO1: position, link torque, status, SYNC counter."""
-    return struct.pack(
-        "<ihBB",
+    return CLASSIC.form.pack(
         clamp(reading.position_rad * COUNTS_PER_RAD, 32),
-        clamp(reading.torque_nm * 100.0, 16),
+        clamp(reading.torque_nm * CLASSIC.counts_per_nm, CLASSIC.torque_bits),
         status & 0xFF,
         counter,
     )
@@ -64,11 +58,10 @@ def encode_tpdo1(reading: Reading, status: int, counter: int) -> bytes:
 
 def encode_fd(reading: Reading, status: int, counter: int, device_time_us: int) -> bytes:
     """Return the 20 bytes of the CAN FD tailoring of TPDO1."""
-    return struct.pack(
-        "<iiiHBbI",
+    return FD.form.pack(
         clamp(reading.position_rad * COUNTS_PER_RAD, 32),
         clamp(reading.velocity_rad_s * COUNTS_PER_RAD, 32),
-        clamp(reading.torque_nm * 1e4, 32),
+        clamp(reading.torque_nm * FD.counts_per_nm, FD.torque_bits),
         status & 0xFFFF,
         counter,
         clamp(reading.temperature_degc, 8),

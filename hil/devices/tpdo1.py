@@ -1,4 +1,4 @@
-"""Where the fields of a TPDO1 lie, classic and CAN FD: for faults that are written into frames."""
+"""TPDO1, classic and CAN FD: its form, and fields of a frame read and written again."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 Field = Literal["position", "torque", "status", "counter"]
-INT16 = -(2**15), 2**15 - 1
-INT32 = -(2**31), 2**31 - 1
+
+
+def clamp(value: float, bits: int) -> int:
+    """Round to the nearest integer a signed field of `bits` can hold."""
+    top = 2 ** (bits - 1) - 1
+    return int(max(-top - 1, min(top, round(value))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,36 +22,30 @@ class Layout:
 
     form: struct.Struct
     places: dict[Field, int]  # among the unpacked values
-    ranges: dict[Field, tuple[int, int]]
-    nm_per_count: float
+    torque_bits: int
+    counts_per_nm: float
 
     def read(self, data: bytes, name: Field) -> int:
         """Return a raw field."""
         return int(self.form.unpack(data)[self.places[name]])
 
     def written(self, data: bytes, fields: Mapping[Field, float]) -> bytes:
-        """Return the frame with other raw fields, each the nearest that its place holds."""
+        """Return the frame with other raw fields; position and torque the nearest it can hold."""
         values = list(self.form.unpack(data))
+        bits = {"position": 32, "torque": self.torque_bits}
         for name, value in fields.items():
-            low, high = self.ranges[name]
-            values[self.places[name]] = max(low, min(high, round(value)))
+            values[self.places[name]] = clamp(value, bits[name]) if name in bits else value
         return self.form.pack(*values)
 
 
 CLASSIC = Layout(
-    struct.Struct("<ihBB"),
-    {"position": 0, "torque": 1, "status": 2, "counter": 3},
-    {"position": INT32, "torque": INT16, "status": (0, 0xFF), "counter": (0, 0xFF)},
-    0.01,
+    struct.Struct("<ihBB"), {"position": 0, "torque": 1, "status": 2, "counter": 3}, 16, 100.0
 )
 FD = Layout(
-    struct.Struct("<iiiHBbI"),
-    {"position": 0, "torque": 2, "status": 3, "counter": 4},
-    {"position": INT32, "torque": INT32, "status": (0, 0xFFFF), "counter": (0, 0xFF)},
-    1e-4,
+    struct.Struct("<iiiHBbI"), {"position": 0, "torque": 2, "status": 3, "counter": 4}, 32, 1e4
 )
 
 
-def layout(data: bytes) -> Layout:
-    """Return the layout of a frame that is whole."""
-    return FD if len(data) == FD.form.size else CLASSIC
+def layout(data: bytes) -> Layout | None:
+    """Return the form of a frame; None of one that is not whole."""
+    return next((form for form in (CLASSIC, FD) if len(data) == form.form.size), None)

@@ -89,7 +89,9 @@ def _fill(hold: Hold) -> None:
     """Fill the disk; where there is none, let no file of the service grow any more."""
     folder = hold.folder / "recording"
     if folder.is_mount():
-        (folder / BALLAST).write_bytes(bytes(shutil.disk_usage(folder).free))
+        with (folder / BALLAST).open("wb", buffering=0) as file, suppress(OSError):  # no space left
+            while file.write(bytes(1 << 20)):
+                pass
         return
     size = max(path.stat().st_size for path in folder.glob("*.mcap"))
     hard = resource.prlimit(service_of(hold), resource.RLIMIT_FSIZE)[1]

@@ -52,12 +52,11 @@ def show(outcomes: Sequence[Mapping[str, Any]], table: Table, seed: int, console
         " truly lost samples.",
         soft_wrap=True,
     )
-    for values in outcomes[:1] if "clean" in outcomes[0] else ():
-        found = values["clean"]
+    clean = {rows[v["type"]].lane: v["clean"] for v in outcomes if "clean" in v}
+    for name, found in clean.items():
         told = ", ".join(found["codes"]) or "nothing"
-        console.print(
-            f"The run without a fault told {told}; NEES {found['nees']:.1f}.", soft_wrap=True
-        )
+        text = f"Without a fault, {name}: told {told}; NEES {found['nees']:.1f}."
+        console.print(text, soft_wrap=True)
     shown = [rows[values["type"]] for values in outcomes]
     used = {reason for row in shown for reason in row.reasons if reason}
     for name in sorted(used):

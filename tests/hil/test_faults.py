@@ -157,6 +157,32 @@ def test_faults_of_a_joint_know_both_forms_of_its_frame(is_fd: bool) -> None:
     assert full.torque_nm == pytest.approx((2**31 - 1) * 1e-4 if is_fd else 327.67)
 
 
+@pytest.mark.parametrize("length", [0, 3, 6, 12, 19])
+def test_faults_of_a_joint_leave_a_frame_alone_that_another_fault_cut(length: int) -> None:
+    frame = (5, 0x193, bytes(length), True)
+    for action in (
+        values.torque(values.shifted(2.0)),
+        values.position(values.Stuck()),
+        faults.change_frame(status=0x0B),
+    ):
+        assert action(frame, rng()) == [frame]
+
+
+@pytest.mark.parametrize("damaged", [b"", STIM[:-1], STIM[:11], STIM[:5] + STIM[6:], STIM[1:]])
+def test_faults_of_an_imu_leave_a_datagram_alone_that_another_fault_damaged(damaged: bytes) -> None:
+    actions = (
+        values.inertial("gyro", [values.shifted(0.1)] * 3),
+        values.inertial("acc", [values.Stuck() for _ in range(3)]),
+        values.flip_unseen,
+        values.flagged(gyro=1, acc=1),
+        values.counted_on(5),
+    )
+    for action in actions:
+        assert action((7, damaged), rng()) == [(7, damaged)]
+        ((_, changed),) = action((7, STIM), rng())
+        assert isinstance(flight_stim300.decode_datagram(changed, 10), StimDatagram)
+
+
 def test_frames_are_told_apart() -> None:
     assert faults.is_tpdo1(TPDO1)
     assert not faults.is_tpdo1((0, 0x180, b"", False))
