@@ -104,7 +104,12 @@ def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     fetch.add_argument("--assets", type=Path, metavar="DIR", help="where to keep it")
     fetch.set_defaults(command=_fetch)
     serve = commands.add_parser("serve", help="live page in the browser; shows, commands nothing")
-    serve.add_argument("--http-host", default="127.0.0.1", help="127.0.0.1")
+    serve.add_argument(
+        "--http-host", default="127.0.0.1", help="127.0.0.1; another needs --http-token"
+    )
+    serve.add_argument(
+        "--http-token", type=Path, metavar="FILE", help="what a browser must show, mode 0600"
+    )
     serve.add_argument("--http-port", type=int, default=8080, help="8080; 0: any free one")
     serve.add_argument("--assets", type=Path, metavar="DIR", help="of `ground fetch-assets`")
     serve.add_argument(

@@ -17,6 +17,7 @@ from aiohttp import WSMsgType, web
 from ground.assets import ENTRY, default_folder
 from ground.errors import UsageError
 from ground.gateway.feed import Feed
+from ground.gateway.guard import Guard, read_token
 from ground.gateway.history import Recordings, thinned
 from ground.gateway.objects import page_objects
 from ground.gateway.points import EVENTS, Points
@@ -161,12 +162,15 @@ def _change_wanted(client: Client, text: str) -> None:
         return
 
 
-def application(host: str, port: int, assets: Path, recordings: Path | None) -> web.Application:
+def application(
+    host: str, port: int, assets: Path, recordings: Path | None, guard: Guard
+) -> web.Application:
     """Return the server. Raises UsageError when Open MCT is not there."""
     if not (assets / ENTRY).exists():
         raise UsageError(f"{assets}: Open MCT is not there; run `ground fetch-assets`")
     gateway = Gateway(host, port, Recordings(recordings))
-    app = web.Application()
+    app = web.Application(middlewares=[guard.middleware()])
+    app.on_response_prepare.append(guard.add_headers)
     app.add_routes(
         [
             web.get("/", gateway.index),
@@ -193,7 +197,9 @@ def application(host: str, port: int, assets: Path, recordings: Path | None) -> 
 def serve(arguments: argparse.Namespace) -> int:
     """Serve until interrupted; the first line printed is the page's address."""
     assets = arguments.assets or default_folder()
-    app = application(arguments.host, arguments.port, assets, arguments.recordings)
+    token = None if arguments.http_token is None else read_token(arguments.http_token)
+    guard = Guard(arguments.http_host, token)
+    app = application(arguments.host, arguments.port, assets, arguments.recordings, guard)
     asyncio.run(_serve(app, arguments.http_host, arguments.http_port))
     return 0
 

@@ -14,6 +14,7 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from fsw.recording import RecordingWriter
 from ground.errors import UsageError
+from ground.gateway.guard import Guard
 from ground.gateway.history import MAX_ROWS, Ring, thinned
 from ground.gateway.server import KEPT, PERIOD_S, Client, application
 from tests.ground.fake_daemon import FakeDaemon, packet, run_of_estimates
@@ -31,7 +32,7 @@ def assets(tmp_path):
 
 @asynccontextmanager
 async def gateway(port, assets, recordings=None):
-    app = application("127.0.0.1", port, assets, recordings)
+    app = application("127.0.0.1", port, assets, recordings, Guard("127.0.0.1"))
     async with TestClient(TestServer(app)) as client:
         yield client
 
@@ -49,14 +50,16 @@ async def received(socket, until, timeout_s=20.0):
 
 def test_without_open_mct_it_says_what_to_do(tmp_path):
     with pytest.raises(UsageError, match="fetch-assets"):
-        application("127.0.0.1", 1, tmp_path, None)
+        application("127.0.0.1", 1, tmp_path, None, Guard("127.0.0.1"))
 
 
 def test_the_page_and_its_files_are_served(assets):
     async def check():
         async with gateway(1, assets) as client:
             page = await (await client.get("/")).text()
-            assert "openmct.start(document.getElementById" in page
+            assert 'src="static/start.js"' in page
+            start = await (await client.get("/static/start.js")).text()
+            assert "openmct.start(document.getElementById" in start
             assert await (await client.get("/openmct/openmct.js")).text() == "// Open MCT"
             assert (await client.get("/static/plugin.js")).status == 200
             tree = await (await client.get("/objects")).json()

@@ -1,0 +1,140 @@
+"""Who may read the live page: its own origin under a loopback name, or the holder of a token.
+
+A browser sends requests for any page it shows, also to this server: a foreign page must neither
+read the stream (Origin, Sec-Fetch-Site) nor reach the server under a name of its own (Host).
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Awaitable, Callable
+from ipaddress import ip_address
+from pathlib import Path
+
+from aiohttp import web
+
+from ground.errors import UsageError
+
+COOKIE = "inertia_token"
+MIN_TOKEN_CHARACTERS = 16
+LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+OWN_SITES = frozenset({"same-origin", "none"})  # Sec-Fetch-Site: this page, or typed by the user
+# Open MCT compiles its templates ('unsafe-eval'), sets styles, and runs its workers from blobs.
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self' 'unsafe-eval'",
+        "style-src 'self' 'unsafe-inline'",
+        "img-src 'self' data: blob:",
+        "font-src 'self' data:",
+        "connect-src 'self'",
+        "worker-src 'self' blob:",
+        "manifest-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address to listen on is reached from this machine only."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def read_token(path: Path) -> str:
+    """Return the token in a file. Raises UsageError: unreadable, open to others, too short."""
+    try:
+        mode, text = path.stat().st_mode, path.read_text().strip()
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path}: token cannot be read: {error}") from error
+    if mode & 0o077:
+        raise UsageError(f"{path}: mode {mode & 0o777:04o}; a token must be closed to others, 0600")
+    if len(text) < MIN_TOKEN_CHARACTERS or not text.isascii() or not text.isprintable():
+        raise UsageError(f"{path}: must hold at least {MIN_TOKEN_CHARACTERS} printable characters")
+    return text
+
+
+class Guard:
+    """Refuses requests of foreign pages, and without a token where one is needed.
+
+    Parameters
+    ----------
+    host : address the server listens on
+    token : None: no token is needed, which is allowed on a loopback address only
+
+    Raises
+    ------
+    UsageError when the address is open and there is no token.
+    """
+
+    def __init__(self, host: str, token: str | None = None) -> None:
+        if token is None and not is_loopback(host):
+            raise UsageError(f"--http-host {host}: not a loopback address; it needs --http-token")
+        self._names = LOCAL_NAMES | {host}
+        self._token = token
+
+    async def add_headers(self, _request: web.Request, response: web.StreamResponse) -> None:
+        """Add the headers that bind a browser; called for every response."""
+        response.headers.update(HEADERS)
+
+    def middleware(self) -> Callable[[web.Request, Handler], Awaitable[web.StreamResponse]]:
+        """Return the check that precedes every handler."""
+
+        @web.middleware
+        async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
+            self._refuse_foreign(request)
+            if self._token is not None and not self._has_token(request):
+                return self._log_in(request)
+            return await handler(request)
+
+        return check
+
+    def _refuse_foreign(self, request: web.Request) -> None:
+        """Refuse what another site's page has sent. Raises HTTPForbidden."""
+        host = request.headers.get("Host", "")
+        # with a token any name will do: a browser sends the cookie only to the name that set it
+        if self._token is None and _name(host) not in self._names:
+            raise web.HTTPForbidden(text="Host: not a name of this server")
+        origin = request.headers.get("Origin")
+        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+            raise web.HTTPForbidden(text="Origin: another site")
+        navigates = request.headers.get("Sec-Fetch-Mode") == "navigate"
+        site = request.headers.get("Sec-Fetch-Site", "none")
+        if site not in OWN_SITES and not navigates:
+            raise web.HTTPForbidden(text="Sec-Fetch-Site: another site")
+
+    def _has_token(self, request: web.Request) -> bool:
+        kind, _, bearer = request.headers.get("Authorization", "").partition(" ")
+        given = bearer if kind == "Bearer" else request.cookies.get(COOKIE, "")
+        return self._is_token(given)
+
+    def _log_in(self, request: web.Request) -> web.StreamResponse:
+        """Exchange `/?token=...` for a cookie. Raises HTTPUnauthorized."""
+        given = request.query.get("token", "")
+        if request.path != "/" or not self._is_token(given):
+            raise web.HTTPUnauthorized(text="a token is needed: open /?token=...")
+        answer = web.HTTPSeeOther("/")
+        answer.set_cookie(COOKIE, given, httponly=True, samesite="Strict")
+        raise answer
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(errors="replace"), (self._token or "").encode())
+
+
+def _name(host: str) -> str:
+    """Return the name in a Host header, without its port and brackets."""
+    if host.startswith("["):
+        return host[1:].partition("]")[0]
+    return host.partition(":")[0].lower()
