@@ -14,6 +14,7 @@ from fsw.messages import Block
 METHODS = ("mrnea", "rda", "cm", "ce", "fused")
 BODIES = ("base", "target")
 MAX_LINE_BYTES = 65536
+MAX_LAST_S = 1e6  # as the telecommand RUN_BATCH has it
 
 
 class CommandName(StrEnum):
@@ -161,10 +162,16 @@ def _batch_args(data: dict[str, Any]) -> dict[str, Any]:
         raise CommandError(Code.BAD_ARGUMENT, f"method {method!r} is none of {list(METHODS)}")
     unknown = _unknown(data)
     last_s = data.get("last_s")
-    is_number = isinstance(last_s, int | float) and not isinstance(last_s, bool)
-    if last_s is not None and not (is_number and last_s > 0):
-        raise CommandError(Code.BAD_ARGUMENT, f"last_s {last_s!r}: must be a number above 0")
+    if last_s is not None and not _is_duration(last_s):
+        text = f"last_s {last_s!r:.40}: must be a number above 0, at most {MAX_LAST_S:g}"
+        raise CommandError(Code.BAD_ARGUMENT, text)
     return {"method": method, "unknown": unknown, "last_s": last_s}
+
+
+def _is_duration(value: Any) -> bool:  # noqa: ANN401
+    """Whether a value is a number of seconds that a job can look back; bool, NaN, inf are not."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and 0 < value <= MAX_LAST_S
 
 
 def _configure_args(data: dict[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 no link, 2 wrong command line, 3 rejected, 4 failed, 5 no 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -36,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ground", description=__doc__)
     parser.add_argument("--host", default="127.0.0.1", help="of the daemon, 127.0.0.1")
-    parser.add_argument("--port", type=int, default=PORT, help=f"of its link, {PORT}")
+    parser.add_argument("--port", type=_port, default=PORT, help=f"of its link, {PORT}")
     sealing = parser.add_argument_group("authenticated telecommands (tc_security: sdls)")
     sealing.add_argument("--key", type=Path, metavar="FILE", help="32 bytes, mode 0600")
     sealing.add_argument(
@@ -55,6 +56,27 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value) or value <= 0.0:
+        raise argparse.ArgumentTypeError(f"{text}: must be a finite number above 0")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be at least 1")
+    return value
+
+
+def _port(text: str) -> int:
+    value = int(text)
+    if not 0 <= value <= 65535:
+        raise argparse.ArgumentTypeError(f"{text}: must be 0 to 65535")
+    return value
+
+
 def _tc_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     listing = commands.add_parser("list", help="list telecommands, or one with its arguments")
     listing.add_argument("name", nargs="?", metavar="NAME")
@@ -62,8 +84,8 @@ def _tc_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     tc = commands.add_parser("tc", help="send a telecommand and follow it to its end")
     tc.add_argument("name", metavar="NAME", help="from `ground list`")
     tc.add_argument("arguments", nargs="*", metavar="ARGUMENT=VALUE")
-    tc.add_argument("--at", type=float, metavar="S", help="keep it until this mission elapsed time")
-    tc.add_argument("--timeout", type=float, default=10.0, metavar="S", help="10")
+    tc.add_argument("--at", type=_seconds, metavar="S", help="keep it until then, mission elapsed")
+    tc.add_argument("--timeout", type=_seconds, default=10.0, metavar="S", help="10")
     tc.add_argument("--force", action="store_true", help="send values out of range")
     tc.add_argument("--json", action="store_true", help="print one JSON object")
     tc.set_defaults(command=_tc)
@@ -73,8 +95,8 @@ def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     tm = commands.add_parser("tm", help="show telemetry as it comes")
     tm.add_argument("packets", nargs="*", metavar="PACKET", help="only these; all when none")
     tm.add_argument("--field", action="append", default=[], metavar="NAME", help="only these")
-    tm.add_argument("--count", type=int, metavar="N", help="stop after so many packets")
-    tm.add_argument("--seconds", type=float, default=1e9, metavar="S", help="stop after this time")
+    tm.add_argument("--count", type=_count, metavar="N", help="stop after so many packets")
+    tm.add_argument("--seconds", type=_seconds, default=1e9, metavar="S", help="stop after so long")
     tm.add_argument("--json", action="store_true", help="one JSON object a line")
     tm.add_argument("--raw", type=Path, metavar="FILE", help="also keep the packets as they come")
     tm.set_defaults(command=_tm)
@@ -83,7 +105,7 @@ def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def _file_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     files = commands.add_parser("file", help="get, put and list files of the daemon")
     files.add_argument(
-        "--timeout", type=float, default=600.0, metavar="S", help="of a transfer, 600"
+        "--timeout", type=_seconds, default=600.0, metavar="S", help="of a transfer, 600"
     )
     actions = files.add_subparsers(required=True, metavar="ACTION")
     get = actions.add_parser("get", help="fetch a file and compare its CRC")
@@ -110,7 +132,7 @@ def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     serve.add_argument(
         "--http-token", type=Path, metavar="FILE", help="what a browser must show, mode 0600"
     )
-    serve.add_argument("--http-port", type=int, default=8080, help="8080; 0: any free one")
+    serve.add_argument("--http-port", type=_port, default=8080, help="8080; 0: any free one")
     serve.add_argument("--assets", type=Path, metavar="DIR", help="of `ground fetch-assets`")
     serve.add_argument(
         "--recordings", type=Path, metavar="PATH", help="recording or folder of them, for history"

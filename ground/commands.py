@@ -12,7 +12,7 @@ from pathlib import Path
 from spacepackets.ecss.tc import PusTc
 
 from ground.dictionary import XTCE
-from ground.errors import UsageError
+from ground.errors import UsageError, did_you_mean
 
 _X = "{http://www.omg.org/spec/XTCE/20180204}"
 BASE = "pus_telecommand"
@@ -43,19 +43,33 @@ class Argument:
         if self.kind == "binary":
             return self._binary(text)
         if self.kind == "string":
-            raw = text.encode()
-            if 8 * len(raw) > self.bits:
-                raise UsageError(f"{self.name}: {len(raw)} bytes; at most {self.bits // 8}")
-            return raw.ljust(self.bits // 8, b"\0")
+            return self._text(text, checked=checked)
         value = self._number(text)
-        if checked and not self.low <= value <= self.high:
-            raise UsageError(f"{self.name}: {text}; must be {self.low:g} to {self.high:g}")
+        if checked:
+            self._check(text, value)
         if self.kind == "float":
             return struct.pack(">f" if self.bits == 32 else ">d", value)
         try:
             return int(value).to_bytes(self.bits // 8, "big", signed=self.signed)
         except OverflowError as error:
             raise UsageError(f"{self.name}: {text} does not fit {self.bits} bits") from error
+
+    def _check(self, text: str, value: float) -> None:
+        """Raise UsageError unless the dictionary allows the value."""
+        if self.labels is not None and value not in self.labels.values():
+            raise UsageError(f"{self.name}: {text}; must be one of {', '.join(self.labels)}")
+        if not math.isfinite(value):
+            raise UsageError(f"{self.name}: {text}; must be a finite number")
+        if not self.low <= value <= self.high:
+            raise UsageError(f"{self.name}: {text}; must be {self.low:g} to {self.high:g}")
+
+    def _text(self, text: str, *, checked: bool) -> bytes:
+        raw, room = text.encode(), self.bits // 8
+        if len(raw) > room - checked:  # at least one zero ends it
+            raise UsageError(f"{self.name}: {len(raw)} bytes; at most {room - checked}")
+        if checked and not (text and text.isascii() and text.isprintable()):
+            raise UsageError(f"{self.name}: {text!r}; must be printable ASCII, not empty")
+        return raw.ljust(room, b"\0")
 
     def _number(self, text: str) -> float | int:
         if self.labels is not None and text.upper() in self.labels:
@@ -129,9 +143,7 @@ class Catalogue:
         for known, command in self.commands.items():
             if known.upper() == name.upper():
                 return command
-        near = [known for known in self.commands if name.upper() in known.upper()]
-        hint = f"; did you mean {', '.join(near)}?" if near else ""
-        raise UsageError(f"{name}: no such telecommand{hint}")
+        raise UsageError(f"{name}: no such telecommand{did_you_mean(name, self.commands)}")
 
     def build(
         self, name: str, given: Mapping[str, str], sequence: int, *, checked: bool = True
@@ -224,5 +236,7 @@ def given_arguments(words: Sequence[str]) -> dict[str, str]:
         name, equals, value = word.partition("=")
         if not equals:
             raise UsageError(f"{word}: must be NAME=VALUE")
+        if name in found:
+            raise UsageError(f"{name}: given twice")
         found[name] = value
     return found

@@ -133,7 +133,7 @@ class Delivery:
     def _ends(self, raw: bytes, words: tuple[bytes, bytes]) -> bool:
         """Whether the request to send a file is completed. Raises GroundError when refused."""
         sample = self._decoder.decode(raw)
-        if sample is None or sample.service != 1:
+        if sample.service != 1:
             return False
         named = (sample.values["request_packet_id"], sample.values["request_sequence"])
         if named != tuple(int.from_bytes(word, "big") for word in words):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 LINK, USAGE, REJECTED, FAILED, NO_ANSWER = 1, 2, 3, 4, 5
 
 
@@ -25,3 +28,11 @@ class UsageError(GroundError):
 
     def __init__(self, message: str) -> None:
         super().__init__(message, USAGE)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return words about the known names that are like a wrong one; empty when none is."""
+    by_upper = {item.upper(): item for item in known}
+    near = get_close_matches(name.upper(), by_upper, n=3)
+    near += [item for item in by_upper if name and name.upper() in item and item not in near]
+    return f"; did you mean {', '.join(by_upper[item] for item in near)}?" if near else ""

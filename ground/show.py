@@ -17,7 +17,7 @@ from ground.delivery import Delivery
 from ground.errors import LinkError
 from ground.link import Link
 from ground.sdls import Sealer
-from ground.telemetry import Decoder, Sample
+from ground.telemetry import UNKNOWN, Decoder, Sample, check_names
 from ground.verification import EXIT_CODES, Outcome, Verification, follow
 
 ASKED_FOR_SET = "REPORT_SET"
@@ -72,9 +72,10 @@ def send(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
 
 
 def watch(arguments: argparse.Namespace) -> int:
-    """Show telemetry until told to stop."""
+    """Show telemetry until the end that was given. Unknown packets are shown raw and counted."""
     decoder = Decoder()
-    shown = 0
+    check_names(decoder.fields, arguments.packets, arguments.field)
+    shown = unknown = 0
     with connected(arguments, None) as link:
         raw_file = arguments.raw.open("wb") if arguments.raw is not None else None
         try:
@@ -82,15 +83,20 @@ def watch(arguments: argparse.Namespace) -> int:
                 if raw_file is not None:
                     raw_file.write(raw)
                 sample = decoder.decode(raw)
-                if sample is None or (arguments.packets and sample.packet not in arguments.packets):
+                is_unknown = sample.packet == UNKNOWN
+                unknown += is_unknown
+                if arguments.packets and sample.packet not in arguments.packets:
                     continue
-                print(_line(sample, arguments.field, as_json=arguments.json), flush=True)
+                fields = () if is_unknown else arguments.field
+                print(_line(sample, fields, as_json=arguments.json), flush=True)
                 shown += 1
                 if shown == arguments.count:
                     return 0
         finally:
             if raw_file is not None:
                 raw_file.close()
+            if unknown:
+                print(f"ground: {unknown} packets are not in the dictionary", file=sys.stderr)
     if arguments.count is not None:
         raise LinkError(f"{shown} of {arguments.count} packets in {arguments.seconds:g} s")
     return 0

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fastcrc import crc16
 from space_packet_parser import SpacePacket, load_xtce
-from space_packet_parser.exceptions import UnrecognizedPacketTypeError
 
 from ground.dictionary import XTCE
-from ground.errors import LinkError
+from ground.errors import LinkError, UsageError, did_you_mean
 
 HEADER_BYTES = 6
 MAX_PACKET_BYTES = 65542
@@ -22,6 +21,11 @@ FILE_APID = 101  # its packets carry CFDP units and have no CRC
 FRACTIONS_PER_S = 1 << 24
 SHARED = "service_"  # begins the name of what tells packets of one service and subtype apart
 KIND = ("header_apid", "header_service", "header_subtype")
+HEADER, CRC = "header_", "crc16"  # names around a packet's own fields
+UNKNOWN = "unknown"  # name of a packet that the dictionary does not have
+FILE_UNIT = "file_unit"  # name of a packet of file delivery
+NO_PACKETS = (UNKNOWN, FILE_UNIT)  # names of what the dictionary has no fields for
+RAW_BYTES = 64  # of an unknown packet that are shown
 
 Value = int | float | str
 
@@ -64,14 +68,36 @@ class Decoder:
         self._definition = load_xtce(path)
         self._names: dict[tuple[Value | None, ...], str] = {}
 
-    def decode(self, packet: bytes) -> Sample | None:
-        """Return what a packet says; None of one that the dictionary does not have."""
+    @property
+    def fields(self) -> dict[str, tuple[str, ...]]:
+        """Return the field names of every packet."""
+        return {
+            name: tuple(
+                entry.name.removeprefix(f"{name}_")
+                for entry in container.entry_list
+                if not entry.name.startswith((HEADER, SHARED)) and entry.name != CRC
+            )
+            for name, container in self._definition.containers.items()
+            if not container.abstract
+        }
+
+    def decode(self, packet: bytes) -> Sample:
+        """Return the content of a packet.
+
+        A packet that the dictionary does not have, or that does not fit it, is called `unknown`
+        and holds its identification and its first bytes; one of file delivery `file_unit`.
+        """
+        if apid(packet) == FILE_APID:
+            return _sample(FILE_UNIT, {"size_bytes": len(packet)})
+        try:
+            return self._parsed(packet)
+        except Exception as error:  # noqa: BLE001  the reader's own faults are of many kinds
+            return _unknown(packet, error)
+
+    def _parsed(self, packet: bytes) -> Sample:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a packet longer than the dictionary has it
-            try:
-                parsed = self._definition.parse_bytes(packet)
-            except (UnrecognizedPacketTypeError, ValueError):
-                return None
+            parsed = self._definition.parse_bytes(packet)
         name = self._name(parsed)
         prefix = f"{name}_"
         return Sample(
@@ -107,6 +133,44 @@ class Decoder:
             if inner is None:
                 return name
             name = str(inner)
+
+
+def check_names(
+    known: Mapping[str, Iterable[str]], packets: Iterable[str], fields: Iterable[str]
+) -> None:
+    """Check the names of packets, and of fields that at least one of the packets must have.
+
+    Parameters
+    ----------
+    known : fields of every packet
+    packets : chosen packets; none: all
+
+    Raises
+    ------
+    UsageError naming the wrong name and those like it.
+    """
+    chosen = list(packets) or list(known)
+    for name in chosen:
+        if name not in known and name not in NO_PACKETS:
+            raise UsageError(f"{name}: no such packet{did_you_mean(name, known)}")
+    there = {field for name in chosen for field in known.get(name, ())}
+    for name in fields:
+        if name not in there:
+            raise UsageError(f"{name}: no such field in what is shown{did_you_mean(name, there)}")
+
+
+def _sample(name: str, values: Mapping[str, Value]) -> Sample:
+    return Sample(packet=name, service=0, subtype=0, time_s=math.nan, values=values)
+
+
+def _unknown(packet: bytes, error: Exception) -> Sample:
+    """Return an unknown packet as it came: what its header says, and its first bytes."""
+    values: dict[str, Value] = {"apid": apid(packet), "size_bytes": len(packet)}
+    has_header = packet[0] & 0x08 and len(packet) > HEADER_BYTES + 2
+    if has_header:
+        values |= {"service": packet[7], "subtype": packet[8]}
+    values |= {"reason": type(error).__name__, "raw": packet[:RAW_BYTES].hex()}
+    return _sample(UNKNOWN, values)
 
 
 def _plain(value: Any) -> Value:  # noqa: ANN401

@@ -9,13 +9,13 @@ from enum import StrEnum
 
 from ground.errors import FAILED, NO_ANSWER, REJECTED
 from ground.link import Link
-from ground.telemetry import Decoder, Sample
+from ground.telemetry import NO_PACKETS, Decoder, Sample
 
 SUCCESS = "_success"
 FAILURE = "_failure"
 END = "completion"
 REFUSED = ("acceptance", "routing")
-UNASKED = ("time", "science")  # packets that come anyhow
+UNASKED = ("time", "science", *NO_PACKETS)  # packets that come anyhow
 HOUSEKEEPING = (3, 25)
 
 
@@ -96,7 +96,7 @@ def follow(
     link.send(packet)
     for raw in link.packets(until_s):
         sample = decoder.decode(raw)
-        if sample is not None and verification.take(sample):
+        if verification.take(sample):
             yield verification, sample
         if verification.over:
             break

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from ground.errors import LinkError
 from ground.gateway.history import Ring
-from ground.gateway.points import Points, event_of
-from ground.telemetry import Decoder, split
+from ground.gateway.points import EVENTS, Points, event_of
+from ground.telemetry import FILE_UNIT, UNKNOWN, Decoder, Sample, split
 
 RETRY_S = 1.0
 READ_BYTES = 65536
 MAX_EVENTS = 2000
+MAX_KINDS = 100  # of unknown packets that are counted each by itself
 FEWEST_STALE_S = 2.0
 STALE_INTERVALS = 3.0
 JUMP_MS = 1000.0  # a clock that has jumped so far is another clock
@@ -68,6 +69,7 @@ class Feed:
         self.connected = False
         self.reason = "not connected yet"
         self.packets = 0
+        self.unknown: Counter[str] = Counter()  # packets that are not in the dictionary, by kind
 
     async def run(self) -> None:
         """Read until cancelled."""
@@ -82,6 +84,9 @@ class Feed:
                     await self._read(reader)
                 except (OSError, LinkError) as error:
                     self.reason = str(error)
+                except Exception as error:  # noqa: BLE001  the reader never ends silently
+                    self.reason = f"the reader failed: {type(error).__name__}: {error}"
+                    self._add_event("high", "READER_FAILED", self.reason, time.time_ns() / 1e6)
                 finally:
                     self.connected = False
                     writer.close()
@@ -111,14 +116,15 @@ class Feed:
 
     def _take(self, packet: bytes) -> None:
         sample = self._decoder.decode(packet)
-        if sample is None:
-            return
         self.packets += 1
         t_ms = self._time_of_day_ms(sample.time_s)
+        if sample.packet == UNKNOWN:
+            self._count_unknown(sample, t_ms)
+        if sample.packet in (UNKNOWN, FILE_UNIT):
+            return
         event = event_of(sample)
         if event is not None:
-            self.events.append({**event, "utc": t_ms})
-            self._listener("events", t_ms, {})
+            self._add_event(event["severity"], event["code"], event["text"], t_ms)
             return
         if sample.packet not in self._points.packets:
             return
@@ -130,6 +136,22 @@ class Feed:
         self._rings[sample.packet].add(t_ms, numbers)
         self.latest[sample.packet] = t_ms, numbers
         self._listener(sample.packet, t_ms, numbers)
+
+    def _count_unknown(self, sample: Sample, t_ms: float) -> None:
+        """Count a packet that is not in the dictionary; show the first of each kind as it came."""
+        names = ("apid", "service", "subtype")
+        kind = " ".join(f"{name} {sample.values[name]}" for name in names if name in sample.values)
+        if kind not in self.unknown and len(self.unknown) < MAX_KINDS:
+            text = f"{kind}, {sample.values['size_bytes']} bytes: {sample.values['raw']}"
+            self._add_event("low", "UNKNOWN_PACKET", text, t_ms)
+        if kind in self.unknown or len(self.unknown) < MAX_KINDS:
+            self.unknown[kind] += 1
+        else:
+            self.unknown["other"] += 1
+
+    def _add_event(self, severity: str, code: str, text: str, t_ms: float) -> None:
+        self.events.append({"severity": severity, "code": code, "text": text, "utc": t_ms})
+        self._listener(EVENTS, t_ms, {})
 
     def _time_of_day_ms(self, time_s: float) -> float:
         """Return a mission elapsed time as time of day; the packets that came fastest set it."""

@@ -13,9 +13,8 @@ from space_packet_parser.xtce.parameter_types import (
 )
 
 from ground.dictionary import XTCE
-from ground.telemetry import SHARED, Sample, Value
+from ground.telemetry import CRC, HEADER, SHARED, Sample, Value
 
-HEADER, CRC = "header_", "crc16"  # names around a packet's own fields
 SIGMA = "sigma"
 EVENTS = "events"
 EVENT_SERVICE = 5

@@ -131,14 +131,15 @@ class Gateway:
         return socket
 
     async def _send(self, socket: web.WebSocketResponse, client: Client) -> None:
-        told: tuple[bool, set[str]] | None = None
+        told: tuple[bool, set[str], int] | None = None
         while not socket.closed:
             message = client.take()
-            state = self.feed.connected, self.feed.stale_packets()
+            unknown = self.feed.unknown.total()
+            state = self.feed.connected, self.feed.stale_packets(), unknown
             if state != told:
                 told = state
                 link = {"connected": state[0], "reason": self.feed.reason}
-                message |= {"link": link, "stale": sorted(state[1])}
+                message |= {"link": link, "stale": sorted(state[1]), "unknown": unknown}
             if any(message.values()) or "stale" in message:
                 await socket.send_str(json.dumps(message | {"dropped": client.dropped}))
             await asyncio.sleep(PERIOD_S)

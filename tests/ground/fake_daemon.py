@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from fastcrc import crc16
 
 from fsw.telemetry.dictionary import DICTIONARY, Type
 from tests.fsw.telemetry.export.packing import pack
@@ -25,6 +26,24 @@ def packet(name: str, *, met_s: float = 1.5, **values: Any) -> bytes:
         for item in definition.fields
     }
     return pack(definition, full, met_s=met_s)
+
+
+def _outside(at: int, changed: bytes) -> bytes:
+    """Return a packet with a right CRC that the dictionary does not have."""
+    raw = bytearray(packet("health"))
+    raw[at : at + len(changed)] = changed
+    body = bytes(raw[:-2])
+    return body + crc16.ibm_3740(body).to_bytes(2, "big")
+
+
+# another APID, service, subtype, housekeeping set; a mode without a name
+OUTSIDE = (
+    _outside(0, b"\x08\x4d"),
+    _outside(7, b"\xc8"),
+    _outside(8, b"\x63"),
+    _outside(21, b"\x00\x63"),
+    _outside(23, b"\xee"),
+)
 
 
 def completed(telecommand: bytes) -> list[bytes]:

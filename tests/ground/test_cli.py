@@ -7,7 +7,7 @@ import json
 import pytest
 
 from ground.__main__ import main
-from tests.ground.fake_daemon import FakeDaemon, completed, packet, report
+from tests.ground.fake_daemon import OUTSIDE, FakeDaemon, completed, packet, report
 
 
 def run(daemon: FakeDaemon, *words: str) -> int:
@@ -123,3 +123,61 @@ def test_commands_are_listed_with_their_arguments(capsys):
     text = capsys.readouterr().out
     assert "method: one of MRNEA, RDA, CM, CE, FUSED" in text
     assert "last_s: float 0 to 1e+06" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("heath",), "heath: no such packet; did you mean health"),
+        (("estimate", "--field", "target_mas_kg"), "did you mean target_mass_kg"),
+        (("health", "--field", "target_mass_kg"), "target_mass_kg: no such field"),
+        (("--field", "nowhere_at_all"), "nowhere_at_all: no such field"),
+    ],
+)
+def test_a_misspelt_packet_or_field_ends_at_once(capsys, words, hint):
+    assert main(["--port", "1", "tm", *words]) == 2
+    assert hint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("tm", "--seconds", "nan"),
+        ("tm", "--seconds", "inf"),
+        ("tm", "--count", "0"),
+        ("tc", "PING", "--timeout", "-1"),
+        ("tc", "PING", "--at", "inf"),
+        ("tc", "PING", "--at", "nan"),
+        ("--port", "70000", "tc", "PING"),
+        ("serve", "--http-port", "-1"),
+        ("file", "--timeout", "0", "list", "files"),
+    ],
+)
+def test_numbers_of_the_command_line_are_checked(capsys, words):
+    with pytest.raises(SystemExit) as caught:
+        main(list(words))
+    assert caught.value.code == 2
+    assert "must be" in capsys.readouterr().err
+
+
+def test_packets_outside_the_dictionary_are_shown_raw_and_counted(capsys):
+    stream = b"".join((*OUTSIDE, packet("health", met_s=7.5, mode=3)))
+    with FakeDaemon(stream=lambda: stream) as daemon:
+        assert run(daemon, "tm", "--count", str(2 * len(OUTSIDE) + 2)) == 0
+    shown = capsys.readouterr()
+    lines = shown.out.splitlines()
+    raw = [line for line in lines if line.startswith("unknown")]
+    assert len(raw) == 2 * len(OUTSIDE)
+    assert all(f"raw={item[:64].hex()}" in line for item, line in zip(OUTSIDE, raw, strict=False))
+    assert f"{2 * len(OUTSIDE)} packets are not in the dictionary" in shown.err
+    assert sum("health" in line for line in lines) == 2
+
+
+def test_a_packet_outside_the_dictionary_does_not_disturb_a_command(capsys):
+    def answer(tc):
+        accepted, started, done = completed(tc)
+        return [accepted, OUTSIDE[0], started, done]
+
+    with FakeDaemon(answer) as daemon:
+        assert run(daemon, "tc", "PING") == 0
+    assert "unknown" not in capsys.readouterr().out

@@ -87,13 +87,21 @@ def test_a_command_can_wait_for_its_time(catalogue):
     [
         ("PINK", {}, "PINK: no such telecommand"),
         ("MODE", {}, "did you mean SET_MODE"),
+        ("PNIG", {}, "did you mean PING"),
+        ("REPORT_SET", {"sid": "ESTIMATES"}, "one of HEALTH"),
+        ("REPORT_SET", {"sid": "9"}, "one of HEALTH"),
+        ("SET_command_loss_time_s", {"value": "inf"}, "finite"),
+        ("SET_command_loss_time_s", {"value": "nan"}, "finite"),
+        ("RUN_BATCH", {"method": "FUSED", "unknown": "TARGET", "last_s": "Infinity"}, "finite"),
+        ("DELETE_FILE", {"path": ""}, "not empty"),
+        ("DELETE_FILE", {"path": "f\u00fc"}, "ASCII"),
         ("PING", {"x": "1"}, "x: no such argument"),
         ("SET_MODE", {}, "mode: missing"),
         ("SET_MODE", {"mode": "BOOT"}, "one of SAFE, STANDBY, IDENTIFY"),
         ("SET_INTERVAL", {"sid": "HEALTH", "interval_ms": "1"}, "must be 10 to"),
         ("SET_INTERVAL", {"sid": "HEALTH", "interval_ms": "x"}, "a number"),
         ("SET_time_report_exponent", {"value": "-1"}, "must be 0 to 8"),
-        ("DELETE_FILE", {"path": "x" * 97}, "at most 96"),
+        ("DELETE_FILE", {"path": "x" * 97}, "at most 95"),
         ("TBL_DATA", {"table": "NOISE", "offset": "0", "data": "xyz"}, "hex digits or @FILE"),
         ("SET_PARAMETERS", {}, "one or more"),
         ("SET_PARAMETERS", {"nothing": "1"}, "no such telecommand"),
@@ -114,3 +122,5 @@ def test_arguments_need_a_name():
     assert given_arguments(["a=1", "b=x=y"]) == {"a": "1", "b": "x=y"}
     with pytest.raises(UsageError, match="NAME=VALUE"):
         given_arguments(["a"])
+    with pytest.raises(UsageError, match="twice"):
+        given_arguments(["a=1", "a=2"])

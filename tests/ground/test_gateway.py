@@ -14,10 +14,11 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from fsw.recording import RecordingWriter
 from ground.errors import UsageError
+from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard
 from ground.gateway.history import MAX_ROWS, Ring, thinned
 from ground.gateway.server import KEPT, PERIOD_S, Client, application
-from tests.ground.fake_daemon import FakeDaemon, packet, run_of_estimates
+from tests.ground.fake_daemon import OUTSIDE, FakeDaemon, packet, run_of_estimates
 
 MASS = "estimate.target_mass_kg"
 
@@ -236,6 +237,46 @@ def test_what_a_page_says_wrongly_changes_nothing(assets):
             await socket.send_str(json.dumps({"subscribe": [MASS]}))
             await received(socket, lambda m: MASS in m["points"])
             assert socket.closed is False
+
+    with FakeDaemon(stream=run_of_estimates()) as daemon:
+        asyncio.run(check(daemon.port))
+
+
+def test_packets_outside_the_dictionary_are_counted_and_the_reader_goes_on(assets):
+    make = run_of_estimates()
+
+    async def check(port):
+        async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
+            await socket.send_str(json.dumps({"subscribe": [MASS]}))
+            await received(socket, lambda m: m.get("unknown", 0) > len(OUTSIDE))
+            await received(socket, lambda m: MASS in m["points"])
+            old = await (await client.get("/history/events?start=0&end=1e15")).json()
+            told = [event["text"] for event in old if event["code"] == "UNKNOWN_PACKET"]
+            assert len(told) == 4, "one of each kind; the set and the mode are of one kind"
+            assert "apid 77" in told[0]
+            assert OUTSIDE[0][:64].hex() in told[0]
+
+    with FakeDaemon(stream=lambda: b"".join(OUTSIDE) + make()) as daemon:
+        asyncio.run(check(daemon.port))
+
+
+def test_a_reader_that_fails_says_so_and_connects_again(assets, monkeypatch):
+    take, calls = Feed._take, []
+
+    def failing(feed, raw):
+        calls.append(raw)
+        if len(calls) == 1:
+            raise RuntimeError("a fault of the reader")
+        take(feed, raw)
+
+    monkeypatch.setattr(Feed, "_take", failing)
+
+    async def check(port):
+        async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
+            await socket.send_str(json.dumps({"subscribe": [MASS]}))
+            await received(socket, lambda m: MASS in m["points"])
+            old = await (await client.get("/history/events?start=0&end=1e15")).json()
+            assert "a fault of the reader" in str([e for e in old if e["code"] == "READER_FAILED"])
 
     with FakeDaemon(stream=run_of_estimates()) as daemon:
         asyncio.run(check(daemon.port))
