@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,14 @@ from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.errors import ConfigError
 from fsw.messages import Estimate, Event
 from fsw.recording import RecordingWriter, contents
-from fsw.recording_parts import newest_part, part_path
+from fsw.recording_parts import (
+    IDENTITY,
+    PART,
+    identity_of,
+    new_first,
+    newest_part,
+    part_path,
+)
 from fsw.sinks import NullSink, Record
 from fsw.status import estimate_summary
 
@@ -30,27 +38,31 @@ NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 LEAST_FREE_BYTES = 4 << 20  # a new part is not begun on a disk that is as good as full
 
 
-def next_path(directory: Path) -> Path:
-    """Return the first free numbered file name in a directory."""
-    number = 1
-    while (path := directory / f"recording_{number:04d}.mcap").exists():
-        number += 1
-    return path
+def open_recording(
+    config: Config, path: Path, part: Mapping[str, str] | None = None
+) -> RecordingWriter:
+    """Open a recording with configuration and robot model attached. Raises OSError.
 
-
-def open_recording(config: Config, path: Path) -> RecordingWriter:
-    """Open a recording with configuration and robot model attached. Raises OSError."""
+    Parameters
+    ----------
+    part : what the metadata record `part` says
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    writer = RecordingWriter(path, config.recorder.compression, config.recorder.chunk_bytes)
+    temporary = path.with_suffix(".tmp")  # a file of the final name always says whose it is
+    writer = RecordingWriter(temporary, config.recorder.compression, config.recorder.chunk_bytes)
     values = config.model_dump(mode="json")
     values["robot"]["urdf"] = ROBOT
     text = yaml.safe_dump(values, sort_keys=False).encode()
     try:
+        if part is not None:
+            writer.metadata(PART, part)
         writer.attach(CONFIGURATION, "application/yaml", text)
         writer.attach(ROBOT, "application/xml", config.resolve(config.robot.urdf).read_bytes())
         writer.sync()
+        writer.path = temporary.replace(path)
     except OSError:
         writer.abandon()
+        temporary.unlink(missing_ok=True)
         raise
     return writer
 
@@ -58,31 +70,43 @@ def open_recording(config: Config, path: Path) -> RecordingWriter:
 class Parts:
     """Opens the files of one recording, each when the one before is full or has failed.
 
+    Every part carries the identity of its recording. The number of a recording is used once,
+    also after the recording was deleted.
+
     Parameters
     ----------
-    resume : go on in the newest recording of the directory, whose writer has died
+    resume : continue the newest recording of the directory, whose writer has died
     """
 
     def __init__(self, config: Config, directory: Path, *, resume: bool = False) -> None:
         self._config, self._directory = config, directory
+        self._first: Path | None = None
+        self._number, self._identity = 0, uuid.uuid4().hex
         newest = newest_part(directory) if resume else None
-        self._first, self._number = newest or (next_path(directory), 0)
+        identity = _known_identity(part_path(*newest)) if newest is not None else None
+        if newest is not None and identity is not None:
+            (self._first, self._number), self._identity = newest, identity
 
     def open(self) -> RecordingWriter:
         """Open the next part. Raises OSError; the part is tried again then."""
-        path = part_path(self._first, self._number + 1)
         self._directory.mkdir(parents=True, exist_ok=True)
         room = os.statvfs(self._directory)
         if room.f_bavail * room.f_frsize < LEAST_FREE_BYTES:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        try:
-            writer = open_recording(self._config, path)
-        except OSError:
-            path.unlink(missing_ok=True)
-            raise
-        self._number += 1
-        writer.metadata("part", {"number": str(self._number), "first": self._first.name})
+        if self._first is None:
+            self._first = new_first(self._directory)
+        number = self._number + 1
+        part = {"number": str(number), "first": self._first.name, IDENTITY: self._identity}
+        writer = open_recording(self._config, part_path(self._first, number), part)
+        self._number = number
         return writer
+
+
+def _known_identity(path: Path) -> str | None:
+    try:
+        return identity_of(path)
+    except ConfigError:  # damaged: what follows is a recording of its own
+        return None
 
 
 def recorded_config(path: Path, folder: Path) -> Config:

@@ -237,6 +237,19 @@ def contents(path: Path) -> Contents:
     )
 
 
+def first_metadata(path: Path, name: str) -> dict[str, str]:
+    """Return the first metadata record of a name, without reading further; {} if there is none.
+
+    Raises
+    ------
+    ConfigError when the file cannot be read or is no MCAP file.
+    """
+    for record in _stream(path, _Ended()):
+        if isinstance(record, Metadata) and record.name == name:
+            return record.metadata
+    return {}
+
+
 def messages(path: Path, topics: Sequence[str]) -> Iterator[Record]:
     """Yield the messages of some topics in log-time order, ties in file order.
 

@@ -1,19 +1,52 @@
 """A recording in parts: one MCAP file after the other, each readable on its own, read as one.
 
-`recording_0001.mcap` goes on in `recording_0001_0002.mcap` and so on. Every part carries the
-configuration and the robot.
+`recording_0001.mcap` continues in `recording_0001_0002.mcap` and so on. Every part carries the
+configuration, the robot and the identity of its recording. The numbers of recordings never repeat:
+the last one is kept in a file of the directory, which outlives the recordings themselves.
 """
 
 from __future__ import annotations
 
 import heapq
+import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from fsw.recording import Contents, Record, contents, messages
+from fsw.errors import ConfigError
+from fsw.recording import Contents, Record, contents, first_metadata, messages
 
-_NAME = re.compile(r"(?P<first>recording_\d{4,})(?:_(?P<part>\d{4,}))?\.mcap")
+_NAME = re.compile(r"(?P<first>recording_(?P<number>\d{4,}))(?:_(?P<part>\d{4,}))?\.mcap")
+PART, IDENTITY = "part", "recording"  # a metadata record, and its key that names the recording
+LAST_NUMBER = ".last_recording"
+
+
+def new_first(directory: Path) -> Path:
+    """Return the first file of a new recording; its number was never used in this directory.
+
+    Raises
+    ------
+    OSError when the number cannot be kept.
+    """
+    kept = directory / LAST_NUMBER
+    try:
+        last = int(kept.read_text())
+    except (FileNotFoundError, ValueError):
+        last = 0
+    found = (_NAME.fullmatch(path.name) for path in directory.iterdir())
+    number = max([last, *(int(match["number"]) for match in found if match)]) + 1
+    temporary = kept.with_suffix(".tmp")
+    with temporary.open("w") as file:
+        file.write(f"{number}\n")
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(kept)
+    return directory / f"recording_{number:04d}.mcap"
+
+
+def identity_of(path: Path) -> str | None:
+    """Return the identity of the recording that a file belongs to; None of a file without."""
+    return first_metadata(path, PART).get(IDENTITY)
 
 
 def part_path(first: Path, number: int) -> Path:
@@ -32,7 +65,12 @@ def newest_part(directory: Path) -> tuple[Path, int] | None:
 
 
 def parts_of(path: Path) -> list[Path]:
-    """Return a recording and the parts that follow it, in order."""
+    """Return a recording and the parts that follow it, in order.
+
+    Raises
+    ------
+    ConfigError when a file with the name of a part belongs to another recording, or cannot be read.
+    """
     match = _NAME.fullmatch(path.name)
     if match is None:
         return [path]
@@ -40,6 +78,10 @@ def parts_of(path: Path) -> list[Path]:
     number = int(match["part"] or 1)
     parts = [path]
     while (path := part_path(first, number := number + 1)).exists():
+        if identity_of(path) != identity_of(parts[0]):
+            raise ConfigError(
+                f"{path}: is no part of {parts[0].name} but of another recording; move it elsewhere"
+            )
         parts.append(path)
     return parts
 

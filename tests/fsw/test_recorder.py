@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fsw.messages import Event
-from fsw.recorder import RecorderSink, next_path, open_recording, recorded_config
+from fsw.recorder import RecorderSink, open_recording, recorded_config
 from fsw.recording import RecordingWriter, contents
 from tests.conftest import ArmProject
 from tests.fsw.loop_cases import arm_config, make_estimate
@@ -21,12 +21,6 @@ def test_a_recording_carries_a_configuration_that_reads_back(arm: ArmProject, tm
     assert again.bodies == config.bodies
     urdf = again.resolve(again.robot.urdf)
     assert urdf.read_bytes() == config.resolve(config.robot.urdf).read_bytes()
-
-
-def test_file_names_are_numbered_and_never_reused(tmp_path: Path):
-    assert next_path(tmp_path).name == "recording_0001.mcap"
-    (tmp_path / "recording_0001.mcap").touch()
-    assert next_path(tmp_path).name == "recording_0002.mcap"
 
 
 def test_a_full_disk_is_told_once_counted_and_never_raised(tmp_path: Path):

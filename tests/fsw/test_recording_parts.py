@@ -8,7 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from fsw.drivers.wire import ByteChunk
+from fsw.errors import ConfigError
 from fsw.recorder import RETRY_NS, Parts, RecorderSink
 from fsw.recording_parts import contents_of, messages_of, newest_part, parts_of
 from tests.conftest import ArmProject
@@ -52,7 +55,8 @@ def test_a_recording_goes_on_in_new_files_and_is_read_as_one(
     assert numbers(files) == list(range(100))
     assert not contents_of(files).truncated
     assert set(contents_of(files[2:3]).attachments) == {"configuration.yaml", "robot.urdf"}
-    assert contents_of(files).metadata["part"] == {"number": "4", "first": "recording_0001.mcap"}
+    last = contents_of(files).metadata["part"]
+    assert (last["number"], last["first"]) == ("4", "recording_0001.mcap")
     assert told == []
 
 
@@ -104,6 +108,59 @@ def test_a_writer_that_died_is_followed_by_the_next_part(arm: ArmProject, tmp_pa
     another = Parts(config, tmp_path).open()
     another.close()
     assert another.path.name == "recording_0002.mcap"
+
+
+def record(arm: ArmProject, folder: Path, parts: int, **words: bool) -> list[Path]:
+    """Write so many parts of a recording; return their paths."""
+    opened = Parts(arm_config(arm), folder, **words)
+    paths = []
+    for _ in range(parts):
+        writer = opened.open()
+        writer.serial("imu", 0, b"x")
+        writer.close()
+        paths.append(writer.path)
+    return paths
+
+
+def test_the_number_of_a_deleted_recording_is_not_used_again(
+    arm: ArmProject, tmp_path: Path
+) -> None:
+    assert names(record(arm, tmp_path, 1)) == ["recording_0001.mcap"]
+    for path in record(arm, tmp_path, 2):
+        path.unlink()
+    assert names(record(arm, tmp_path, 1)) == ["recording_0003.mcap"]
+    (tmp_path / ".last_recording").unlink()  # then it follows the highest there is
+    assert names(record(arm, tmp_path, 1)) == ["recording_0004.mcap"]
+    (tmp_path / ".last_recording").write_text("damaged")
+    assert names(record(arm, tmp_path, 1)) == ["recording_0005.mcap"]
+
+
+def test_a_part_of_another_recording_is_refused(arm: ArmProject, tmp_path: Path) -> None:
+    """An old part whose first file is gone, as recordings were numbered before."""
+    old, new = tmp_path / "old", tmp_path / "new"
+    _, stale = record(arm, old, 2)
+    (first,) = record(arm, new, 1)
+    stale.rename(new / stale.name)
+    with pytest.raises(ConfigError, match=r"recording_0001_0002.mcap: is no part of"):
+        parts_of(first)
+
+
+def test_a_service_that_finds_a_damaged_newest_part_begins_a_recording_of_its_own(
+    arm: ArmProject, tmp_path: Path
+) -> None:
+    (path,) = record(arm, tmp_path, 1)
+    path.write_bytes(b"no recording")
+    assert names(record(arm, tmp_path, 2, resume=True)) == [
+        "recording_0002.mcap",
+        "recording_0002_0002.mcap",
+    ]
+
+
+def test_a_part_that_could_not_be_begun_leaves_no_file(arm: ArmProject, tmp_path: Path) -> None:
+    parts = Parts(arm_config(arm), tmp_path / "recordings")
+    with file_limit(100), pytest.raises(OSError, match="large"):
+        parts.open()
+    assert [path.name for path in (tmp_path / "recordings").iterdir()] == [".last_recording"]
 
 
 @contextmanager
