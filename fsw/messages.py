@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+MAX_EVENT_TEXT = 1000  # characters
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,3 +166,8 @@ class Event:
     severity: str
     code: str
     text: str
+
+    def __post_init__(self) -> None:
+        """Cut the text, which may quote what came from outside; have it encodable."""
+        text = self.text[:MAX_EVENT_TEXT].encode(errors="backslashreplace").decode()
+        object.__setattr__(self, "text", text[:MAX_EVENT_TEXT])

@@ -6,7 +6,6 @@ import zlib
 from pathlib import Path
 from typing import Annotated, Self
 
-import yaml
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from fsw.config.base import BodyName, Section
@@ -16,7 +15,7 @@ from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
-from fsw.config_text import explain, read_yaml
+from fsw.config_text import TextError, explain, read_yaml
 from fsw.errors import ConfigError
 
 HEARTBEATS_MISSED = 1.5  # a node that leaves sooner would leave a sound bus
@@ -204,8 +203,8 @@ def parse(source: bytes, folder: Path, name: str) -> Config:
     """
     try:
         data = read_yaml(source)
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: an impossible date or number
-        raise ConfigError(f"{name}: not YAML: {error}") from error
+    except TextError as error:
+        raise ConfigError(f"{name}: {error}") from error
     if not isinstance(data, dict):
         raise ConfigError(f"{name}: must be a mapping of sections; found {type(data).__name__}")
     try:

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import yaml
 from pydantic import Field, ValidationError
 
 from fsw.config import Finite, NonNegative, Positive, PositiveVector3, Section, Vector3
-from fsw.config_text import explain, read_yaml
+from fsw.config_text import TextError, explain, read_yaml
 from fsw.errors import ConfigError
 from fsw.estimators.model import RobotModel
 from fsw.messages import FloatArray
@@ -59,8 +58,8 @@ def load(path: Path) -> Limits:
         data = read_yaml(path.read_bytes())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise ConfigError(f"{path}: not YAML: {error}") from error
+    except TextError as error:
+        raise ConfigError(f"{path}: {error}") from error
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: must be a mapping; found {type(data).__name__}")
     try:

@@ -25,13 +25,11 @@ S = TypeVar("S", bound=Section)
 
 def read_table(model: type[S], content: bytes) -> S:
     """Return a YAML table. Raises ConfigError with one line per fault."""
+    values = read_yaml(content)
     try:
-        return model.model_validate(read_yaml(content))
-    except (yaml.YAMLError, ValidationError) as error:
-        words = explain(model, error) if isinstance(error, ValidationError) else [str(error)]
-        raise ConfigError("\n".join(words)) from error
-    except ValueError as error:  # an impossible date or number
-        raise ConfigError(f"not YAML: {error}") from error
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise ConfigError("\n".join(explain(model, error))) from error
 
 
 def validate_table(config: Config, table: Table, content: bytes) -> None:
