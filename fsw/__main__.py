@@ -14,8 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from fsw.errors import ConfigError, FswError
-from fsw.excite_arguments import add_arguments as excite_arguments
+from fsw.commands.excite_arguments import add_arguments as excite_arguments
+from fsw.messages.errors import ConfigError, FswError
 
 if TYPE_CHECKING:
     from fsw.config import Config
@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _checked(config: Config) -> Config:
     """Validate all of a configuration; warnings go to stderr."""
-    from fsw.check import validate
+    from fsw.checks.configuration import validate
 
     _, warnings = validate(config)
     for warning in warnings:
@@ -103,12 +103,12 @@ def _checked(config: Config) -> Config:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from fsw.check import validate_outputs
+    from fsw.checks.configuration import validate_outputs
     from fsw.config import load
 
     config = _checked(load(arguments.config))
     validate_outputs(config)
-    from fsw.app import RESTART_EXIT, run_live  # only now anything that can open a device
+    from fsw.loop.app import RESTART_EXIT, run_live  # only now anything that can open a device
 
     code = run_live(config, cold=arguments.cold)
     if code == RESTART_EXIT:
@@ -123,10 +123,10 @@ def _replay(arguments: argparse.Namespace) -> int:
         if arguments.config is not None:
             config = _checked(load(arguments.config))
         else:
-            from fsw.recorder import recorded_config
+            from fsw.service.recorder import recorded_config
 
             config = _checked(recorded_config(arguments.recording, Path(folder)))
-        from fsw.replay import replay
+        from fsw.commands.replay import replay
 
         result = replay(arguments.recording, config)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
@@ -140,8 +140,8 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _identify(arguments: argparse.Namespace) -> int:
+    from fsw.commands.identify import identify, to_text
     from fsw.config import load
-    from fsw.identify import identify, to_text
 
     both = ("base", "target")
     unknown = both if arguments.unknown == "both" else (arguments.unknown,)
@@ -163,15 +163,15 @@ def _identify(arguments: argparse.Namespace) -> int:
 
 
 def _excite(arguments: argparse.Namespace) -> int:
+    from fsw.commands.excite import excite
     from fsw.config import load
-    from fsw.excite import excite
 
     return excite(arguments, _checked(load(arguments.config)))
 
 
 def _ctl(arguments: argparse.Namespace) -> int:
     from fsw.config import load
-    from fsw.control import control
+    from fsw.service.control import control
 
     config = load(arguments.config)
     line: dict[str, object] = {"command": arguments.name}
@@ -193,15 +193,15 @@ def _number(key: str, value: str) -> float:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from fsw.check import missing_devices, validate, validate_outputs
+    from fsw.checks.configuration import missing_devices, validate, validate_outputs
+    from fsw.commands.describe import describe
     from fsw.config import load
-    from fsw.describe import describe
 
     config = load(arguments.config)
     problem, warnings = validate(config)
     validate_outputs(config)
     if config.telemetry is not None:
-        from fsw.telemetry.uplink_check import check_uplink
+        from fsw.telemetry.link.uplink_check import check_uplink
 
         warnings += check_uplink(config, os.environ)
     print(describe(config, problem))
@@ -212,8 +212,8 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _install_service(arguments: argparse.Namespace) -> int:
+    from fsw.commands.install_service import install
     from fsw.config import load
-    from fsw.install_service import install
 
     config = _checked(load(arguments.config))
     print(install(config, arguments.config, arguments.user, arguments.directory))

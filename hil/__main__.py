@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil import evidence
+from hil.evidence import commands as evidence
 from hil.options import count
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
 
 
 def _faults(arguments: argparse.Namespace) -> int:
-    from hil.fault_matrix.command import run
+    from hil.evidence.fault_matrix.command import run
 
     return run(
         only=arguments.only,
@@ -185,13 +185,13 @@ def _campaign_parser(commands: argparse._SubParsersAction[argparse.ArgumentParse
 
 
 def _campaign(arguments: argparse.Namespace) -> int:
-    from hil.campaign.command import campaign
+    from hil.evidence.campaign.command import campaign
 
     return campaign(arguments.campaign, arguments.out, arguments.workers, arguments.scheduler)
 
 
 def _study_methods(arguments: argparse.Namespace) -> int:
-    from hil.study.command import methods
+    from hil.evidence.methods.command import methods
 
     return methods(
         quick=arguments.quick,
@@ -205,7 +205,7 @@ def _study_methods(arguments: argparse.Namespace) -> int:
 
 
 def _study_paper(arguments: argparse.Namespace) -> int:
-    from hil.study_paper.command import paper
+    from hil.evidence.paper.command import paper
 
     return paper(
         quick=arguments.quick,
@@ -216,13 +216,13 @@ def _study_paper(arguments: argparse.Namespace) -> int:
 
 
 def _study_energy(_arguments: argparse.Namespace) -> int:
-    from hil.study.command import energy
+    from hil.evidence.methods.command import energy
 
     return energy()
 
 
 def _list(_arguments: argparse.Namespace) -> int:
-    from hil.scenario import load, names
+    from hil.world.scenario import load, names
 
     for name in names():
         print(f"{name:12s} {load(name).title}")
@@ -233,7 +233,7 @@ def _seeds(arguments: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import track
 
-    from hil.seeds import run_seeds, show, summary
+    from hil.run.seeds import run_seeds, show, summary
 
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
@@ -250,10 +250,11 @@ def _seeds(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hil import bench, judgement, report
-    from hil.flight import on_socketcan
-    from hil.progress import meter
-    from hil.scenario import ScenarioError, load
+    from hil.judge import judgement, report
+    from hil.run import bench
+    from hil.run.flight import on_socketcan
+    from hil.run.progress import meter
+    from hil.world.scenario import ScenarioError, load
 
     if arguments.fast and arguments.telemetry is not None:
         raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
@@ -301,7 +302,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _has_socketcan(choice: str, stack: ExitStack) -> bool:
     """Tell whether the run goes over vcan0, held until the stack is left."""
-    from hil.live import LiveError
+    from hil.run.live import LiveError
     from hil.vcan import kernel
 
     if choice == "udp_multicast":
@@ -323,7 +324,7 @@ def _wide(console: Console) -> Console:
 def _print(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> None:
     from rich.table import Table
 
-    from hil.score import table, table_header
+    from hil.judge.score import table, table_header
 
     for body in outcome["unknown"]:
         shown = Table(title=f"{body}: inertia about the centre of mass, body frame")

@@ -14,9 +14,9 @@ INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> int:
     """Run the action; an error that is somebody's to correct is one line and an exit code."""
-    from fsw.errors import ConfigError, FswError
-    from hil.live import LiveError
-    from hil.scenario import ScenarioError
+    from fsw.messages.errors import ConfigError, FswError
+    from hil.run.live import LiveError
+    from hil.world.scenario import ScenarioError
 
     try:
         return action()
@@ -38,7 +38,7 @@ def same_settings(folder: Path, wanted: Mapping[str, Any]) -> None:
     ------
     ScenarioError when the folder cannot be made, or holds results of other settings.
     """
-    from hil.scenario import ScenarioError
+    from hil.world.scenario import ScenarioError
 
     make_folder(folder)
     path, text = folder / SETTINGS, json.dumps(wanted, indent=1)
@@ -50,7 +50,7 @@ def same_settings(folder: Path, wanted: Mapping[str, Any]) -> None:
 
 def make_folder(path: Path) -> None:
     """Make the folder of a command's results. Raises ScenarioError when that cannot be."""
-    from hil.scenario import ScenarioError
+    from hil.world.scenario import ScenarioError
 
     try:
         path.mkdir(parents=True, exist_ok=True)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
-from hil.limits import Limits
-from hil.robot import Body
-from hil.spline import JointSpline
+from hil.world.limits import Limits
+from hil.world.robot import Body
+from hil.world.spline import JointSpline
 
 FloatArray = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.excitation import Probe, Subject, probe, subject
-from hil.limits import LimitCheck, Limits, check, worst
-from hil.robot import Robot, load_bodies
-from hil.spline import REST_POINTS, JointSpline
-from hil.truth import simulate
+from hil.world.limits import LimitCheck, Limits, check, worst
+from hil.world.robot import Robot, load_bodies
+from hil.world.spline import REST_POINTS, JointSpline
+from hil.world.truth import simulate
 
 FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from fsw.config.base import NonNegative, Positive, Section, Vector3
-from fsw.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
 
 
 class SchedulerConfig(Section):

@@ -15,8 +15,8 @@ from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
-from fsw.config_text import TextError, explain, read_yaml
-from fsw.errors import ConfigError
+from fsw.config.text import TextError, explain, read_yaml
+from fsw.messages.errors import ConfigError
 
 HEARTBEATS_MISSED = 1.5  # a node that leaves sooner would leave a sound bus
 SYNCS_UNANSWERED = 5  # fewer may be chance

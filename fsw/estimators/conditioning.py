@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fsw.config import Config
-from fsw.estimators.model import RobotModel
+from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import NodeFit, gauss_nodes
-from fsw.estimators.problem import joint_order
-from fsw.findings import Fault, Finding
+from fsw.estimators.stages import complete
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
-from fsw.stages import complete
+from fsw.messages.findings import Fault, Finding
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window

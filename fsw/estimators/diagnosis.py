@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.estimators.inertia import PARAMETERS, from_parameters, report_jacobian
+from fsw.estimators.model.inertia import PARAMETERS, from_parameters, report_jacobian
 from fsw.messages import BodyEstimate, FloatArray
 
 DATA_GAIN = 1.0  # above: the data know the combination better than the prior did

@@ -6,15 +6,15 @@ from collections.abc import Generator
 
 import numpy as np
 
-from fsw.estimators.inertia import (
+from fsw.estimators.model.inertia import (
     from_parameters,
     is_consistent,
     nearest_consistent_stages,
     report_jacobian,
 )
-from fsw.estimators.problem import Problem
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.stages import complete
 from fsw.messages import BodyEstimate, FloatArray
-from fsw.stages import complete
 
 
 def body_estimate(

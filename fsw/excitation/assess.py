@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fsw.estimators.fused import fused_rows
+from fsw.estimators.measurement.fused import fused_rows
 from fsw.excitation import criteria
 from fsw.excitation.design import Grid
 from fsw.excitation.spline import Trajectory

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fsw.estimators.inertia import skew
+from fsw.estimators.model.inertia import skew
 from fsw.messages import FloatArray
 
 

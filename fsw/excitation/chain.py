@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from fsw.estimators.inertia import PARAMETERS
-from fsw.estimators.model import RobotModel
+from fsw.estimators.model.inertia import PARAMETERS
+from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from fsw.config import Finite, NonNegative, Positive, PositiveVector3, Section, Vector3
-from fsw.config_text import TextError, explain, read_yaml
-from fsw.errors import ConfigError
-from fsw.estimators.model import RobotModel
+from fsw.config.text import TextError, explain, read_yaml
+from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
 
 Bound = tuple[Finite | None, Finite | None]
 

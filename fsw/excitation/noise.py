@@ -15,9 +15,9 @@ from scipy.linalg import eigh
 
 from fsw.config import Config
 from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
-from fsw.estimators.model import RobotModel
+from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import NodeFit
-from fsw.estimators.problem import joint_order
 from fsw.messages import FloatArray
 
 SMALLEST_SHARE = 1e-6

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from fsw.errors import ConfigError, FswError
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import Collisions
@@ -24,6 +23,7 @@ from fsw.excitation.spline import Layout, Trajectory
 from fsw.excitation.subject import Subject
 from fsw.excitation.verify import SHARE_MARGIN, Use, every_limit
 from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError, FswError
 
 DENSER = 10
 TORQUE_MARGIN = 0.02  # of its bound, in the first round; it varies fastest between samples

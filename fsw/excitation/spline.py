@@ -15,8 +15,8 @@ import numpy as np
 import yaml
 from scipy.interpolate import BSpline
 
-from fsw.errors import ConfigError
 from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
 
 DEGREE = 5
 REST_POINTS = 4

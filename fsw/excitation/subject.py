@@ -10,21 +10,21 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.config import Config
-from fsw.errors import ConfigError
-from fsw.estimators.inertia import (
+from fsw.estimators.model.inertia import (
     PARAMETERS,
     from_parameters,
     is_consistent,
     report_jacobian,
     to_parameters,
 )
-from fsw.estimators.model import RobotModel
-from fsw.estimators.problem import Problem, build_problem
+from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.chain import Geometry, geometry
 from fsw.excitation.criteria import Scale
 from fsw.excitation.kernel import Kernel, build_kernel
 from fsw.excitation.noise import NoiseModel, noise_model
 from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
 
 QUANTITIES = (
     "mass_kg",

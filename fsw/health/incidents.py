@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fsw.findings import Fault, Finding, severity
 from fsw.messages import Event
+from fsw.messages.findings import Fault, Finding, severity
 
 RECOVERED = "RECOVERED"
 

@@ -10,11 +10,11 @@ from collections.abc import Iterable
 from typing import Any, Protocol
 
 from fsw.config import Config
-from fsw.findings import Fault, Finding
 from fsw.health.incidents import Incidents
 from fsw.health.rotation import RotationMonitor
 from fsw.health.stuck import StuckScreen
 from fsw.messages import Event, Sample, Window
+from fsw.messages.findings import Fault, Finding
 
 SLIP_WINDOW_S = 0.5
 LOOP = "loop"

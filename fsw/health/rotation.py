@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from fsw.config import Config
-from fsw.findings import Fault, Finding
 from fsw.messages import FloatArray, Window
+from fsw.messages.findings import Fault, Finding
 
 TRACKER = "star_tracker"
 SIGMAS = 8.0  # of all that is white in the comparison

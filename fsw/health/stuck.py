@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from fsw.config import Config
-from fsw.findings import Fault, Finding
 from fsw.messages import ImuSample, JointSample, Sample
+from fsw.messages.findings import Fault, Finding
 
 FALSE_ALARM = 1e-12  # per sample
 QUIETER = 3.0

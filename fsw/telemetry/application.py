@@ -12,39 +12,39 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fsw.commands import CommandName, JobReport, Reply
 from fsw.config import Config, TelemetryConfig
-from fsw.errors import PortError
 from fsw.messages import Block, Estimate, Event
-from fsw.telemetry.boot import Boot
+from fsw.messages.commands import CommandName, JobReport, Reply
+from fsw.messages.errors import PortError
 from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
-from fsw.telemetry.dispatcher import Handler, TcDispatcher
-from fsw.telemetry.downlink import Downlink
-from fsw.telemetry.effective import BOOT, PARAMETERS, TABLES
-from fsw.telemetry.eventing import SEVERITIES, Eventing
-from fsw.telemetry.filing import filing_of
-from fsw.telemetry.functions import Functions
-from fsw.telemetry.housekeeping import Housekeeping
-from fsw.telemetry.knowledge import Knowledge
-from fsw.telemetry.link import LinkServer
-from fsw.telemetry.loop_commands import LoopCommands
-from fsw.telemetry.modes import ModeMachine
-from fsw.telemetry.monitors import Monitoring
-from fsw.telemetry.own_commands import OwnCommands
-from fsw.telemetry.packets import HEADER_BYTES
-from fsw.telemetry.parameters import Parameters
+from fsw.telemetry.link.downlink import Downlink
+from fsw.telemetry.link.packets import HEADER_BYTES
+from fsw.telemetry.link.sdls import FrameReceiver
+from fsw.telemetry.link.sdls_numbers import NumberStore
+from fsw.telemetry.link.server import LinkServer
+from fsw.telemetry.link.splitter import Uplinked
+from fsw.telemetry.link.uplink import ClearUplink, SecureUplink, Uplink
 from fsw.telemetry.ports import FileDelivery, Host
-from fsw.telemetry.schedule import Schedule
-from fsw.telemetry.sdls import FrameReceiver
-from fsw.telemetry.sdls_numbers import NumberStore
-from fsw.telemetry.sets import Sets
-from fsw.telemetry.splitter import Uplinked
-from fsw.telemetry.store import GenerationStore
-from fsw.telemetry.supervision import Supervision
-from fsw.telemetry.table_effects import TableEffects
-from fsw.telemetry.tables import Tables
-from fsw.telemetry.time_reports import TimeReports
-from fsw.telemetry.uplink import ClearUplink, SecureUplink, Uplink
+from fsw.telemetry.services.eventing import SEVERITIES, Eventing
+from fsw.telemetry.services.executor import Handler, TcDispatcher
+from fsw.telemetry.services.filing import filing_of
+from fsw.telemetry.services.functions import Functions
+from fsw.telemetry.services.housekeeping import Housekeeping
+from fsw.telemetry.services.loop_commands import LoopCommands
+from fsw.telemetry.services.monitors import Monitoring
+from fsw.telemetry.services.own_commands import OwnCommands
+from fsw.telemetry.services.parameters import Parameters
+from fsw.telemetry.services.schedule import Schedule
+from fsw.telemetry.services.tables import Tables
+from fsw.telemetry.services.time_reports import TimeReports
+from fsw.telemetry.state.boot import Boot
+from fsw.telemetry.state.knowledge import Knowledge
+from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.state.sets import Sets
+from fsw.telemetry.state.store import GenerationStore
+from fsw.telemetry.state.supervision import Supervision
+from fsw.telemetry.tables.effective import BOOT, PARAMETERS, TABLES
+from fsw.telemetry.tables.effects import TableEffects
 
 CRASHED = RESET_CAUSE.value("CRASH")
 

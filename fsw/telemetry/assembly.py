@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 
 from fsw.config import Config, TelemetryConfig
-from fsw.errors import ConfigError
+from fsw.messages.errors import ConfigError
 from fsw.telemetry.application import TelemetryApplication
-from fsw.telemetry.files import FileEntity
+from fsw.telemetry.files.delivery import FileEntity
+from fsw.telemetry.link.sdls import FrameReceiver
+from fsw.telemetry.link.sdls_keys import load_associations
+from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
 from fsw.telemetry.ports import Host
-from fsw.telemetry.sdls import FrameReceiver
-from fsw.telemetry.sdls_keys import load_associations
-from fsw.telemetry.sdls_numbers import NUMBERS_NAME, NumberStore
 
 RUN_BITS = 4  # transactions of successive runs begin so far apart
 

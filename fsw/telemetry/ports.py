@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from fsw.commands import Command
 from fsw.config import Config
+from fsw.messages.commands import Command
 
 
 class FileDelivery(Protocol):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from hil.sensors import BusToggleConfig
+from hil.world.sensors import BusToggleConfig
 
 
 @dataclass(slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.devices import canopen
 from hil.devices.canopen import JointNode, NodeState, Reading
-from hil.sensors import generator
+from hil.world.sensors import generator
 
 TimedFrame = tuple[int, int, bytes, bool]  # end on the bus [ns], identifier, data, is CAN FD
 RESPONSE_NS = 30_000.0  # SYNC received to PDO ready

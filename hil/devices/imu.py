@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hil.devices import stim300
 from hil.devices.truth_clock import ClampedHistory, TruthClock
 from hil.devices.uart import SerialLine, TimedBytes
-from hil.sensors import (
+from hil.world.sensors import (
     ImuErrors,
     ImuSensorConfig,
     angular_rate,

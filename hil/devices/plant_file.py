@@ -1,4 +1,4 @@
-"""The file `python -m hil.plant` reads: robot, motion, sensors and links of a real-time plant."""
+"""The file `python -m hil.devices.plant` reads: robot, motion, sensors and links of a real-time plant."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import yaml
 from pydantic import TypeAdapter
 
-from hil.environment.config import EnvironmentSection
-from hil.environment.wrench import simulate_in
-from hil.plant import Plant
-from hil.robot import Body, Robot, SloshMass
-from hil.sensors import STRICT, SensorConfig
-from hil.spline import JointSpline
+from hil.devices.plant import Plant
+from hil.world.environment.config import EnvironmentSection
+from hil.world.environment.wrench import simulate_in
+from hil.world.robot import Body, Robot, SloshMass
+from hil.world.sensors import STRICT, SensorConfig
+from hil.world.spline import JointSpline
 
 TAIL_S = 0.1
 

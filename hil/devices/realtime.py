@@ -22,8 +22,8 @@ import can
 
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import NMT_ID, SDO_ID, SYNC_ID
+from hil.devices.plant import Plant
 from hil.devices.plant_file import BusLink, PlantFile, Realtime, build, load
-from hil.plant import Plant
 
 PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.sensors import Chunking
+from hil.world.sensors import Chunking
 
 TimedBytes = tuple[int, bytes]
 GRID_NS = 1_000_000

@@ -15,7 +15,7 @@ from fsw.config import BusConfig
 from fsw.drivers.ports import linux_can
 from fsw.drivers.ports.stamps import KernelStamps
 from fsw.drivers.wire import CanFrame, FramePort
-from fsw.errors import PortError
+from fsw.messages.errors import PortError
 
 RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop

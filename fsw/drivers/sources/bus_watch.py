@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 
-from fsw.findings import Fault, Finding
+from fsw.messages.findings import Fault, Finding
 
 SETTLE_SYNCS = 3
 ESTABLISHED_SYNCS = 50  # a node that answers for longer has started; its next boot-up is another

@@ -7,7 +7,7 @@ that never comes back is taken as it is after a while, for without it there is n
 
 from __future__ import annotations
 
-from fsw.findings import Fault
+from fsw.messages.findings import Fault
 
 GAP_PERIODS = 3.5  # a longer gap hides what happened in it
 CONFIDENT_SAMPLES = 50  # in a row, before a step is held against the newer sample

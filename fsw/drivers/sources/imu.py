@@ -20,8 +20,8 @@ from fsw.drivers.sources.counters import Counters, serial_counters
 from fsw.drivers.sources.line_watch import IMU_LINE, LineWatch
 from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
 from fsw.drivers.wire import ByteChunk, Reject
-from fsw.findings import Fault, Finding
 from fsw.messages import ImuSample
+from fsw.messages.findings import Fault, Finding
 
 SUBJECT = "imu"
 MIN_LATENCY_LIMIT_S = 0.01  # a latency field above this and above two periods is no latency

@@ -6,7 +6,7 @@ from fsw.config import JointConfig
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.encoder_watch import EncoderWatch
 from fsw.drivers.wire import Reject
-from fsw.findings import Fault
+from fsw.messages.findings import Fault
 
 HISTORY_SYNCS = 256  # SYNCs over which duplicates are known and losses settled
 CHAIN = 3  # samples in unbroken, consistent order ...

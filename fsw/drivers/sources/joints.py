@@ -13,8 +13,8 @@ from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_track import JointTrack, calibrate
 from fsw.drivers.sources.sync import SyncHistory
 from fsw.drivers.wire import CanFrame, Reject
-from fsw.findings import Fault, Finding
 from fsw.messages import JointSample
+from fsw.messages.findings import Fault, Finding
 
 LOST_AFTER_NS = 100_000_000  # a SYNC without a sample for so long counts as a lost sample
 MAX_EVENTS = 256

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from fsw.findings import Fault, Finding
+from fsw.messages.findings import Fault, Finding
 
 ESCAPED_RATIO = 1.2  # escapes make a frame longer by less
 MAX_FINDINGS = 1024  # until they are taken; the oldest go

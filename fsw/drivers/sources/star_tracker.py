@@ -19,8 +19,8 @@ from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
 from fsw.drivers.sources.line_watch import TRACKER_LINE, LineWatch
 from fsw.drivers.wire import ByteChunk, Reject
-from fsw.findings import Fault, Finding
 from fsw.messages import AttitudeSample
+from fsw.messages.findings import Fault, Finding
 
 SUBJECT = "star_tracker"
 CLOCK_TOLERANCE_PPM = 200.0

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 
-from fsw.estimators.curvature import WEAK
+from fsw.estimators.batch.curvature import WEAK
 from fsw.estimators.methods.energy_pass import Energy, energy_pass
 from fsw.estimators.methods.levenberg import minimise, straighten
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
-from fsw.estimators.problem import Problem, present
+from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
 

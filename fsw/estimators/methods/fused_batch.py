@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fsw.estimators.curvature import VERY_WEAK, WEAK
+from fsw.estimators.batch.curvature import VERY_WEAK, WEAK
 from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.levenberg import minimise, straighten
 from fsw.estimators.methods.mobility_covariance import through_mobility
@@ -19,8 +19,8 @@ from fsw.estimators.methods.prediction_pass import prediction_pass
 from fsw.estimators.methods.rate_pass import Known, known_pass, rate_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
-from fsw.estimators.mobility import NOTE
-from fsw.estimators.problem import Problem
+from fsw.estimators.model.mobility import NOTE
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
 

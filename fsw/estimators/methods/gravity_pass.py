@@ -3,7 +3,7 @@
 The field about the base's origin is the acceleration G s of an element at s, G = mu/R^3 (3 r r^T -
 1), r the unit vector to the zenith. With w = sqrt(3 mu/R^3) r it is that of a body turning at w,
 w w^T - w.w, plus 2/3 w.w times s, which has no moment: so the regressor's projection serves again.
-Source: paper eq. (26), as a field acting on every mass element (see fsw.estimators.orbit).
+Source: paper eq. (26), as a field acting on every mass element (see fsw.estimators.model.orbit).
 """
 
 from __future__ import annotations

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fsw.errors import EstimatorError
-from fsw.estimators.curvature import Widening, constrained_prior, widen
-from fsw.estimators.inertia import (
+from fsw.estimators.batch.curvature import Widening, constrained_prior, widen
+from fsw.estimators.methods.result import invert
+from fsw.estimators.methods.system import System
+from fsw.estimators.model.inertia import (
     PARAMETERS,
     from_log_cholesky,
     is_consistent,
@@ -23,9 +24,8 @@ from fsw.estimators.inertia import (
     nearest_consistent,
     to_log_cholesky,
 )
-from fsw.estimators.methods.result import invert
-from fsw.estimators.methods.system import System
 from fsw.messages import FloatArray
+from fsw.messages.errors import EstimatorError
 
 Gram = Callable[[FloatArray], FloatArray]  # x -> (p+1, p+1) of [J | r]
 

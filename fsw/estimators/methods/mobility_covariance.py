@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from fsw.errors import EstimatorError
 from fsw.estimators.methods.result import invert
 from fsw.estimators.methods.system import System
-from fsw.estimators.mobility import Mapped, by_mobility
+from fsw.estimators.model.mobility import Mapped, by_mobility
 from fsw.messages import FloatArray
+from fsw.messages.errors import EstimatorError
 
 
 def through_mobility(x: FloatArray, information: FloatArray, system: System) -> Mapped | None:

@@ -10,7 +10,7 @@ from fsw.estimators.methods.fused_batch import solve_channels
 from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.result import BatchResult
 from fsw.estimators.methods.system import Options
-from fsw.estimators.problem import Problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.samples import SampleSet
 
 GYRO = Channels(torque=False, accelerometer=False, gyro=True, velocity=False, measured_rate=False)

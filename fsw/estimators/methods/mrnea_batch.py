@@ -21,17 +21,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fsw.errors import EstimatorError
 from fsw.estimators.methods.least_squares_pass import least_squares_gram
 from fsw.estimators.methods.levenberg import consistent_start, cost_of, minimise
 from fsw.estimators.methods.mobility_covariance import through_mobility
 from fsw.estimators.methods.regression_pass import EIV, OLS, WLS, Regression, regression_pass
 from fsw.estimators.methods.result import BatchResult, build_result, invert
 from fsw.estimators.methods.system import Options, System, build_system, kernel_data
-from fsw.estimators.mobility import NOTE
-from fsw.estimators.problem import Problem
+from fsw.estimators.model.mobility import NOTE
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
+from fsw.messages.errors import EstimatorError
 
 SETTLED = 1e-5  # squared whitened length of the last step
 RISE = 1.0  # of the cost at most from its least to the root of the score, a squared sigma

@@ -1,7 +1,7 @@
 """RDA: the reduced dynamics algorithm (paper eqs. 22-27) without translational base velocity.
 
 The base acceleration is eliminated, tau = H^ qdd + C^ with H^ = H_m - H_bm^T H_bb^-1 H_bm; v_b
-cancels exactly (see fsw.estimators.model). Noise of the joint accelerations and of the measured
+cancels exactly (see fsw.estimators.model.robot). Noise of the joint accelerations and of the measured
 rate is weighed in, (Sigma_tau + H^ Sigma_qdd H^^T + D Sigma_w D^T)^-1.
 """
 
@@ -11,7 +11,7 @@ from fsw.estimators.methods.fused_batch import solve_channels
 from fsw.estimators.methods.layout import Channels
 from fsw.estimators.methods.result import BatchResult
 from fsw.estimators.methods.system import Options
-from fsw.estimators.problem import Problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.samples import SampleSet
 
 RDA = Channels(torque=True, accelerometer=False, gyro=False, velocity=False, measured_rate=True)

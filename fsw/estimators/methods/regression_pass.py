@@ -2,7 +2,7 @@
 
 Rows: base force and moment (zero, or the external wrench), then joint torques. With a the measured
 accelerations, r = y - Y(a) pi has S = H Sigma_a H^T + C Sigma_w C^T + output noise. Source: paper
-eqs. (3)-(16); errors in variables as in fsw.estimators.mrnea, per sample.
+eqs. (3)-(16); errors in variables as in fsw.estimators.measurement.mrnea, per sample.
 """
 
 from __future__ import annotations

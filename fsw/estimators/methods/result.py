@@ -8,16 +8,16 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from fsw.errors import EstimatorError
-from fsw.estimators.curvature import Widening
-from fsw.estimators.inertia import (
+from fsw.estimators.batch.curvature import Widening
+from fsw.estimators.methods.system import Options, System
+from fsw.estimators.model.inertia import (
     from_parameters,
     is_consistent,
     nearest_consistent,
     report_jacobian,
 )
-from fsw.estimators.methods.system import Options, System
 from fsw.messages import BodyEstimate, FloatArray
+from fsw.messages.errors import EstimatorError
 
 Status = Literal["OK", "NOT_CONVERGED", "INSUFFICIENT_EXCITATION"]
 

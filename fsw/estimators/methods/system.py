@@ -10,14 +10,14 @@ from typing import Literal
 
 import numpy as np
 
-from fsw.errors import EstimatorError
-from fsw.estimators.inertia import PARAMETERS
 from fsw.estimators.kernel import Arm, build_arm
 from fsw.estimators.methods.layout import Columns, Data
-from fsw.estimators.orbit import CircularOrbit
-from fsw.estimators.problem import Problem, present
+from fsw.estimators.model.inertia import PARAMETERS
+from fsw.estimators.model.orbit import CircularOrbit
+from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.samples import SampleSet
 from fsw.messages import FloatArray
+from fsw.messages.errors import EstimatorError
 
 Weighting = Literal["ols", "wls", "compensated", "eiv"]
 

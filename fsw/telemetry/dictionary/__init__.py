@@ -1,6 +1,6 @@
 """The dictionary: everything that crosses the link, and from which everything else is made.
 
-Pack and unpack (`fsw.telemetry.packets`), the exports and the human page read these values and
+Pack and unpack (`fsw.telemetry.link.packets`), the exports and the human page read these values and
 nothing else; there is no second list.
 """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fsw.findings import Fault, severity
+from fsw.messages.findings import Fault, severity
 from fsw.telemetry.dictionary.types import Enumeration, EventDefinition, Severity
 
 _HIGH, _MEDIUM, _LOW, _INFO = Severity.HIGH, Severity.MEDIUM, Severity.LOW, Severity.INFO
@@ -93,7 +93,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
 )
 
 FINDINGS_FROM = 200
-# what the health monitor finds on devices and buses (`fsw.findings`); append only, a place is an id
+# what the health monitor finds on devices and buses (`fsw.messages.findings`); append only, a place is an id
 FINDINGS = (
     "SYNC_LOST",
     "SYNC_DOUBLED",

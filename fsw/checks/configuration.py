@@ -1,0 +1,280 @@
+"""Everything that can be wrong with a configuration, found before any device is opened.
+
+`validate` is what `fsw run` and `fsw replay` go through; `fsw check` adds `describe`. Each fault is
+one line: key, value found, bound.
+"""
+
+from __future__ import annotations
+
+import os
+from math import sqrt, tau
+from pathlib import Path
+
+from fsw.checks import budget
+from fsw.checks.robot import inertia_warnings, load_problem
+from fsw.config import BusConfig, Config
+from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
+from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
+from fsw.estimators.model.problem import Problem
+from fsw.messages.errors import ConfigError
+
+MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
+FULL_LOAD = 1.0
+HIGH_LOAD = 0.7
+MAX_GROUP_DELAY_S = 0.1  # a sensor filter slower than 10 Hz is taken for milliseconds
+MAX_SOCKET_PATH_BYTES = 107  # sun_path of Linux, less its final zero
+SOCKET_NAME_BYTES = 20  # room for a slash and the control socket's own name
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of the wire
+POSITION_STEP_RAD = tau * 2.0**-24
+SIMULATED_INTERFACES = ("udp_multicast", "virtual")  # have no bit rate of their own
+
+
+def validate(config: Config) -> tuple[Problem, list[str]]:
+    """Check a configuration without touching a device or writing a file.
+
+    Returns
+    -------
+    The estimation problem laid out, and the warnings.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    faults = [
+        *_window_faults(config),
+        *_lag_faults(config),
+        *_bus_faults(config),
+        *_serial_faults(config),
+    ]
+    problem: Problem | None = None
+    try:
+        problem = load_problem(config)
+    except ConfigError as error:
+        faults += str(error).splitlines()
+    if faults or problem is None:
+        raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
+    return problem, [*_warnings(config), *inertia_warnings(config, problem.model)]
+
+
+def validate_outputs(config: Config) -> None:
+    """Check that recordings and state can be written where the configuration puts them.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    folders = {"service.state_directory": config.resolve(config.service.state_directory)}
+    if config.recorder.directory is not None:
+        folders["recorder.directory"] = config.resolve(config.recorder.directory)
+    faults = [
+        f"{key}: {folder} cannot be written: {why}"
+        for key, folder in folders.items()
+        if (why := _not_writable(folder))
+    ]
+    state = folders["service.state_directory"]
+    used, bound = len(os.fsencode(state)), MAX_SOCKET_PATH_BYTES - SOCKET_NAME_BYTES
+    if used > bound:
+        faults.append(
+            f"service.state_directory: {state} has {used} bytes; the control socket in it allows "
+            f"at most {bound}"
+        )
+    if faults:
+        raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
+
+
+def _warnings(config: Config) -> list[str]:
+    found = []
+    for i, bus in enumerate(config.buses):
+        load = budget.bus_load(bus, config.joints)
+        if load > HIGH_LOAD:
+            found.append(
+                f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
+                f"{_bitrate_words(bus)}; above {HIGH_LOAD:.0%} late frames must be expected"
+            )
+        if all(joint.bus != bus.name for joint in config.joints):
+            found.append(f"buses.{i}.name: no joint uses the bus {bus.name!r}")
+    for i, joint in enumerate(config.joints):
+        steps = {
+            "torque_noise_nm": (joint.torque_noise_nm, TORQUE_STEP_NM[joint.format]),
+            "position_noise_rad": (joint.position_noise_rad, POSITION_STEP_RAD),
+        }
+        found += [
+            f"joints.{i}.{key}: {sigma:g} is below the rounding of the wire, {step / sqrt(12):.2g}"
+            for key, (sigma, step) in steps.items()
+            if sigma < step / sqrt(12)
+        ]
+    longest = budget.imu_load(config.imu)[1]
+    if longest > FULL_LOAD:
+        found.append(
+            f"imu.baud_rate: {config.imu.baud_rate} does not carry the longest datagram at "
+            f"{config.imu.rate_hz:g} Hz ({longest:.0%}); shorter ones fit"
+        )
+    estimator = config.estimator
+    if estimator.method != "mrnea" and estimator.weighting != "eiv":
+        found.append(
+            f"estimator.weighting: {estimator.weighting!r} does nothing to estimator.method "
+            f"{estimator.method!r}, only to a batch of mrnea; must be 'eiv' with this method"
+        )
+    cpus = os.cpu_count() or 1
+    if config.scheduler.cpu is not None and config.scheduler.cpu >= cpus:
+        found.append(f"scheduler.cpu: {config.scheduler.cpu} is not below this machine's {cpus}")
+    return [*found, *_telemetry_warnings(config)]
+
+
+def _telemetry_warnings(config: Config) -> list[str]:
+    """Return a line for all that packets of fixed size and the loop's rate leave out."""
+    telemetry = config.telemetry
+    if telemetry is None:
+        return []
+    rate_hz, tick_rate_hz = telemetry.science_rate_hz, config.scheduler.tick_rate_hz
+    found = [
+        f"{key}: {len(names)}, but telemetry has room for {slots}: no packet holds "
+        f"{', '.join(map(repr, names[slots:]))}; the recording holds all"
+        for key, names, slots in (
+            ("joints", [joint.name for joint in config.joints], JOINT_SLOTS),
+            ("buses", [bus.name for bus in config.buses], BUS_SLOTS),
+        )
+        if len(names) > slots
+    ]
+    if rate_hz > tick_rate_hz:
+        found.append(
+            f"telemetry.science_rate_hz: {rate_hz:g} is above scheduler.tick_rate_hz "
+            f"{tick_rate_hz:g}, which is the fastest it can be"
+        )
+    return found
+
+
+def missing_devices(config: Config) -> list[str]:
+    """Return a line per serial port whose path does not exist now; nothing is opened."""
+    ports = {"imu.port": config.imu.port}
+    if config.star_tracker is not None:
+        ports["star_tracker.port"] = config.star_tracker.port
+    paths = {key: Path(config.device(port)) for key, port in ports.items() if "://" not in port}
+    return [f"{key}: {path} does not exist now" for key, path in paths.items() if not path.exists()]
+
+
+def _window_faults(config: Config) -> list[str]:
+    estimator = config.estimator
+    position_terms = estimator.nodes + EXTRA_POSITION_DEGREE
+    channels = [
+        (f"buses.{i}.rate_hz", bus.rate_hz, 2 * position_terms)
+        for i, bus in enumerate(config.buses)
+    ]
+    channels.append(("imu.rate_hz", config.imu.rate_hz, 2 * estimator.nodes))
+    faults = []
+    for key, rate_hz, needed in channels:
+        samples = rate_hz * estimator.window_s
+        if samples < MIN_WINDOW_SAMPLES:
+            faults.append(
+                f"{key}: {rate_hz:g} gives {samples:.1f} samples in estimator.window_s "
+                f"{estimator.window_s:g}; at least {MIN_WINDOW_SAMPLES} are needed"
+            )
+        elif samples * estimator.min_fill_ratio < needed:
+            faults.append(
+                f"{key}: {rate_hz:g} gives {samples:.1f} samples in estimator.window_s "
+                f"{estimator.window_s:g}, of which estimator.min_fill_ratio "
+                f"{estimator.min_fill_ratio:g} must be at least {needed}, twice the terms of the "
+                f"polynomial for estimator.nodes {estimator.nodes}"
+            )
+    period_s = 1.0 / config.scheduler.tick_rate_hz
+    if estimator.window_s < period_s:
+        faults.append(
+            f"estimator.window_s: {estimator.window_s:g} must be at least one tick, {period_s:g}"
+        )
+    return faults
+
+
+def _lag_faults(config: Config) -> list[str]:
+    scheduler, lag_s = config.scheduler, config.estimator.lag_s
+    delays = {
+        f"joints on buses.{i} (one cycle, the kernel's queues, one tick)": budget.joint_delay_s(
+            bus, scheduler
+        )
+        for i, bus in enumerate(config.buses)
+    }
+    delays["imu (group delay, one sample, the line, one tick)"] = budget.imu_delay_s(
+        config.imu, scheduler
+    )
+    if config.star_tracker is not None:
+        delays["star_tracker (latency, the line, one tick)"] = budget.star_tracker_delay_s(
+            config.star_tracker, scheduler
+        )
+    return [
+        f"estimator.lag_s: {lag_s:g} is shorter than the delay of {source}; must be at least "
+        f"{delay_s:.6f}"
+        for source, delay_s in delays.items()
+        if lag_s < delay_s
+    ]
+
+
+def _bitrate_words(bus: BusConfig) -> str:
+    if bus.bitrate is None:
+        return f"at an assumed {budget.ASSUMED_BITRATE} bit/s"
+    return f"at buses.bitrate {bus.bitrate}"
+
+
+def _bus_faults(config: Config) -> list[str]:
+    faults = []
+    for i, bus in enumerate(config.buses):
+        load = budget.bus_load(bus, config.joints)
+        simulated = bus.bitrate is None and bus.interface in SIMULATED_INTERFACES
+        if load > FULL_LOAD and not simulated:
+            faults.append(
+                f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
+                f"{_bitrate_words(bus)}; must be at most {FULL_LOAD:.0%}, worst-case bit stuffing "
+                "included"
+            )
+        if bus.data_bitrate is not None and bus.data_bitrate < (bus.bitrate or 0):
+            faults.append(
+                f"buses.{i}.data_bitrate: {bus.data_bitrate} must be at least bitrate {bus.bitrate}"
+            )
+        if abs(bus.latch_offset_s) * bus.rate_hz >= 1.0:
+            faults.append(
+                f"buses.{i}.latch_offset_s: {bus.latch_offset_s:g} must be shorter than one SYNC "
+                f"period, {1.0 / bus.rate_hz:g}"
+            )
+    return faults
+
+
+def _serial_faults(config: Config) -> list[str]:
+    faults = []
+    imu, tracker = config.imu, config.star_tracker
+    if imu.driver == "stim300" and imu.rate_hz not in budget.IMU_RATES_HZ:
+        rates = ", ".join(f"{rate:g}" for rate in budget.IMU_RATES_HZ)
+        faults.append(f"imu.rate_hz: {imu.rate_hz:g} must be one of {rates}")
+    shortest = budget.imu_load(imu)[0]
+    if shortest > FULL_LOAD:
+        faults.append(
+            f"imu.baud_rate: {imu.baud_rate} cannot carry {imu.rate_hz:g} datagrams a second; must "
+            f"be at least {round(shortest * imu.baud_rate)}"
+        )
+    for key in ("gyro_group_delay_s", "acc_group_delay_s"):
+        delay_s = getattr(imu, key)
+        if delay_s > MAX_GROUP_DELAY_S:
+            faults.append(f"imu.{key}: {delay_s:g} must be at most {MAX_GROUP_DELAY_S:g} (seconds)")
+    if tracker is not None:
+        load = budget.star_tracker_load(tracker)
+        if load > FULL_LOAD:
+            faults.append(
+                f"star_tracker.baud_rate: {tracker.baud_rate} cannot carry {tracker.rate_hz:g} "
+                f"solutions a second; must be at least {round(load * tracker.baud_rate)}"
+            )
+        devices = {config.resolve(Path(port)).resolve() for port in (tracker.port, imu.port)}
+        if len(devices) == 1:
+            faults.append(
+                f"star_tracker.port: {tracker.port} is the same device as imu.port {imu.port}; a "
+                "port serves one device only"
+            )
+    return faults
+
+
+def _not_writable(folder: Path) -> str:
+    """Return why a folder, which need not exist yet, takes no file; empty when it does."""
+    nearest = folder
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    if not nearest.is_dir():
+        return f"{nearest} is not a directory"
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        return f"{nearest} does not permit it"
+    return ""

@@ -1,0 +1,129 @@
+"""The robot of a configuration: a readable URDF, a serial chain, bodies that can be."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.estimators.model.inertia import PARAMETERS, pseudo_inertia
+from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.robot import RobotModel
+from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
+
+ROOT_LINK = "the root link"
+
+
+def load_problem(config: Config) -> Problem:
+    """Read the robot model and lay out the estimation problem.
+
+    Raises
+    ------
+    ConfigError when robot, tool frame, joints or bodies do not go together.
+    """
+    urdf = config.resolve(config.robot.urdf)
+    _check_urdf(urdf)
+    model = _model(urdf, config.robot.tool_frame)
+    _check_masses(config, model)
+    return build_problem(config, model)
+
+
+def _model(urdf: Path, tool_frame: str) -> RobotModel:
+    """Read the model; what the URDF library only prints and then ignores is a fault here."""
+    with TemporaryFile() as said:
+        stderr = os.dup(2)
+        try:
+            os.dup2(said.fileno(), 2)
+            model = RobotModel(urdf, tool_frame)
+        except ConfigError as error:
+            raise ConfigError(_library_words(said, urdf) or str(error)) from error
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+        complaint = _library_words(said, urdf)
+    if complaint:
+        raise ConfigError(complaint)
+    return model
+
+
+def _library_words(said: IO[bytes], urdf: Path) -> str:
+    """Return the first error the URDF library printed, as one line; empty when there is none."""
+    said.seek(0)
+    for line in said.read().decode(errors="replace").splitlines():
+        if line.startswith("Error:"):
+            return f"robot.urdf: {urdf} cannot be used: {line.removeprefix('Error:').strip()}"
+    return ""
+
+
+def _check_urdf(urdf: Path) -> None:
+    try:
+        root = ET.fromstring(urdf.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"robot.urdf: {urdf} cannot be read: {error.strerror}") from error
+    except ET.ParseError as error:
+        raise ConfigError(f"robot.urdf: {urdf} is no URDF: {error}") from error
+    if root.tag != "robot":
+        raise ConfigError(f"robot.urdf: {urdf} is no URDF: its root is <{root.tag}>, not <robot>")
+    for joint in root.iter("joint"):
+        kind = joint.get("type")
+        if joint.find("parent") is not None and kind not in ("revolute", "fixed"):
+            raise ConfigError(
+                f"robot.urdf: joint {joint.get('name')!r} is {kind!r}; must be revolute or fixed"
+            )
+        axis = joint.find("axis")
+        if kind == "revolute" and axis is not None and not _is_direction(axis.get("xyz", "")):
+            raise ConfigError(
+                f"robot.urdf: joint {joint.get('name')!r} has the axis {axis.get('xyz')!r}; must "
+                "be three numbers, not all zero"
+            )
+        if kind == "revolute" and joint.find("limit") is None:
+            raise ConfigError(
+                f"robot.urdf: joint {joint.get('name')!r} has no <limit>; a revolute joint needs "
+                "lower, upper, effort and velocity"
+            )
+
+
+def _is_direction(text: str) -> bool:
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return False
+    return len(numbers) == 3 and any(numbers)
+
+
+def _check_masses(config: Config, model: RobotModel) -> None:
+    if model.n == 0:
+        raise ConfigError("robot.urdf: 0 revolute joints; at least 1 is needed")
+    for link, pi in _known_links(config, model):
+        if pi[0] < 0.0 or (pi[0] == 0.0 and link == ROOT_LINK):
+            bound = "positive, or bodies.base given" if link == ROOT_LINK else "at least 0"
+            raise ConfigError(f"robot.urdf: {link} has mass {pi[0]:g} kg; must be {bound}")
+
+
+def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
+    """Return a line per known link whose inertia no body can have."""
+    return [
+        f"robot.urdf: {link} (mass {pi[0]:g} kg) has an inertia that no body can have: principal "
+        "moments must be positive, each at most the sum of the other two"
+        for link, pi in _known_links(config, model)
+        if pi[0] > 0.0 and not _possible(pi)
+    ]
+
+
+def _known_links(config: Config, model: RobotModel) -> list[tuple[str, FloatArray]]:
+    """Return what the URDF says of every link that no section `bodies` replaces."""
+    names = [ROOT_LINK, *(f"the link moved by {name!r}" for name in model.joint_names)]
+    links = list(zip(names, model.pi_links.reshape(-1, PARAMETERS), strict=True))
+    return links[1:] if "base" in config.bodies else links
+
+
+def _possible(pi: FloatArray) -> bool:
+    """Tell whether a body can have these parameters; point masses and thin rods can."""
+    moments = np.linalg.eigvalsh(pseudo_inertia(pi))
+    return bool(moments[0] >= -1e-9 * moments[-1])

@@ -1,0 +1,160 @@
+"""What the daemon would do with a configuration, in words for `fsw check`."""
+
+from __future__ import annotations
+
+from fsw.checks import budget
+from fsw.config import BodyConfig, Config
+from fsw.estimators.model.inertia import PARAMETERS
+from fsw.estimators.model.problem import Problem
+
+
+def describe(config: Config, problem: Problem) -> str:
+    """Return a page of text: robot, unknowns, links, rates, states, lag, files."""
+    sections = (
+        ("robot", _robot(config, problem)),
+        ("bodies", _bodies(config, problem)),
+        ("buses", _buses(config)),
+        ("serial", _serial(config)),
+        ("loop", _loop(config)),
+        ("estimate", _estimate(config, problem)),
+        ("telemetry", _telemetry(config)),
+        ("files", _files(config)),
+    )
+    width = max(len(title) for title, _ in sections)
+    return "\n".join(
+        f"{title if row == 0 else '':<{width}}  {line}"
+        for title, lines in sections
+        for row, line in enumerate(lines)
+    )
+
+
+def _robot(config: Config, problem: Problem) -> list[str]:
+    model = problem.model
+    masses = model.pi_links[::PARAMETERS]
+    joints = [
+        f"{name} {mass:.4g}" for name, mass in zip(model.joint_names, masses[1:], strict=True)
+    ]
+    return [
+        f"{config.resolve(config.robot.urdf)}, tool frame {config.robot.tool_frame}",
+        f"{model.n} joints; mass moved by each [kg]: {', '.join(joints)}",
+        f"root link {masses[0]:.6g} kg, arm {masses[1:].sum():.6g} kg",
+    ]
+
+
+def _bodies(config: Config, problem: Problem) -> list[str]:
+    lines = []
+    for name in ("base", "target"):
+        body = config.bodies.get(name)
+        if name in problem.unknown and body is not None:
+            lines.append(f"{name}: unknown; prior {_body(body)}")
+        elif body is not None:
+            lines.append(f"{name}: known; {_body(body)}")
+        else:
+            known = "known; as the URDF's root link" if name == "base" else "none grasped"
+            lines.append(f"{name}: {known}")
+    return lines
+
+
+def _body(body: BodyConfig) -> str:
+    com = " ".join(f"{x:.4g}" for x in body.com_m)
+    inertia = " ".join(f"{x:.4g}" for x in body.inertia_kg_m2)
+    text = f"mass {body.mass_kg:.6g}"
+    if body.sigma is not None:
+        text += f" +- {body.sigma.mass_kg:.4g}"
+    return f"{text} kg, centre of mass [{com}] m, inertia [{inertia}] kg m^2"
+
+
+def _buses(config: Config) -> list[str]:
+    lines = []
+    for bus in config.buses:
+        nodes = [f"0x{j.node_id:02x} {j.name}" for j in config.joints if j.bus == bus.name]
+        assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
+        lines.append(
+            f"{bus.name}: {bus.interface} {bus.channel}{', CAN FD' if bus.fd else ''}; SYNC "
+            f"{bus.sync} {bus.rate_hz:g} Hz, counter 1..{bus.sync_counter_max}; worst-case load "
+            f"{budget.bus_load(bus, config.joints):.0%}{assumed}; topic /can/{bus.name}"
+        )
+        lines.append(f"  nodes {', '.join(nodes) or 'none'}")
+    return lines
+
+
+def _serial(config: Config) -> list[str]:
+    imu, tracker = config.imu, config.star_tracker
+    shortest, longest = budget.imu_load(imu)
+    lines = [
+        f"imu: {imu.driver} on {imu.port}, {imu.baud_rate} bit/s, {imu.rate_hz:g} Hz; line load "
+        f"{shortest:.0%} to {longest:.0%} by datagram; group delay gyro "
+        f"{imu.gyro_group_delay_s * 1e3:g} ms, accelerometer {imu.acc_group_delay_s * 1e3:g} ms; "
+        "topic /serial/imu"
+    ]
+    if tracker is None:
+        lines.append("star_tracker: none")
+    else:
+        lines.append(
+            f"star_tracker: {tracker.driver} on {tracker.port}, {tracker.baud_rate} bit/s, "
+            f"{tracker.rate_hz:g} Hz; time by {tracker.time}, latency {tracker.latency_s * 1e3:g} "
+            "ms; topic /serial/star_tracker"
+        )
+    return lines
+
+
+def _loop(config: Config) -> list[str]:
+    scheduler = config.scheduler
+    priority = scheduler.realtime_priority
+    real_time = f"SCHED_FIFO {priority}" if priority else "no real time"
+    cpu = "any processor" if scheduler.cpu is None else f"processor {scheduler.cpu}"
+    return [
+        f"{scheduler.tick_rate_hz:g} Hz, {real_time}, "
+        f"{cpu}; status {config.service.status_rate_hz:g} Hz"
+    ]
+
+
+def _estimate(config: Config, problem: Problem) -> list[str]:
+    estimator = config.estimator
+    lags = {f"bus {bus.name}": budget.joint_delay_s(bus, config.scheduler) for bus in config.buses}
+    lags["imu"] = budget.imu_delay_s(config.imu, config.scheduler)
+    if config.star_tracker is not None:
+        lags["star_tracker"] = budget.star_tracker_delay_s(config.star_tracker, config.scheduler)
+    slowest = max(lags, key=lambda name: lags[name])
+    sigmas = problem.prior_covariance.diagonal() ** 0.5
+    first = PARAMETERS * len(problem.unknown)
+    nuisances = [
+        f"{name} 0 +- {sigma:.3g}"
+        for name, sigma in zip(problem.names[first:], sigmas[first:], strict=True)
+    ]
+    return [
+        f"{estimator.method}, weighting {estimator.weighting}; windows of {estimator.window_s:g} s "
+        f"read at {estimator.nodes} instants, closed {estimator.lag_s * 1e3:g} ms after their end "
+        f"(slowest: {slowest}, {lags[slowest] * 1e3:.1f} ms)",
+        f"{len(problem.names)} states: {PARAMETERS} of each unknown body"
+        f"{', ' + ', '.join(nuisances) if nuisances else ''}",
+        f"valid after {estimator.settle_blocks} windows "
+        f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",
+    ]
+
+
+def _telemetry(config: Config) -> list[str]:
+    telemetry = config.telemetry
+    if telemetry is None:
+        return ["none, and no telecommands"]
+    commands = "telecommands in clear"
+    if telemetry.sdls is not None:
+        numbers = ", ".join(str(key.spi) for key in telemetry.sdls.keys)
+        commands = f"telecommands authenticated, SPI {numbers}"
+    push = "" if telemetry.udp is None else f", UDP to {telemetry.udp.host}:{telemetry.udp.port}"
+    return [
+        f"TCP {telemetry.host}:{telemetry.port}{push}; {commands}; starts in "
+        f"{telemetry.start_mode}; science at most {telemetry.science_rate_hz:g} Hz"
+    ]
+
+
+def _files(config: Config) -> list[str]:
+    recorder = config.recorder
+    recordings = "none"
+    if recorder.directory is not None:
+        recordings = f"{config.resolve(recorder.directory)} (MCAP, {recorder.compression})"
+    return [
+        f"recordings: {recordings}",
+        f"state: {config.resolve(config.service.state_directory)}",
+        f"configuration CRC-32: {config.crc32:08x}",
+    ]

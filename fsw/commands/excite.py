@@ -1,0 +1,205 @@
+"""The command `fsw excite`: plan a trajectory, or judge one (or a recording) that exists."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.commands.replay import replay
+from fsw.config import Config
+from fsw.exchange.sinks import NullSink
+from fsw.excitation import assess, criteria, export, spline
+from fsw.excitation.collision import Collisions, build_collisions
+from fsw.excitation.limits import Limits
+from fsw.excitation.limits import load as load_limits
+from fsw.excitation.plan import DENSER, InfeasibleError, Planner, Request
+from fsw.excitation.subject import Subject, build_subject
+from fsw.excitation.verify import Use, every_limit
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import ConfigError
+
+FAILED, DONE = 1, 0
+ENDINGS = (".yaml", ".yml")
+
+
+def excite(arguments: argparse.Namespace, config: Config) -> int:
+    """Run the command; return its exit code.
+
+    Raises
+    ------
+    ConfigError if the request itself is wrong.
+    """
+    if arguments.unknown is not None:
+        both = ("base", "target")
+        config = config.with_unknown(both if arguments.unknown == "both" else (arguments.unknown,))
+    _check_numbers(arguments)
+    weights = dict(_weight(text) for text in arguments.weight)
+    subject = build_subject(
+        config,
+        after=arguments.after,
+        weights=weights,
+        spread=arguments.spread,
+        draws=arguments.draws,
+        seed=arguments.seed,
+    )
+    if arguments.evaluate is not None and arguments.evaluate.suffix not in ENDINGS:
+        return _recorded(arguments.evaluate, config, subject)
+    if arguments.limits is None:
+        raise ConfigError("--limits: missing; which limits hold is never assumed")
+    limits = load_limits(arguments.limits)
+    collisions = None
+    if limits.clearance_m is not None:
+        collisions = build_collisions(
+            subject.model,
+            config.resolve(config.robot.urdf),
+            config.robot.tool_frame,
+            limits.target_box,
+        )
+        if collisions is None:
+            _tell("no collision geometry in the URDF: clearance_m is not checked")
+    if arguments.evaluate is not None:
+        return _evaluate(arguments, subject, limits, collisions)
+    return _plan(arguments, subject, limits, collisions)
+
+
+def _check_numbers(arguments: argparse.Namespace) -> None:
+    for key in ("duration_s", "knot_s", "rate_hz", "export_rate_hz", "starts", "iterations"):
+        value = getattr(arguments, key)
+        if not (np.isfinite(value) and value > 0):
+            raise ConfigError(f"--{key.replace('_', '-')}: {value} must be positive")
+    for key in ("spread", "draws", "xi1", "xi2"):
+        value = getattr(arguments, key)
+        if not (np.isfinite(value) and value >= 0):
+            raise ConfigError(f"--{key}: {value} must not be negative")
+    if arguments.evaluate is None and arguments.out is None:
+        raise ConfigError("--out: missing; where shall the trajectory go? (or --evaluate FILE)")
+
+
+def _weight(text: str) -> tuple[str, float]:
+    name, separator, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError as error:
+        raise ConfigError(f"--weight {text!r}: must be NAME=NUMBER{separator and ''}") from error
+
+
+def _plan(
+    arguments: argparse.Namespace,
+    subject: Subject,
+    limits: Limits,
+    collisions: Collisions | None,
+) -> int:
+    request = Request(
+        criterion=arguments.criterion,
+        gamma=_gamma(arguments),
+        duration_s=arguments.duration_s,
+        knot_s=arguments.knot_s,
+        closed=arguments.closed,
+        starts=arguments.starts,
+        iterations=arguments.iterations,
+        rate_hz=arguments.rate_hz,
+        seed=arguments.seed,
+    )
+    guess = None if arguments.start_from is None else spline.load(arguments.start_from)
+    try:
+        plan = Planner(subject, limits, collisions, request, _tell).plan(guess)
+    except InfeasibleError as error:
+        _tell(f"infeasible: {error}")
+        return FAILED
+    values = assess.all_criteria(subject, plan.trajectory, request.rate_hz, request.gamma)
+    about: dict[str, Any] = {
+        "command": "fsw excite",
+        "unknown": list(subject.problem.unknown),
+        "criterion": request.criterion,
+        "seed": request.seed,
+        "values": {key: float(f"{value:.6g}") for key, value in values.items()},
+        "joints": list(subject.model.joint_names),
+        "limits": {use.kind: float(f"{use.value:.5g}") for use in plan.uses},
+    }
+    out, names = arguments.out, subject.model.joint_names
+    out.parent.mkdir(parents=True, exist_ok=True)
+    spline.save(plan.trajectory, out, about)
+    export.write_csv(plan.trajectory, names, out.with_suffix(".csv"), arguments.export_rate_hz)
+    ros = out.with_name(f"{out.stem}_joint_trajectory.yaml")
+    export.write_joint_trajectory(plan.trajectory, names, ros, arguments.export_rate_hz)
+    _picture(subject, limits, collisions, plan.trajectory, out.with_suffix(".png"))
+    root = assess.information_root(subject, plan.trajectory, request.rate_hz)
+    sys.stdout.write(_text(subject, root, values, plan.uses) + f"\nwritten: {out}\n")
+    return DONE
+
+
+def _evaluate(
+    arguments: argparse.Namespace,
+    subject: Subject,
+    limits: Limits,
+    collisions: Collisions | None,
+) -> int:
+    trajectory = spline.load(arguments.evaluate)
+    if trajectory.n != subject.model.n:
+        raise ConfigError(
+            f"{arguments.evaluate}: has {trajectory.n} joints; the robot has {subject.model.n}"
+        )
+    rate_hz = arguments.rate_hz
+    members = [subject.x, *subject.draws]
+    uses = every_limit(subject, limits, collisions, trajectory, DENSER * rate_hz, members)
+    values = assess.all_criteria(subject, trajectory, rate_hz, _gamma(arguments))
+    root = assess.information_root(subject, trajectory, rate_hz)
+    sys.stdout.write(_text(subject, root, values, uses) + "\n")
+    if arguments.out is not None:
+        _picture(subject, limits, collisions, trajectory, arguments.out.with_suffix(".png"))
+    return DONE if uses[0].excess <= 0 else FAILED
+
+
+class _Blocks(NullSink):
+    """Keeps the blocks of a replay."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Block] = []
+
+    def block(self, block: Block) -> None:
+        """Keep one block."""
+        self.blocks.append(block)
+
+
+def _recorded(recording: Path, config: Config, subject: Subject) -> int:
+    """Judge the motion of a recording by the estimator's own rows of it."""
+    sink = _Blocks()
+    replay(recording, config, sink=sink)
+    root = assess.block_root(subject, sink.blocks)
+    values = assess.fused_criteria(subject, root)
+    sys.stdout.write(_text(subject, root, values, []) + f"\n{len(sink.blocks)} windows\n")
+    return DONE
+
+
+def _text(subject: Subject, root: FloatArray, values: dict[str, float], uses: list[Use]) -> str:
+    sigma = np.sqrt(np.diag(criteria.report_covariance(root, subject.scale)))
+    lines = [f"{name}: {value:.6g}" for name, value in values.items()]
+    for name, own, prior in zip(subject.names, sigma, subject.scale.prior_sigma, strict=True):
+        lines.append(f"{name}: predicted sigma {own:.4g} (prior {prior:.4g})")
+    lines += [("BROKEN " if use.excess > 0 else "kept ") + use.text() for use in uses]
+    return "\n".join(lines)
+
+
+def _picture(
+    subject: Subject,
+    limits: Limits,
+    collisions: Collisions | None,
+    trajectory: spline.Trajectory,
+    path: Path,
+) -> None:
+    from fsw.excitation.picture import draw
+
+    draw(subject, limits, collisions, trajectory, path)
+
+
+def _gamma(arguments: argparse.Namespace) -> criteria.Gamma:
+    return criteria.Gamma(xi1=arguments.xi1, xi2=arguments.xi2)
+
+
+def _tell(text: str) -> None:
+    sys.stderr.write(f"fsw: excite: {text}\n")
+    sys.stderr.flush()

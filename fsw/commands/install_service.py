@@ -1,0 +1,66 @@
+"""fsw install-service: a systemd unit for one configuration."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from fsw.config import Config
+from fsw.messages.errors import ConfigError, PortError
+
+TEMPLATE = Path(__file__).with_name("inertia-daemon.service")
+UNIT_NAME = "inertia-daemon.service"
+FORBIDDEN = frozenset("\n\\\"' %{}")  # would need quoting in a unit
+
+
+def unit_text(config: Config, config_path: Path, user: str, command: Path) -> str:
+    """Return the unit that runs a configuration as a user.
+
+    Raises
+    ------
+    ConfigError when a path or name cannot stand in a unit as it is.
+    """
+    folders = written_folders(config)
+    path = config_path.absolute()
+    for word in (user, str(command), str(path), *map(str, folders)):
+        if not word or FORBIDDEN & set(word):
+            raise ConfigError(f"{word!r}: cannot stand in a systemd unit; take another name")
+    return TEMPLATE.read_text(encoding="utf-8").format(
+        command=command,
+        config=path,
+        folder=path.parent,
+        user=user,
+        writable=" ".join(f"-{folder}" for folder in folders),
+    )
+
+
+def written_folders(config: Config) -> list[Path]:
+    """Return where the daemon writes."""
+    folders = [config.resolve(config.service.state_directory)]
+    if config.recorder.directory is not None:
+        folders.append(config.resolve(config.recorder.directory))
+    return folders
+
+
+def install(config: Config, config_path: Path, user: str, directory: Path) -> str:
+    """Write the unit; return what is left to do by hand.
+
+    Raises
+    ------
+    ConfigError as `unit_text`, PortError when the directory cannot be written.
+    """
+    command = Path(sys.executable).with_name("fsw")
+    text = unit_text(config, config_path, user, command)
+    path = directory / UNIT_NAME
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise PortError(f"{path}: {error.strerror or error}") from error
+    folders = " ".join(map(str, written_folders(config)))
+    steps = [
+        f"{path} is written; then, as root:",
+        f"  id {user} || useradd --system --groups dialout {user}",
+        f"  install -d -o {user} -g {user} {folders}",
+        f"  systemctl daemon-reload && systemctl enable --now {UNIT_NAME}",
+    ]
+    return "\n".join(steps)

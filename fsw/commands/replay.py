@@ -1,0 +1,320 @@
+"""Replay: the same daemon on a recording, as fast as it can, with the same result as live.
+
+Ports hand out recorded frames and chunks with their recorded stamps; the SYNC frames come from the
+recording and nothing is sent. The tick grid is free: results depend on the stamps alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fsw.clock import MonotonicClock
+from fsw.config import Config
+from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.estimators.pipeline import Pipeline
+from fsw.exchange.checkpoint import decode
+from fsw.exchange.recording import Record, unpack_frame
+from fsw.exchange.recording_parts import contents_of, messages_of, parts_of
+from fsw.exchange.restart import Mode, Restart
+from fsw.exchange.sinks import NullSink, Sink
+from fsw.exchange.status import estimate_summary
+from fsw.loop.daemon import Daemon
+from fsw.loop.ports import IMU, STAR_TRACKER, Ports
+from fsw.loop.wiring import build
+from fsw.messages import Estimate
+from fsw.messages.commands import Command, CommandName
+from fsw.messages.errors import ConfigError, PortError
+from fsw.service.recorder import CHECKPOINT
+
+TICK_RATE_HZ = 50.0
+REPLAYED = (
+    CommandName.RESET,
+    CommandName.FINISH,
+    CommandName.ADOPT,
+    CommandName.REST,
+    CommandName.RESUME,
+    CommandName.CONFIGURE,
+    CommandName.SAVE_STATE,
+    CommandName.RESTORE_STATE,
+)
+
+
+class RecordingFeed:
+    """Messages of a recording, handed out topic by topic as simulated time goes on."""
+
+    def __init__(self, records: Iterator[Record], topics: Sequence[str]) -> None:
+        self._records = records
+        self._next = next(records, None)
+        self._queues: dict[str, deque[Record]] = {topic: deque() for topic in topics}
+        self.now_ns = self._next.t_ns if self._next is not None else 0
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether every message has been handed out."""
+        return self._next is None
+
+    def advance(self, until_ns: int) -> None:
+        """Make everything stamped at or before `until_ns` available, and that the time."""
+        while self._next is not None and self._next.t_ns <= until_ns:
+            self.now_ns = max(self.now_ns, self._next.t_ns)
+            self._queues[self._next.topic].append(self._next)
+            self._next = next(self._records, None)
+        if self._next is not None:
+            self.now_ns = max(self.now_ns, until_ns)
+
+    def take(self, topic: str) -> list[Record]:
+        """Return what has become available of a topic since the last call."""
+        queue = self._queues[topic]
+        taken = list(queue)
+        queue.clear()
+        return taken
+
+
+class ReplayClock:
+    """Simulated time: a wait is a jump, and time ends with the recording."""
+
+    def __init__(self, feed: RecordingFeed) -> None:
+        self._feed = feed
+
+    def now_ns(self) -> int:
+        """Return simulated time [ns]."""
+        return self._feed.now_ns
+
+    def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:  # noqa: ARG002
+        """Jump."""
+        self._feed.advance(deadline_ns)
+        return True
+
+
+class ReplayFramePort:
+    """A recorded bus."""
+
+    hands_back = False
+
+    def __init__(self, feed: RecordingFeed, topic: str) -> None:
+        self._feed, self._topic = feed, topic
+        self.undecodable = 0
+
+    def read(self) -> list[CanFrame]:
+        """Return recorded frames up to now."""
+        frames = []
+        for record in self._feed.take(self._topic):
+            frame = unpack_frame(record.t_ns, record.data)
+            if frame is None:
+                self.undecodable += 1
+            else:
+                frames.append(frame)
+        return frames
+
+    def write(self, can_id: int, data: bytes) -> CanFrame:
+        """Refuse: a recorded bus takes nothing."""
+        raise PortError(f"{self._topic}: a recording cannot be written to ({can_id:#x} {data!r})")
+
+    def take_dropped(self) -> int:
+        """Return 0: what was lost is not in a recording."""
+        return 0
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Return none."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class ReplayBytePort:
+    """A recorded serial line."""
+
+    def __init__(self, feed: RecordingFeed, topic: str) -> None:
+        self._feed, self._topic = feed, topic
+
+    def read(self) -> list[ByteChunk]:
+        """Return recorded chunks up to now."""
+        return [ByteChunk(record.t_ns, record.data) for record in self._feed.take(self._topic)]
+
+    def write(self, data: bytes) -> None:
+        """Refuse: a recorded line takes nothing."""
+        raise PortError(f"{self._topic}: a recording cannot be written to ({data!r})")
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Return none."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayResult:
+    """What a replay gave; estimate None: no window could be used."""
+
+    estimate: Estimate | None
+    unknown: tuple[str, ...]
+    method: str
+    status: Mapping[str, Any]
+    truncated: bool
+    dropped: int  # messages the recorder itself had lost
+    wall_s: float
+    diagnosis: Mapping[str, Any] | None = None  # None: no proper estimate
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values in the words every command uses."""
+        summary = estimate_summary(self.estimate) or {"valid": False, "reason": "NO_DATA"}
+        return {
+            "unknown": list(self.unknown),
+            "method": self.method,
+            "estimate": {},
+            "sigma": {},
+            "whole": None,
+            **summary,
+            **_state(self.estimate),
+            "diagnosis": self.diagnosis,
+            "samples": self.status["samples"],
+            "windows": self.status["windows"],
+            "slips": self.status["slips"],
+            "truncated": self.truncated,
+            "dropped": self.dropped,
+            "wall_s": self.wall_s,
+        }
+
+    def to_text(self) -> str:
+        """Return a short table: parameters with their sigma, then the sources."""
+        values = self.to_json()
+        state = "valid" if values["valid"] else f"not valid: {values['reason']}"
+        lines = [f"{self.method}, unknown {', '.join(self.unknown)}: {state}"]
+        for body, estimate in values["estimate"].items():
+            for key, mean in estimate.items():
+                sigma = values["sigma"][body][key]
+                lines.append(f"{body}.{key}: {_shown(mean)} +- {_shown(sigma)}")
+        if self.diagnosis is not None:
+            lines += list(self.diagnosis["verdict"].values())
+        for source, counts in values["samples"].items():
+            words = [f"{word} {counts[word]}" for word in ("received", "lost", "late", "rejected")]
+            lines.append(f"{source}: {', '.join(words)}")
+        if self.estimate is not None:
+            nis, dof = self.estimate.nis, self.estimate.nis_dof
+            lines.append(
+                f"last window's residuals: {nis:.0f} for {dof}, {self.estimate.gated} gated"
+            )
+        lines.append(f"slips {values['slips']}, wall {self.wall_s:.2f} s")
+        return "\n".join(lines)
+
+
+def _state(estimate: Estimate | None) -> dict[str, Any]:
+    """Return the whole state, nuisances included, with its covariance."""
+    if estimate is None:
+        return {"names": [], "mean": [], "covariance": []}
+    return {
+        "names": list(estimate.names),
+        "mean": estimate.mean.tolist(),
+        "covariance": estimate.covariance.tolist(),
+    }
+
+
+def _shown(value: float | Sequence[float]) -> str:
+    if isinstance(value, int | float):
+        return f"{value:.6g}"
+    return "[" + ", ".join(f"{x:.6g}" for x in value) + "]"
+
+
+def replay(
+    recording: Path,
+    config: Config,
+    *,
+    sink: Sink | None = None,
+    pipeline: Pipeline | None = None,
+) -> ReplayResult:
+    """Run the daemon on a recording.
+
+    Parameters
+    ----------
+    sink : takes what the daemon produces; None: nothing is kept but the result
+    pipeline : conditioning and estimation; None: as the configuration says
+
+    Raises
+    ------
+    ConfigError when the recording cannot be read, lacks a configured channel, or holds no SYNC.
+    """
+    wall = MonotonicClock()
+    began_ns = wall.now_ns()
+    parts = parts_of(recording)
+    held = contents_of(parts)
+    topics = _topics(config)
+    missing = [topic for topic in topics if topic not in held.topics]
+    if missing:
+        raise ConfigError(
+            f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
+            f"found: {', '.join(sorted(held.topics)) or 'none'}"
+        )
+    feed = RecordingFeed(messages_of(parts, topics), topics)
+    scheduler = config.scheduler.model_copy(update={"tick_rate_hz": TICK_RATE_HZ})
+    daemon = build(
+        config.model_copy(update={"scheduler": scheduler}),
+        ReplayClock(feed),
+        _ports(config, feed),
+        sink or NullSink(),
+        pipeline=pipeline,
+    )
+    commands = list(messages_of(parts, ["/tc"])) if "/tc" in held.topics else []
+    end_ns = _plan(daemon, commands, held.attachments.get(CHECKPOINT))
+    while not feed.exhausted:
+        daemon.step()
+    if end_ns is not None:
+        feed.now_ns = max(feed.now_ns, end_ns)
+        daemon.step()
+    if not daemon.aligner.started:
+        raise ConfigError(f"{recording}: no SYNC frame (0x080) on {', '.join(topics)}")
+    daemon.apply_planned(daemon.aligner.next_index)
+    estimate = daemon.shutdown()
+    return ReplayResult(
+        diagnosis=daemon.diagnosis() if estimate is not None else None,
+        estimate=estimate,
+        unknown=tuple(config.unknown),
+        method=estimate.method if estimate is not None else config.estimator.method,
+        status=daemon.status(feed.now_ns),
+        truncated=held.truncated,
+        dropped=int(held.metadata.get("recorder", {}).get("dropped", "0")),
+        wall_s=(wall.now_ns() - began_ns) * 1e-9,
+    )
+
+
+def _topics(config: Config) -> list[str]:
+    topics = [f"/can/{bus.name}" for bus in config.buses] + [f"/serial/{IMU}"]
+    return topics + ([f"/serial/{STAR_TRACKER}"] if config.star_tracker is not None else [])
+
+
+def _ports(config: Config, feed: RecordingFeed) -> Ports:
+    tracker = config.star_tracker is not None
+    return Ports(
+        can={bus.name: ReplayFramePort(feed, f"/can/{bus.name}") for bus in config.buses},
+        imu=ReplayBytePort(feed, f"/serial/{IMU}"),
+        star_tracker=ReplayBytePort(feed, f"/serial/{STAR_TRACKER}") if tracker else None,
+        passive=True,
+    )
+
+
+def _plan(daemon: Daemon, commands: Sequence[Record], checkpoint: bytes | None) -> int | None:
+    """Plan the recorded commands; return when the run ended [ns], None if it was killed.
+
+    A run that went on from a checkpoint is begun from the same one.
+    """
+    end_ns = None
+    for record in commands:
+        values = json.loads(record.data)
+        if values.get("command") == "restart" and checkpoint is not None:
+            found = Restart(checkpoint=decode(checkpoint), mode=Mode(values["mode"]), age_s=None)
+            daemon.restart(found)
+        elif values.get("command") == "end":
+            daemon.limit_windows(int(values["next_window"]))
+            end_ns = record.t_ns
+        elif values.get("command") in REPLAYED:
+            name = CommandName(values["command"])
+            command = Command(name=name, id=int(values["id"]), args=values["args"])
+            windows = int(values["next_window"]), int(values.get("clean_window", 0))
+            daemon.dispatcher.plan(windows[0], command, windows[1])
+    return end_ns

@@ -1,0 +1,158 @@
+"""Text from outside: YAML within bounds, without aliases or repeated keys, and faults in words.
+
+A fault names the key, the value found and the bound or the choices, one line each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from contextlib import suppress
+from difflib import get_close_matches
+from reprlib import Repr
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from fsw.messages.errors import ConfigError
+
+MAX_TEXT_BYTES = 1 << 16
+MAX_DEPTH = 16  # of values within values
+MAX_NODES = 10_000
+MAX_FAULTS = 20  # that are reported of one text
+MAX_FAULT_CHARACTERS = 400
+_BRIEF = Repr()
+_BRIEF.maxlist = _BRIEF.maxtuple = 8
+_BRIEF.maxdict = _BRIEF.maxlevel = 3
+_BRIEF.maxstring = _BRIEF.maxother = 100
+# what PyYAML raises of texts that are no YAML, or whose values are not what their tags say
+_READING = (yaml.YAMLError, ValueError, ArithmeticError, LookupError, AttributeError, TypeError)
+
+
+class TextError(ConfigError):
+    """A text that cannot be read as YAML, or exceeds a bound."""
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """The safe loader, except that aliases, repeated keys and large texts are errors."""
+
+    def __init__(self, source: bytes) -> None:
+        super().__init__(source)
+        self._depth = self._nodes = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose one node unless it is an alias, lies too deep or is one too many."""
+        event = self.peek_event()
+        self._nodes += 1
+        problem = ""
+        if isinstance(event, yaml.AliasEvent):
+            problem = "aliases are not allowed"
+        elif self._nodes > MAX_NODES:
+            problem = f"more than {MAX_NODES} values"
+        elif self._depth >= MAX_DEPTH:
+            problem = f"values nested deeper than {MAX_DEPTH}"
+        if problem:
+            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: dict[Any, int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue  # the safe loader says what is wrong with it
+            line = key.start_mark.line + 1
+            if key.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    problem=f"key {brief(key.value)} stands twice, in lines {seen[key.value]} "
+                    f"and {line}"
+                )
+            seen[key.value] = line
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(source: bytes) -> object:
+    """Return the plain values of a YAML text.
+
+    Raises
+    ------
+    TextError when it is not YAML, has an alias or a repeated key, or exceeds a bound.
+    """
+    if len(source) > MAX_TEXT_BYTES:
+        raise TextError(f"{len(source)} bytes; must be at most {MAX_TEXT_BYTES}")
+    try:
+        data: object = yaml.load(source, _StrictLoader)  # a SafeLoader: builds plain values only
+    except _READING as error:
+        raise TextError(f"not YAML: {cut(str(error) or type(error).__name__)}") from error
+    return data
+
+
+def brief(value: object) -> str:
+    """Return the representation of a value, cut to a line's worth."""
+    with suppress(ValueError):  # of a whole number with too many digits
+        return _BRIEF.repr(value)
+    return f"a {type(value).__name__} too long to be shown"
+
+
+def cut(text: str, limit: int = MAX_FAULT_CHARACTERS) -> str:
+    """Return a text cut to a limit, marked where it was cut."""
+    return text if len(text) <= limit else text[: limit - 4] + " ..."
+
+
+def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
+    """Return one line per fault: key, what is allowed, the value found."""
+    faults = error.errors()
+    inner = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
+    # a list that is "too short" only because its items are faulty is no fault of its own
+    kept = [f for f in faults if f["type"] != "too_short" or f["loc"] not in inner]
+    lines = [cut(_line(model, fault)) for fault in kept[:MAX_FAULTS]]
+    more = len(kept) - len(lines)
+    return [*lines, f"and {more} more faults"] if more else lines
+
+
+def _line(model: type[BaseModel], fault: ErrorDetails) -> str:
+    key = ".".join(cut(str(part), 100) for part in fault["loc"])
+    kind, value = fault["type"], fault["input"]
+    if kind == "extra_forbidden":
+        allowed = sorted(_section(model, fault["loc"][:-1]))
+        close = get_close_matches(str(fault["loc"][-1])[:100], allowed, n=1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        return (
+            f"{key}: unknown key (value: {brief(value)}); {hint}allowed here: {', '.join(allowed)}"
+        )
+    if kind == "missing":
+        return f"{key}: missing; this key is required"
+    text = fault["msg"].removeprefix("Value error, ")
+    text = text[:1].lower() + text[1:] if text.startswith("Input ") else text
+    prefix = f"{key}: " if key else ""
+    return (
+        prefix + text + ("" if isinstance(value, dict | BaseModel) else f" (value: {brief(value)})")
+    )
+
+
+def _section(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+    """Return the keys allowed at a path below the model."""
+    for part in path:
+        if isinstance(part, int) or part not in model.model_fields:
+            continue  # an index of a list, or the free key of a mapping
+        inner = model_in(model.model_fields[part].annotation)
+        if inner is None:
+            return []
+        model = inner
+    return list(model.model_fields)
+
+
+def model_in(annotation: object) -> type[BaseModel] | None:
+    """Return the section a field's type holds, bare, optional, listed or mapped; else None."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    if get_origin(annotation) in (Annotated, Union, UnionType, tuple, list, dict):
+        for inner in get_args(annotation):
+            found = None if inner in (NoneType, Ellipsis) else model_in(inner)
+            if found is not None:
+                return found
+    return None

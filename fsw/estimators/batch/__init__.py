@@ -1,0 +1,1 @@
+"""Batch: the same problem solved over stored blocks."""

@@ -1,0 +1,64 @@
+"""How good a batch estimate is: covariance against the bound of all sensors, residuals, words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fsw.estimators.diagnosis import diagnose, plain, whiteness
+from fsw.estimators.measurement.impulse import Impulse
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.measurement.row_functions import RowsFunction, row_function
+from fsw.estimators.model.problem import Problem
+from fsw.messages import Block, BodyEstimate, FloatArray
+
+
+def stack(rows: RowsFunction, blocks: Sequence[Block], x: FloatArray) -> list[Rows]:
+    """Return the whitened rows of every block at a state, momentum carried from block to block."""
+    parts: list[Rows] = []
+    before: Impulse | None = None
+    for block in blocks:
+        parts.append(rows(block, x, before))
+        before = parts[-1].after
+    return parts
+
+
+def diagnose_batch(
+    problem: Problem,
+    rows: RowsFunction,
+    blocks: Sequence[Block],
+    mean: FloatArray,
+    covariance: FloatArray,
+    bodies: Mapping[str, BodyEstimate],
+    level: float = 1.0,
+) -> dict[str, Any] | None:
+    """Return the diagnosis of a batch estimate as plain values; None without a proper covariance.
+
+    The Cramer-Rao bound is that of all sensors: the Fisher information of the fused rows at the
+    estimate, for a noise variance `level` times the declared. So a method that does not use them
+    all has an efficiency below one.
+    """
+    try:
+        residuals = [part.b for part in stack(rows, blocks, mean)]
+        fused = stack(row_function("fused", "eiv", problem), blocks, mean)
+        diagnosis = diagnose(
+            names=problem.names,
+            prior_mean=problem.prior_mean,
+            prior_covariance=problem.prior_covariance,
+            mean=mean,
+            covariance=covariance,
+            bodies=dict(bodies),
+            duration_s=int(blocks[-1].t_ns[-1] - blocks[0].t_ns[0]) * 1e-9,
+            fisher=np.asarray(sum(part.A.T @ part.A for part in fused)) / level,
+        )
+    except ValueError:  # LinAlgError: no inertia at the estimate, or no proper covariance
+        return None
+    correlation, bound = whiteness(residuals)
+    count, squares = sum(map(len, residuals)), sum(float(b @ b) for b in residuals)
+    return {
+        "innovation_lag1": {"correlation": correlation, "bound": bound},
+        "noise_ratio": float(np.sqrt(squares / count)) if count else None,
+        **plain(diagnosis, problem.names),
+    }

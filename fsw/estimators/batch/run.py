@@ -1,0 +1,235 @@
+"""One batch identification of recorded blocks, from configuration to plain values.
+
+What is no motion of an arm, or stands there twice, is left out first; then blocks whose residuals
+noise does not explain, and the rest is solved again, the sigmas following the residuals where these
+are clearly above the declared noise. Beyond that, or where what is left drifts, the result says
+MODEL_MISMATCH. The paper's regressions are compared with the errors in variables on the same
+blocks, and their sigma includes the distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from fsw.config import Config
+from fsw.estimators.batch.diagnosis import diagnose_batch, stack
+from fsw.estimators.batch.solver import (
+    BatchSolution,
+    Progress,
+    linear_covariance,
+    solve,
+    straighten,
+)
+from fsw.estimators.measurement.impulse import Impulse
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.measurement.row_functions import RowsFunction, row_function
+from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.plausible import plausible
+from fsw.estimators.publish import body_estimate, whole_estimate
+from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
+from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, slow_power
+from fsw.messages import Block, BodyEstimate, FloatArray
+from fsw.messages.errors import EstimatorError
+
+CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
+WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
+GATE_ROUNDS = 6
+GATED_SHARE = 0.25  # of the blocks; more that do not fit are no outliers
+LEVEL_TOLERANCE = 0.05
+_DISTANCE = "sigma is that of the errors in variables and includes the distance from them"
+BIAS_NOTES = {
+    "ols": f"shrunk by the base acceleration's noise in the regressor; {_DISTANCE}",
+    "wls": f"shrunk by the base acceleration's noise in the regressor; {_DISTANCE}",
+    "bc": f"compensated for noisy accelerations, not for noisy rates; {_DISTANCE}",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Found:
+    """A solution and what is to be said of it."""
+
+    solution: BatchSolution
+    status: str
+    mean: FloatArray  # (p,)
+    covariance: FloatArray  # (p, p)
+    note: str
+    biased: bool
+    level: float  # variance of the noise over the declared one
+    used: Sequence[Block]
+
+
+def run_batch(
+    config: Config,
+    blocks: Sequence[Block],
+    method: str,
+    unknown: Sequence[str],
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
+
+    Raises
+    ------
+    EstimatorError if there is no usable block or no such method; ConfigError if a body has no
+    prior.
+    """
+    by_index: dict[int, Block] = {}
+    for block in blocks:
+        if plausible(block):
+            by_index.setdefault(block.index, block)
+    sound = [by_index[index] for index in sorted(by_index)]
+    if not sound:
+        raise EstimatorError("no usable block recorded in this window")
+    chosen = config.with_unknown(tuple(unknown)) if unknown else config
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    problem, settings = build_problem(chosen, model), config.estimator
+    weighting = settings.weighting if method == "mrnea" else "eiv"
+    rows = row_function(method, weighting, problem)
+    if weighting == "eiv":
+        found = _likelihood(problem, method, sound, settings.gate_probability, progress)
+    else:
+        found = _regression(problem, weighting, sound, settings.gate_probability, progress)
+    covariance = found.covariance + problem.liquid
+    bodies = {
+        name: body_estimate(problem, name, found.mean, covariance)[0] for name in problem.unknown
+    }
+    whole = whole_estimate(problem, found.mean, covariance, found.used[-1].q_rad[-1])
+    return {
+        "method": method,
+        "unknown": list(problem.unknown),
+        "status": found.status,
+        "biased": found.biased,
+        "note": found.note,
+        "iterations": found.solution.iterations,
+        "cost": found.solution.cost,
+        "rows": found.solution.rows,
+        "gated": len(blocks) - len(found.used),
+        "condition_number": found.solution.information.scaled_condition_number(),
+        "duration_s": len(found.used) * config.estimator.window_s,
+        "names": list(problem.names),
+        "mean": found.mean.tolist(),
+        "covariance": covariance.tolist(),
+        "first_block": sound[0].index,
+        "last_block": sound[-1].index,
+        "estimate": {name: _plain(body, "") for name, body in bodies.items()},
+        "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
+        "whole": _plain(whole, "") | {"sigma": _plain(whole, "sigma")},
+        "diagnosis": diagnose_batch(
+            problem, rows, found.used, found.mean, covariance, bodies, found.level
+        ),
+    }
+
+
+def _likelihood(
+    problem: Problem,
+    method: str,
+    blocks: Sequence[Block],
+    gate_probability: float,
+    progress: Progress | None,
+) -> _Found:
+    """Maximise the likelihood of what fits."""
+    rows, start = row_function(method, "eiv", problem), None
+    if method in WARM:
+        start = solve(problem, row_function("mrnea", "eiv", problem), blocks).mean
+    fits, level, mismatch = [True] * len(blocks), 1.0, False
+    for more in reversed(range(GATE_ROUNDS)):
+        weighted, used = _at_level(rows, level), list(compress(blocks, fits))
+        solution = solve(problem, weighted, used, progress, start)
+        if solution.status == "ABORTED":
+            break
+        residuals = [part.b for part in stack(rows, blocks, solution.mean)]
+        before, level = level, _noise_level(residuals, len(problem.names))
+        limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
+        slow, most = slow_power(list(compress(residuals, fits)), level)
+        fitted = fits
+        fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
+        mismatch = level > MISMATCH_LEVEL or slow > most
+        if len(blocks) - sum(fits) > GATED_SHARE * len(blocks):
+            mismatch = True
+            break
+        if more == 0 or (fits == fitted and abs(level / before - 1.0) < LEVEL_TOLERANCE):
+            break
+        if solution.status != "NOT_CONVERGED":  # what does not fit may be why it did not
+            start = solution.mean
+    status = solution.status
+    covariance, note = linear_covariance(problem, method, "eiv", solution)
+    if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
+        looked = straighten(problem, weighted, used, solution)
+        covariance, note = looked.covariance, looked.note
+        status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
+    return _Found(
+        solution=solution,
+        status="MODEL_MISMATCH" if status == "OK" and mismatch else status,
+        mean=solution.mean,
+        covariance=covariance,
+        note=note,
+        biased=bool(note) and method in CURVED,
+        level=level,
+        used=used,
+    )
+
+
+def _regression(
+    problem: Problem,
+    weighting: str,
+    blocks: Sequence[Block],
+    gate_probability: float,
+    progress: Progress | None,
+) -> _Found:
+    """Solve the paper's regression and measure its bias by the errors in variables."""
+    near = _likelihood(problem, "mrnea", blocks, gate_probability, progress)
+    used, x, solution = near.used, near.mean, near.solution
+    if weighting == "bc":
+        sums = no_sums(len(x))
+        for block in used:
+            sums = sums + block_sums(block, x, problem)
+        precision: FloatArray = np.asarray(
+            np.linalg.solve(problem.prior_covariance, np.eye(len(x))), np.float64
+        )
+        mean = compensated_mean(sums, problem.prior_mean, precision)
+    else:
+        solution = solve(problem, row_function("mrnea", weighting, problem), used)
+        mean = solution.mean
+    bias = mean - x
+    return replace(
+        near,
+        solution=solution,
+        mean=mean,
+        covariance=near.covariance + np.outer(bias, bias),
+        note=BIAS_NOTES[weighting],
+        biased=True,
+    )
+
+
+def _noise_level(residuals: Sequence[FloatArray], parameters: int) -> float:
+    """Return the variance of the noise over the declared one, as the online estimator judges it."""
+    monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
+    means = [float(b @ b) / len(b) for b in residuals if len(b) == longest]
+    monitor.learn_level(np.array(means), longest, parameters)
+    return monitor.level
+
+
+def _at_level(rows: RowsFunction, level: float) -> RowsFunction:
+    """Return the rows of a noise variance that is so many times the declared one."""
+    if level == 1.0:
+        return rows
+
+    def weighted(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
+        made, weight = rows(block, x, before), level**-0.5
+        return replace(made, A=weight * made.A, b=weight * made.b)
+
+    return weighted
+
+
+def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:
+    if kind:
+        mass, com, inertia = body.mass_sigma_kg, body.com_sigma_m, body.inertia_sigma_kg_m2
+    else:
+        mass, com, inertia = body.mass_kg, body.com_m, body.inertia_kg_m2
+    return {"mass_kg": mass, "com_m": com.tolist(), "inertia_kg_m2": inertia.tolist()}

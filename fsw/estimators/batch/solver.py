@@ -1,0 +1,253 @@
+"""Batch identification of stored blocks by any method: damped Gauss-Newton over consistent bodies.
+
+The unknown bodies move in log-Cholesky coordinates, so every iterate is physically possible and the
+base's inertia never becomes singular; the covariance is given in the linear parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fsw.estimators.batch.curvature import WEAK, Widening, constrained_prior, widen
+from fsw.estimators.batch.diagnosis import stack
+from fsw.estimators.measurement.row_functions import RowsFunction
+from fsw.estimators.model.inertia import (
+    from_log_cholesky,
+    is_consistent,
+    log_cholesky_jacobian,
+    nearest_consistent,
+    to_log_cholesky,
+)
+from fsw.estimators.model.mobility import NOTE, TORQUE, by_mobility
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import EstimatorError
+
+MAX_ITERATIONS = 60
+MAX_PLAIN_STEPS = 40  # from 30-50 % wrong starts up to 18 were seen
+PROFILE_ITERATIONS = 4  # of every point of a profile
+CONVERGED = 1e-3  # whitened rms step at which the iteration stops
+WEAKEST_GAIN = (
+    0.5  # prior variance over posterior variance, minus one, of the least known direction
+)
+
+Progress = Callable[[float, str], bool]  # fraction and text; False aborts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BatchSolution:
+    """A batch estimate: status is OK, NOT_CONVERGED, INSUFFICIENT_EXCITATION or ABORTED."""
+
+    status: str
+    mean: FloatArray  # (p,)
+    information: SquareRootInformation
+    iterations: int
+    cost: float  # sum of squared whitened residuals, prior included
+    rows: int
+
+
+def solve(
+    problem: Problem,
+    rows: RowsFunction,
+    blocks: Sequence[Block],
+    progress: Progress | None = None,
+    start: FloatArray | None = None,
+    max_iterations: int = MAX_ITERATIONS,
+    plain: bool = True,
+) -> BatchSolution:
+    """Minimise prior plus whitened residuals of all blocks.
+
+    With `plain`, re-weighted Gauss-Newton first; then, from where it settles or else the start,
+    Levenberg-Marquardt over the consistent bodies.
+
+    `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
+    """
+    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    x = problem.prior_mean if start is None else start
+    if plain:
+        x = _gauss_newton(problem, rows, blocks, prior, x)
+    theta = _to_theta(problem, x)
+    x = _to_x(problem, theta)
+    damping, iterations, status = 1e-3, 0, "NOT_CONVERGED"
+    stacked, b = _stack(rows, blocks, x)
+    cost = _cost(prior, x, b)
+    while iterations < max_iterations:
+        iterations += 1
+        J = np.vstack([stacked, prior.R]) @ _chain(problem, theta)
+        r = np.concatenate([b, prior.z - prior.R @ x])
+        N, g = J.T @ J, J.T @ r
+        if not np.all(np.isfinite(N)):
+            break
+        accepted = False
+        while not accepted and damping < 1e10:
+            step = np.linalg.solve(N + damping * np.diag(np.diag(N)), g)
+            trial_theta = theta + _bounded(problem, step)
+            trial = _to_x(problem, trial_theta)
+            trial_stacked, trial_b = _stack(rows, blocks, trial)
+            trial_cost = _cost(prior, trial, trial_b)
+            accepted = trial_cost <= cost * (1 + 1e-9)
+            damping = max(damping / 10, 1e-12) if accepted else damping * 10
+        if not accepted:
+            break
+        moved = float(np.sqrt(step @ N @ step / len(step)))
+        theta, x, stacked, b, cost = trial_theta, trial, trial_stacked, trial_b, trial_cost
+        if progress is not None and not progress(
+            min(1.0, iterations / 10), f"iteration {iterations}: step {moved:.2g} sigma"
+        ):
+            status = "ABORTED"
+            break
+        if moved < CONVERGED:
+            status = "OK"
+            break
+    information = prior.update(stacked, b + stacked @ x)
+    if status == "OK" and _weakest_gain(problem, stacked) < WEAKEST_GAIN:
+        status = "INSUFFICIENT_EXCITATION"
+    return BatchSolution(
+        status=status,
+        mean=x,
+        information=information,
+        iterations=iterations,
+        cost=cost,
+        rows=len(b),
+    )
+
+
+def _gauss_newton(
+    problem: Problem,
+    rows: RowsFunction,
+    blocks: Sequence[Block],
+    prior: SquareRootInformation,
+    start: FloatArray,
+) -> FloatArray:
+    """Return where undamped steps in the linear parameters settle, or the start if they do not.
+
+    Far from the solution the weights of errors-in-variables rows grow with the parameters, and a
+    search by cost can prefer too heavy bodies; plain steps with re-weighting do not.
+    """
+    x = start
+    for _ in range(MAX_PLAIN_STEPS):
+        at = _to_x(problem, _to_theta(problem, x))
+        try:
+            A, b = _stack(rows, blocks, at)
+            information = prior.update(A, b + A @ at)
+            x = information.mean()
+        except (EstimatorError, np.linalg.LinAlgError):
+            return start
+        step = information.R @ (x - at)
+        if step @ step < CONVERGED**2 * len(x):
+            return x
+    return start
+
+
+def linear_covariance(
+    problem: Problem, method: str, weighting: str, solution: BatchSolution
+) -> tuple[FloatArray, str]:
+    """Return the covariance without a look at the cost elsewhere, and what to say of it.
+
+    For torque and an unknown base it comes by way of the base's mobility.
+    """
+    covariance = solution.information.covariance()
+    if method in TORQUE and weighting == "eiv" and "base" in problem.unknown:
+        try:
+            mapped = by_mobility(solution.mean, covariance, problem.body("base"))
+        except np.linalg.LinAlgError:  # singular to working precision
+            return covariance, ""
+        if mapped.holds and mapped.bent:
+            return mapped.covariance, NOTE
+    return covariance, ""
+
+
+def straighten(
+    problem: Problem, rows: RowsFunction, blocks: Sequence[Block], solution: BatchSolution
+) -> Widening:
+    """Return the solution's covariance, widened where its linearisation does not hold."""
+    weight = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    information = weight.R.T @ weight.R
+
+    def profile(normal: FloatArray, value: float, start: FloatArray) -> tuple[FloatArray, float]:
+        mean, joined = constrained_prior(problem.prior_mean, information, normal, value)
+        scale = np.sqrt(np.diag(joined))
+        inverse = np.linalg.solve(joined / np.outer(scale, scale), np.diag(1.0 / scale))
+        covariance = inverse / scale[:, None]
+        held = replace(problem, prior_mean=mean, prior_covariance=0.5 * (covariance + covariance.T))
+        x = solve(
+            held, rows, blocks, start=start, max_iterations=PROFILE_ITERATIONS, plain=False
+        ).mean
+        return x, _cost(weight, x, _stack(rows, blocks, x)[1])
+
+    return widen(
+        solution.mean,
+        solution.cost,
+        solution.information.covariance(),
+        problem.prior_covariance,
+        problem.names,
+        problem.bodies.stop,
+        profile,
+        WEAK,
+    )
+
+
+def _stack(
+    rows: RowsFunction, blocks: Sequence[Block], x: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    parts = stack(rows, blocks, x)
+    return np.vstack([part.A for part in parts]), np.concatenate([part.b for part in parts])
+
+
+def _cost(prior: SquareRootInformation, x: FloatArray, b: FloatArray) -> float:
+    r = prior.z - prior.R @ x
+    return float(b @ b + r @ r)
+
+
+def _to_theta(problem: Problem, x: FloatArray) -> FloatArray:
+    theta = x.copy()
+    for name in problem.unknown:
+        k = problem.body(name)
+        pi = x[k]
+        if not is_consistent(pi):
+            pi = nearest_consistent(pi, problem.prior_covariance[k, k])
+        theta[k] = to_log_cholesky(pi)
+    return theta
+
+
+def _to_x(problem: Problem, theta: FloatArray) -> FloatArray:
+    x = theta.copy()
+    for name in problem.unknown:
+        x[problem.body(name)] = from_log_cholesky(theta[problem.body(name)])
+    return x
+
+
+def _chain(problem: Problem, theta: FloatArray) -> FloatArray:
+    D = np.eye(len(theta))
+    for name in problem.unknown:
+        k = problem.body(name)
+        D[k, k] = log_cholesky_jacobian(theta[k])
+    return D
+
+
+def _bounded(problem: Problem, step: FloatArray) -> FloatArray:
+    """Limit the step so that no diagonal of a pseudo-inertia factor changes by more than e."""
+    largest = max(np.abs(step[problem.body(name)][:4]).max() for name in problem.unknown)
+    bounded: FloatArray = step / max(1.0, float(largest))
+    return bounded
+
+
+def _weakest_gain(problem: Problem, stacked: FloatArray) -> float:
+    """Return the data's information over the prior's in the least known direction of the bodies.
+
+    Nuisances are marginalised with their priors.
+    """
+    k = problem.bodies
+    F = stacked.T @ stacked
+    nuisance_prior = np.linalg.solve(
+        problem.prior_covariance[k.stop :, k.stop :], np.eye(len(F) - k.stop)
+    )
+    if len(F) > k.stop:
+        D = F[k.stop :, k.stop :] + nuisance_prior
+        F = F[k, k] - F[k, k.stop :] @ np.linalg.solve(D, F[k.stop :, k])
+    L = np.linalg.cholesky(problem.prior_covariance[k, k])
+    return float(np.linalg.eigvalsh(L.T @ F @ L)[0])

@@ -1,0 +1,1 @@
+"""Measurement: the methods' predictions with their Jacobians, shared by all solvers."""

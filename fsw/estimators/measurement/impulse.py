@@ -1,0 +1,145 @@
+"""External moments that change the angular momentum: gravity gradient and a constant wrench.
+
+The gyro channel sees the momentum, so a moment acts on it through its integral. The integral is
+carried from block to block by Gauss quadrature over the nodes, with its exact Jacobian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from fsw.estimators.model.inertia import cross, skew
+from fsw.estimators.model.problem import Problem, present
+from fsw.messages import Block, FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Impulse:
+    """Angular momentum gained from external moments up to a time, in inertial axes."""
+
+    end_ns: int
+    L_Nms: FloatArray  # (3,)
+    J: FloatArray  # (3, p) its derivative by the state
+    x: FloatArray  # (p,) the state it was evaluated at
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Return the momentum at another state, to first order."""
+        momentum: FloatArray = self.L_Nms + self.J @ (x - self.x)
+        return momentum
+
+
+@lru_cache(maxsize=8)
+def _integration(nodes: int) -> tuple[FloatArray, FloatArray]:
+    """Return the integrals from -1 to each node of the interpolant (m, m), and weights (m,)."""
+    points, weights = legendre.leggauss(nodes)
+    to_coefficients = np.linalg.solve(legendre.legvander(points, nodes - 1), np.eye(nodes))
+    rows = np.empty((nodes, nodes))
+    for k in range(nodes):
+        integral = legendre.legint(np.eye(nodes)[k], lbnd=-1)
+        rows[:, k] = legendre.legval(points, integral)
+    return rows @ to_coefficients, weights
+
+
+def needed(problem: Problem) -> bool:
+    """Tell whether anything in this problem changes the momentum."""
+    return problem.orbit is not None or pulled(problem)
+
+
+def pulled(problem: Problem) -> bool:
+    """Tell whether an external wrench is estimated."""
+    return present(problem.wrench) or present(problem.target_wrench)
+
+
+def momentum_at_nodes(
+    block: Block, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
+) -> tuple[FloatArray, FloatArray, Impulse]:
+    """Return the momentum gained, in N, at the nodes (m, 3), its Jacobian (m, 3, p), and after.
+
+    `G` (m, 3, 3) is the gravity-gradient field in base axes. A gap since `before` is bridged with
+    the moment at this block's first node.
+    """
+    T, J = _moment(block, x, problem, G)
+    cumulative, weights = _integration(len(T))
+    half_s = 0.5 * problem.window_s
+    centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
+    start_ns, stop_ns = centre_ns - round(half_s * 1e9), centre_ns + round(half_s * 1e9)
+    if before is None:
+        before = Impulse(start_ns, np.zeros(3), np.zeros((3, len(x))), x)
+    gap_s = max(0, start_ns - before.end_ns) * 1e-9
+    L0, J0 = before.at(x) + gap_s * T[0], before.J + gap_s * J[0]
+    L = L0 + half_s * cumulative @ T
+    J_L = J0 + half_s * np.einsum("ij,jkp->ikp", cumulative, J)
+    after = Impulse(
+        stop_ns, L0 + half_s * weights @ T, J0 + half_s * np.einsum("j,jkp->kp", weights, J), x
+    )
+    return L, J_L, after
+
+
+def _moment(
+    block: Block, x: FloatArray, problem: Problem, G: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the external moment about the centre of mass, in N (m, 3), and its Jacobian."""
+    m, model = len(block.t_ns), problem.model
+    pi = problem.pi(x)
+    T, J = np.zeros((m, 3)), np.zeros((m, 3, len(x)))
+    outside = external_force(block, x, problem) if pulled(problem) else None
+    for i in range(m):
+        R = block.R_NB[i]
+        whole = model.composite(block.q_rad[i])
+        total, J_total = whole @ pi, whole @ problem.U
+        mass, h = total[0], total[1:4]
+        c = h / mass
+        J_c = (J_total[1:4] - np.outer(c, J_total[0])) / mass
+        moment, force = np.zeros(3), G[i] @ h
+        J_moment, J_force = np.zeros((3, len(x))), np.zeros((3, len(x)))
+        if G[i].any():
+            rows = model.field_regressor(block.q_rad[i], G[i])[:6]
+            moment = rows[3:] @ pi
+            J_moment[:, problem.bodies] = rows[3:] @ problem.U
+            J_force[:, problem.bodies] = rows[:3] @ problem.U
+        if outside is not None:
+            force, moment = force + outside[0][i, :3], moment + outside[0][i, 3:6]
+            J_force += outside[1][i, :3]
+            J_moment += outside[1][i, 3:6]
+        T[i] = R @ (moment - cross(c, force))
+        J_moment -= skew(c) @ J_force
+        J_moment[:, problem.bodies] += skew(force) @ J_c
+        J[i] = R @ J_moment
+    return T, J
+
+
+def external_force(block: Block, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return the generalised force of the constant wrenches at the nodes (m, 6+n), and d/dx.
+
+    Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is
+    (m, 6+n, p). A wrench on the target acts through the Jacobian of its centre of mass, where
+    that is estimated as of the state x: its own derivative, of the size of the force, is left out.
+    Part of its force is constant in inertial axes and part in the target's: air pushes along the
+    wind, and aside as the faces stand to it.
+    """
+    m, n = block.q_rad.shape
+    J = np.zeros((m, 6 + n, len(x)))
+    R = np.zeros((m, 6, 6))
+    R[:, :3, :3] = R[:, 3:, 3:] = block.R_NB.transpose(0, 2, 1)
+    if present(problem.wrench):
+        J[:, :6, problem.wrench] = R
+    if present(problem.target_wrench):
+        centre_m = _target_com(x, problem)
+        for i in range(m):
+            at, R_BE = problem.model.point_jacobian(block.q_rad[i], centre_m)
+            ways = np.concatenate([R[i], np.vstack([R_BE, np.zeros((3, 3))])], axis=1)
+            J[i, :, problem.target_wrench] = at.T @ ways
+    return J @ x, J
+
+
+def _target_com(x: FloatArray, problem: Problem) -> FloatArray:
+    """Return where the target's centre of mass is in E."""
+    if "target" in problem.unknown:
+        own = x[problem.body("target")]
+        if own[0] > 0:
+            return np.asarray(own[1:4] / own[0])
+    return problem.target_com_m

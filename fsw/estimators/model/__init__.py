@@ -1,0 +1,1 @@
+"""Model: the robot, its bodies, and the estimation problem."""

@@ -1,0 +1,218 @@
+"""The estimation problem: which parameters are unknown, their prior, and the state's layout.
+
+State x = [10 parameters per unknown body (base first), torque offsets (n), accelerometer bias (3),
+gyro bias (3), residual angular momentum (3), torque scale errors (n), external wrench (6), wrench
+on the target (9)]; a nuisance whose prior sigma is zero is no state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.config import BodyConfig, Config
+from fsw.estimators.model.inertia import (
+    NAMES,
+    PARAMETERS,
+    report_jacobian,
+    to_parameters,
+)
+from fsw.estimators.model.orbit import CircularOrbit
+from fsw.estimators.model.robot import RobotModel
+from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
+
+NO_STATES = slice(0, 0)
+
+
+def present(states: slice) -> bool:
+    """Tell whether a nuisance is part of the state."""
+    return bool(states.stop > states.start)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Problem:
+    """Everything the measurement functions need besides the data.
+
+    `pi_known` (10 (n+1),) holds the known bodies with zeros (or the link alone) where an unknown
+    one goes; `U` (10 (n+1), k) maps the k = 10 or 20 body parameters of the state into it, so that
+    pi = pi_known + U x[:k]. Sensor geometry in base axes.
+    """
+
+    model: RobotModel
+    unknown: tuple[str, ...]
+    pi_known: FloatArray
+    U: FloatArray
+    names: tuple[str, ...]
+    prior_mean: FloatArray
+    prior_covariance: FloatArray
+    torque_offset: slice
+    acc_bias: slice
+    gyro_bias: slice
+    momentum: slice
+    torque_scale: slice
+    wrench: slice  # force [N] and moment [N m] at the base's origin, inertial axes
+    target_wrench: slice  # the same at the target's centre of mass, then a force in axes E [N]
+    target_com_m: FloatArray  # (3,) in E, as configured: where that acts on a known target
+    p_BS_m: FloatArray  # accelerometer's place
+    orbit: CircularOrbit | None  # None: no gravity gradient
+    window_s: float
+    wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
+    liquid: FloatArray  # (p, p) covariance that liquid in the bodies adds to what is published
+
+    @property
+    def bodies(self) -> slice:
+        """Return the states that are body parameters."""
+        return slice(0, PARAMETERS * len(self.unknown))
+
+    def body(self, name: str) -> slice:
+        """Return the ten states of one unknown body."""
+        start = PARAMETERS * self.unknown.index(name)
+        return slice(start, start + PARAMETERS)
+
+    def pi(self, x: FloatArray) -> FloatArray:
+        """Return the parameters of base and links (10 (n+1),) for the state x."""
+        return self.pi_known + self.U @ x[self.bodies]
+
+
+def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
+    """Return prior mean (10,) and covariance (10, 10) of pi from mass, com, inertia and sigmas.
+
+    First-order propagation through the exact map at the mean.
+    """
+    mean = to_parameters(body.mass_kg, np.array(body.com_m), np.array(body.inertia_kg_m2))
+    if body.sigma is None:
+        return mean, np.zeros((PARAMETERS, PARAMETERS))
+    sigma = np.concatenate(([body.sigma.mass_kg], body.sigma.com_m, body.sigma.inertia_kg_m2))
+    root = np.linalg.solve(report_jacobian(mean), np.diag(sigma))
+    return mean, root @ root.T
+
+
+def liquid_root(body: BodyConfig) -> FloatArray:
+    """Return (10, k): by how much liquid may change the apparent body, a column per way.
+
+    A motion faster than the liquid's own leaves it behind, and the body appears without it; a slow
+    one takes it along; and it may be anywhere within its stroke. Nothing in the data tells which,
+    until the liquid comes back.
+    """
+    ways = []
+    for part in body.liquid:
+        place, still = np.array(part.place_m), np.zeros(6)
+        whole = to_parameters(part.mass_kg, place, still)
+        moved = [place + step for step in part.stroke_m * np.eye(3)]
+        ways += [whole, *(to_parameters(part.mass_kg, at, still) - whole for at in moved)]
+    return np.array(ways).reshape(-1, PARAMETERS).T
+
+
+def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
+    """Return, for every joint of the model, its index in the configured joint list.
+
+    Raises
+    ------
+    ConfigError if the two sets of names differ.
+    """
+    configured = [joint.name for joint in config.joints]
+    if sorted(configured) != sorted(model.joint_names):
+        raise ConfigError(
+            f"joints: names {configured} must be the {model.n} joints of the robot "
+            f"{list(model.joint_names)}"
+        )
+    return tuple(configured.index(name) for name in model.joint_names)
+
+
+def build_problem(config: Config, model: RobotModel) -> Problem:
+    """Lay out the state and its prior for one configuration.
+
+    Raises
+    ------
+    ConfigError if the joints do not match the robot's.
+    """
+    joints = [config.joints[k] for k in joint_order(config, model)]
+    unknown = tuple(name for name in ("base", "target") if name in config.unknown)
+    pi_base = model.pi_links[:PARAMETERS]
+    if "base" in config.bodies:
+        pi_base = body_prior(config.bodies["base"])[0]
+    pi_target = body_prior(config.bodies["target"])[0] if "target" in config.bodies else None
+    pi_known = model.total_parameters(
+        np.zeros(PARAMETERS) if "base" in unknown else pi_base,
+        None if "target" in unknown else pi_target,
+    )
+    U = np.zeros((pi_known.size, PARAMETERS * len(unknown)))
+    means, covariances, names, liquids = [], [], [], []
+    for index, name in enumerate(unknown):
+        columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
+        if name == "base":
+            U[:PARAMETERS, columns] = np.eye(PARAMETERS)
+        else:
+            U[-PARAMETERS:, columns] = model.tool_map
+        mean, covariance = body_prior(config.bodies[name])
+        means.append(mean)
+        covariances.append(covariance)
+        liquids.append(liquid_root(config.bodies[name]))
+        names += [f"{name}.{parameter}" for parameter in NAMES]
+    slices = []
+    imu, estimator = config.imu, config.estimator
+    nuisances = (
+        ("torque_offset", model.joint_names, [j.torque_offset_sigma_nm for j in joints]),
+        ("acc_bias", "xyz", [imu.acc_bias_sigma_m_s2] * 3),
+        ("gyro_bias", "xyz", [imu.gyro_bias_sigma_rad_s] * 3),
+        ("momentum", "xyz", [estimator.momentum_sigma_nms] * 3),
+        ("torque_scale", model.joint_names, [j.torque_scale_sigma_ratio for j in joints]),
+        (
+            "wrench",
+            ("fx", "fy", "fz", "tx", "ty", "tz"),
+            [estimator.external_force_sigma_n] * 3 + [estimator.external_torque_sigma_nm] * 3,
+        ),
+        (
+            "target_wrench",
+            ("fx", "fy", "fz", "tx", "ty", "tz", "ex", "ey", "ez"),
+            [estimator.target_force_sigma_n] * 3
+            + [estimator.target_torque_sigma_nm] * 3
+            + [estimator.target_force_sigma_n] * 3,
+        ),
+    )
+    for kind, labels, sigmas in nuisances:
+        if not any(sigmas):
+            slices.append(NO_STATES)
+            continue
+        slices.append(slice(len(names), len(names) + len(sigmas)))
+        names += [f"{kind}.{label}" for label in labels]
+        means.append(np.zeros(len(sigmas)))
+        covariances.append(np.diag(np.maximum(sigmas, 1e-9) ** 2))
+    prior_covariance = np.zeros((len(names), len(names)))
+    start = 0
+    for block in covariances:
+        stop = start + len(block)
+        prior_covariance[start:stop, start:stop] = block
+        start = stop
+    liquid = np.zeros_like(prior_covariance)
+    for index, root in enumerate(liquids):
+        k = slice(PARAMETERS * index, PARAMETERS * (index + 1))
+        liquid[k, k] = root @ root.T
+    return Problem(
+        model=model,
+        unknown=unknown,
+        pi_known=pi_known,
+        U=U,
+        names=tuple(names),
+        prior_mean=np.concatenate(means),
+        prior_covariance=prior_covariance,
+        torque_offset=slices[0],
+        acc_bias=slices[1],
+        gyro_bias=slices[2],
+        momentum=slices[3],
+        torque_scale=slices[4],
+        wrench=slices[5],
+        target_wrench=slices[6],
+        target_com_m=np.array(
+            config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
+        ),
+        p_BS_m=np.array(imu.mounting.p_BS_m),
+        orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
+        window_s=estimator.window_s,
+        wrench_sigma=np.repeat(
+            [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3
+        ),
+        liquid=liquid,
+    )

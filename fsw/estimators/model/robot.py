@@ -1,0 +1,216 @@
+"""The free-floating robot model: one typed wrapper over Pinocchio.
+
+The base is a free-flyer joint with zero gravity; generalised velocity nu = [v_b, w_b, qd] and
+acceleration in base axes, spatial. With v_b = 0 spatial and classical acceleration coincide and,
+without gravity, nothing depends on v_b (a constant velocity of the whole system changes no torque),
+so all functions of (q, w, qd) here set v_b = 0.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from fsw.estimators.model.inertia import (
+    PARAMETERS,
+    frame_change,
+    frame_changes,
+    parameter_basis,
+    pseudo_inertia,
+)
+from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
+
+# one coordinate each; a URDF's `continuous` joint (RUB*, a point on the circle) has two
+REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
+
+
+class RobotModel:
+    """Dynamics of base, known arm and grasped target, linear in the inertial parameters.
+
+    Attributes
+    ----------
+    n : number of arm joints
+    joint_names : their names, from base to tool
+    pi_links : (10 (n + 1),) parameters of base and links as the URDF has them
+    tool_map : (10, 10), takes a target's parameters in the tool frame E to the last joint's frame
+    """
+
+    def __init__(self, urdf: Path, tool_frame: str, text: str | None = None) -> None:
+        """Read the file, or the text given in its place."""
+        try:
+            if text is None:
+                self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+            else:
+                self.model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+        except (ValueError, RuntimeError) as error:
+            raise ConfigError(f"robot.urdf: {urdf} cannot be read as a URDF: {error}") from error
+        self.model.gravity.setZero()
+        self.n = self.model.nv - 6
+        self.joint_names = tuple(self.model.names[2:])
+        for index in range(2, self.model.njoints):
+            revolute = self.model.joints[index].shortname().startswith(REVOLUTE)
+            if not revolute or self.model.parents[index] != index - 1:
+                raise ConfigError(
+                    f"robot.urdf: joint {self.model.names[index]!r} breaks the serial chain of "
+                    "revolute joints that this software identifies"
+                )
+        if not self.model.existFrame(tool_frame):
+            names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
+            raise ConfigError(
+                f"robot.tool_frame: {tool_frame!r} is no frame of {urdf.name}; it has {names}"
+            )
+        frame = self.model.frames[self.model.getFrameId(tool_frame)]
+        if frame.parentJoint != self.model.njoints - 1:
+            raise ConfigError(
+                f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of the arm"
+            )
+        self.data = self.model.createData()
+        self._tool = self.model.getFrameId(tool_frame)
+        self.tool_map = frame_change(frame.placement.rotation, frame.placement.translation)
+        self.pi_links = np.concatenate(
+            [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
+        )
+        self._q = pin.neutral(self.model)
+        self._v = np.zeros(self.model.nv)
+        self._zero = np.zeros(self.model.nv)
+        self._lower = np.tril_indices(self.model.nv, -1)
+        self._set = np.full(self.pi_links.size, np.nan)
+
+    def total_parameters(self, base: FloatArray, target: FloatArray | None) -> FloatArray:
+        """Return (10 (n + 1),) with `base`, and `target` (in E) joined to the last link."""
+        pi = self.pi_links.copy()
+        pi[:PARAMETERS] = base
+        if target is not None:
+            pi[-PARAMETERS:] += self.tool_map @ target
+        return pi
+
+    def set_parameters(self, pi: FloatArray) -> None:
+        """Make `pi` (10 (n + 1),) the inertias that `mass_matrix` and `bias_derivative` use."""
+        if np.array_equal(pi, self._set):
+            return
+        for index in range(1, self.model.njoints):
+            own = pi[PARAMETERS * (index - 1) : PARAMETERS * index]
+            self.model.inertias[index] = _spatial_inertia(own)
+        self._set = pi.copy()
+
+    def _move(self, q: FloatArray, w: FloatArray, qd: FloatArray) -> None:
+        self._q[7:] = q
+        self._v[:3] = 0.0
+        self._v[3:6] = w
+        self._v[6:] = qd
+
+    def regressor(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
+        """Return Y (6+n, 10 (n+1)): generalised force = Y pi; rows base force, moment, joints.
+
+        Parameters: q, qd (n,), w = w_NB_B (3,), a (6+n,) with the classical acceleration of the
+        base origin in base axes first. Source: eqs. (3)-(7) of the paper, as Pinocchio evaluates
+        them.
+        """
+        self._move(q, w, qd)
+        Y: FloatArray = pin.computeJointTorqueRegressor(self.model, self.data, self._q, self._v, a)
+        return Y
+
+    def generalised_force(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return `regressor` times the parameters set, (6+n,)."""
+        self._move(q, w, qd)
+        force: FloatArray = pin.rnea(self.model, self.data, self._q, self._v, a)
+        return force
+
+    def momentum_regressor(self, q: FloatArray, nu: FloatArray) -> FloatArray:
+        """Return Y(q, 0, nu) (6+n, 10 (n+1)), H nu = Y pi; base rows: momentum regressor."""
+        self._q[7:] = q
+        Y: FloatArray = pin.computeJointTorqueRegressor(
+            self.model, self.data, self._q, self._zero, nu
+        )
+        return Y
+
+    def mass_matrix(self, q: FloatArray) -> FloatArray:
+        """Return H(q) (6+n, 6+n) of the parameters set, full and symmetric."""
+        self._q[7:] = q
+        H: FloatArray = pin.crba(self.model, self.data, self._q).copy()
+        H[self._lower] = H.T[self._lower]  # crba fills the upper triangle
+        return H
+
+    def bias_derivative(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return d(generalised force)/d nu at fixed acceleration, (6+n, 6+n)."""
+        self._move(q, w, qd)
+        pin.computeRNEADerivatives(self.model, self.data, self._q, self._v, a)
+        derivative: FloatArray = self.data.dtau_dv
+        return derivative
+
+    def angle_derivative(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return d(generalised force)/dq of the joints at fixed velocity and acceleration."""
+        self.bias_derivative(q, w, qd, a)
+        derivative: FloatArray = self.data.dtau_dq[:, 6:]
+        return derivative
+
+    def momentum_derivative(self, q: FloatArray, nu: FloatArray) -> FloatArray:
+        """Return d(base momentum)/dq (6, n) of the joints at fixed velocity nu (6+n,)."""
+        self._q[7:] = q
+        pin.computeRNEADerivatives(self.model, self.data, self._q, self._zero, nu)
+        derivative: FloatArray = self.data.dtau_dq[:6, 6:]
+        return derivative
+
+    def composite(self, q: FloatArray) -> FloatArray:
+        """Return (10, 10 (n+1)): parameters of the whole in the base frame = composite @ pi."""
+        return np.hstack(list(self._maps_to_base(q)))
+
+    def point_jacobian(self, q: FloatArray, p_E_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (6, 6+n), velocity in B of a point (3,) of E and E's rate by nu; and R_BE."""
+        self._q[7:] = q
+        J: FloatArray = pin.computeFrameJacobian(
+            self.model, self.data, self._q, self._tool, pin.LOCAL_WORLD_ALIGNED
+        )
+        R_BE: FloatArray = self.data.oMf[self._tool].rotation.copy()
+        J[:3] -= pin.skew(R_BE @ p_E_m) @ J[3:]
+        return J, R_BE
+
+    def field_regressor(self, q: FloatArray, G: FloatArray) -> FloatArray:
+        """Return (6+n, 10 (n+1)): generalised force = regressor @ pi of the field G s, G (3, 3).
+
+        Every mass element at s from the base's origin feels the acceleration G s, in base axes. The
+        uniform part by which this differs from the field about the centre of mass moves no joint.
+        """
+        maps = self._maps_to_base(q)
+        wrenches = _field_wrench(G) @ maps  # (n+1, 6, 10), about the base's origin
+        rows = np.empty((self.n + 1, 6 + self.n, PARAMETERS))
+        rows[:, :6] = wrenches
+        J = pin.computeJointJacobians(self.model, self.data, self._q)[:, 6:]
+        rows[:, 6:] = np.einsum("sj,bsp->bjp", J, wrenches)
+        for body in range(self.n):  # a joint carries only the bodies beyond it
+            rows[body, 6 + body :] = 0.0
+        regressor: FloatArray = rows.transpose(1, 0, 2).reshape(6 + self.n, -1)
+        return regressor
+
+    def _maps_to_base(self, q: FloatArray) -> FloatArray:
+        """Return (n+1, 10, 10): parameters of base and links as seen in the base frame."""
+        self._q[7:] = q
+        pin.forwardKinematics(self.model, self.data, self._q)
+        X = np.stack([np.array(placement) for placement in list(self.data.oMi)[1:]])
+        return frame_changes(X)
+
+
+def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
+    if pi[0] == 0.0:  # a massless link of the URDF
+        P = pseudo_inertia(pi)
+        return pin.Inertia(0.0, np.zeros(3), np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3])
+    return pin.Inertia.FromDynamicParameters(pi)
+
+
+def _field_wrench(G: FloatArray) -> FloatArray:
+    """Return (6, 10): force and moment about the origin of the field G s on a body pi."""
+    W = np.zeros((6, PARAMETERS))
+    W[:3, 1:4] = G
+    for k, P in enumerate(parameter_basis()):
+        M = G @ P[:3, :3]
+        W[3:, k] += (M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1])
+    return W

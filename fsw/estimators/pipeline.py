@@ -1,0 +1,96 @@
+"""Conditioning and estimation as the loop sees them, and how the configured ones are made."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from fsw.config import Config
+from fsw.messages import Block, Estimate, Window
+from fsw.messages.findings import Finding
+
+
+class BlockSource(Protocol):
+    """Signal conditioning: windows to blocks."""
+
+    def stages(self, window: Window) -> Generator[None, None, Block | None]:
+        """Work in bounded units; return the block of a window, None when it is unusable."""
+        ...
+
+
+class Estimator(Protocol):
+    """The online estimator as the loop sees it."""
+
+    def stages(self, block: Block) -> Generator[None, None, Estimate]:
+        """Fold in one block in bounded units; return the estimate after it."""
+        ...
+
+    def work(self) -> bool:
+        """Do one bounded unit of background work."""
+        ...
+
+    def finish(self) -> Estimate:
+        """Settle completely."""
+        ...
+
+    def reset(self) -> None:
+        """Return to the prior."""
+        ...
+
+
+@runtime_checkable
+class Eventful(Protocol):
+    """An estimator that has something to tell an operator now and then."""
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return severity, code and text of what happened since the last call."""
+        ...
+
+
+@runtime_checkable
+class Gating(Protocol):
+    """Signal conditioning that leaves single implausible samples out, and counts them."""
+
+    outliers: int
+
+
+@runtime_checkable
+class Screening(Protocol):
+    """An estimator that leaves channels of a block out."""
+
+    def screened(self, block: Block) -> Block:
+        """Return the newest block as it was used."""
+        ...
+
+
+@runtime_checkable
+class Finder(Protocol):
+    """Conditioning or an estimator that finds sensors at fault."""
+
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pipeline:
+    """Conditioning and estimation; replaced by fakes in tests of the wiring."""
+
+    conditioner: BlockSource
+    estimator: Estimator
+
+
+def default_pipeline(config: Config, urdf_text: str | None = None) -> Pipeline:
+    """Return the configured conditioning and online estimator.
+
+    `urdf_text` stands for the robot's file where given. Raises ConfigError.
+    """
+    from fsw.estimators.conditioning import build_conditioner
+    from fsw.estimators.model.robot import RobotModel
+    from fsw.estimators.recursive.online import build_online
+
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame, urdf_text)
+    return Pipeline(
+        conditioner=build_conditioner(config, model), estimator=build_online(config, model)
+    )

@@ -1,0 +1,1 @@
+"""Recursive: the online estimator, block by block."""

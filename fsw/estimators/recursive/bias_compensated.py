@@ -1,0 +1,423 @@
+"""MRNEA compensated for its bias: the linear regression less what noise adds to its normal matrix.
+
+Noisy accelerations stand in the regressor, which is affine in them: Y(a) = Y(0) + sum_k a_k Y_k
+with Y_k = Y(q, 0, e_k). So the expected normal matrix F = sum Y^T W Y is too large by
+
+    C = sum_kl (Sigma_a)_kl Y_k^T W Y_l
+
+and (F - C)_uu x = g_u - (F - C)_uk pi_k is free of the bias, C taken over all columns and all noisy
+accelerations of all nodes. Only the sums are kept. With D_f = dY/dz_f for unit-variance errors z_f,
+C = sum_f D_f^T W D_f, and D_f contracted with the known parameters is all that is needed of them.
+Source: Fuller, Measurement Error Models (1987), sec. 3.1.
+
+What is left of the bias is as uncertain as the declared noise: its share is judged from the
+residuals' variance, and the published covariance contains it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from fsw.config import EstimatorConfig
+from fsw.estimators.diagnosis import diagnose, plain
+from fsw.estimators.measurement.impulse import external_force, pulled
+from fsw.estimators.measurement.mrnea import base_acceleration, covariance_root, field
+from fsw.estimators.model.inertia import cross, skew
+from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.plausible import plausible
+from fsw.estimators.recursive.outcome import outcome
+from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
+from fsw.estimators.stages import complete
+from fsw.messages import Block, Estimate, FloatArray
+from fsw.messages.errors import EstimatorError
+
+_STATE = (
+    *("_x", "_covariance", "_bias", "_solved", "_blocks", "_gated", "_ignored"),
+    *("_after", "_span_ns", "_q_rad"),
+)
+_SUMS = ("F", "C", "T", "expected")
+FLAT_PRIOR = 1e2  # factor on the bodies' prior sigma: the regression has hardly a prior
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompensatedSums:
+    """Sums over blocks; index -1 stands for the known side, sums act on [x, -1]."""
+
+    F: FloatArray  # (p + 1, p + 1) of [X, y]^T W [X, y], y the measured less the known bodies' part
+    C: FloatArray  # (p + 1, p + 1) what noise adds to F on average
+    T: FloatArray  # (p, p) covariance of the noise's product with the residual
+    expected: float  # squared whitened residuals that the declared noise gives
+
+    def __add__(self, other: CompensatedSums) -> CompensatedSums:
+        """Return the sums of both."""
+        return CompensatedSums(
+            self.F + other.F, self.C + other.C, self.T + other.T, self.expected + other.expected
+        )
+
+
+def no_sums(p: int) -> CompensatedSums:
+    """Return the sums over no block."""
+    return CompensatedSums(
+        np.zeros((p + 1, p + 1)), np.zeros((p + 1, p + 1)), np.zeros((p, p)), 0.0
+    )
+
+
+def acceleration_root(block: Block, problem: Problem) -> FloatArray:
+    """Return K (m, 6+n, f): errors of [a_b, wd, qdd] at the nodes per unit-variance error.
+
+    Accelerometer and gyro derivative per axis, a_b = f - wd x r; joint accelerations.
+    """
+    m, n = block.q_rad.shape
+    acc = covariance_root(block.cov_acc)
+    gyro = covariance_root(block.cov_gyro[m:, m:])
+    joints = [covariance_root(block.cov_joint[j][m : 2 * m, m : 2 * m]) for j in range(n)]
+    widths = [acc.shape[1]] * 3 + [gyro.shape[1]] * 3 + [root.shape[1] for root in joints]
+    K = np.zeros((m, 6 + n, sum(widths)))
+    start = np.concatenate([[0], np.cumsum(widths)])
+    lever = skew(problem.p_BS_m)
+    for axis in range(3):
+        K[:, axis, start[axis] : start[axis + 1]] = acc
+        columns = slice(start[3 + axis], start[4 + axis])
+        K[:, 3 + axis, columns] = gyro
+        K[:, :3, columns] += lever[:, axis, None] * gyro[:, None, :]
+    for j, root in enumerate(joints):
+        K[:, 6 + j, start[6 + j] : start[7 + j]] = root
+    return K
+
+
+def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums:
+    """Return the sums of one block.
+
+    Weights W are the inverse of a covariance of the rows at the prior's parameters; the columns of
+    the accelerometer's and the gyro's bias, bilinear with the bodies, are taken at the state x.
+    """
+    model, n, m = problem.model, problem.model.n, len(block.t_ns)
+    p, k = len(x), problem.bodies
+    at_prior = np.append(problem.prior_mean[k], 1.0)
+    at_x = np.append(x[k], 1.0)
+    at_x_known = np.append(x[k], -1.0)  # after the known part has changed sides
+    columns = np.column_stack([problem.U, problem.pi_known])  # of [unknown bodies, known part]
+    G_field = field(block, problem)
+    w, a_base = base_acceleration(block, problem.prior_mean, problem, G_field)
+    acceleration = np.concatenate([a_base, block.qdd_rad_s2], axis=1)
+    Y = np.empty((m, 6 + n, columns.shape[1]))
+    Y_k = np.empty((m, 6 + n, 6 + n, columns.shape[1]))  # by node, acceleration, row, column
+    unit = np.eye(6 + n)
+    for i in range(m):
+        q = block.q_rad[i]
+        Y_i = model.regressor(q, w[i], block.qd_rad_s[i], acceleration[i])
+        if problem.orbit is not None:
+            Y_i = Y_i - model.field_regressor(q, G_field[i])
+        Y[i] = Y_i @ columns
+        for a in range(6 + n):
+            Y_k[i, a] = model.momentum_regressor(q, unit[a]) @ columns
+    K = acceleration_root(block, problem)
+    D = np.einsum("iaf,iarc->irfc", K, Y_k)  # (m, 6+n, f, c)
+    size, f = m * (6 + n), K.shape[2]
+    output = _output_covariance(block, problem)
+    L = np.linalg.cholesky(_weight_covariance(K, Y_k @ at_prior) + output)
+    X = np.zeros((m, 6 + n, p + 1))
+    X[:, :, k] = Y[:, :, :-1]
+    X[:, :, p] = -Y[:, :, -1]
+    X[:, 6:, p] += block.tau_nm
+    _nuisance_columns(
+        X, Y_k[:, :3].transpose(0, 2, 1, 3) @ at_x, block, (x, w, acceleration), problem
+    )
+    white = solve_triangular(L, X.reshape(size, p + 1), lower=True)
+    body = [*range(k.stop), p]
+    D[..., -1] *= -1.0  # the known part stands on the measured side
+    noise = solve_triangular(L, D.reshape(size, -1), lower=True).reshape(size * f, -1)
+    C = np.zeros((p + 1, p + 1))
+    C[np.ix_(body, body)] = noise.T @ noise
+    # the score's covariance: X^T W S W X, and over pairs (f, g) D_f^T W G_g (D_g^T W G_f)^T
+    white_G = solve_triangular(L, (D @ at_x_known).reshape(size, f), lower=True)
+    V = white_G @ white_G.T
+    V += solve_triangular(L, solve_triangular(L, output, lower=True).T, lower=True)
+    E = np.einsum("rfc,rg->fgc", noise.reshape(size, f, -1), white_G)[:, :, : k.stop]
+    T = white[:, :p].T @ V @ white[:, :p]
+    T[k, k] += np.einsum("fgc,gfd->cd", E, E)
+    return CompensatedSums(white.T @ white, C, 0.5 * (T + T.T), float(np.trace(V)))
+
+
+def _nuisance_columns(
+    X: FloatArray,
+    H_acc: FloatArray,
+    block: Block,
+    at: tuple[FloatArray, FloatArray, FloatArray],
+    problem: Problem,
+) -> None:
+    """Fill the sensors' and the wrench's columns of X (m, 6+n, p+1).
+
+    `H_acc` (m, 6+n, 3) is the inertia against base accelerations, `at` state, rate and
+    acceleration. All are linear about no error; a residual momentum moves no row of MRNEA.
+    """
+    n = problem.model.n
+    x, w, acceleration = at
+    if present(problem.torque_offset):
+        X[:, 6:, problem.torque_offset] = np.eye(n)
+    if present(problem.torque_scale):
+        X[:, 6:, problem.torque_scale] = block.tau_nm[:, :, None] * np.eye(n)
+    if present(problem.acc_bias):
+        X[:, :, problem.acc_bias] = -H_acc
+    if present(problem.gyro_bias):
+        problem.model.set_parameters(problem.pi(x))
+        lever = skew(problem.p_BS_m)
+        X[:, :, problem.gyro_bias] = -H_acc @ (skew(cross(w, problem.p_BS_m)) + skew(w) @ lever)
+        for i, (q, qd) in enumerate(zip(block.q_rad, block.qd_rad_s, strict=True)):
+            C = problem.model.bias_derivative(q, w[i], qd, acceleration[i])
+            X[i, :, problem.gyro_bias] -= C[:, 3:6]
+    if pulled(problem):
+        X[:, :, : len(x)] -= external_force(block, x, problem)[1]
+
+
+def _weight_covariance(K: FloatArray, H: FloatArray) -> FloatArray:
+    """Return the rows' covariance if nodes were uncorrelated, H (m, a, r) by acceleration and row.
+
+    Weights must not trust combinations that are noise-free only at wrong parameters.
+    """
+    m, _, rows = H.shape
+    S = np.zeros((m, rows, m, rows))
+    for i in range(m):
+        S[i, :, i, :] = H[i].T @ (K[i] @ K[i].T) @ H[i]
+    return S.reshape(m * rows, m * rows)
+
+
+def _output_covariance(block: Block, problem: Problem) -> FloatArray:
+    m, n = block.q_rad.shape
+    S = np.zeros((m, 6 + n, m, 6 + n))
+    i = np.arange(m)
+    for row in range(6):
+        S[i, row, i, row] = problem.wrench_sigma[row] ** 2
+    for j in range(n):
+        S[:, 6 + j, :, 6 + j] = block.cov_tau[j]
+    return S.reshape(m * (6 + n), m * (6 + n))
+
+
+def _root(sums: CompensatedSums, prior_precision: FloatArray) -> FloatArray:
+    """Return the Cholesky factor of the compensated equations."""
+    p = len(prior_precision)
+    try:
+        root = np.linalg.cholesky(sums.F[:p, :p] - sums.C[:p, :p] + prior_precision)
+    except np.linalg.LinAlgError as error:
+        raise EstimatorError("noise explains the excitation so far") from error
+    return np.asarray(root, np.float64)
+
+
+def compensated_mean(
+    sums: CompensatedSums, prior_mean: FloatArray, prior_precision: FloatArray
+) -> FloatArray:
+    """Return the state (p,) alone.
+
+    Raises
+    ------
+    EstimatorError while noise explains the data's excitation.
+    """
+    p, root = len(prior_mean), _root(sums, prior_precision)
+    g = sums.F[:p, p] - sums.C[:p, p] + prior_precision @ prior_mean
+    y = solve_triangular(root, g, lower=True)
+    x: FloatArray = solve_triangular(root, y, lower=True, trans=1)
+    return x
+
+
+def compensated_solution(
+    sums: CompensatedSums, prior_mean: FloatArray, prior_precision: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return state, covariance and the bias taken off (p,).
+
+    Covariance: the sandwich M^-1 T M^-1 of the compensated equations, plus the bias
+    taken off times the relative uncertainty of the noise's variance.
+
+    Raises
+    ------
+    EstimatorError while noise explains the data's excitation: M is not positive definite.
+    """
+    p = len(prior_mean)
+    root = _root(sums, prior_precision)
+
+    def solve(b: FloatArray) -> FloatArray:
+        y: FloatArray = solve_triangular(root, b, lower=True)
+        z: FloatArray = solve_triangular(root, y, lower=True, trans=1)
+        return z
+
+    x = compensated_mean(sums, prior_mean, prior_precision)
+    score = sums.T + prior_precision
+    covariance = solve(solve(score).T)
+    extended = np.append(x, -1.0)
+    squares = float(extended @ sums.F @ extended)
+    variance = squares / max(1.0, sums.expected - p)
+    doubt = abs(variance - 1.0) + np.sqrt(2.0 / max(1.0, sums.expected))
+    bias = solve(sums.C[:p] @ extended)
+    covariance = max(1.0, variance) * covariance + doubt**2 * np.outer(bias, bias)
+    covariance = 0.5 * (covariance + covariance.T)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-13:
+        raise EstimatorError("the covariance is singular to working precision")
+    return x, covariance, bias
+
+
+class BiasCompensatedEstimator:
+    """Recursive bias-compensated MRNEA: constant memory and work, no iteration, no change gate."""
+
+    def __init__(self, problem: Problem, settings: EstimatorConfig) -> None:
+        self._problem = problem
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all blocks; return to the prior."""
+        problem = self._problem
+        p, k = len(problem.prior_mean), problem.bodies
+        scale = np.ones(p)
+        scale[k] = FLAT_PRIOR
+        covariance = problem.prior_covariance * np.outer(scale, scale)
+        inverse: FloatArray = np.asarray(np.linalg.solve(covariance, np.eye(p)), np.float64)
+        self._precision = inverse
+        self._flat = covariance
+        self._sums = no_sums(p)
+        self._x, self._covariance = problem.prior_mean.copy(), problem.prior_covariance
+        self._bias = np.zeros(p)
+        self._solved = False
+        self._blocks = self._gated = self._ignored = 0
+        self._after = -1
+        self._span_ns: tuple[int, int] | None = None
+        self._q_rad: FloatArray | None = None
+
+    def adopt(self, _result: Mapping[str, Any]) -> None:
+        """Refuse: the compensated regression has no prior to put a result into.
+
+        Raises
+        ------
+        EstimatorError always.
+        """
+        raise EstimatorError("the bias-compensated regression adopts no batch result")
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Return no block: only sums are kept."""
+        return ()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the whole state as plain values."""
+        return kept(self, _STATE) | {
+            "kind": "bias_compensated",
+            "names": list(self._problem.names),
+            "sums": kept(self._sums, _SUMS),
+        }
+
+    def restore(self, values: Values, _blocks: Mapping[int, Block]) -> None:
+        """Continue from a snapshot. Raises EstimatorError if it is of another problem."""
+        check_fit(self._problem, "bias_compensated", values)
+        put(self, _STATE, values)
+        self._sums = CompensatedSums(**values["sums"])
+
+    def push(self, block: Block) -> Estimate:
+        """Fold in one block and return the estimate after it."""
+        return complete(self.stages(block))
+
+    def stages(self, block: Block) -> Generator[None, None, Estimate]:
+        """Fold in one block in bounded units; the estimate after it is returned at the end."""
+        if block.index <= self._after:
+            self._ignored += 1
+        else:
+            self._after = block.index
+            sums = self._usable_sums(block)
+            yield
+            self._fold(block, sums)
+        yield
+        return (yield from self._published(int(block.t_ns[-1])))
+
+    def work(self) -> bool:
+        """Return False: there is no background work."""
+        return False
+
+    def finish(self) -> Estimate:
+        """Return the estimate; there is nothing to settle."""
+        return self.estimate(self._span_ns[1] if self._span_ns else 0)
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return no events: nothing is decided here."""
+        return []
+
+    def report(self) -> dict[str, Any]:
+        """Diagnose the current estimate on demand; plain values."""
+        estimate = self.finish()
+        span = self._span_ns or (0, 0)
+        diagnosis = diagnose(
+            names=self._problem.names,
+            prior_mean=self._problem.prior_mean,
+            prior_covariance=self._flat,
+            mean=self._x,
+            covariance=estimate.covariance,
+            bodies=estimate.bodies,
+            duration_s=(span[1] - span[0]) * 1e-9,
+        )
+        words = {"valid": estimate.valid, "reason": estimate.reason, "blocks": self._blocks}
+        return words | plain(diagnosis, self._problem.names)
+
+    def estimate(self, t_ns: int) -> Estimate:
+        """Return the published view; its sigma contains what may be left of the bias."""
+        return complete(self._published(t_ns))
+
+    def _published(self, t_ns: int) -> Generator[None, None, Estimate]:
+        scale = np.sqrt(np.diag(self._covariance))
+        condition = float(np.sqrt(np.linalg.cond(self._covariance / np.outer(scale, scale))))
+        reason = ""
+        if self._blocks < self._settings.settle_blocks:
+            reason = "TOO_FEW_BLOCKS"
+        elif not self._solved or condition > self._settings.condition_limit:
+            reason = "INSUFFICIENT_EXCITATION"
+        removed = float(np.sqrt(np.mean((self._bias / scale) ** 2)))
+        return (
+            yield from outcome(
+                self._problem,
+                self._settings.method,
+                self._x,
+                self._covariance,
+                reason=reason,
+                t_ns=t_ns,
+                q_rad=self._q_rad,
+                blocks=self._blocks,
+                gated=self._gated,
+                nis=0.0,
+                nis_dof=0,
+                condition_number=condition,
+                extra={
+                    "biased": 1.0,
+                    "bias_removed_sigma": removed,
+                    "ignored": float(self._ignored),
+                },
+            )
+        )
+
+    def _usable_sums(self, block: Block) -> CompensatedSums | None:
+        if not plausible(block):
+            return None
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            try:
+                sums = block_sums(block, self._x, self._problem)
+            except ValueError:  # LinAlgError, or scipy's check of what it is given
+                return None
+        finite = np.all(np.isfinite(sums.F)) and np.all(np.isfinite(sums.T))
+        return sums if finite else None
+
+    def _fold(self, block: Block, sums: CompensatedSums | None) -> None:
+        if sums is None:
+            self._gated += 1
+            return
+        self._sums = self._sums + sums
+        self._blocks += 1
+        self._q_rad = block.q_rad[-1]
+        first = self._span_ns[0] if self._span_ns else int(block.t_ns[0])
+        self._span_ns = (first, int(block.t_ns[-1]))
+        try:
+            self._x, self._covariance, self._bias = compensated_solution(
+                self._sums, self._problem.prior_mean, self._precision
+            )
+            self._solved = True
+        except EstimatorError:
+            self._solved = False

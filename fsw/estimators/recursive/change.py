@@ -1,0 +1,143 @@
+"""Judging innovations: noise level, outliers, whiteness, and a change of what is estimated.
+
+An outlier is one block whose normalised innovation squared (NIS) noise does not explain; a change
+is a run of them. The sum over blocks of their excess, less a drift and never below zero, is Page's
+cumulative sum. A block's excess counts at most half the alarm's threshold, so that one block alone
+never raises it, whatever it holds.
+Source: Page, Biometrika 41 (1954); Basseville, Nikiforov, Detection of Abrupt Changes (1993), 2.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from fsw.estimators.recursive.snapshot import Values, kept, put
+from fsw.messages import FloatArray
+
+EXCESS_LIMIT = 6.0  # most standard deviations of NIS that one block counts
+DRIFT = 1.0  # standard deviations taken off per block
+THRESHOLD = 12.0  # 1e-10 alarms per block for Gaussian excess (exp(-2 DRIFT THRESHOLD))
+_STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
+SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion
+SLOW_PROBABILITY = 1e-6
+MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
+LEVEL_SIGMAS = 5.0  # how far above one a noise level must stand out to be believed
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What a block's innovation says."""
+
+    accepted: bool
+    changed: bool
+
+
+def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, float]:
+    """Return the residuals' power in the slow, over that of white noise, and its limit.
+
+    Whitened residuals of successive blocks are summed by SLOW_BLOCKS, over their number's root:
+    unit variance if white, and what drifts slower than that stands out by up to their number. What
+    no parameter of rigid bodies explains and noise does not make, as liquid that sloshes, shows
+    here long before it shows in the level. The limit is exceeded once in a million sets of white
+    residuals at most: fitting only takes slow power away. Source: batch means, Box, Jenkins, Time
+    Series Analysis (1976), 2.1.
+
+    Parameters
+    ----------
+    residuals : per block, oldest first; a group with blocks of unlike rows is left out
+    level : variance of the noise over the declared one
+    """
+    total, dof = 0.0, 0
+    for first in range(0, len(residuals) - SLOW_BLOCKS + 1, SLOW_BLOCKS):
+        group = residuals[first : first + SLOW_BLOCKS]
+        if any(len(rows) != len(group[0]) for rows in group):
+            continue
+        mean = np.sum(group, axis=0)
+        total += float(mean @ mean) / SLOW_BLOCKS
+        dof += len(mean)
+    if dof == 0:
+        return 1.0, float("inf")
+    return total / dof / level, float(chdtri(dof, SLOW_PROBABILITY)) / dof
+
+
+class InnovationMonitor:
+    """Running statistics of the whitened innovations of one estimator.
+
+    Attributes
+    ----------
+    nis, nis_dof : normalised innovation squared of the newest block and its degrees of freedom
+    level : noise variance over the declared one; 1 unless the residuals clearly show more
+    """
+
+    def __init__(self, gate_probability: float) -> None:
+        self._gate_probability = gate_probability
+        self.nis, self.nis_dof = 0.0, 0
+        self.level = 1.0
+        self._sum = 0.0
+        self._previous: FloatArray | None = None
+        self._lag = np.zeros(2)  # sum of products of successive innovations; of their squares
+        self._pairs = 0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the state as plain values."""
+        return kept(self, _STATE)
+
+    def restore(self, values: Values) -> None:
+        """Continue from a snapshot."""
+        put(self, _STATE, values)
+
+    def restart(self) -> None:
+        """Forget a run of excesses; noise level and whiteness are the sensors' and stay."""
+        self._sum = 0.0
+        self._previous = None
+
+    def judge(self, white: FloatArray, *, armed: bool) -> Judgement:
+        """Take the innovation of the next block, whitened to unit covariance if all is well.
+
+        Not armed (before the estimate has settled), everything is accepted and nothing summed.
+        """
+        dof = len(white)
+        self.nis, self.nis_dof = float(white @ white), dof
+        if not armed or dof == 0:
+            self._previous = None
+            return Judgement(True, False)
+        nis = self.nis / self.level
+        excess = min((nis - dof) / np.sqrt(2.0 * dof), EXCESS_LIMIT)
+        self._sum = max(0.0, self._sum + excess - DRIFT)
+        accepted = bool(nis <= chdtri(dof, self._gate_probability))
+        if accepted:
+            self._correlate(white)
+        else:
+            self._previous = None
+        return Judgement(accepted, bool(self._sum > THRESHOLD))
+
+    def learn_level(self, levels: FloatArray, dof: int, parameters: int) -> None:
+        """Set the noise level from the mean squared residuals of the newest blocks.
+
+        The median over blocks, corrected for the parameters fitted; one unless it stands out.
+        """
+        count = len(levels)
+        spare = count * dof - parameters
+        if count < 4 or spare <= 0:
+            return
+        level = float(np.median(levels)) * count * dof / spare
+        spread = 1.25 * np.sqrt(2.0 / spare)  # of a median of chi-square means
+        self.level = level if level > 1.0 + LEVEL_SIGMAS * spread else 1.0
+
+    def whiteness(self) -> tuple[float, float]:
+        """Return the lag-1 correlation of the innovations and its 99.9 % bound if white."""
+        if self._pairs == 0:
+            return 0.0, 1.0
+        return float(self._lag[0] / self._lag[1]), min(1.0, 3.29 / float(np.sqrt(self._pairs)))
+
+    def _correlate(self, white: FloatArray) -> None:
+        before, self._previous = self._previous, white
+        if before is not None and len(before) == len(white):
+            power = 0.5 * (white @ white + before @ before)
+            self._lag += (float(white @ before), float(power))
+            self._pairs += len(white)

@@ -1,0 +1,121 @@
+"""Which sensor does not fit the model: every channel's innovation judged on its own.
+
+A sensor's error shows in its own channel only, for the prediction of the others does not use it; a
+change of what is estimated, or of the arm's motion as measured, shows in many. So one channel alone
+that noise and the estimate's covariance do not explain is left out, until it has fitted again for
+some blocks. A block in which several channels newly fail is left to the change detection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.messages import Block, FloatArray
+from fsw.messages.findings import Fault, Finding
+
+GOOD_BLOCKS = 2  # that end an isolation
+
+
+class ChannelScreen:
+    """Isolation of torque sensors, accelerometer and gyro by their innovations.
+
+    Parameters
+    ----------
+    joints : names in the model's order
+    false_alarm : probability of one channel of one block
+    """
+
+    def __init__(self, joints: Sequence[str], false_alarm: float) -> None:
+        self._joints = tuple(joints)
+        self._false_alarm = false_alarm
+        self._out: dict[int, int] = {}  # channel: good blocks in a row
+        self._found: list[Finding] = []
+
+    def take(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        found, self._found = self._found, []
+        return found
+
+    def judge(
+        self, block: Block, rows: Rows, step: FloatArray, covariance_root: FloatArray, level: float
+    ) -> Block:
+        """Return the block without its isolated channels; the same object if there are none.
+
+        Parameters
+        ----------
+        rows : of the block, with the root of their noise covariance
+        step : (p,) estimate minus the rows' linearisation point
+        covariance_root : (p, p) of the estimate
+        level : noise variance over the declared one
+        """
+        if rows.root is None or rows.use is None:
+            return block
+        ratios = self._ratios(
+            rows, rows.root, rows.use, len(block.t_ns), step, covariance_root, level
+        )
+        failing = [c for c, ratio in ratios.items() if ratio > 1.0]
+        newly = [c for c in failing if c not in self._out]
+        if len(newly) == 1:
+            self._out[newly[0]] = 0
+        for channel in list(self._out):
+            if channel in failing:
+                self._out[channel] = 0
+                self._tell(channel, int(block.t_ns[-1]), ratios[channel])
+            elif channel in ratios:
+                self._out[channel] += 1
+                if self._out[channel] >= GOOD_BLOCKS:
+                    del self._out[channel]
+        return self._without(block) if self._out else block
+
+    def _ratios(
+        self,
+        rows: Rows,
+        L: FloatArray,
+        use: NDArray[np.bool_],
+        nodes: int,
+        step: FloatArray,
+        root: FloatArray,
+        level: float,
+    ) -> dict[int, float]:
+        """Return each used channel's normalised innovation squared over its limit."""
+        n = len(self._joints)
+        r = L @ (rows.b - rows.A @ step)
+        V = np.concatenate([np.sqrt(level) * L, L @ (rows.A @ root)], axis=1)
+        where = np.flatnonzero(use)
+        group = np.where(where < n, where, n + (where >= n + 3))  # joints, accelerometer, gyro
+        rows_of = np.tile(group, nodes)
+        ratios = {}
+        for channel in np.unique(group).tolist():
+            own = rows_of == channel
+            S = V[own] @ V[own].T
+            dof = int(own.sum())
+            nis = float(r[own] @ np.linalg.solve(S, r[own]))
+            ratios[channel] = nis / float(chdtri(dof, self._false_alarm))
+        return ratios
+
+    def _without(self, block: Block) -> Block:
+        n = len(self._joints)
+        has_joint = block.has_joint.copy()
+        has_joint[[c for c in self._out if c < n]] = False
+        return replace(
+            block,
+            has_joint=has_joint,
+            has_accelerometer=block.has_accelerometer and n not in self._out,
+            has_gyro=block.has_gyro and n + 1 not in self._out,
+        )
+
+    def _tell(self, channel: int, t_ns: int, ratio: float) -> None:
+        n = len(self._joints)
+        subject, fault = "accelerometer", Fault.ACC_INCONSISTENT
+        if channel < n:
+            subject, fault = self._joints[channel], Fault.TORQUE_INCONSISTENT
+        elif channel > n:
+            subject, fault = "gyro", Fault.GYRO_INCONSISTENT
+        text = f"innovation squared {ratio:.2g} times its limit"
+        self._found.append(Finding(t_ns, fault, subject, text))

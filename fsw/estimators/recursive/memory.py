@@ -1,0 +1,302 @@
+"""What the recursion remembers: a prior, retired information, and the newest blocks themselves.
+
+The information of the data is kept apart from the prior's, so that either can be replaced. Rows of
+a stored block are re-linearised by passes, one block at a time; a block that leaves the full store
+stays in the retired information with its newest linearisation, so memory is bounded and nothing is
+counted twice. Forgetting multiplies everything the data said by one factor per step of time, in
+the retired information, the stored rows and a pass under way alike; the prior is never forgotten.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fsw.estimators.measurement.impulse import Impulse
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.recursive.snapshot import (
+    Values,
+    from_impulse,
+    from_information,
+    kept,
+    put,
+    to_impulse,
+    to_information,
+)
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import EstimatorError
+
+# rows of a block at a state, given the momentum gained before it; None: not usable there
+SafeRows = Callable[[Block, FloatArray, Impulse | None], Rows | None]
+_COUNTS = ("passes", "failed", "rows", "_visited", "_total", "_failures", "at")
+_INFORMATION = ("prior", "data", "_retired", "_pass")
+_IMPULSES = ("gained", "_gained_retired", "_gained_in_pass")
+
+
+@dataclass(slots=True, eq=False)
+class _Stored:
+    """A block with its newest whitened rows, as weight (A x = c), and the momentum after it.
+
+    `at` and `before` are what the rows were made from: after a restart they are made again when
+    they are needed.
+    """
+
+    block: Block
+    A: FloatArray
+    c: FloatArray
+    at: FloatArray
+    before: Impulse | None
+    after: Impulse | None
+    weight: float = 1.0
+    made: bool = True
+
+    def into(self, information: SquareRootInformation) -> SquareRootInformation:
+        return information.update(self.weight * self.A, self.weight * self.c)
+
+
+class Memory:
+    """Prior, data information and stored blocks of one estimation.
+
+    Attributes
+    ----------
+    prior : what is known without data
+    data : information of the data alone, singular until there is enough
+    information : of both
+    at : (p,) point of the running or last pass
+    passes : passes completed
+    rows : rows folded in since the restart
+    failed : blocks that could not be re-linearised in the last pass, with their old rows kept
+    gained : momentum gained from external moments up to the newest block
+    """
+
+    def __init__(self, prior: SquareRootInformation, capacity: int) -> None:
+        self._capacity = capacity
+        self.passes = 0
+        self.restart(prior)
+
+    def restart(
+        self, prior: SquareRootInformation, data: SquareRootInformation | None = None
+    ) -> None:
+        """Drop all blocks; start from `prior`, and from `data` that will be forgotten in time."""
+        p = len(prior.z)
+        start = data or SquareRootInformation(np.zeros((p, p)), np.zeros(p))
+        self.prior = prior
+        self.data = self._retired = start
+        self._store: deque[_Stored] = deque()
+        self._unmade: deque[_Stored] = deque()  # restored, their rows not made again yet
+        self._rows_of: SafeRows | None = None
+        self._pass: SquareRootInformation | None = None
+        self._visited = self._total = self._failures = 0
+        self.gained: Impulse | None = None
+        self._gained_retired: Impulse | None = None
+        self._gained_in_pass: Impulse | None = None
+        self.failed = self.rows = 0
+        self.at = prior.mean()
+        self._combine()
+
+    def __len__(self) -> int:
+        return len(self._store)
+
+    @property
+    def in_pass(self) -> bool:
+        """Tell whether a pass is under way."""
+        return self._pass is not None
+
+    def replace_prior(self, prior: SquareRootInformation) -> None:
+        """Exchange the prior under the same data."""
+        self.prior = prior
+        self._combine()
+
+    def age(self, factor: float) -> None:
+        """Multiply the standard weight (square root of the information) of all data by a factor."""
+        if factor == 1.0:
+            return
+        self._retired = _scaled(self._retired, factor)
+        self.data = _scaled(self.data, factor)
+        if self._pass is not None:
+            self._pass = _scaled(self._pass, factor)
+        for stored in self._store:
+            stored.weight *= factor
+        self._combine()
+
+    def add(self, block: Block, rows: Rows, at: FloatArray, *, keep: bool) -> None:
+        """Fold in the whitened rows of a block at a state, and keep it for passes if told so."""
+        c = rows.b + rows.A @ at
+        stored = _Stored(block, rows.A, c, at, self.gained, rows.after)
+        self.gained = rows.after
+        self.rows += len(c)
+        self.data = stored.into(self.data)
+        self._combine()
+        if not keep:
+            return
+        if self._pass is not None:
+            self._pass = stored.into(self._pass)
+        self._store.append(stored)
+        if len(self._store) > self._capacity:
+            self._retire()
+
+    def begin(self, at: FloatArray) -> None:
+        """Begin a pass that re-linearises every stored block at one point."""
+        self._pass, self.at = self._retired, at
+        self._gained_in_pass = self._gained_retired
+        self._visited, self._total, self._failures = 0, len(self._store), 0
+
+    def advance(self, rows: SafeRows) -> bool:
+        """Re-linearise the next block of the pass; True when that ended it.
+
+        Blocks added since the pass began are in it already.
+        """
+        if self._pass is None:
+            return False
+        if self._visited < self._total:
+            stored = self._store[self._visited]
+            new = rows(stored.block, self.at, self._gained_in_pass)
+            if new is None:
+                self._failures += 1
+            else:
+                stored.A, stored.c, stored.made = new.A, new.b + new.A @ self.at, True
+                # a copy, so that memory does not grow once passes have ended
+                stored.at, stored.before = self.at.copy(), self._gained_in_pass
+                stored.after = new.after
+            self._gained_in_pass = stored.after
+            self._pass = self._with_rows(stored).into(self._pass)
+            self._visited += 1
+            if self._visited < self._total:
+                return False
+        self.data, self._pass = self._pass, None
+        if self._total == len(self._store):  # no block has come since
+            self.gained = self._gained_in_pass
+        self.failed = self._failures
+        self.passes += 1
+        self._combine()
+        return True
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Return the stored blocks, oldest first."""
+        return tuple(stored.block for stored in self._store)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return everything but the blocks themselves, which it names by their index."""
+        store = self._store
+        values = kept(self, _COUNTS)
+        values |= {name.lstrip("_"): from_information(getattr(self, name)) for name in _INFORMATION}
+        values |= {name.lstrip("_"): from_impulse(getattr(self, name)) for name in _IMPULSES}
+        return values | {
+            "blocks": [stored.block.index for stored in store],
+            "points": np.array([stored.at for stored in store]),
+            "weights": np.array([stored.weight for stored in store]),
+            "before": [from_impulse(stored.before) for stored in store],
+            "after": [from_impulse(stored.after) for stored in store],
+        }
+
+    def restore(self, values: Values, blocks: Mapping[int, Block], rows: SafeRows) -> None:
+        """Continue from a snapshot; `rows` makes the stored rows again, one by one when needed.
+
+        Raises
+        ------
+        EstimatorError if a block is missing; this memory is unchanged then.
+        """
+        missing = [index for index in values["blocks"] if index not in blocks]
+        if missing:
+            raise EstimatorError(f"block {missing[0]} of the state is missing")
+        p = len(values["at"])
+        store: deque[_Stored] = deque()
+        columns = [values[name] for name in ("blocks", "points", "weights", "before", "after")]
+        for index, at, weight, before, after in zip(*columns, strict=True):
+            store.append(
+                _Stored(
+                    blocks[index],
+                    np.zeros((0, p)),
+                    np.zeros(0),
+                    at,
+                    to_impulse(before),
+                    to_impulse(after),
+                    float(weight),
+                    made=False,
+                )
+            )
+        put(self, _COUNTS, values)
+        for name in _INFORMATION:
+            held = values[name.lstrip("_")]
+            setattr(self, name, None if held is None else to_information(held))
+        for name in _IMPULSES:
+            setattr(self, name, to_impulse(values[name.lstrip("_")]))
+        self._store = store
+        self._unmade = deque(reversed(store))
+        self._rows_of = rows
+        self._combine()
+
+    def make_one(self) -> None:
+        """Make the rows of one restored block, the newest first."""
+        if self._unmade:
+            self._with_rows(self._unmade.popleft())
+
+    def _with_rows(self, stored: _Stored) -> _Stored:
+        if not stored.made and self._rows_of is not None:
+            made = self._rows_of(stored.block, stored.at, stored.before)
+            if made is not None:
+                stored.A, stored.c = made.A, made.b + made.A @ stored.at
+            stored.made = True
+        return stored
+
+    def residual_levels(self, x: FloatArray, newest: int) -> tuple[FloatArray, int]:
+        """Return squared whitened residuals over rows of the newest blocks, and rows per block."""
+        recent = [self._with_rows(stored) for stored in list(self._store)[-newest:]]
+        levels = [float(np.mean((s.c - s.A @ x) ** 2)) for s in recent if len(s.c)]
+        return np.array(levels), len(recent[-1].c) if recent else 0
+
+    def residuals(self, x: FloatArray) -> list[FloatArray]:
+        """Return the whitened residuals of every stored block, oldest first."""
+        return [s.c - s.A @ x for s in self._store if len(s.c)]
+
+    def tempered(self, level: float) -> SquareRootInformation:
+        """Return the information if the data's noise variance is `level` times the declared."""
+        return self.information if level == 1.0 else _joined(self.prior, self.data, level**-0.5)
+
+    def _combine(self) -> None:
+        self.information = _joined(self.prior, self.data, 1.0)
+
+    def _retire(self) -> None:
+        oldest = self._with_rows(self._store.popleft())
+        self._retired = oldest.into(self._retired)
+        self._gained_retired = oldest.after
+        if self._pass is not None:
+            if self._visited > 0:
+                self._visited -= 1
+            else:
+                self._pass = oldest.into(self._pass)
+            self._total -= 1
+
+
+def _scaled(information: SquareRootInformation, factor: float) -> SquareRootInformation:
+    return SquareRootInformation(factor * information.R, factor * information.z)
+
+
+def _joined(
+    prior: SquareRootInformation, data: SquareRootInformation, factor: float
+) -> SquareRootInformation:
+    return prior.update(factor * data.R, factor * data.z)
+
+
+def data_within(
+    prior: SquareRootInformation, mean: FloatArray, covariance: FloatArray
+) -> SquareRootInformation:
+    """Return the data information that took `prior` to a result with this mean and covariance.
+
+    Where rounding makes the result less certain than the prior, the data said nothing.
+    """
+    p = len(mean)
+    precision = np.linalg.solve(covariance, np.eye(p))
+    F = precision - prior.R.T @ prior.R
+    g = precision @ mean - prior.R.T @ prior.z
+    values, vectors = np.linalg.eigh(0.5 * (F + F.T))
+    keep = values > 1e-12 * values[-1]
+    root = np.sqrt(values[keep])
+    empty = SquareRootInformation(np.zeros((p, p)), np.zeros(p))
+    return empty.update(root[:, None] * vectors[:, keep].T, (vectors[:, keep].T @ g) / root)

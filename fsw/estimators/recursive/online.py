@@ -1,0 +1,298 @@
+"""The recursive estimator as the loop sees it: blocks in, estimates out, work in bounded units.
+
+A new block is folded into the square-root information at once. Because the rows depend on the
+unknowns, one pass linearised at a wrong start is not the batch; so the blocks are kept, and passes
+re-linearise them all at the current estimate, a block per unit. Passes run while they are expected
+to move the estimate; what moves it otherwise is data. How many units are due between two blocks is
+fixed, so nothing depends on how many ticks lie between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config, EstimatorConfig
+from fsw.estimators.diagnosis import diagnose, plain
+from fsw.estimators.measurement.row_functions import RowsFunction, row_function
+from fsw.estimators.model.mobility import TORQUE, by_mobility
+from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
+from fsw.estimators.recursive.change import MISMATCH_LEVEL
+from fsw.estimators.recursive.isolation import ChannelScreen
+from fsw.estimators.recursive.outcome import outcome
+from fsw.estimators.recursive.recursion import EventWords, Recursion
+from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.estimators.stages import complete
+from fsw.messages import Block, Estimate, FloatArray
+from fsw.messages.errors import EstimatorError
+from fsw.messages.findings import Finding
+
+WORK_PER_BLOCK = 18  # of background work due between two blocks, each a unit or a few
+_STATE = ("_after", "_ignored", "_due")
+
+
+class OnlineEstimator:
+    """Recursive estimation for one problem; results depend on the blocks alone."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        settings: EstimatorConfig,
+        rows: RowsFunction,
+        *,
+        linear: bool,
+        false_alarm: float = 1e-9,
+    ) -> None:
+        """`false_alarm`: probability of calling one channel of one block inconsistent."""
+        self.problem, self.rows, self.linear = problem, rows, linear
+        self._settings, self._false_alarm = settings, false_alarm
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all blocks; return to the prior."""
+        screen = ChannelScreen(self.problem.model.joint_names, self._false_alarm)
+        self.recursion = Recursion(
+            self.problem, self._settings, self.rows, screen, linear=self.linear
+        )
+        self._after = -1
+        self._ignored = self._due = 0
+
+    def adopt(self, result: Mapping[str, Any]) -> None:
+        """Start again from a batch result: its mean and covariance become the prior.
+
+        Blocks up to the batch's last one are ignored from now on; they are in its result already.
+        With forgetting, what the batch's data said is forgotten like any other data.
+
+        Raises
+        ------
+        EstimatorError if the result is for other states or not a proper estimate.
+        """
+        if tuple(result["names"]) != self.problem.names:
+            raise EstimatorError("the batch result is for other unknowns than the online estimator")
+        if result["status"] != "OK":
+            raise EstimatorError(f"the batch ended with {result['status']}; nothing adopted")
+        mean, covariance = np.array(result["mean"]), np.array(result["covariance"])
+        try:
+            SquareRootInformation.from_prior(mean, covariance)
+        except np.linalg.LinAlgError as error:
+            raise EstimatorError("the batch covariance is not positive definite") from error
+        self.reset()
+        self._after = int(result["last_block"])
+        self.recursion.take_over(mean, covariance, self._after - int(result["first_block"]) + 1)
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Return the blocks a snapshot refers to, oldest first."""
+        return self.recursion.memory.blocks
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the whole state as plain values; stored blocks by their index."""
+        names = {"kind": "online", "names": list(self.problem.names)}
+        return names | kept(self, _STATE) | {"recursion": self.recursion.snapshot()}
+
+    def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
+        """Continue from a snapshot as if nothing had happened since.
+
+        Raises
+        ------
+        EstimatorError if it is of another problem or a block is missing; nothing has changed then.
+        """
+        check_fit(self.problem, "online", values)
+        self.recursion.restore(values["recursion"], blocks)
+        put(self, _STATE, values)
+
+    def push(self, block: Block) -> Estimate:
+        """Fold in one block and return the estimate after it."""
+        return complete(self.stages(block))
+
+    def stages(self, block: Block) -> Generator[None, None, Estimate]:
+        """Fold in one block in bounded units; the estimate after it is returned at the end.
+
+        Background work that is due comes first, so that the result does not depend on how often
+        `work` was called before. A block not newer than the newest is ignored. Between two units
+        nothing else may be asked of the estimator.
+        """
+        while self.work():
+            yield
+        fresh = block.index > self._after
+        if fresh:
+            self._after = block.index
+            yield from self.recursion.fold(block)
+            self._due = 0 if self.linear else WORK_PER_BLOCK
+        else:
+            self._ignored += 1
+        yield
+        estimate = yield from self._published(int(block.t_ns[-1]))
+        self.recursion.armed |= fresh and estimate.valid and not self.linear
+        return estimate
+
+    def screened(self, block: Block) -> Block:
+        """Return a block as it was used: without what did not fit the model."""
+        used = self.recursion.used
+        return block if used is None or used.index != block.index else used
+
+    def work(self) -> bool:
+        """Do at most one unit of what is due; True while more is due before the next block."""
+        if self._due <= 0 or not self.recursion.has_work:
+            self._due = 0
+            self.recursion.memory.make_one()
+            return False
+        self._due -= self.recursion.work()
+        return self._due > 0
+
+    def finish(self, max_passes: int = 30) -> Estimate:
+        """Re-linearise everything until it has settled; for the end of a run or a replay."""
+        self.recursion.settle(max_passes)
+        return self.estimate(self._now_ns())
+
+    def events(self) -> list[EventWords]:
+        """Return what an operator should know since the last call: severity, code, text."""
+        return self.recursion.take_events()
+
+    def findings(self) -> list[Finding]:
+        """Return and forget which sensors were found not to fit the model."""
+        return self.recursion.screen.take()
+
+    def report(self) -> dict[str, Any]:
+        """Diagnose the current estimate on demand; plain values.
+
+        Raises
+        ------
+        EstimatorError if there is no proper covariance.
+        """
+        recursion = self.recursion
+        try:
+            estimate = self.estimate(self._now_ns())
+            diagnosis = diagnose(
+                names=self.problem.names,
+                prior_mean=recursion.start_mean,
+                prior_covariance=recursion.start_covariance,
+                mean=recursion.x,
+                covariance=estimate.covariance,
+                bodies=estimate.bodies,
+                duration_s=recursion.duration_s,
+            )
+        except np.linalg.LinAlgError as error:
+            raise EstimatorError("the covariance is not positive definite") from error
+        correlation, bound = recursion.monitor.whiteness()
+        return {
+            "valid": estimate.valid,
+            "reason": estimate.reason,
+            "duration_s": recursion.duration_s,
+            "blocks": recursion.blocks,
+            "innovation_lag1": {"correlation": correlation, "bound": bound},
+            "noise_ratio": float(np.sqrt(recursion.monitor.level)),
+            **plain(diagnosis, self.problem.names),
+        }
+
+    def estimate(self, t_ns: int) -> Estimate:
+        """Return the published view of the current state; start over if it is not proper."""
+        return complete(self._published(t_ns))
+
+    def _published(self, t_ns: int) -> Generator[None, None, Estimate]:
+        try:
+            return (yield from self._outcome(t_ns))
+        except (EstimatorError, np.linalg.LinAlgError) as error:
+            self.recursion.begin_again(f"the estimate was not proper ({error})")
+        return (yield from self._outcome(t_ns))
+
+    def _outcome(self, t_ns: int) -> Generator[None, None, Estimate]:
+        recursion, monitor = self.recursion, self.recursion.monitor
+        information = recursion.memory.tempered(monitor.level)
+        covariance = information.covariance()
+        if self.linear:
+            covariance = covariance * recursion.residual_variance()
+        condition = information.scaled_condition_number()
+        yield
+        if recursion.blocks and self._bent:
+            covariance = self._by_mobility(covariance)
+            yield
+        lag, bound = monitor.whiteness()
+        extra = {
+            "ignored": float(self._ignored),
+            "changes": float(recursion.changes),
+            "noise_ratio": float(np.sqrt(monitor.level)),
+            "innovation_lag1": lag,
+            "innovation_lag1_bound": bound,
+            "slow_residual": recursion.slow[0],
+        }
+        if self.linear:
+            extra["biased"] = 1.0
+        return (
+            yield from outcome(
+                self.problem,
+                self._settings.method,
+                recursion.x,
+                covariance,
+                reason=self._reason(condition),
+                t_ns=t_ns,
+                q_rad=recursion.q_rad,
+                blocks=recursion.blocks,
+                gated=recursion.gated,
+                nis=monitor.nis,
+                nis_dof=monitor.nis_dof,
+                condition_number=condition,
+                extra=extra,
+            )
+        )
+
+    @property
+    def _bent(self) -> bool:
+        """Tell whether the likelihood is bent in pi and straight in the mobility."""
+        torque = self._settings.method in TORQUE and not self.linear
+        return torque and "base" in self.problem.unknown
+
+    def _by_mobility(self, covariance: FloatArray) -> FloatArray:
+        """Return the covariance by way of the base's mobility where pi is bent and that holds."""
+        x, base = self.recursion.x, self.problem.body("base")
+        try:
+            mapped = by_mobility(x, covariance, base)
+        except np.linalg.LinAlgError:  # singular to working precision
+            return covariance
+        return mapped.covariance if mapped.holds and mapped.bent else covariance
+
+    def _reason(self, condition: float) -> str:
+        recursion = self.recursion
+        if recursion.since < self._settings.settle_blocks:
+            return "REOPENED" if recursion.changes else "TOO_FEW_BLOCKS"
+        if not recursion.pacing.settled:
+            return "NOT_CONVERGED"
+        if recursion.monitor.level > MISMATCH_LEVEL or recursion.slow[0] > recursion.slow[1]:
+            return "MODEL_MISMATCH"
+        if recursion.conflict:
+            return "PRIOR_CONFLICT"
+        if condition > self._settings.condition_limit:
+            return "INSUFFICIENT_EXCITATION"
+        return ""
+
+    def _now_ns(self) -> int:
+        span_ns = self.recursion.span_ns
+        return span_ns[1] if span_ns else 0
+
+
+def build_online(
+    config: Config, model: RobotModel | None = None
+) -> OnlineEstimator | BiasCompensatedEstimator:
+    """Build the recursive estimator of a configuration.
+
+    The weightings ols and wls are the paper's regression, which has no prior: theirs is made flat.
+
+    Raises
+    ------
+    ConfigError if the robot cannot be read or does not match the joints.
+    """
+    if model is None:
+        model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    problem = build_problem(config, model)
+    settings = config.estimator
+    if settings.method == "mrnea" and settings.weighting == "bc":
+        return BiasCompensatedEstimator(problem, settings)
+    rows = row_function(settings.method, settings.weighting, problem)
+    linear = settings.method == "mrnea" and settings.weighting != "eiv"
+    false_alarm = config.health.false_alarm_probability
+    return OnlineEstimator(problem, settings, rows, linear=linear, false_alarm=false_alarm)

@@ -1,0 +1,85 @@
+"""From state and covariance to the published estimate, the same for every recursive estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+from scipy.special import chdtri
+
+from fsw.estimators.diagnosis import gains
+from fsw.estimators.model.inertia import PARAMETERS
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.publish import body_estimate_stages, whole_estimate
+from fsw.messages import Estimate, FloatArray
+
+INCONSISTENT = 1e-3  # probability of so large a projection onto the consistent bodies by noise
+WEAKEST_GAIN = 0.5  # least data-over-prior information, in any combination of body parameters
+
+
+def weakest_gain(problem: Problem, covariance: FloatArray) -> float:
+    """Return the data's information over the prior's in the least known direction of the bodies."""
+    k = problem.bodies
+    return float(gains(problem.prior_covariance[k, k], covariance[k, k])[0][0])
+
+
+def outcome(
+    problem: Problem,
+    method: str,
+    x: FloatArray,
+    covariance: FloatArray,
+    *,
+    reason: str,
+    t_ns: int,
+    q_rad: FloatArray | None,
+    blocks: int,
+    gated: int,
+    nis: float,
+    nis_dof: int,
+    condition_number: float,
+    extra: dict[str, float],
+) -> Generator[None, None, Estimate]:
+    """Return, in bounded units, the published view: bodies made consistent, the whole as posed.
+
+    Liquid in an unknown body widens what is published of it, not what is weighed.
+
+    An estimate without a reason against it gets one here if its excitation was too little or if
+    noise does not explain how far a body had to be moved to be physically possible.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the covariance is not positive definite.
+    """
+    if not reason and weakest_gain(problem, covariance) < WEAKEST_GAIN:
+        reason = "INSUFFICIENT_EXCITATION"
+    covariance = covariance + problem.liquid
+    bodies = {}
+    for name in problem.unknown:
+        bodies[name], distance = yield from body_estimate_stages(problem, name, x, covariance)
+        yield
+        if not reason and distance > chdtri(PARAMETERS, INCONSISTENT):
+            reason = "NOT_CONSISTENT"
+    whole = None if q_rad is None else whole_estimate(problem, x, covariance, q_rad)
+    k = problem.bodies
+    gained = 0.5 * (
+        np.linalg.slogdet(problem.prior_covariance[k, k])[1]
+        - np.linalg.slogdet(covariance[k, k])[1]
+    )
+    return Estimate(
+        t_ns=t_ns,
+        valid=not reason,
+        reason=reason,
+        method=method,
+        names=problem.names,
+        mean=x.copy(),
+        covariance=covariance,
+        bodies=bodies,
+        blocks=blocks,
+        gated=gated,
+        nis=nis,
+        nis_dof=nis_dof,
+        condition_number=condition_number,
+        information_gained_nats=float(gained),
+        whole=whole,
+        extra=extra,
+    )

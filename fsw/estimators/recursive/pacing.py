@@ -1,0 +1,70 @@
+"""When to re-linearise, and how far to go: what makes the recursion settle and then rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fsw.estimators.recursive.snapshot import Values, kept, put
+from fsw.messages import FloatArray
+
+SETTLED = 0.02  # whitened rms step by re-linearising alone below which the estimate has settled
+WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
+FAR = 0.5  # whitened rms distance from the last point at which a pass is made anyway
+LEAST_PULL = 1 / 16
+_STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull")
+
+
+class Pacing:
+    """Remembers what the last pass did; distances are whitened, rms over the states.
+
+    Attributes
+    ----------
+    settled : whether the last pass moved the estimate by less than `SETTLED`
+    """
+
+    def __init__(self, *, settled: bool) -> None:
+        self.settled = settled
+        self._last_move = self._last_step = np.inf
+        self._last_since = 1
+        self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
+
+    def is_worth_a_pass(self, drift: float, since: int) -> bool:
+        """Tell whether re-linearising now is expected to move the estimate.
+
+        The last pass's effect, scaled linearly or quadratically with how far the point would move.
+
+        Parameters
+        ----------
+        drift : distance of the estimate from the last pass's point
+        since : blocks folded in since the start
+        """
+        if not self.settled or not np.isfinite(self._last_move):
+            return True
+        ratio = drift / max(self._last_move, 1e-9) * since / self._last_since
+        return drift > FAR or self._last_step * ratio * max(1.0, ratio) > WORTH
+
+    def point(self, wanted: FloatArray, previous: FloatArray) -> FloatArray:
+        """Return the next pass's point: less than all the way after passes that failed."""
+        if self._pull >= 1:
+            return wanted
+        return previous + self._pull * (wanted - previous)
+
+    def begin(self, move: float, since: int) -> None:
+        """Note how far the point of a pass lies from the one before."""
+        self._last_move, self._last_since = move, since
+
+    def end(self, step: float, failed: int) -> None:
+        """Note by how much a pass moved the estimate, and in how many blocks it failed."""
+        self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
+        self._last_step = step
+        self.settled = step < SETTLED and failed == 0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the state as plain values."""
+        return kept(self, _STATE)
+
+    def restore(self, values: Values) -> None:
+        """Continue from a snapshot."""
+        put(self, _STATE, values)

@@ -1,0 +1,381 @@
+"""The recursion: state, what it remembers, and the bounded units of work that keep both right.
+
+A block is folded into the square-root information at once; passes over the stored blocks then
+re-linearise them at the current estimate, one block per unit of work. A run of blocks that noise
+does not explain re-opens the estimate to the prior's spread; a prior that the data contradict is
+widened. Both are told as events. When units are run is for `online` to decide.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator, Mapping
+from typing import Any
+
+import numpy as np
+
+from fsw.config import EstimatorConfig
+from fsw.estimators.diagnosis import conflict_limit, stated_conflict
+from fsw.estimators.measurement.impulse import Impulse
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.measurement.row_functions import RowsFunction
+from fsw.estimators.model.inertia import is_consistent, nearest_consistent_stages
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.plausible import plausible
+from fsw.estimators.recursive.change import InnovationMonitor, slow_power
+from fsw.estimators.recursive.isolation import ChannelScreen
+from fsw.estimators.recursive.memory import Memory, data_within
+from fsw.estimators.recursive.pacing import SETTLED, Pacing
+from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import EstimatorError
+
+LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
+FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
+ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
+EVENT_LIMIT = 64
+
+_STATE = (
+    *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
+    *("start_mean", "start_covariance", "slow", "_check_due", "_level_due", "_rss"),
+)
+
+EventWords = tuple[str, str, str]  # severity, code, text
+
+
+class Recursion:
+    """State and memory of one estimation; results depend on the blocks alone.
+
+    Attributes
+    ----------
+    x : (p,) state
+    memory : prior, data information and stored blocks
+    monitor : judge of the innovations
+    pacing : when to re-linearise
+    blocks, since, gated, changes : blocks folded in, since the last start, rejected; re-openings
+    span_ns : times of the first and last node since the last start
+    q_rad : (n,) newest joint positions
+    armed : whether blocks are gated: from the first valid estimate on
+    conflict : whether the data contradicted the prior at the last check
+    screen : judge of single channels
+    slow : slow power of the residuals and its limit, at the last check
+    used : the newest block, without the channels that were left out
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        settings: EstimatorConfig,
+        rows: RowsFunction,
+        screen: ChannelScreen,
+        *,
+        linear: bool,
+    ) -> None:
+        self.problem, self.screen, self.linear = problem, screen, linear
+        self._settings, self._rows = settings, rows
+        self._events: deque[EventWords] = deque(maxlen=EVENT_LIMIT)
+        self.blocks = self.gated = self.changes = 0
+        self.monitor = InnovationMonitor(settings.gate_probability)
+        self.q_rad: FloatArray | None = None
+        self.used: Block | None = None
+        self.start(problem.prior_mean, self._spread())
+
+    def start(self, mean: FloatArray, covariance: FloatArray) -> None:
+        """Begin again at a prior; counters and what is known of the sensors stay."""
+        self.start_mean, self.start_covariance = mean, covariance
+        prior = SquareRootInformation.from_prior(mean, covariance)
+        self.memory = Memory(prior, self._settings.store_blocks)
+        self.x = mean.copy()
+        self.since = 0
+        self.pacing = Pacing(settled=self.linear)
+        self.armed = self.conflict = False
+        self.slow = (1.0, float("inf"))
+        self._check_due = self._level_due = False
+        self._pointing: Generator[None, None, FloatArray] | None = None
+        self._rss = 0.0
+        self.span_ns: tuple[int, int] | None = None
+
+    def take_over(self, mean: FloatArray, covariance: FloatArray, blocks: int) -> None:
+        """Start from a batch result over so many blocks; with forgetting it ages like other data.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError if the covariance is not positive definite.
+        """
+        if self._settings.forgetting_time_s is None:
+            self.start(mean, covariance)
+        else:
+            prior = self.memory.prior
+            self.memory.restart(prior, data_within(prior, mean, covariance))
+            self.x = mean
+        self.memory.at = mean
+        self.blocks = self.since = blocks
+        self.pacing.settled = True
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the whole state as plain values; stored blocks by their index."""
+        return kept(self, _STATE) | {
+            "monitor": self.monitor.snapshot(),
+            "pacing": self.pacing.snapshot(),
+            "memory": self.memory.snapshot(),
+        }
+
+    def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
+        """Continue from a snapshot. Raises EstimatorError if a block is missing; unchanged then."""
+        prior = to_information(values["memory"]["prior"])
+        memory = Memory(prior, self._settings.store_blocks)
+        memory.restore(values["memory"], blocks, self._usable_rows)
+        self.memory = memory
+        put(self, _STATE, values)
+        self._pointing = None
+        self.monitor.restore(values["monitor"])
+        self.pacing.restore(values["pacing"])
+
+    def take_events(self) -> list[EventWords]:
+        """Return what has happened since the last call: severity, code, text."""
+        drained = list(self._events)
+        self._events.clear()
+        return drained
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the data since the last start."""
+        return (self.span_ns[1] - self.span_ns[0]) * 1e-9 if self.span_ns else 0.0
+
+    @property
+    def has_work(self) -> bool:
+        """Whether a unit of work is expected to change anything."""
+        if not len(self.memory):
+            return False
+        if self._after_pass or self.memory.in_pass:
+            return True
+        return self.pacing.is_worth_a_pass(self._drift(), self.since)
+
+    @property
+    def _after_pass(self) -> bool:
+        return self._level_due or self._check_due
+
+    def work(self) -> bool:
+        """Do one unit: learn the noise level, check the prior, begin a pass, or advance it.
+
+        False while a beginning pass's point is still being found; that leaves no trace in the state
+        but its result.
+        """
+        if self._level_due:
+            self._learn_level()
+        elif self._check_due:
+            self._check_prior()
+        elif self.memory.in_pass:
+            self._advance_pass()
+        else:
+            return self._begin_pass()
+        return True
+
+    def settle(self, max_passes: int) -> None:
+        """Re-linearise everything until it no longer moves the estimate noticeably."""
+        if self.linear or not len(self.memory):
+            return
+        limit = self.memory.passes + max_passes
+        while self.memory.passes < limit or self._after_pass:
+            rests = self.pacing.settled and not self.memory.in_pass and not self._after_pass
+            if rests and self._drift() < SETTLED / 10:
+                break
+            self.work()
+
+    def fold(self, block: Block) -> Generator[None, None, None]:
+        """Linearise a new block, judge it, and fold it in if it fits; in bounded units."""
+        at = yield from self._point()
+        rows = self._usable_rows(block, at, self.memory.gained) if plausible(block) else None
+        yield
+        if rows is not None and self.armed:
+            block, rows = yield from self._screened(block, rows, at)
+        self.used = block
+        if rows is None:
+            self.gated += 1
+            return
+        end_ns = int(block.t_ns[-1])
+        self._age(end_ns)
+        white = self._whitened(rows.A, rows.b - rows.A @ (self.x - at))
+        judgement = self.monitor.judge(white, armed=self.armed)
+        if self.monitor.nis > ABSURD * len(white):
+            self.gated += 1
+            return
+        self.q_rad = block.q_rad[-1]
+        if not judgement.accepted:
+            self.gated += 1
+        else:
+            self._absorb(block, rows, at, end_ns)
+        if judgement.changed:
+            yield from self._reopen()
+
+    def _screened(
+        self, block: Block, rows: Rows, at: FloatArray
+    ) -> Generator[None, None, tuple[Block, Rows | None]]:
+        """Return the block without the channels that do not fit the model, and its rows."""
+        root, level = self.memory.information.covariance_root(), self.monitor.level
+        used = self.screen.judge(block, rows, self.x - at, root, level)
+        yield
+        if used is block:
+            return block, rows
+        made = self._usable_rows(used, at, self.memory.gained)
+        yield
+        return used, made
+
+    def residual_variance(self) -> float:
+        """Return the residual variance of the linear regression, at least its degrees allow."""
+        spare = self.memory.rows - len(self.x)
+        return self._rss / spare if spare > 0 else 1.0
+
+    def begin_again(self, why: str) -> None:
+        """Return to the problem's prior and tell why."""
+        self.start(self.problem.prior_mean, self._spread())
+        self.monitor.restart()
+        self._events.append(("high", "ESTIMATOR_RESET", why))
+
+    def _spread(self) -> FloatArray:
+        covariance = self.problem.prior_covariance
+        return FLAT_PRIOR**2 * covariance if self.linear else covariance
+
+    def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> None:
+        c = rows.b + rows.A @ at
+        before, R = self.x, self.memory.information.R
+        self.memory.add(block, rows, at, keep=not self.linear)
+        self.blocks += 1
+        self.since += 1
+        self.span_ns = (self.span_ns[0] if self.span_ns else int(block.t_ns[0]), end_ns)
+        self._solve()
+        residual, step = c - rows.A @ self.x, R @ (self.x - before)
+        self._rss += float(residual @ residual + step @ step)
+
+    def _age(self, end_ns: int) -> None:
+        time_s = self._settings.forgetting_time_s
+        if time_s is not None and self.span_ns is not None:
+            elapsed_s = max(0, end_ns - self.span_ns[1]) * 1e-9
+            self.memory.age(float(np.exp(-0.5 * elapsed_s / time_s)))
+
+    def _usable_rows(self, block: Block, at: FloatArray, before: Impulse | None) -> Rows | None:
+        """Return the rows; None if the base has no inertia there or they are not finite."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            try:
+                rows = self._rows(block, at, before)
+            except ValueError:  # LinAlgError, or scipy's check of what it is given
+                return None
+        if not (np.all(np.isfinite(rows.A)) and np.all(np.isfinite(rows.b))):
+            return None
+        return rows
+
+    def _solve(self) -> None:
+        try:
+            self.x = self.memory.information.mean()
+        except EstimatorError as error:
+            self.begin_again(str(error))
+
+    def _reopen(self) -> Generator[None, None, None]:
+        mean, blocks = (yield from self._point()), self.since
+        self.changes += 1
+        self.start(mean, self._spread())
+        self.monitor.restart()
+        text = f"the innovations no longer fit the {blocks} blocks before; estimate re-opened"
+        unknown = self.problem.unknown
+        if len(unknown) > 1:
+            text += f"; they do not tell which of {' and '.join(unknown)} has changed"
+        self._events.append(("medium", "CHANGE_DETECTED", text))
+
+    def _begin_pass(self) -> bool:
+        if self._pointing is None:
+            self._pointing = self._point()
+        try:
+            next(self._pointing)
+        except StopIteration as end:
+            wanted: FloatArray = end.value
+        else:
+            return False
+        self._pointing = None
+        memory, previous = self.memory, self.memory.at
+        point = self.pacing.point(wanted, previous)
+        self.pacing.begin(_rms(memory.information.R @ (point - previous)), self.since)
+        memory.begin(point)
+        return True
+
+    def _advance_pass(self) -> None:
+        memory = self.memory
+        x, R = self.x, memory.information.R
+        if not memory.advance(self._usable_rows):
+            return
+        self._solve()
+        if memory is not self.memory:  # started over
+            return
+        step = max(_rms(R @ (self.x - x)), _rms(memory.information.R @ (self.x - x)))
+        self.pacing.end(step, memory.failed)
+        self._level_due, self._check_due = True, self.pacing.settled
+
+    def _learn_level(self) -> None:
+        self._level_due = False
+        monitor, known = self.monitor, self.monitor.level
+        levels, dof = self.memory.residual_levels(self.x, LEVEL_BLOCKS)
+        monitor.learn_level(levels, dof, len(self.x) if self.since <= LEVEL_BLOCKS else 0)
+        self.slow = slow_power(self.memory.residuals(self.x), monitor.level)
+        if self.pacing.settled and monitor.level > 1.0 and known == 1.0:
+            ratio = np.sqrt(monitor.level)
+            text = (
+                f"residuals are {ratio:.2f} times the declared noise; sigmas follow the residuals"
+            )
+            self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
+
+    def _check_prior(self) -> None:
+        """Widen a prior that the data contradict, and have the estimate settle anew."""
+        self._check_due = False
+        covariance = self.memory.tempered(self.monitor.level).covariance()
+        bodies = len(self.problem.unknown)
+        distance, dof = stated_conflict(
+            self.start_mean, self.start_covariance, self.x, covariance, bodies
+        )
+        self.conflict = distance > conflict_limit(dof)
+        if not self.conflict:
+            return
+        factor = distance / dof
+        self.start_covariance = factor * self.start_covariance
+        self.memory.replace_prior(
+            SquareRootInformation.from_prior(self.start_mean, self.start_covariance)
+        )
+        self._solve()
+        self.pacing.settled = False
+        text = (
+            f"the data lie {np.sqrt(factor):.1f} sigma (rms) from the prior; "
+            f"its sigmas are widened by that factor"
+        )
+        self._events.append(("medium", "PRIOR_CONFLICT", text))
+
+    def _drift(self) -> float:
+        """Whitened rms distance of the estimate from the point of the last pass."""
+        return _rms(self.memory.information.R @ (self.x - self.memory.at))
+
+    def _point(self) -> Generator[None, None, FloatArray]:
+        """Return the estimate with every body moved to the nearest physically consistent one."""
+        if self.linear:
+            return self.problem.prior_mean
+        x = self.x
+        for name in self.problem.unknown:
+            k = self.problem.body(name)
+            if not is_consistent(x[k]):
+                if x is self.x:
+                    x = self.x.copy()
+                covariance = self.memory.information.covariance()[k, k]
+                x[k] = yield from nearest_consistent_stages(x[k], covariance)
+        return x
+
+    def _whitened(self, A: FloatArray, innovation: FloatArray) -> FloatArray:
+        """Return the innovation whitened by its own covariance."""
+        AS = A @ self.memory.information.covariance_root()
+        unit = np.eye(len(innovation))
+        try:
+            L = np.linalg.cholesky(unit + AS @ AS.T)
+        except np.linalg.LinAlgError:  # a prior so wide that the unit is lost beside its square
+            L = np.linalg.qr(np.concatenate([unit, AS.T])).R.T
+        white: FloatArray = np.linalg.solve(L, innovation)
+        return white
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(values @ values / len(values)))

@@ -1,0 +1,68 @@
+"""States of estimators as plain values: what a checkpoint holds and a restart continues from.
+
+A state is a mapping of numbers, text, None, arrays, lists and further mappings. Values taken out
+are copies; putting them back into an object of the same problem continues exactly where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fsw.estimators.measurement.impulse import Impulse
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages.errors import EstimatorError
+
+Values = Mapping[str, Any]
+
+
+def kept(owner: object, names: Sequence[str]) -> dict[str, Any]:
+    """Return the named attributes, arrays copied; a leading underscore is not part of the key."""
+    values = {name.lstrip("_"): getattr(owner, name) for name in names}
+    return {
+        key: value.copy() if isinstance(value, np.ndarray) else value
+        for key, value in values.items()
+    }
+
+
+def put(owner: object, names: Sequence[str], values: Values) -> None:
+    """Set the named attributes to what `kept` returned."""
+    for name in names:
+        value = values[name.lstrip("_")]
+        setattr(owner, name, value.copy() if isinstance(value, np.ndarray) else value)
+
+
+def check_fit(problem: Problem, kind: str, values: Values) -> None:
+    """Refuse a state of another kind of estimator or of other unknowns.
+
+    Raises
+    ------
+    EstimatorError naming what differs.
+    """
+    if values["kind"] != kind:
+        raise EstimatorError(f"the state is of a {values['kind']!r} estimator, this is {kind!r}")
+    if tuple(values["names"]) != problem.names:
+        raise EstimatorError("the state is of other unknowns than this estimator's")
+
+
+def from_information(information: SquareRootInformation | None) -> dict[str, Any] | None:
+    """Return the factor and right-hand side."""
+    return None if information is None else {"R": information.R, "z": information.z}
+
+
+def to_information(values: Values) -> SquareRootInformation:
+    """Return the information of its values."""
+    return SquareRootInformation(np.asarray(values["R"]), np.asarray(values["z"]))
+
+
+def from_impulse(impulse: Impulse | None) -> dict[str, Any] | None:
+    """Return the momentum gained, its derivative, and where it was taken."""
+    return None if impulse is None else kept(impulse, ("end_ns", "L_Nms", "J", "x"))
+
+
+def to_impulse(values: Values | None) -> Impulse | None:
+    """Return the impulse of its values."""
+    return None if values is None else Impulse(**values)

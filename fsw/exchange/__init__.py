@@ -1,0 +1,1 @@
+"""Exchange: what processes hand to each other: ring, status, checkpoints, recordings."""

@@ -1,0 +1,115 @@
+"""Two generations of checkpoints in a directory, replaced in turn and each atomically."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from pathlib import Path
+
+from fsw.config import Config
+from fsw.config.overlay import noise_of
+from fsw.exchange.checkpoint import (
+    Checkpoint,
+    CheckpointError,
+    Identity,
+    decode,
+    encode,
+    sequence_of,
+)
+from fsw.messages import Snapshot
+
+NAMES = ("checkpoint.0", "checkpoint.1")
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
+
+def identity_of(config: Config) -> Identity:
+    """Return whose checkpoints a configuration may use: its file, noise in force and robot.
+
+    Raises OSError when the robot cannot be read.
+    """
+    robot = config.resolve(config.robot.urdf).read_bytes()
+    noise = noise_of(config).model_dump_json().encode()
+    return Identity(zlib.crc32(noise, config.crc32), zlib.crc32(robot))
+
+
+def boot_id() -> str:
+    """Return what changes when the machine starts again; empty where the system does not tell."""
+    try:
+        return BOOT_ID.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+class CheckpointStore:
+    """Writes and reads the checkpoints of one configuration."""
+
+    def __init__(self, directory: Path, identity: Identity) -> None:
+        self._directory, self._identity = directory, identity
+        self._boot_id = boot_id()
+        self._sequences: dict[str, int] | None = None
+
+    def write(self, snapshot: Snapshot) -> int:
+        """Replace the older generation; return the bytes written. Raises OSError.
+
+        The new file is complete on the disk before it takes the old one's name.
+        """
+        sequences = self._known()
+        name = min(NAMES, key=lambda name: sequences[name])
+        sequence = max(sequences.values()) + 1
+        data = encode(
+            Checkpoint(
+                identity=self._identity,
+                sequence=sequence,
+                boot_id=self._boot_id,
+                snapshot=snapshot,
+            )
+        )
+        temporary = self._directory / "checkpoint.tmp"
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(self._directory / name)
+        folder = os.open(self._directory, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+        sequences[name] = sequence
+        return len(data)
+
+    def read(self) -> tuple[list[Checkpoint], list[str]]:
+        """Return the good generations, newest first, and why others were refused."""
+        good, refused = [], []
+        for name in NAMES:
+            try:
+                data = (self._directory / name).read_bytes()
+                good.append(decode(data, self._identity))
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                refused.append(f"{name}: cannot be read: {error.strerror or error}")
+            except CheckpointError as error:
+                refused.append(f"{name}: {error}")
+        return sorted(good, key=lambda checkpoint: -checkpoint.sequence), refused
+
+    def find(self, sequence: int) -> tuple[bytes | None, Checkpoint | None]:
+        """Return the generation of a number, as bytes and read; None where it is not there."""
+        for name in NAMES:
+            try:
+                data = (self._directory / name).read_bytes()
+                checkpoint = decode(data, self._identity)
+            except (OSError, CheckpointError):
+                continue
+            if checkpoint.sequence == sequence:
+                return data, checkpoint
+        return None, None
+
+    def _known(self) -> dict[str, int]:
+        """Return the sequence number of each generation, whosever it is; -1 where there is none."""
+        if self._sequences is None:
+            self._sequences = {}
+            for name in NAMES:
+                path = self._directory / name
+                self._sequences[name] = sequence_of(path.read_bytes()) if path.exists() else -1
+        return self._sequences

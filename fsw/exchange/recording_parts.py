@@ -1,0 +1,107 @@
+"""A recording in parts: one MCAP file after the other, each readable on its own, read as one.
+
+`recording_0001.mcap` continues in `recording_0001_0002.mcap` and so on. Every part carries the
+configuration, the robot and the identity of its recording. The numbers of recordings never repeat:
+the last one is kept in a file of the directory, which outlives the recordings themselves.
+"""
+
+from __future__ import annotations
+
+import heapq
+import os
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fsw.exchange.recording import Contents, Record, contents, first_metadata, messages
+from fsw.messages.errors import ConfigError
+
+_NAME = re.compile(r"(?P<first>recording_(?P<number>\d{4,}))(?:_(?P<part>\d{4,}))?\.mcap")
+PART, IDENTITY = "part", "recording"  # a metadata record, and its key that names the recording
+LAST_NUMBER = ".last_recording"
+
+
+def new_first(directory: Path) -> Path:
+    """Return the first file of a new recording; its number was never used in this directory.
+
+    Raises
+    ------
+    OSError when the number cannot be kept.
+    """
+    kept = directory / LAST_NUMBER
+    try:
+        last = int(kept.read_text())
+    except (FileNotFoundError, ValueError):
+        last = 0
+    found = (_NAME.fullmatch(path.name) for path in directory.iterdir())
+    number = max([last, *(int(match["number"]) for match in found if match)]) + 1
+    temporary = kept.with_suffix(".tmp")
+    with temporary.open("w") as file:
+        file.write(f"{number}\n")
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(kept)
+    return directory / f"recording_{number:04d}.mcap"
+
+
+def identity_of(path: Path) -> str | None:
+    """Return the identity of the recording that a file belongs to; None of a file without."""
+    return first_metadata(path, PART).get(IDENTITY)
+
+
+def part_path(first: Path, number: int) -> Path:
+    """Return the file of a part of the recording that begins with `first`; parts count from 1."""
+    return first if number == 1 else first.with_name(f"{first.stem}_{number:04d}{first.suffix}")
+
+
+def newest_part(directory: Path) -> tuple[Path, int] | None:
+    """Return the first file of the newest recording in a directory and the number of its parts."""
+    found = [match for path in directory.glob("*.mcap") if (match := _NAME.fullmatch(path.name))]
+    if not found:
+        return None
+    stem = max((match["first"] for match in found), key=lambda name: (len(name), name))
+    last = max(int(match["part"] or 1) for match in found if match["first"] == stem)
+    return directory / f"{stem}.mcap", last
+
+
+def parts_of(path: Path) -> list[Path]:
+    """Return a recording and the parts that follow it, in order.
+
+    Raises
+    ------
+    ConfigError when a file with the name of a part belongs to another recording, or cannot be read.
+    """
+    match = _NAME.fullmatch(path.name)
+    if match is None:
+        return [path]
+    first = path.with_name(f"{match['first']}.mcap")
+    number = int(match["part"] or 1)
+    parts = [path]
+    while (path := part_path(first, number := number + 1)).exists():
+        if identity_of(path) != identity_of(parts[0]):
+            raise ConfigError(
+                f"{path}: is no part of {parts[0].name} but of another recording; move it elsewhere"
+            )
+        parts.append(path)
+    return parts
+
+
+def contents_of(parts: Sequence[Path]) -> Contents:
+    """Return what the parts hold together; the newest metadata of a name counts.
+
+    Raises
+    ------
+    ConfigError when a file cannot be read or is no MCAP file.
+    """
+    held = [contents(path) for path in parts]
+    return Contents(
+        topics=tuple(dict.fromkeys(topic for part in held for topic in part.topics)),
+        attachments={name: data for part in held for name, data in part.attachments.items()},
+        metadata={name: data for part in held for name, data in part.metadata.items()},
+        truncated=any(part.truncated for part in held),
+    )
+
+
+def messages_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[Record]:
+    """Yield the messages of some topics of all parts in log-time order, ties in file order."""
+    return heapq.merge(*(messages(path, topics) for path in parts), key=lambda record: record.t_ns)

@@ -1,0 +1,1 @@
+"""Loop: the process that reads devices, runs the scheduler and feeds the estimator."""

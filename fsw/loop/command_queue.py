@@ -1,0 +1,298 @@
+"""The one command queue, applied at the tick boundary, and the state of the batch job."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from fsw.exchange.restart import Adopting, put_back, take
+from fsw.exchange.sinks import Sink
+from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.messages.commands import (
+    BatchRequest,
+    Code,
+    Command,
+    CommandName,
+    JobPort,
+    JobReport,
+    Reply,
+)
+from fsw.messages.errors import CommandError, ConfigError, EstimatorError
+
+QUEUE_LIMIT = 64
+KEPT_AFTER = (
+    CommandName.RESET,
+    CommandName.ADOPT,
+    CommandName.REST,
+    CommandName.RESUME,
+    CommandName.CONFIGURE,
+    CommandName.SAVE_STATE,
+    CommandName.RESTORE_STATE,
+)
+# after which the estimator begins anew: windows that began before are of the time before
+ANEW = (CommandName.RESET, CommandName.RESUME, CommandName.CONFIGURE)
+
+
+class Resettable(Protocol):
+    """What commands need of the estimator."""
+
+    def work(self) -> bool:
+        """Do one bounded unit of background work; True while more is due."""
+        ...
+
+    def finish(self) -> Estimate:
+        """Settle completely."""
+        ...
+
+    def reset(self) -> None:
+        """Return to the prior."""
+        ...
+
+
+@runtime_checkable
+class Reporting(Protocol):
+    """An estimator that can diagnose its estimate."""
+
+    def report(self) -> Mapping[str, Any]:
+        """Return plain values. Raises EstimatorError when there is no proper estimate."""
+        ...
+
+
+def settle(estimator: Resettable) -> Estimate:
+    """Finish what is due, then settle: the result must not depend on how many ticks went by."""
+    while estimator.work():
+        pass
+    return estimator.finish()
+
+
+Reconfigure = Callable[[Mapping[str, Any]], Resettable]
+
+
+class Dispatcher:
+    """Applies commands in order of arrival and follows the one batch job.
+
+    Every applied command is handed to the sink with the index of the window it came before, and
+    with what it needs to be applied again: so a replay applies it at the same place.
+    """
+
+    def __init__(
+        self,
+        estimator: Resettable,
+        sink: Sink,
+        jobs: JobPort | None,
+        *,
+        reconfigure: Reconfigure | None = None,
+        identifying: bool = True,
+    ) -> None:
+        self._estimator, self._sink, self._jobs = estimator, sink, jobs
+        self._reconfigure = reconfigure
+        self.identifying = identifying  # whether windows reach the estimator
+        self.first_window = 0  # that reaches it
+        self.changes: list[Mapping[str, Any]] = []  # other unknowns, in order: for checkpoints
+        self._queue: deque[Command] = deque()
+        self._planned: deque[tuple[int, int, Command]] = deque()
+        self._running: BatchRequest | None = None
+        self._report: JobReport | None = None
+        self._result: Mapping[str, Any] | None = None
+        self.stop_requested = False
+        self.restart_requested = False
+        self.saved: Snapshot | None = None  # what restore_state goes back to
+        self.checkpoint_due = False  # a command has changed the state, or wants it kept
+
+    def submit(self, command: Command) -> None:
+        """Queue a command; refuse it at once when the queue is full."""
+        if len(self._queue) >= QUEUE_LIMIT:
+            text = f"{QUEUE_LIMIT} commands wait already"
+            self._answer(command, Code.QUEUE_FULL, text)
+            return
+        self._queue.append(command)
+
+    def plan(self, window: int, command: Command, clean_window: int = 0) -> None:
+        """Apply a recorded command right before the given window; call in order.
+
+        `clean_window` is the first that began after the command.
+        """
+        self._planned.append((window, clean_window, command))
+
+    def store(self, block: Block) -> None:
+        """Keep a block for later jobs."""
+        if self._jobs is not None:
+            self._jobs.store(block)
+
+    def before_window(self, index: int, now_ns: int) -> list[Estimate]:
+        """Apply recorded commands that came before this window; return the estimates they gave."""
+        estimates = []
+        while self._planned and self._planned[0][0] <= index:
+            window, clean_window, command = self._planned.popleft()
+            estimate = self._apply(command, now_ns, window, clean_window)
+            if estimate is not None:
+                estimates.append(estimate)
+        return estimates
+
+    def run(
+        self, now_ns: int, next_window: int, clean_window: int = 0, *, held: bool = False
+    ) -> list[Estimate]:
+        """Apply what is queued, unless held back; return the estimates it gave.
+
+        Parameters
+        ----------
+        next_window : index of the window that closes next
+        clean_window : of the first that begins from now on
+        """
+        if self._jobs is not None:
+            for report in self._jobs.poll(now_ns):
+                self._follow(report, now_ns)
+        estimates = []
+        while self._queue and not held:
+            estimate = self._apply(self._queue.popleft(), now_ns, next_window, clean_window)
+            if estimate is not None:
+                estimates.append(estimate)
+        return estimates
+
+    def job_summary(self) -> dict[str, Any] | None:
+        """Return the newest report of the batch job as plain values."""
+        report = self._report
+        if report is None:
+            return None
+        summary = {"id": report.id, "state": report.state, "progress": report.progress}
+        return summary | {"text": report.text, "result": report.result}
+
+    def _apply(
+        self, command: Command, now_ns: int, next_window: int, clean_window: int
+    ) -> Estimate | None:
+        data: Mapping[str, Any] = {}
+        try:
+            if command.name is CommandName.REPORT:
+                data = self.diagnose()
+            args, estimate = self._execute(command, now_ns)
+        except CommandError as error:
+            self._answer(command, Code(error.code), str(error))
+            return None
+        except EstimatorError as error:
+            self._answer(command, Code.ESTIMATOR, str(error))
+            return None
+        if command.name in ANEW:
+            self.first_window = clean_window
+        record = {"command": str(command.name), "id": command.id, "args": args}
+        windows = {"next_window": next_window, "clean_window": clean_window}
+        self._sink.command(now_ns, record | windows)
+        self._answer(command, Code.ACCEPTED, "", data)
+        return estimate
+
+    def diagnose(self) -> Mapping[str, Any]:
+        """Return the estimator's report on itself.
+
+        Raises
+        ------
+        CommandError if it gives none; EstimatorError without a proper estimate.
+        """
+        if not isinstance(self._estimator, Reporting):
+            raise CommandError(Code.NOT_SUPPORTED, "this estimator gives no report")
+        return self._estimator.report()
+
+    def _execute(self, command: Command, now_ns: int) -> tuple[Mapping[str, Any], Estimate | None]:
+        name = command.name
+        estimate: Estimate | None = None
+        args: Mapping[str, Any] = command.args
+        self.checkpoint_due |= name in KEPT_AFTER
+        if name is CommandName.RESET:
+            self._estimator.reset()
+        elif name is CommandName.SAVE_STATE:
+            self.saved = take(self._estimator, now_ns)
+            if self.saved is None:
+                raise CommandError(Code.NOT_SUPPORTED, "this estimator has no state to save")
+        elif name is CommandName.RESTORE_STATE:
+            if self.saved is None:
+                raise CommandError(Code.NO_STATE, "nothing was saved or restored before")
+            estimate = put_back(self._estimator, self.saved)
+        elif name is CommandName.FINISH:
+            estimate = settle(self._estimator)
+        elif name in (CommandName.STOP, CommandName.RESTART):
+            self.stop_requested = True
+            self.restart_requested = name is CommandName.RESTART
+        elif name is CommandName.RUN_BATCH:
+            self._run_batch(command, now_ns)
+        elif name is CommandName.ABORT_BATCH:
+            self._abort()
+        elif name is CommandName.ADOPT:
+            args = {"result": self._adopt(command)}
+        elif name in (CommandName.REST, CommandName.RESUME):
+            self.identifying = name is CommandName.RESUME
+        elif name is CommandName.CONFIGURE:
+            self.configure(command.args)
+        return args, estimate
+
+    def configure(self, changes: Mapping[str, Any]) -> None:
+        """Begin at the prior with a changed configuration. Raises CommandError.
+
+        Noise, robot and settings are kept on the disk by who changed them and are there at the next
+        start; a checkpoint carries the choice of unknowns only, so that it never brings back a
+        table that has been replaced since.
+        """
+        if self._reconfigure is None:
+            raise CommandError(Code.NOT_SUPPORTED, "nothing here can be configured anew")
+        try:
+            self._estimator = self._reconfigure(changes)
+        except ConfigError as error:
+            raise CommandError(Code.BAD_ARGUMENT, str(error)) from error
+        if "unknown" in changes:
+            self.changes.append({"unknown": changes["unknown"]})
+        self.saved = None
+
+    def _run_batch(self, command: Command, now_ns: int) -> None:
+        if self._jobs is None:
+            raise CommandError(Code.NOT_SUPPORTED, "no batch worker here")
+        if self._running is not None:
+            raise CommandError(Code.JOB_RUNNING, f"job {self._running.id} is running")
+        request = BatchRequest(
+            id=command.id,
+            method=str(command.args["method"]),
+            unknown=tuple(command.args["unknown"]),
+            last_s=command.args.get("last_s"),
+        )
+        self._running = request
+        self._result = None
+        self._report = JobReport(id=request.id, state="running", progress=0.0)
+        self._jobs.submit(request, now_ns)
+
+    def _abort(self) -> None:
+        if self._jobs is None or self._running is None:
+            raise CommandError(Code.NO_JOB, "no batch job is running")
+        self._jobs.abort()
+
+    def _adopt(self, command: Command) -> Mapping[str, Any]:
+        result = command.args.get("result", self._result)
+        if result is None:
+            raise CommandError(Code.NO_RESULT, "no batch job has ended with a result")
+        if not isinstance(self._estimator, Adopting):
+            raise CommandError(Code.NOT_SUPPORTED, "this estimator adopts no batch result")
+        self._estimator.adopt(result)
+        return dict(result)
+
+    def _follow(self, report: JobReport, now_ns: int) -> None:
+        if self._running is None or report.id != self._running.id:
+            return
+        self._report = report
+        if report.state == "running":
+            return
+        self._running = None
+        if report.state == "done":
+            self._result = report.result
+        severity = "info" if report.state == "done" else "medium"
+        text = f"batch job {report.id} {report.state}" + (f": {report.text}" if report.text else "")
+        self._sink.event(Event(now_ns, severity, "BATCH_" + report.state.upper(), text))
+
+    def _answer(
+        self, command: Command, code: Code, text: str, data: Mapping[str, Any] | None = None
+    ) -> None:
+        self._sink.reply(
+            Reply(
+                id=command.id,
+                command=str(command.name),
+                accepted=code is Code.ACCEPTED,
+                code=code,
+                text=text,
+                data=data or {},
+            )
+        )

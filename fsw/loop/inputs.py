@@ -1,0 +1,115 @@
+"""All of a daemon's links: started, drained, lost and opened again.
+
+A link's failure never reaches the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+from fsw.clock import Clock
+from fsw.drivers.wire import BytePort, FramePort
+from fsw.exchange.sinks import Sink
+from fsw.loop.acquisition import BusInput, LineInput
+from fsw.loop.link import Link
+from fsw.messages import Event
+from fsw.messages.errors import PortError
+
+
+class Inputs:
+    """Buses and serial lines.
+
+    Parameters
+    ----------
+    passive : nothing is ever sent (replay)
+    """
+
+    def __init__(
+        self,
+        buses: Sequence[BusInput],
+        lines: Sequence[LineInput],
+        clock: Clock,
+        sink: Sink,
+        *,
+        passive: bool,
+    ) -> None:
+        self.buses, self.lines, self.passive = tuple(buses), tuple(lines), passive
+        self._clock, self._sink = clock, sink
+        self._started = False
+
+    def __iter__(self) -> Iterator[BusInput | LineInput]:
+        yield from self.buses
+        yield from self.lines
+
+    def start(self) -> None:
+        """Start every device, once."""
+        if self._started or self.passive:
+            return
+        self._started = True
+        for bus in self.buses:
+            self._guard(bus.link, bus.start_nodes)
+        for line in self.lines:
+            self._guard(line.link, line.start)
+
+    def sync(self, bus: BusInput) -> None:
+        """Send a bus its SYNC."""
+        self._guard(bus.link, bus.send_sync)
+
+    def beat(self, bus: BusInput) -> None:
+        """Send a bus the heartbeat."""
+        self._guard(bus.link, bus.send_heartbeat)
+
+    def drain(self) -> None:
+        """Read everything that has come; change to the other bus of a pair where it must be."""
+        for bus in self.buses:
+            self._guard(bus.link, partial(bus.drain, self._sink))
+            for link in bus.idle_links:
+                self._guard(link, partial(bus.drain_idle, link))
+            if bus.select(self._sink):
+                self._guard(bus.link, bus.start_nodes)
+                self._guard(bus.link, bus.send_heartbeat)
+        for line in self.lines:
+            self._guard(line.link, partial(line.drain, self._sink))
+
+    def first_sync_ns(self) -> int | None:
+        """Return the stamp of the first SYNC of any bus; None before it."""
+        stamps = [bus.first_sync_ns() for bus in self.buses]
+        return min((t_ns for t_ns in stamps if t_ns is not None), default=None)
+
+    def retry(self) -> None:
+        """Open lost links again as soon as they can be, and start their devices."""
+        for member in self:
+            for link in member.links:
+                if link.up or not link.retry(self._clock.now_ns()):
+                    continue
+                text = f"{link.name} is back"
+                self._sink.event(Event(self._clock.now_ns(), "medium", "PORT_BACK", text))
+                if isinstance(member, LineInput):
+                    self._guard(link, member.start)
+                elif link is member.link:
+                    self._guard(link, member.start_nodes)
+
+    def wake_fds(self) -> list[int]:
+        """Return the descriptors whose bytes end the wait for a tick."""
+        return [fd for line in self.lines for fd in line.link.wake_fds()]
+
+    def stamp_lines(self) -> None:
+        """Read the serial lines between two ticks, so that their bytes have a time of their own."""
+        for line in self.lines:
+            self._guard(line.link, line.stamp)
+
+    def close(self) -> None:
+        """Release every port."""
+        for member in self:
+            for link in member.links:
+                link.close()
+
+    def _guard(self, link: Link[FramePort] | Link[BytePort], action: Callable[[], None]) -> None:
+        """Run one action on a port; on PortError close the link and plan to open it again."""
+        try:
+            action()
+        except PortError as error:
+            now_ns = self._clock.now_ns()
+            link.lose(now_ns)
+            self._sink.event(Event(now_ns, "high", "PORT_LOST", f"{link.name} lost: {error}"))

@@ -1,0 +1,70 @@
+"""One device link of the loop: a port that may be lost and is tried again until it is back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from fsw.drivers.wire import BytePort, FramePort
+from fsw.messages.errors import PortError
+
+RETRY_NS = 500_000_000  # opening a port costs little, and a device that is back is wanted in 1 s
+
+P = TypeVar("P", FramePort, BytePort)
+
+
+class Link(Generic[P]):
+    """A port, or None while it is lost.
+
+    Parameters
+    ----------
+    name : what events and telemetry call it
+    port : the open port; None when it could not be opened yet
+    opener : opens it again; None: a lost port stays lost
+    """
+
+    def __init__(self, name: str, port: P | None, opener: Callable[[], P] | None) -> None:
+        self.name = name
+        self.port: P | None = port
+        self.losses = 0 if port is not None else 1
+        self._opener: Callable[[], P] | None = opener
+        self._next_try_ns = 0
+
+    @property
+    def up(self) -> bool:
+        """Whether the port is open."""
+        return self.port is not None
+
+    def summary(self) -> dict[str, int]:
+        """Return its state as plain values."""
+        return {"up": self.up, "losses": self.losses}
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Descriptors of the open port; none while it is lost."""
+        return self.port.wake_fds() if self.port is not None else ()
+
+    def lose(self, now_ns: int) -> None:
+        """Close after a failure and plan the next attempt."""
+        self.close()
+        self.losses += 1
+        self._next_try_ns = now_ns + RETRY_NS
+
+    def retry(self, now_ns: int) -> bool:
+        """Try to open again, twice a second; True when it has come back."""
+        if self.port is not None or self._opener is None or now_ns < self._next_try_ns:
+            return False
+        try:
+            self.port = self._opener()
+        except PortError:
+            self._next_try_ns = now_ns + RETRY_NS
+            return False
+        return True
+
+    def close(self) -> None:
+        """Release the port; a failure to do so changes nothing."""
+        port, self.port = self.port, None
+        if port is not None:
+            try:
+                port.close()
+            except PortError:
+                return

@@ -1,0 +1,80 @@
+"""Wiring: a daemon from its configuration, on whatever clock, ports and sink it is given.
+
+`app.run_live` gives it the machine's, the HIL simulated ones, a replay a recording's. There is no
+second daemon.
+"""
+
+from __future__ import annotations
+
+from fsw.clock import Clock
+from fsw.config import BusConfig, Config
+from fsw.drivers.wire import BytePort, FramePort
+from fsw.estimators.pipeline import Pipeline, default_pipeline
+from fsw.exchange.sinks import Sink
+from fsw.loop.acquisition import BusInput, ChunkSource, LineInput
+from fsw.loop.daemon import Daemon
+from fsw.loop.link import Link
+from fsw.loop.ports import CAN, IMU, SECOND, STAR_TRACKER, Ports
+from fsw.messages.commands import JobPort
+
+
+def build(
+    config: Config,
+    clock: Clock,
+    ports: Ports,
+    sink: Sink,
+    *,
+    pipeline: Pipeline | None = None,
+    jobs: JobPort | None = None,
+) -> Daemon:
+    """Wire one daemon; opens and sends nothing.
+
+    Parameters
+    ----------
+    pipeline : conditioning and estimation; None: as the configuration says
+    jobs : where batch jobs run; None: they are refused
+    """
+    from fsw.drivers.sources import ImuSource, StarTrackerSource
+
+    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses]
+
+    def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
+        return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
+
+    lines = [line(IMU, ports.imu, ImuSource(config.imu, None, config.health), b"")]
+    if config.star_tracker is not None:
+        tracker = StarTrackerSource(config.star_tracker, config.health)
+        lines.append(line(STAR_TRACKER, ports.star_tracker, tracker, tracker.start_bytes()))
+    return Daemon(
+        config,
+        clock,
+        sink,
+        buses=buses,
+        lines=lines,
+        pipeline=pipeline or default_pipeline(config),
+        jobs=jobs,
+        passive=ports.passive,
+    )
+
+
+def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
+    """Return the input of one bus; with its redundant one, where nodes may be commanded."""
+    from fsw.drivers.codecs import canopen
+    from fsw.drivers.sources import BusSelector, JointBusSource
+
+    joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
+    names = [bus.name]
+    nodes: dict[int, tuple[int, bytes]] = {}
+    selector = None
+    if not ports.passive:
+        start = canopen.NmtCommand.START
+        nodes = {j.node_id: canopen.encode_nmt(start, j.node_id) for _, j in joints}
+        if bus.redundant is not None:
+            names.append(bus.name + SECOND)
+            selector = BusSelector(bus.redundant)
+    links: list[Link[FramePort]] = [
+        Link(CAN + name, ports.can.get(name), ports.can_openers.get(name)) for name in names
+    ]
+    beat = canopen.encode_heartbeat(canopen.NmtState.OPERATIONAL, canopen.MASTER_NODE)
+    source = JointBusSource(bus, joints, config.health)
+    return BusInput(bus.name, nodes, links, source, clock, beat, selector)

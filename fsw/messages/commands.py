@@ -1,0 +1,192 @@
+"""Typed commands: a JSON line or telecommand becomes a `Command`, or a refusal with a code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Protocol
+
+from fsw.messages import Block
+from fsw.messages.errors import CommandError
+
+METHODS = ("mrnea", "rda", "cm", "ce", "fused")
+BODIES = ("base", "target")
+MAX_LINE_BYTES = 65536
+MAX_LAST_S = 1e6  # as the telecommand RUN_BATCH has it
+
+
+class CommandName(StrEnum):
+    """What the daemon can be told."""
+
+    STATUS = "status"  # answered by the service from the newest summary
+    RESET = "reset"  # estimator back to its prior
+    FINISH = "finish"  # settle completely and publish
+    REPORT = "report"  # diagnosis of the current estimate, in numbers and words
+    RUN_BATCH = "run_batch"  # start a batch job on recorded blocks
+    ABORT_BATCH = "abort_batch"
+    ADOPT = "adopt"  # make the last batch result the online estimator's prior
+    REST = "rest"  # windows are stored but no longer identified from
+    RESUME = "resume"  # go on identifying
+    CONFIGURE = "configure"  # other unknowns, noise, robot or settings: begin at the prior
+    SAVE_STATE = "save_state"  # checkpoint now, and remember the state to come back to
+    RESTORE_STATE = "restore_state"  # back to what was saved, or restored at the start
+    RESTART = "restart"  # end and start again
+    STOP = "stop"  # end the daemon as SIGTERM does
+
+
+class Code(StrEnum):
+    """Why a command was accepted or refused."""
+
+    ACCEPTED = "ACCEPTED"
+    MALFORMED = "MALFORMED"
+    UNKNOWN_COMMAND = "UNKNOWN_COMMAND"
+    BAD_ARGUMENT = "BAD_ARGUMENT"
+    QUEUE_FULL = "QUEUE_FULL"
+    JOB_RUNNING = "JOB_RUNNING"
+    NO_JOB = "NO_JOB"
+    NO_RESULT = "NO_RESULT"
+    NO_STATE = "NO_STATE"
+    NOT_SUPPORTED = "NOT_SUPPORTED"
+    ESTIMATOR = "ESTIMATOR"
+    TIMEOUT = "TIMEOUT"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """One command; `id` is what its reply refers to."""
+
+    name: CommandName
+    id: int = 0
+    args: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """What became of a command."""
+
+    id: int
+    command: str
+    accepted: bool
+    code: Code
+    text: str = ""
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchRequest:
+    """One batch job: which method, for which bodies, on which blocks."""
+
+    id: int
+    method: str
+    unknown: tuple[str, ...]
+    last_s: float | None = None  # only the newest so many seconds; None: everything stored
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobReport:
+    """Progress or end of a batch job; state is running, done, failed or aborted."""
+
+    id: int
+    state: str
+    progress: float  # 0..1
+    text: str = ""
+    result: Mapping[str, Any] | None = None
+
+
+class JobPort(Protocol):
+    """Where batch jobs run: a worker process, or inline in virtual time."""
+
+    def store(self, block: Block) -> None:
+        """Keep a block for later jobs."""
+        ...
+
+    def submit(self, request: BatchRequest, now_ns: int) -> None:
+        """Start a job; at most one runs."""
+        ...
+
+    def abort(self) -> None:
+        """Abandon the running job."""
+        ...
+
+    def poll(self, now_ns: int) -> list[JobReport]:
+        """Return what has been reported since the last call; never blocks."""
+        ...
+
+
+def parse_command(line: bytes, command_id: int) -> Command:
+    """Read one JSON line {"command": NAME, ...arguments}.
+
+    Raises
+    ------
+    CommandError with code MALFORMED, UNKNOWN_COMMAND or BAD_ARGUMENT.
+    """
+    if len(line) > MAX_LINE_BYTES:
+        raise CommandError(Code.MALFORMED, f"{len(line)} bytes; at most {MAX_LINE_BYTES}")
+    try:
+        data = json.loads(line)
+    except ValueError as error:
+        raise CommandError(Code.MALFORMED, f"not JSON: {error}") from error
+    if not isinstance(data, dict) or not isinstance(data.get("command"), str):
+        raise CommandError(Code.MALFORMED, 'must be an object with the key "command"')
+    text = data.pop("command").replace("-", "_").lower()
+    if text not in set(CommandName):
+        raise CommandError(
+            Code.UNKNOWN_COMMAND, f"{text!r} is none of {[str(name) for name in CommandName]}"
+        )
+    name = CommandName(text)
+    if name is CommandName.RUN_BATCH:
+        args = _batch_args(data)
+    elif name is CommandName.CONFIGURE:
+        args = _configure_args(data)
+    else:
+        args = _no_args(name, data)
+    return Command(name=name, id=command_id, args=args)
+
+
+def _no_args(name: CommandName, data: dict[str, Any]) -> dict[str, Any]:
+    if data:
+        raise CommandError(Code.BAD_ARGUMENT, f"{name} takes no arguments, got {sorted(data)}")
+    return {}
+
+
+def _batch_args(data: dict[str, Any]) -> dict[str, Any]:
+    extra = set(data) - {"method", "unknown", "last_s"}
+    if extra:
+        raise CommandError(
+            Code.BAD_ARGUMENT, f"run_batch takes method, unknown, last_s; got {sorted(extra)}"
+        )
+    method = data.get("method")
+    if method not in METHODS:
+        raise CommandError(Code.BAD_ARGUMENT, f"method {method!r} is none of {list(METHODS)}")
+    unknown = _unknown(data)
+    last_s = data.get("last_s")
+    if last_s is not None and not _is_duration(last_s):
+        text = f"last_s {last_s!r:.40}: must be a number above 0, at most {MAX_LAST_S:g}"
+        raise CommandError(Code.BAD_ARGUMENT, text)
+    return {"method": method, "unknown": unknown, "last_s": last_s}
+
+
+def _is_duration(value: Any) -> bool:  # noqa: ANN401
+    """Whether a value is a number of seconds that a job can look back; bool, NaN, inf are not."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and 0 < value <= MAX_LAST_S
+
+
+def _configure_args(data: dict[str, Any]) -> dict[str, Any]:
+    extra = set(data) - {"unknown"}
+    if extra:
+        raise CommandError(Code.BAD_ARGUMENT, f"configure takes unknown, got {sorted(extra)}")
+    return {"unknown": _unknown(data)}
+
+
+def _unknown(data: dict[str, Any]) -> list[str]:
+    unknown = data.get("unknown", [])
+    if isinstance(unknown, str):
+        unknown = list(BODIES) if unknown == "both" else [unknown]
+    if not isinstance(unknown, list) or not set(map(str, unknown)) <= set(BODIES):
+        raise CommandError(
+            Code.BAD_ARGUMENT, f"unknown {unknown!r}: must be base, target, both or a list of them"
+        )
+    return [str(body) for body in unknown]

@@ -1,0 +1,135 @@
+"""The newest blocks in a memory-mapped file: the service writes, the batch worker reads.
+
+Layout: 4096 bytes of header (JSON: the fields of a row, from the first block's own shapes), then a
+ring of fixed-size rows. Each row begins with its 1-based position in the stream; 0: not written.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.messages import Block
+from fsw.messages.errors import FswError
+
+CAPACITY = 8192  # blocks; 55 min at 0.4 s
+HEADER_BYTES = 4096
+_NAMES = tuple(item.name for item in fields(Block))
+
+
+class BlockStoreError(FswError):
+    """A file that is no store of blocks."""
+
+
+def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
+    """Return name, type and shape of every field of a stored row."""
+    rows: list[tuple[str, str, list[int]]] = [("serial", "<i8", [])]
+    for name in _NAMES:
+        value = np.asarray(getattr(block, name))
+        rows.append((name, value.dtype.str, list(value.shape)))
+    return rows
+
+
+class BlockWriter:
+    """The writing end; the file is made when the first block comes.
+
+    `keep` goes on in the file of a writer that has died.
+
+    Raises
+    ------
+    BlockStoreError when that file is none.
+    """
+
+    def __init__(self, path: Path, capacity: int = CAPACITY, *, keep: bool = False) -> None:
+        self.path = path
+        self.count = 0
+        self._capacity = capacity
+        self._rows: NDArray[np.void] | None = None
+        if keep and path.exists():
+            self._rows = _open(path, "r+")
+            self._capacity = len(self._rows)
+            self.count = int(self._rows["serial"].max())
+        else:
+            path.unlink(missing_ok=True)
+
+    def append(self, block: Block) -> None:
+        """Store a block over the oldest one. Raises OSError."""
+        if self._rows is None:
+            self._rows = self._create(block)
+        row = self._rows[self.count % self._capacity]
+        self.count += 1
+        row["serial"] = 0
+        for name in _NAMES:
+            row[name] = getattr(block, name)
+        row["serial"] = self.count
+
+    def _create(self, block: Block) -> NDArray[np.void]:
+        layout = row_fields(block)
+        dtype = _dtype(layout)
+        new = self.path.with_suffix(".new")  # whole before anybody finds it
+        with new.open("wb") as file:
+            file.write(json.dumps(layout).encode().ljust(HEADER_BYTES))
+            file.flush()
+            size = HEADER_BYTES + dtype.itemsize * self._capacity
+            os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, not as SIGBUS
+        new.replace(self.path)
+        return _open(self.path, "r+")
+
+
+def read_blocks(path: Path, *, last_s: float | None = None) -> list[Block]:
+    """Return the stored blocks in order; only those of the newest `last_s` seconds when given.
+
+    Raises
+    ------
+    BlockStoreError when the file is no store of blocks.
+    """
+    if not path.exists():
+        return []
+    rows = _open(path, "r")
+    before = np.array(rows["serial"])
+    copy = np.array(rows)
+    stable = (before > 0) & (before == rows["serial"])  # not overwritten while it was copied
+    copy = copy[stable]
+    copy = copy[np.argsort(copy["serial"])]
+    return newest([_unpack(row) for row in copy], last_s)
+
+
+def newest(blocks: list[Block], last_s: float | None) -> list[Block]:
+    """Return the blocks of the newest `last_s` seconds; all when it is None."""
+    if last_s is None or not blocks:
+        return blocks
+    since_ns = int(blocks[-1].t_ns[-1]) - round(last_s * 1e9)
+    return [block for block in blocks if int(block.t_ns[0]) >= since_ns]
+
+
+def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
+    try:
+        with path.open("rb") as file:
+            dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
+        if dtype.names != ("serial", *_NAMES):
+            raise BlockStoreError(f"{path}: fields {dtype.names}")
+        rows = np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
+    except (OSError, ValueError, TypeError) as error:
+        raise BlockStoreError(f"{path}: {error}") from error
+    if not len(rows):
+        raise BlockStoreError(f"{path}: no row")
+    return rows
+
+
+def _dtype(layout: list[Any]) -> np.dtype[np.void]:
+    return np.dtype([(name, kind, tuple(shape)) for name, kind, shape in layout])
+
+
+def _unpack(row: np.void) -> Block:
+    values: dict[str, Any] = {}
+    for name in _NAMES:
+        value = np.array(row[name])
+        value.setflags(write=False)
+        values[name] = value if value.ndim else value.item()
+    return Block(**values)

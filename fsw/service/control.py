@@ -1,0 +1,201 @@
+"""The local control socket: one JSON line in, one JSON line out. Server for the service, client."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import socket
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fsw.messages.commands import MAX_LINE_BYTES, Code, Command, CommandName, Reply, parse_command
+from fsw.messages.errors import CommandError, PortError
+
+SOCKET_NAME = "ctl.sock"
+MAX_CLIENTS = 16
+REPLY_TIMEOUT_NS = 5_000_000_000
+
+
+@dataclass(slots=True)
+class _Client:
+    connection: socket.socket
+    buffer: bytearray = field(default_factory=bytearray)
+
+
+class ControlServer:
+    """Accepts clients on a UNIX socket, never blocks.
+
+    Parameters
+    ----------
+    path : socket file; an old one is replaced
+    status : newest status, what the command `status` returns
+    forward : takes every other command to the loop; False when it cannot
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        status: Callable[[], Mapping[str, Any]],
+        forward: Callable[[Command], bool],
+    ) -> None:
+        self._status, self._forward = status, forward
+        self._path = path
+        path.unlink(missing_ok=True)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.setblocking(False)
+        try:
+            self._listener.bind(str(path))
+            path.chmod(0o600)
+            self._listener.listen(MAX_CLIENTS)
+        except OSError as error:
+            self._listener.close()
+            raise PortError(f"{path}: {error.strerror or error}") from error
+        self._inode = path.stat().st_ino
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._waiting: dict[int, tuple[int, _Client]] = {}
+        self._clients = 0
+        self._next_id = 1
+
+    def serve(self, timeout_s: float, now_ns: int) -> None:
+        """Wait for clients at most so long and answer them; time out replies that never came."""
+        for key, _ in self._selector.select(timeout_s):
+            if key.data is None:
+                self._accept()
+            else:
+                self._read(key.data, now_ns)
+        late = [i for i, (since, _) in self._waiting.items() if now_ns - since > REPLY_TIMEOUT_NS]
+        for number in late:
+            text = "the loop did not answer"
+            self.reply(Reply(id=number, command="", accepted=False, code=Code.TIMEOUT, text=text))
+
+    def reply(self, reply: Reply) -> None:
+        """Pass the loop's answer to the client that asked."""
+        _, client = self._waiting.pop(reply.id, (0, None))
+        if client is not None:
+            self._send(client, reply_values(reply))
+
+    def close(self) -> None:
+        """Drop all clients, remove the socket."""
+        for key in list(self._selector.get_map().values()):
+            if key.data is not None:
+                self._drop(key.data)
+        self._selector.close()
+        self._listener.close()
+        if self._path.exists() and self._path.stat().st_ino == self._inode:
+            self._path.unlink(missing_ok=True)
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:
+            return
+        if self._clients >= MAX_CLIENTS:
+            connection.close()
+            return
+        connection.setblocking(False)
+        self._clients += 1
+        self._selector.register(connection, selectors.EVENT_READ, _Client(connection))
+
+    def _read(self, client: _Client, now_ns: int) -> None:
+        try:
+            data = client.connection.recv(65536)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        client.buffer += data
+        if not data or len(client.buffer) > 2 * MAX_LINE_BYTES:
+            self._drop(client)
+            return
+        while (end := client.buffer.find(b"\n")) >= 0:
+            line = bytes(client.buffer[:end])
+            del client.buffer[: end + 1]
+            self._answer(client, line, now_ns)
+
+    def _answer(self, client: _Client, line: bytes, now_ns: int) -> None:
+        number, self._next_id = self._next_id, self._next_id + 1
+        try:
+            command = parse_command(line, number)
+        except CommandError as error:
+            refusal = Reply(
+                id=number, command="", accepted=False, code=Code(error.code), text=str(error)
+            )
+            self._send(client, reply_values(refusal))
+            return
+        if command.name is CommandName.STATUS:
+            answer = Reply(
+                id=number,
+                command="status",
+                accepted=True,
+                code=Code.ACCEPTED,
+                data=self._status(),
+            )
+            self._send(client, reply_values(answer))
+            return
+        self._waiting[number] = (now_ns, client)
+        if not self._forward(command):
+            text = "the ring to the loop is full"
+            self.reply(
+                Reply(
+                    id=number,
+                    command=str(command.name),
+                    accepted=False,
+                    code=Code.QUEUE_FULL,
+                    text=text,
+                )
+            )
+
+    def _send(self, client: _Client, values: Mapping[str, Any]) -> None:
+        try:
+            client.connection.send(json.dumps(values).encode() + b"\n")
+        except OSError:
+            self._drop(client)
+
+    def _drop(self, client: _Client) -> None:
+        if client.connection.fileno() < 0:
+            return
+        self._selector.unregister(client.connection)
+        client.connection.close()
+        self._clients -= 1
+        self._waiting = {i: item for i, item in self._waiting.items() if item[1] is not client}
+
+
+def reply_values(reply: Reply) -> dict[str, Any]:
+    """Return a reply as plain values."""
+    return {
+        "id": reply.id,
+        "command": reply.command,
+        "accepted": reply.accepted,
+        "code": str(reply.code),
+        "text": reply.text,
+        "data": dict(reply.data),
+    }
+
+
+def control(
+    state_directory: Path, request: Mapping[str, Any], timeout_s: float = 10.0
+) -> dict[str, Any]:
+    """Send one command to a running daemon and return its reply.
+
+    Raises
+    ------
+    PortError when no daemon answers there.
+    """
+    path = state_directory / SOCKET_NAME
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
+            link.settimeout(timeout_s)
+            link.connect(os.fspath(path))
+            link.sendall(json.dumps(request).encode() + b"\n")
+            with link.makefile("rb") as answers:
+                line = answers.readline()
+    except OSError as error:
+        raise PortError(f"{path}: no daemon answers: {error.strerror or error}") from error
+    if not line:
+        raise PortError(f"{path}: the daemon closed the connection")
+    reply: dict[str, Any] = json.loads(line)
+    return reply

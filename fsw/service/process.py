@@ -1,0 +1,343 @@
+"""The service process: recorder, status file, event log, control socket, batch worker.
+
+`python -m fsw.service.process --down FD --up FD` is started by the loop process on two inherited rings.
+When the loop ends, however it ends, what is left in the ring is written and the recording closed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import json
+import os
+import pickle
+import signal
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fsw.clock import Clock, MonotonicClock
+from fsw.config import Config
+from fsw.exchange.ring import RingReader, RingWriter
+from fsw.exchange.ringlink import Kind, deliver, load
+from fsw.exchange.sinks import NullSink, Record
+from fsw.loop.service_process import MEMORY_EXIT
+from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.messages.commands import BatchRequest, Command, JobReport, Reply
+from fsw.messages.errors import ConfigError, PortError
+from fsw.service.blockstore import BlockStoreError, BlockWriter, read_blocks
+from fsw.service.checkpoint_keeper import CheckpointKeeper
+from fsw.service.control import SOCKET_NAME, ControlServer
+from fsw.service.job_process import JobProcess
+from fsw.service.recorder import CHECKPOINT, event_values
+from fsw.service.recorder_switch import RecorderSwitch
+from fsw.telemetry.ports import Host
+
+if TYPE_CHECKING:
+    from fsw.telemetry.application import TelemetryApplication
+
+BLOCKS_NAME = "blocks.bin"
+STATUS_NAME = "status.json"
+POLL_S = 0.01
+BATCH_RECORDS = 2000  # taken from the ring before clients are looked at again
+LOG_LIMIT_BYTES = 8 << 20
+NICE = 5
+LOCK_NAME = "service.lock"
+
+
+class Service(NullSink):
+    """Everything that touches files and sockets."""
+
+    def __init__(
+        self, config: Config, clock: Clock, down: RingReader, up: RingWriter, *, resume: bool
+    ) -> None:
+        """`resume`: go on where a service process of the same loop has died."""
+        self._config, self._clock, self._resume = config, clock, resume
+        self._down, self._up = down, up
+        self._directory = config.resolve(config.service.state_directory)
+        self._directory.mkdir(parents=True, exist_ok=True)
+        self._status: Record = {}
+        self._event_counts = Counter(self._counted_before() if resume else {})
+        self._switch = RecorderSwitch(config, self._report)
+        self._telemetry: TelemetryApplication | None = None
+        blocks = self._directory / BLOCKS_NAME
+        self._keeper = CheckpointKeeper(config, self._directory, self._report)
+        self._blocks_failed = False
+        self._blocks = self._resumed(blocks) if resume else BlockWriter(blocks)
+        self._control: ControlServer | None = None
+        self._jobs = JobProcess(config, self._directory / BLOCKS_NAME)
+        self._drops_told = 0
+
+    def _resumed(self, path: Path) -> BlockWriter:
+        """Go on in the store of a service that has died; a store that is none is begun anew."""
+        try:
+            for block in read_blocks(path):
+                self._keeper.block(block)
+            return BlockWriter(path, keep=True)
+        except BlockStoreError as error:
+            self._report("medium", "BLOCKS_FAILED", str(error))
+            return BlockWriter(path)
+
+    def open(self) -> None:
+        """Open files and socket; what cannot be opened is an event."""
+        self._switch.open(resume=self._resume)
+        if self._config.telemetry is not None:
+            self._open_telemetry()
+        try:
+            self._control = ControlServer(
+                self._directory / SOCKET_NAME, lambda: self._status, self._forward
+            )
+        except PortError as error:
+            self._report("high", "CONTROL_FAILED", str(error))
+
+    def _open_telemetry(self) -> None:
+        from fsw.telemetry.assembly import build_application  # only where it is configured
+
+        host = Host(
+            now_ns=self._clock.now_ns,
+            forward=self._forward,
+            report=self._report,
+            configured=self._configured,
+            recording=self._switch,
+        )
+        try:
+            self._telemetry = build_application(self._config, host, resume=self._resume)
+        except (ConfigError, OSError) as error:
+            self._report("high", "LINK_FAILED", str(error))
+        else:
+            self._telemetry.open()
+
+    def cycle(self) -> bool:
+        """Take what the ring holds, serve clients, follow the worker; False at the loop's end."""
+        going = True
+        taken = 0
+        for record in self._down.read(BATCH_RECORDS):
+            taken += 1
+            if record.kind == Kind.END:
+                going = False
+            elif record.kind == Kind.JOB_SUBMIT:
+                self._submit(load(record))
+            elif record.kind == Kind.JOB_ABORT:
+                self._jobs.abort()
+            else:
+                if self._switch.sink is not None:
+                    deliver(record, self._switch.sink)
+                if record.kind not in (Kind.CAN, Kind.SERIAL):
+                    deliver(record, self)
+        self._watch_drops()
+        for report in self._jobs.poll():
+            self._send(Kind.JOB_REPORT, report)
+            if self._telemetry is not None:
+                self._telemetry.job(report)
+        if self._telemetry is not None:
+            self._telemetry.poll(self._clock.now_ns())
+        wait_s = 0.0 if taken >= BATCH_RECORDS or not going else POLL_S
+        if self._control is not None:
+            self._control.serve(wait_s, self._clock.now_ns())
+        else:
+            self._clock.sleep_until_ns(self._clock.now_ns() + round(wait_s * 1e9))
+        return going
+
+    def close(self) -> None:
+        """Write the rest and close everything."""
+        self._jobs.close()
+        if self._telemetry is not None:
+            self._telemetry.close()
+        self._switch.close(self._down.dropped)
+        if self._control is not None:
+            self._control.close()
+        self._write_status(running=False)
+
+    def block(self, block: Block) -> None:
+        """Store a block for batch jobs and for checkpoints."""
+        self._keeper.block(block)
+        if self._telemetry is not None:
+            self._telemetry.block(block)
+        try:
+            self._blocks.append(block)
+        except (OSError, BlockStoreError) as error:  # the next block may find room again
+            if not self._blocks_failed:
+                self._report("medium", "BLOCKS_FAILED", str(error))
+            self._blocks_failed = True
+        else:
+            self._blocks_failed = False
+
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Write the estimator's state."""
+        self._keeper.write(snapshot)
+
+    def restored(self, sequence: int) -> None:
+        """Put what this run went on from into its recording."""
+        data = self._keeper.adopt(sequence)
+        if data is not None and self._switch.sink is not None:
+            self._switch.sink.attach(CHECKPOINT, data)
+
+    def event(self, event: Event) -> None:
+        """Append to the event log, and telemeter."""
+        self._event_counts[event.code] += 1
+        if self._telemetry is not None:
+            self._telemetry.event(event)
+        path = self._directory / "events.jsonl"
+        try:
+            if path.exists() and path.stat().st_size > LOG_LIMIT_BYTES:
+                path.replace(path.with_suffix(".jsonl.1"))
+            with path.open("a") as file:
+                file.write(json.dumps(event_values(event)) + "\n")
+        except OSError:
+            return  # a full disk must not end the service; the recorder reports it
+
+    def status(self, t_ns: int, status: Record) -> None:  # noqa: ARG002
+        """Keep and publish the newest summary."""
+        self._status = status
+        if self._switch.sink is not None:
+            self._switch.sink.dropped = self._down.dropped
+            self._switch.sink.sync()
+        if self._telemetry is not None:
+            self._telemetry.status(status)
+        self._write_status(running=True)
+
+    def reply(self, reply: Reply) -> None:
+        """Answer the client that asked."""
+        if self._telemetry is not None:
+            self._telemetry.reply(reply)
+        if self._control is not None:
+            self._control.reply(reply)
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Telemeter."""
+        if self._telemetry is not None:
+            self._telemetry.estimate(estimate)
+
+    def science(self, t_ns: int, record: bytes) -> None:
+        """Telemeter."""
+        if self._telemetry is not None:
+            self._telemetry.science(t_ns, record)
+
+    def _configured(self, config: Config) -> None:
+        """Take what was laid over the configuration: all that is written is to go with it."""
+        self._config = config
+        self._switch.configured(config)
+        self._keeper.configured(config)
+        self._jobs.configured(config)
+
+    def _counted_before(self) -> Mapping[str, int]:
+        """Return the events that the service which died had counted, as far as it told."""
+        try:
+            status = json.loads((self._directory / STATUS_NAME).read_text())
+        except (OSError, ValueError):
+            return {}
+        return {str(code): int(n) for code, n in status.get("event_counts", {}).items()}
+
+    def _write_status(self, *, running: bool) -> None:
+        path = self._switch.path
+        recorder: Mapping[str, Any] = {
+            "path": str(path) if path is not None else None,
+            "failed_messages": self._switch.lost,
+            "dropped": self._down.dropped,
+        }
+        extra = {
+            "running": running,
+            "recorder": recorder,
+            "checkpoint": self._keeper.summary(),
+            "events": self._event_counts.total(),
+            "event_counts": dict(self._event_counts),
+        }
+        if self._telemetry is not None:
+            extra["telemetry"] = self._telemetry.summary()
+        self._status = {**self._status, **extra}
+        path = self._directory / STATUS_NAME
+        temporary = path.with_suffix(".tmp")
+        try:
+            temporary.write_text(json.dumps(self._status))
+            temporary.replace(path)
+        except OSError:
+            return
+
+    def _watch_drops(self) -> None:
+        dropped = self._down.dropped
+        if dropped > self._drops_told:
+            text = f"{dropped - self._drops_told} records lost between loop and service"
+            self._drops_told = dropped
+            self._report("high", "RING_DROPS", text)
+
+    def _submit(self, request: BatchRequest) -> None:
+        try:
+            self._jobs.submit(request)
+        except OSError as error:
+            text = f"worker cannot be started: {error.strerror or error}"
+            failed = JobReport(id=request.id, state="failed", progress=0.0, text=text)
+            self._send(Kind.JOB_REPORT, failed)
+
+    def _forward(self, command: Command) -> bool:
+        return self._send(Kind.COMMAND, command)
+
+    def _send(self, kind: Kind, value: Command | JobReport) -> bool:
+        return self._up.push(kind, pickle.dumps(value, protocol=5))
+
+    def _report(self, severity: str, code: str, text: str) -> None:
+        event = Event(self._clock.now_ns(), severity, code, text)
+        self.event(event)
+        if self._switch.sink is not None:
+            self._switch.sink.event(event)
+
+
+def wait_for_turn(directory: Path) -> None:
+    """Wait until the service of a loop that was killed has written what was left.
+
+    The lock is held to the end of the process; what the loop produces waits in the ring meanwhile.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        fcntl.flock(os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT), fcntl.LOCK_EX)
+    except OSError:
+        return  # a directory that cannot be written is told by everything that is to be written
+
+
+def serve(service: Service, down: RingReader, parent: int, clock: Clock) -> int:
+    """Serve one loop process to its end; return the exit code."""
+    while service.cycle():
+        if os.getppid() != parent and not down.used_bytes:
+            service.event(Event(clock.now_ns(), "high", "LOOP_LOST", "the loop process has died"))
+            break
+    service.close()
+    return 0
+
+
+def main(argv: list[str]) -> int:
+    """Run the service process."""
+    parser = argparse.ArgumentParser(prog="fsw.service.process", description=__doc__)
+    parser.add_argument("--down", type=int, required=True, help="descriptor of the loop's ring")
+    parser.add_argument("--up", type=int, required=True, help="descriptor of the ring to the loop")
+    parser.add_argument("--config", type=int, required=True, help="descriptor of the configuration")
+    parser.add_argument("--resume", action="store_true", help="take over from one that has died")
+    arguments = parser.parse_args(argv)
+    clock = MonotonicClock()
+    began_ns = clock.now_ns()
+    parent = os.getppid()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
+    os.nice(NICE)
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # not where the loop is pinned
+    with os.fdopen(arguments.config, "rb", closefd=False) as file:
+        file.seek(0)
+        config: Config = pickle.load(file)
+    down, up = RingReader(arguments.down), RingWriter(arguments.up)
+    wait_for_turn(config.resolve(config.service.state_directory))
+    if arguments.resume and config.telemetry is not None:
+        from fsw.telemetry.tables.effective import effective_config
+
+        config = effective_config(config.as_read())  # tables may have been changed since the start
+    service = Service(config, clock, down, up, resume=arguments.resume)
+    service.open()
+    if arguments.resume:
+        service.event(Event(began_ns, "info", "SERVICE_BACK", f"process {os.getpid()}"))
+    try:
+        return serve(service, down, parent, clock)
+    except MemoryError:
+        return MEMORY_EXIT
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,291 @@
+"""The recorder: a sink that writes MCAP files, and what every recording carries with it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from zstandard import ZstdError
+
+from fsw.config import Config, load
+from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.exchange.recording import RecordingWriter, contents
+from fsw.exchange.recording_parts import (
+    IDENTITY,
+    PART,
+    identity_of,
+    new_first,
+    newest_part,
+    part_path,
+)
+from fsw.exchange.sinks import NullSink, Record
+from fsw.exchange.status import estimate_summary
+from fsw.messages import Estimate, Event
+from fsw.messages.errors import ConfigError
+
+CONFIGURATION = "configuration.yaml"
+ROBOT = "robot.urdf"
+CHECKPOINT = "checkpoint.bin"  # what the recorded run went on from
+CHUNK_PERIOD_NS = 1_000_000_000  # a chunk is finished at least this often
+RETRY_NS = 500_000_000  # after a failure, a new part is tried this often
+SOON = -1  # failed, and the time of the next attempt not set yet
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+LEAST_FREE_BYTES = 4 << 20  # a new part is not begun on a disk that is as good as full
+
+
+def open_recording(
+    config: Config, path: Path, part: Mapping[str, str] | None = None
+) -> RecordingWriter:
+    """Open a recording with configuration and robot model attached. Raises OSError.
+
+    Parameters
+    ----------
+    part : what the metadata record `part` says
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".tmp")  # a file of the final name always says whose it is
+    writer = RecordingWriter(temporary, config.recorder.compression, config.recorder.chunk_bytes)
+    values = config.model_dump(mode="json")
+    values["robot"]["urdf"] = ROBOT
+    text = yaml.safe_dump(values, sort_keys=False).encode()
+    try:
+        if part is not None:
+            writer.metadata(PART, part)
+        writer.attach(CONFIGURATION, "application/yaml", text)
+        writer.attach(ROBOT, "application/xml", config.resolve(config.robot.urdf).read_bytes())
+        writer.sync()
+        writer.path = temporary.replace(path)
+    except OSError:
+        writer.abandon()
+        temporary.unlink(missing_ok=True)
+        raise
+    return writer
+
+
+class Parts:
+    """Opens the files of one recording, each when the one before is full or has failed.
+
+    Every part carries the identity of its recording. The number of a recording is used once,
+    also after the recording was deleted.
+
+    Parameters
+    ----------
+    resume : continue the newest recording of the directory, whose writer has died
+    """
+
+    def __init__(self, config: Config, directory: Path, *, resume: bool = False) -> None:
+        self._config, self._directory = config, directory
+        self._first: Path | None = None
+        self._number, self._identity = 0, uuid.uuid4().hex
+        newest = newest_part(directory) if resume else None
+        identity = _known_identity(part_path(*newest)) if newest is not None else None
+        if newest is not None and identity is not None:
+            (self._first, self._number), self._identity = newest, identity
+
+    def open(self) -> RecordingWriter:
+        """Open the next part. Raises OSError; the part is tried again then."""
+        self._directory.mkdir(parents=True, exist_ok=True)
+        room = os.statvfs(self._directory)
+        if room.f_bavail * room.f_frsize < LEAST_FREE_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if self._first is None:
+            self._first = new_first(self._directory)
+        number = self._number + 1
+        part = {"number": str(number), "first": self._first.name, IDENTITY: self._identity}
+        writer = open_recording(self._config, part_path(self._first, number), part)
+        self._number = number
+        return writer
+
+
+def _known_identity(path: Path) -> str | None:
+    try:
+        return identity_of(path)
+    except ConfigError:  # damaged: what follows is a recording of its own
+        return None
+
+
+def recorded_config(path: Path, folder: Path) -> Config:
+    """Unpack the configuration and robot model of a recording into a folder and read them.
+
+    Raises
+    ------
+    ConfigError when the recording carries none.
+    """
+    attachments = contents(path).attachments
+    missing = {CONFIGURATION, ROBOT} - set(attachments)
+    if missing:
+        raise ConfigError(f"{path}: no attachment {sorted(missing)}; give --config")
+    for name in (CONFIGURATION, ROBOT):
+        (folder / name).write_bytes(attachments[name])
+    return load(folder / CONFIGURATION)
+
+
+class RecorderSink(NullSink):
+    """Writes everything but blocks and replies; a failure ends a file, never the run.
+
+    Parameters
+    ----------
+    writer : the open recording; None: `parts` is to be tried
+    report : told when writing fails (disk full) and when it goes on: severity, code, text
+    parts : opens the next file when one is full or has failed; None: the first file is the only one
+    part_bytes, part_s : when a file is full; None: never
+    """
+
+    def __init__(
+        self,
+        writer: RecordingWriter | None,
+        report: Callable[[str, str, str], None],
+        *,
+        parts: Callable[[], RecordingWriter] | None = None,
+        part_bytes: int | None = None,
+        part_s: float | None = None,
+    ) -> None:
+        self._writer = writer
+        self._report = report
+        self._parts = parts
+        self._part_bytes, self._part_s = part_bytes, part_s
+        self._chunk_ns: int | None = None
+        self._began_ns: int | None = None  # of the file
+        self._retry_ns = 0 if writer is not None else SOON  # 0: all is well
+        self._last_path = writer.path if writer is not None else None
+        self.lost = 0  # messages that came while nothing could be written
+        self.dropped = 0  # messages the rings lost before they came here
+
+    @property
+    def path(self) -> Path | None:
+        """The file in progress, or the last one."""
+        return self._last_path
+
+    def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
+        """Write frames."""
+        self._write(len(frames), lambda writer: writer.can(bus, frames))
+
+    def serial(self, device: str, chunks: Sequence[ByteChunk]) -> None:
+        """Write chunks."""
+
+        def write(writer: RecordingWriter) -> None:
+            for chunk in chunks:
+                writer.serial(device, chunk.t_ns, chunk.data)
+
+        self._write(len(chunks), write)
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Write an estimate with its covariance."""
+        values = estimate_values(estimate)
+        self._write(1, lambda writer: writer.json("/estimate", estimate.t_ns, values))
+
+    def event(self, event: Event) -> None:
+        """Write an event."""
+        values = event_values(event)
+        self._write(1, lambda writer: writer.json("/events", event.t_ns, values))
+
+    def status(self, t_ns: int, status: Record) -> None:
+        """Write a summary; finish the chunk or the file when it has been open for long."""
+        self._follow(t_ns)
+        self._write(1, lambda writer: writer.json("/tm", t_ns, status))
+        if self._chunk_ns is None or t_ns - self._chunk_ns >= CHUNK_PERIOD_NS:
+            self._chunk_ns = t_ns
+            self._write(0, lambda writer: writer.end_chunk())
+
+    def command(self, t_ns: int, record: Record) -> None:
+        """Write an applied command."""
+        self._write(1, lambda writer: writer.json("/tc", t_ns, record))
+
+    def sync(self) -> None:
+        """Hand finished chunks to the system."""
+        self._write(0, lambda writer: writer.sync())
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Add a file."""
+        self._write(0, lambda writer: writer.attach(name, "application/octet-stream", data))
+
+    def close(self) -> None:
+        """Write the drop count, index and footer."""
+        self._write(0, self._finish)
+        self._writer = None
+
+    def _finish(self, writer: RecordingWriter) -> None:
+        counts = {"dropped": str(self.dropped)}
+        writer.metadata("recorder", counts | ({"lost": str(self.lost)} if self.lost else {}))
+        writer.close()
+
+    def _follow(self, t_ns: int) -> None:
+        """Begin the next part when this one is full; after a failure, when it can be had."""
+        writer = self._writer
+        if self._parts is None:
+            return
+        if writer is None:
+            if self._retry_ns == SOON:
+                self._retry_ns = t_ns + RETRY_NS
+            elif t_ns >= self._retry_ns:
+                self._next(t_ns, "RECORDER_BACK", self._parts)
+            return
+        self._began_ns = t_ns if self._began_ns is None else self._began_ns
+        large = self._part_bytes is not None and writer.size_bytes >= self._part_bytes
+        long = self._part_s is not None and (t_ns - self._began_ns) * 1e-9 >= self._part_s
+        if large or long:
+            self.close()
+            self._next(t_ns, None, self._parts)
+
+    def _next(self, t_ns: int, code: str | None, parts: Callable[[], RecordingWriter]) -> None:
+        first = self._retry_ns == 0
+        self._retry_ns = t_ns + RETRY_NS
+        try:
+            self._writer = parts()
+        except OSError as error:
+            if first:
+                text = f"no new part: {error.strerror or error}"
+                self._report("high", failure_code(error), text)
+            return
+        self._last_path = self._writer.path
+        self._began_ns, self._chunk_ns, self._retry_ns = t_ns, t_ns, 0
+        if code is not None:
+            text = f"{self._last_path}: goes on; {self.lost} messages were lost"
+            self._report("medium", code, text)
+
+    def _write(self, count: int, write: Callable[[RecordingWriter], None]) -> None:
+        writer = self._writer
+        if writer is None:
+            self.lost += count
+            return
+        try:
+            write(writer)
+        except OSError as error:
+            self._writer = None
+            self.lost += count
+            self._retry_ns = SOON
+            writer.abandon()
+            text = f"{writer.path}: {error.strerror or error}"
+            self._report("high", failure_code(error), text)
+        except ZstdError as error:  # whatever the data: it got no memory
+            raise MemoryError(str(error)) from error
+
+
+def failure_code(error: OSError) -> str:
+    """Return the event of a recording that cannot be written."""
+    return "DISK_FULL" if error.errno in NO_SPACE else "RECORDER_FAILED"
+
+
+def event_values(event: Event) -> dict[str, Any]:
+    """Return an event as plain values."""
+    return {
+        "t_ns": event.t_ns,
+        "severity": event.severity,
+        "code": event.code,
+        "text": event.text,
+    }
+
+
+def estimate_values(estimate: Estimate) -> Mapping[str, Any]:
+    """Return an estimate as plain values, mean and covariance included."""
+    summary = estimate_summary(estimate) or {}
+    return summary | {
+        "names": list(estimate.names),
+        "mean": estimate.mean.tolist(),
+        "covariance": estimate.covariance.tolist(),
+    }

@@ -1,0 +1,103 @@
+"""The recorder, begun and closed by command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fsw.config import Config
+from fsw.messages.errors import CommandError
+from fsw.service.recorder import Parts, RecorderSink, failure_code
+
+Report = Callable[[str, str, str], None]  # severity, code, text
+
+
+class RecorderSwitch:
+    """At most one recording in progress; `sink` is None while there is none."""
+
+    def __init__(self, config: Config, report: Report) -> None:
+        self._config, self._report = config, report
+        self._last: Path | None = None
+        self._lost = self._dropped = 0  # of recordings that are closed
+        self._recordings = 0
+        self.sink: RecorderSink | None = None
+
+    @property
+    def path(self) -> Path | None:
+        """Return the file in progress, or the last one."""
+        return self._last if self.sink is None else self.sink.path
+
+    @property
+    def lost(self) -> int:
+        """Return messages that could not be written."""
+        return self._lost + (0 if self.sink is None else self.sink.lost)
+
+    def configured(self, config: Config) -> None:
+        """Take the configuration that the next recording will carry."""
+        self._config = config
+
+    def open(self, *, resume: bool) -> None:
+        """Begin if the configuration says where; what fails is an event and tried again later."""
+        directory = self._config.recorder.directory
+        if directory is None:
+            return
+        where, settings = self._config.resolve(directory), self._config.recorder
+        parts = Parts(self._config, where, resume=resume)
+        writer = None
+        try:
+            writer = parts.open()
+        except OSError as error:
+            self._report("high", failure_code(error), f"{where}: {error.strerror or error}")
+        self._recordings += 1
+        self.sink = RecorderSink(
+            writer,
+            self._report,
+            parts=parts.open,
+            part_bytes=settings.part_bytes,
+            part_s=settings.part_s,
+        )
+
+    def close(self, dropped: int) -> None:
+        """Write index and footer; `dropped`: messages the ring lost on the way here."""
+        if self.sink is not None:
+            self.sink.dropped = dropped
+            self.sink.close()
+            self._last, self._lost = self.sink.path, self._lost + self.sink.lost
+            self.sink = None
+
+    def values(self) -> Mapping[str, Any]:
+        """Return recording, failed_messages, dropped_messages, recordings."""
+        return {
+            "recording": self.sink is not None,
+            "failed_messages": self.lost,
+            "dropped_messages": self._dropped if self.sink is None else self.sink.dropped,
+            "recordings": self._recordings,
+        }
+
+    def start(self) -> None:
+        """Begin a recording by command.
+
+        Raises
+        ------
+        CommandError BUSY or NOT_SUPPORTED.
+        """
+        if self.sink is not None:
+            raise CommandError("BUSY", f"{self.path} is being written")
+        if self._config.recorder.directory is None:
+            raise CommandError("NOT_SUPPORTED", "recorder.directory is not configured")
+        self.open(resume=False)
+        self._report("info", "RECORDING_STARTED", str(self.path))
+
+    def stop(self) -> None:
+        """Close the recording by command.
+
+        Raises
+        ------
+        CommandError NOT_STAGED when there is none.
+        """
+        if self.sink is None:
+            raise CommandError("NOT_STAGED", "nothing is being recorded")
+        self._dropped = self.sink.dropped
+        self.close(self._dropped)
+        self._report("info", "RECORDING_STOPPED", str(self.path))

@@ -1,0 +1,1 @@
+"""Files: CFDP class 2 in both directions."""

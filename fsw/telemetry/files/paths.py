@@ -1,0 +1,29 @@
+"""Names of files as the ground gives them, confined to one directory."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+
+from fsw.messages.errors import CommandError
+
+UNKNOWN = "FILE_NOT_FOUND"
+HIDDEN = "."  # names that begin so are the daemon's own
+
+
+def confined(directory: Path, name: str) -> Path:
+    """Return the path of a name below the directory; neither `..` nor a link leads out of it.
+
+    Raises
+    ------
+    CommandError FILE_NOT_FOUND: what cannot be named is treated as what is not there.
+    """
+    parts = PurePosixPath(name).parts
+    if not parts or parts[0] == "/" or any(part.startswith(HIDDEN) for part in parts):
+        raise CommandError(UNKNOWN, f"{name!r} is no name below the file directory")
+    try:
+        path = (directory / PurePosixPath(name)).resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a loop of links
+        raise CommandError(UNKNOWN, f"{name!r}: {error}") from error
+    if not path.is_relative_to(directory.resolve()):
+        raise CommandError(UNKNOWN, f"{name!r} is not below the file directory")
+    return path

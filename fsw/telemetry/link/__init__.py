@@ -1,0 +1,1 @@
+"""Link: bytes and packets between the daemon and the ground."""

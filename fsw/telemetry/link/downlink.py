@@ -1,0 +1,50 @@
+"""Everything that goes down: made into packets, stamped, handed to the link."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from fsw.telemetry.dictionary.types import Packet
+from fsw.telemetry.link.packets import Packetizer
+
+
+class Downlink:
+    """Makes packets and passes them on; without a link they are made all the same."""
+
+    def __init__(self, now_ns: Callable[[], int]) -> None:
+        self._now_ns = now_ns
+        self._packetizer = Packetizer()
+        self.out: Callable[[bytes], None] | None = None
+
+    def send(self, name: str, values: Mapping[str, object]) -> None:
+        """Send a packet of the dictionary with the time now."""
+        self.send_at(name, self._now_ns(), values)
+
+    def send_at(self, name: str, t_ns: int, values: Mapping[str, object]) -> None:
+        """Send a packet of the dictionary with a time of its own [ns]."""
+        self._pass(self._packetizer.make(name, t_ns, values))
+
+    def wrap(self, packet: Packet, t_ns: int, data: bytes) -> None:
+        """Send a packet whose fields are packed already."""
+        self._pass(self._packetizer.wrap(packet, t_ns, data))
+
+    def file_unit(self, pdu: bytes) -> None:
+        """Send a unit of file delivery."""
+        self._pass(self._packetizer.file_packet(pdu))
+
+    def time(self, exponent: int) -> None:
+        """Send a time packet."""
+        t_ns = self._now_ns()
+        coarse, rest_ns = divmod(t_ns, 1_000_000_000)
+        values = {
+            "rate_exponent": exponent,
+            "p_field": 0x2F,
+            "coarse_s": coarse & 0xFFFFFFFF,
+            "fine": (rest_ns << 24) // 1_000_000_000,
+            "time_status": 0,
+        }
+        self.send_at("time", t_ns, values)
+
+    def _pass(self, packet: bytes) -> None:
+        if self.out is not None:
+            self.out(packet)

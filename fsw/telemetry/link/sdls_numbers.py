@@ -1,0 +1,116 @@
+"""Sequence numbers of the authenticated uplink, kept so that no crash reopens an old one."""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from fsw.messages.errors import ConfigError
+
+NUMBERS_NAME = "uplink_numbers.json"  # in the state directory
+RESERVE = 16  # numbers kept ahead: one write in so many commands; a crash skips at most as many
+
+
+@dataclass(slots=True)
+class _Key:
+    floor: int = 0  # lowest number never accepted
+    kept_floor: int = 0  # the same in the file; never below
+    retired: bool = False
+
+
+class NumberStore:
+    """The lowest acceptable number of every key ever seen, in one file.
+
+    The file is replaced whole, and holds numbers ahead of those used: what a crash finds there is
+    always above every number that had an effect. Keys are remembered by fingerprint, so that one
+    taken out and put back does not start again at zero.
+
+    Raises
+    ------
+    ConfigError when the file is damaged: nothing is accepted on a guess.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._keys: dict[str, _Key] = {}
+        self.is_new = not path.exists()
+        if not self.is_new:
+            self._keys = _read(path)
+
+    def floor(self, fingerprint: str) -> int:
+        """Return the lowest number never used."""
+        return self._key(fingerprint).floor
+
+    def is_retired(self, fingerprint: str) -> bool:
+        """Whether the key is never to be accepted again."""
+        return self._key(fingerprint).retired
+
+    def claim(self, fingerprint: str, number: int) -> None:
+        """Use a number up; when it returns, no restart accepts it again. Raises OSError."""
+        key = self._key(fingerprint)
+        if number >= key.kept_floor:
+            self._keep({fingerprint: number + 1 + RESERVE})
+        key.floor = number + 1
+
+    def retire(self, fingerprint: str) -> None:
+        """Never accept this key again, not even after a restart. Raises OSError."""
+        self._key(fingerprint).retired = True
+        self._keep({})
+
+    def close(self) -> None:
+        """Give back the numbers kept ahead. Raises OSError."""
+        self._keep({name: key.floor for name, key in self._keys.items()})
+
+    def _key(self, fingerprint: str) -> _Key:
+        return self._keys.setdefault(fingerprint, _Key())
+
+    def _keep(self, floors: dict[str, int]) -> None:
+        kept = {
+            name: {"floor": floors.get(name, key.kept_floor), "retired": key.retired}
+            for name, key in sorted(self._keys.items())
+        }
+        _replace(self._path, {"keys": kept, "crc32": _crc32(kept)})
+        for name, floor in floors.items():
+            self._keys[name].kept_floor = floor
+
+
+def _crc32(kept: object) -> int:
+    return zlib.crc32(json.dumps(kept, sort_keys=True).encode())
+
+
+def _replace(path: Path, document: object) -> None:
+    """Write beside the file, on to the disk, and only then take its place."""
+    temporary = path.with_suffix(".new")
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with os.fdopen(descriptor, "w") as file:
+        json.dump(document, file)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _read(path: Path) -> dict[str, _Key]:
+    try:
+        document = json.loads(path.read_bytes())
+        kept = document["keys"]
+        if document["crc32"] != _crc32(kept):
+            raise ValueError("its CRC is wrong")
+        return {
+            name: _Key(
+                floor=int(key["floor"]), kept_floor=int(key["floor"]), retired=bool(key["retired"])
+            )
+            for name, key in kept.items()
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ConfigError(
+            f"{path}: numbers of the authenticated uplink cannot be read: {error}; "
+            "give new keys and remove the file"
+        ) from error

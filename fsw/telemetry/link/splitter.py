@@ -1,0 +1,107 @@
+"""The uplink in clear: a byte stream cut into space packets, whatever else is in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fastcrc import crc16
+
+from fsw.telemetry.dictionary.codes import APID_FILES, Error
+from fsw.telemetry.link.packets import CRC_BYTES, HEADER_BYTES, TC_HEADER_BYTES
+
+MAX_PACKET_BYTES = 2048
+PATIENCE_NS = 500_000_000  # for the rest of a packet; then its first byte was garbage
+TC_MASK, TC_BITS = 0xF8, 0x18  # version 0, telecommand, secondary header
+FILE_ID = 0x1000 | APID_FILES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uplinked:
+    """One packet from the ground, or what is known of a refused one; file packets have no CRC."""
+
+    packet: bytes
+    error: Error | None = None
+    text: str = ""
+    value: float = 0.0  # told with the error
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it belongs to file delivery."""
+        return int.from_bytes(self.packet[:2], "big") == FILE_ID
+
+
+class PacketSplitter:
+    """Cuts one client's bytes; what begins no packet is skipped and counted.
+
+    Parameters
+    ----------
+    known_id : packet id whose packets are told even when their CRC is wrong
+    """
+
+    def __init__(self, known_id: int) -> None:
+        self._known = known_id
+        self._buffer = bytearray()
+        self._last_ns = 0
+        self._in_sync = True
+        self.skipped_bytes = 0
+        self.resyncs = 0  # times garbage began
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes that may begin a packet."""
+        return len(self._buffer)
+
+    def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
+        """Return the packets that end in this chunk."""
+        self._buffer += chunk
+        self._last_ns = now_ns
+        return self._cut()
+
+    def expire(self, now_ns: int) -> list[Uplinked]:
+        """Give up what has waited too long for its rest; return what was behind it."""
+        found: list[Uplinked] = []
+        if self._buffer and now_ns - self._last_ns >= PATIENCE_NS:
+            self._skip(1)
+            found = self._cut()
+        return found
+
+    def _cut(self) -> list[Uplinked]:
+        found = []
+        while len(self._buffer) >= HEADER_BYTES:
+            length = _length(self._buffer)
+            if length is None:
+                self._skip(1)
+                continue
+            if len(self._buffer) < length:
+                break
+            packet = bytes(self._buffer[:length])
+            identity = int.from_bytes(packet[:2], "big")
+            good = identity == FILE_ID or crc16.ibm_3740(packet) == 0
+            if good or identity == self._known:
+                found.append(Uplinked(packet=packet, error=None if good else Error.BAD_CRC))
+            if good:
+                del self._buffer[:length]
+                self._in_sync = True
+            else:
+                self._skip(1)
+        return found
+
+    def _skip(self, count: int) -> None:
+        del self._buffer[:count]
+        self.skipped_bytes += count
+        if self._in_sync:
+            self._in_sync = False
+            self.resyncs += 1
+
+
+def _length(buffer: bytearray) -> int | None:
+    """Return the length of the packet these bytes may begin; None when they begin none."""
+    identity = buffer[0] << 8 | buffer[1]
+    length = (buffer[4] << 8 | buffer[5]) + HEADER_BYTES + 1
+    if length > MAX_PACKET_BYTES:
+        return None
+    if identity == FILE_ID:
+        return length
+    if buffer[0] & TC_MASK != TC_BITS or length < TC_HEADER_BYTES + CRC_BYTES:
+        return None
+    return length

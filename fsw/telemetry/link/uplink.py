@@ -1,0 +1,105 @@
+"""What comes up: bytes of a client to telecommand packets, in clear or authenticated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Protocol
+
+from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
+from fsw.telemetry.link.sdls import Accepted, FrameReceiver, FrameSplitter, Rejected
+from fsw.telemetry.link.splitter import PacketSplitter, Uplinked
+
+KNOWN_ID = 0x1800 | APID_ESTIMATOR
+
+
+class Uplink(Protocol):
+    """One client's bytes, cut."""
+
+    @property
+    def skipped_bytes(self) -> int:
+        """Bytes that were no telecommand."""
+        ...
+
+    @property
+    def resyncs(self) -> int:
+        """Times garbage began."""
+        ...
+
+    def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
+        """Return what ends in this chunk."""
+        ...
+
+    def expire(self, now_ns: int) -> list[Uplinked]:
+        """Return what was behind something that waited too long for its rest."""
+        ...
+
+
+class ClearUplink(PacketSplitter):
+    """Packets in clear, on a link that is bound to loopback."""
+
+    def __init__(self) -> None:
+        super().__init__(KNOWN_ID)
+
+
+class SecureUplink:
+    """Authenticated frames; everything else is refused and told."""
+
+    def __init__(self, receiver: FrameReceiver) -> None:
+        self._splitter = FrameSplitter(receiver)
+
+    @property
+    def skipped_bytes(self) -> int:
+        """Bytes that belong to no frame."""
+        return self._splitter.skipped_bytes
+
+    @property
+    def resyncs(self) -> int:
+        """Times such bytes began."""
+        return self._splitter.resyncs
+
+    def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
+        """Return the packets of accepted frames, and what was refused."""
+        return _told(self._splitter.feed(chunk, now_ns), now_ns)
+
+    def expire(self, now_ns: int) -> list[Uplinked]:
+        """Return what was behind something that waited too long for its rest."""
+        return _told(self._splitter.expire(now_ns), now_ns)
+
+
+def _told(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked]:
+    """Return frames as packets; of a repeated one also the number that is taken next."""
+    found: list[Uplinked] = []
+    for outcome in outcomes:
+        if isinstance(outcome, Accepted):
+            found += _packets(outcome.packet, now_ns)
+        else:
+            refused = Uplinked(
+                packet=outcome.packet or b"",
+                error=Error[outcome.reason.name],
+                text=outcome.text,
+                value=float(outcome.next_number or 0),
+            )
+            found.append(refused)
+    return found
+
+
+def _packets(data: bytes, now_ns: int) -> list[Uplinked]:
+    """Return the whole packets an authentic frame carries."""
+    inner = ClearUplink()
+    found = inner.feed(data, now_ns)
+    if inner.pending_bytes or inner.skipped_bytes:
+        found.append(Uplinked(packet=data, error=Error.BAD_LENGTH, text="not whole packets"))
+    return found
+
+
+def security_counters(receiver: FrameReceiver | None) -> Mapping[str, int]:
+    """Return accepted, failed and replayed frames."""
+    if receiver is None:
+        return {"sdls_accepted": 0, "sdls_failed": 0, "sdls_replayed": 0}
+    rejected = {reason.name: count for reason, count in receiver.rejected.items()}
+    replayed = rejected.pop("REPLAY", 0)
+    return {
+        "sdls_accepted": receiver.accepted,
+        "sdls_failed": sum(rejected.values()),
+        "sdls_replayed": replayed,
+    }

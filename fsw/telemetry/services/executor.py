@@ -1,0 +1,164 @@
+"""Takes telecommands: checks, verification reports of service 1, counters.
+
+A handler looks at a request and returns what to do; it raises `TcError` to reject, and then nothing
+has happened. What is done may raise it too: then the telecommand was accepted and has failed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from fsw.telemetry.dictionary.codes import Error, Mode
+from fsw.telemetry.link.packets import Value
+from fsw.telemetry.link.telecommands import (
+    ACK_ACCEPTANCE,
+    ACK_COMPLETION,
+    ACK_PROGRESS,
+    ACK_START,
+    Request,
+    RequestId,
+    TcError,
+    TelecommandReader,
+)
+
+
+class Done(Enum):
+    """How an action left things."""
+
+    NOW = "now"
+    LATER = "later"  # `finish` will be called
+
+
+Action = Callable[[], Done]
+Handler = Callable[[Request], Action]
+Send = Callable[[str, Mapping[str, object]], None]  # packet name, values
+Report = Callable[[str, str], None]  # event code, text
+
+
+@dataclass(slots=True)
+class TcCounters:
+    """What became of telecommands."""
+
+    tc_packets: int = 0
+    tc_accepted: int = 0
+    tc_rejected: int = 0
+    tc_completed: int = 0
+    tc_failed: int = 0
+    last_error: int = 0
+
+
+class TcDispatcher:
+    """Checks, reports, hands on.
+
+    Parameters
+    ----------
+    mode : the mode now
+    """
+
+    def __init__(self, mode: Callable[[], Mode], send: Send, report: Report) -> None:
+        self._reader = TelecommandReader()
+        self._handlers: dict[str, Handler] = {}
+        self._mode, self._send, self._report = mode, send, report
+        self._waiting: dict[RequestId, Request] = {}
+        self.counters = TcCounters()
+
+    def add(self, handlers: Mapping[str, Handler]) -> None:
+        """Take handlers, by name of the telecommand; one without any is NOT_SUPPORTED."""
+        self._handlers.update(handlers)
+
+    def check(self, packet: bytes) -> Request:
+        """Return the request in a packet without doing anything. Raises TcError."""
+        return self._reader.read(packet)
+
+    def receive(self, packet: bytes) -> bool:
+        """Check and do one telecommand; return whether it was accepted."""
+        self.counters.tc_packets += 1
+        try:
+            request = self._reader.read(packet)
+            action = self._prepare(request)
+        except TcError as error:
+            self._reject(RequestId.of(packet), error)
+            return False
+        self.counters.tc_accepted += 1
+        self._success(request, "acceptance_success", ACK_ACCEPTANCE)
+        self._success(request, "start_success", ACK_START)
+        self._waiting[request.id] = request
+        try:
+            done = action()
+        except TcError as error:
+            self.finish(request, error)
+            return True
+        if done is Done.NOW:
+            self.finish(request)
+        return True
+
+    def refuse(self, packet: bytes, error: Error, text: str, value: float = 0.0) -> None:
+        """Reject what did not get through the uplink."""
+        self.counters.tc_packets += 1
+        reason = TcError(error, value=value, text=text)
+        self._reject(RequestId.of(packet), reason, known=len(packet) >= 4)
+
+    def progress(self, request: Request, percent: int) -> None:
+        """Tell how far a request is."""
+        if request.ack & ACK_PROGRESS and request.id in self._waiting:
+            self._send("progress_success", _names(request.id) | {"step": percent})
+
+    def finish(self, request: Request, error: TcError | None = None) -> None:
+        """End a request."""
+        if self._waiting.pop(request.id, None) is None:
+            return
+        if error is None:
+            self.counters.tc_completed += 1
+            self._success(request, "completion_success", ACK_COMPLETION)
+            return
+        self.counters.tc_failed += 1
+        self.counters.last_error = error.error
+        self._send("completion_failure", _names(request.id) | _failure(error))
+        self._report("TC_FAILED", f"{request.telecommand.name}: {error}")
+
+    def reset_counters(self) -> None:
+        """Set all to zero."""
+        self.counters = TcCounters()
+
+    def _prepare(self, request: Request) -> Action:
+        telecommand = request.telecommand
+        mode = self._mode()
+        if telecommand.modes and mode.name not in telecommand.modes:
+            raise TcError(Error.WRONG_MODE, value=mode, text=f"{telecommand.name} in {mode.name}")
+        if request.id in self._waiting:
+            raise TcError(Error.BUSY, text="one of the same request id is not done yet")
+        handler = self._handlers.get(telecommand.name)
+        if handler is None:
+            raise TcError(Error.NOT_SUPPORTED, text=telecommand.name)
+        return handler(request)
+
+    def _reject(self, request_id: RequestId, error: TcError, *, known: bool = True) -> None:
+        self.counters.tc_rejected += 1
+        self.counters.last_error = error.error
+        if known:
+            routed = error.error is not Error.WRONG_APID
+            name = "acceptance_failure" if routed else "routing_failure"
+            self._send(name, _names(request_id) | _failure(error))
+        unauthentic = error.error in (Error.NOT_AUTHENTICATED, Error.REPLAY)
+        self._report("TC_AUTH_FAILED" if unauthentic else "TC_REJECTED", str(error))
+
+    def _success(self, request: Request, name: str, flag: int) -> None:
+        if request.ack & flag:
+            self._send(name, _names(request.id))
+
+
+def _names(request_id: RequestId) -> dict[str, Value]:
+    return {
+        "request_packet_id": request_id.packet_id,
+        "request_sequence": request_id.sequence,
+    }
+
+
+def _failure(error: TcError) -> dict[str, Value]:
+    return {
+        "error": int(error.error),
+        "error_argument": error.argument,
+        "error_value": error.value,
+    }

@@ -1,0 +1,167 @@
+"""Service 8, the functions that are the loop's, the recorder's or the application's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from fsw.messages.commands import CommandName, Reply
+from fsw.messages.errors import CommandError
+from fsw.telemetry.dictionary.codes import METHOD, Error, Mode
+from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.ports import Recording
+from fsw.telemetry.services.executor import Action, Done, Handler, Send
+from fsw.telemetry.services.loop_commands import LoopCommands, Order
+from fsw.telemetry.state.modes import ModeMachine
+
+BODIES = {0: [], 1: ["base"], 2: ["target"], 3: ["base", "target"]}
+
+
+class Functions:
+    """Handlers of identification, batch jobs, state, recorder and modes.
+
+    Parameters
+    ----------
+    configured : bodies that are unknown by the configuration
+    batch_last_s : window of a batch job that names none
+    asked : told method and bodies of a batch job that was accepted
+    """
+
+    def __init__(
+        self,
+        loop: LoopCommands,
+        modes: ModeMachine,
+        recording: Recording,
+        configured: Callable[[], tuple[str, ...]],
+        batch_last_s: Callable[[], float],
+        asked: Callable[[str, tuple[str, ...]], None],
+        send: Send,
+        mode_changed: Callable[[], None],
+    ) -> None:
+        self._loop, self._modes, self._recording = loop, modes, recording
+        self._configured, self._batch_last_s, self._asked = configured, batch_last_s, asked
+        self._send, self._mode_changed = send, mode_changed
+
+    def handlers(self) -> dict[str, Handler]:
+        """Return what takes these functions."""
+        simple = {
+            "STOP_IDENTIFICATION": CommandName.REST,
+            "RESET_ESTIMATOR": CommandName.RESET,
+            "SETTLE_ESTIMATOR": CommandName.FINISH,
+            "SAVE_STATE": CommandName.SAVE_STATE,
+            "RESTORE_STATE": CommandName.RESTORE_STATE,
+            "ABORT_BATCH": CommandName.ABORT_BATCH,
+            "ADOPT_RESULT": CommandName.ADOPT,
+            "RESTART": CommandName.RESTART,
+        }
+        found: dict[str, Handler] = {
+            name: partial(self._simple, command) for name, command in simple.items()
+        }
+        return found | {
+            "START_IDENTIFICATION": self._start,
+            "REPORT_DIAGNOSIS": self._diagnose,
+            "RUN_BATCH": self._run_batch,
+            "SET_MODE": self._set_mode,
+            "REC_START": lambda _: partial(_recorder, self._recording.start),
+            "REC_STOP": lambda _: partial(_recorder, self._recording.stop),
+        }
+
+    def go_safe(self) -> None:
+        """Enter SAFE: nothing is identified, no job runs."""
+        self._modes.latch_safe()
+        self._mode_changed()
+        orders: list[tuple[Order]] = [((CommandName.REST, {}),), ((CommandName.ABORT_BATCH, {}),)]
+        for order in orders:
+            try:
+                self._loop.order(None, order)
+            except TcError:
+                continue  # the ring is full: the loop is not taking commands at all
+
+    def act(self, action: str) -> None:
+        """Carry out what a monitor asks for."""
+        commands = {
+            "standby": CommandName.REST,
+            "reset_estimator": CommandName.RESET,
+            "abort_batch": CommandName.ABORT_BATCH,
+        }
+        if action == "safe":
+            self.go_safe()
+            return
+        try:
+            self._loop.order(None, [(commands[action], {})])
+        except TcError:
+            return  # told by the loop's silence
+
+    def _simple(self, name: CommandName, request: Request) -> Action:
+        return partial(self._loop.order, request, [(name, {})])
+
+    def _bodies(self, request: Request) -> list[str]:
+        return BODIES[request.whole("unknown")] or list(self._configured())
+
+    def _start(self, request: Request) -> Action:
+        orders: list[Order] = [
+            (CommandName.CONFIGURE, {"unknown": self._bodies(request)}),
+            (CommandName.RESUME, {}),
+        ]
+        return partial(self._loop.order, request, orders)
+
+    def _diagnose(self, request: Request) -> Action:
+        def then(reply: Reply) -> None:
+            self._send("diagnosis", _diagnosis(reply.data))
+
+        return partial(self._loop.order, request, [(CommandName.REPORT, {})], then)
+
+    def _run_batch(self, request: Request) -> Action:
+        if self._modes.mode is Mode.BATCH:
+            raise TcError(Error.BUSY, text="a batch job is running")
+        method = METHOD.labels[request.whole("method")].lower()
+        bodies = self._bodies(request)
+        last_s = request.number("last_s") or self._batch_last_s()
+        args: dict[str, object] = {"method": method, "unknown": bodies, "last_s": last_s or None}
+
+        def act() -> Done:
+            self._asked(method, tuple(bodies))
+            return self._loop.order(request, [(CommandName.RUN_BATCH, args)])
+
+        return act
+
+    def _set_mode(self, request: Request) -> Action:
+        wanted = Mode(request.whole("mode"))
+        if self._modes.mode is Mode.BOOT:
+            raise TcError(Error.WRONG_MODE, 1, Mode.BOOT, "the loop is not up yet")
+        return partial(self._go, request, wanted)
+
+    def _go(self, request: Request, wanted: Mode) -> Done:
+        if wanted is Mode.SAFE:
+            self.go_safe()
+            return Done.NOW
+
+        def then(_reply: Reply) -> None:
+            self._modes.leave_safe()
+            self._mode_changed()
+
+        name = CommandName.RESUME if wanted is Mode.IDENTIFY else CommandName.REST
+        return self._loop.order(request, [(name, {})], then)
+
+
+def _recorder(act: Callable[[], None]) -> Done:
+    try:
+        act()
+    except CommandError as error:
+        known = error.code in Error.__members__
+        raise TcError(Error[error.code] if known else Error.FAILED, text=str(error)) from error
+    return Done.NOW
+
+
+def _diagnosis(data: Any) -> dict[str, object]:  # noqa: ANN401
+    lag, verdict = data.get("innovation_lag1", {}), data.get("verdict", data.get("reason", ""))
+    return {
+        "duration_s": data.get("duration_s", 0.0),
+        "blocks": data.get("blocks", 0),
+        "valid": bool(data.get("valid", False)),
+        "noise_ratio": data.get("noise_ratio", 0.0),
+        "innovation_lag1": lag.get("correlation", 0.0),
+        "innovation_lag1_bound": lag.get("bound", 0.0),
+        "verdict": "; ".join(verdict.values()) if isinstance(verdict, Mapping) else str(verdict),
+    }

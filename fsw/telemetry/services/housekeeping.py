@@ -1,0 +1,154 @@
+"""Service 3: housekeeping sets, each at its own rate, once, or not at all; science packets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from fsw.config.tables import RatesTable
+from fsw.config.telemetry import TelemetryConfig
+from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.dictionary.housekeeping import HOUSEKEEPING, SCIENCE, SCIENCE_SID
+from fsw.telemetry.dictionary.types import Packet
+from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.services.executor import Action, Done, Handler, Send
+
+SLOW_SETS = (3, 6, 7)
+SLOW_FACTOR = 5
+FALLBACK_S = 1.0  # of a set that was never given an interval
+MS = 1_000_000
+NAMES = {dict(packet.match)["sid"]: packet.name for packet in HOUSEKEEPING}
+_SID_BYTES = SCIENCE_SID.to_bytes(2, "big")
+
+
+@dataclass(slots=True)
+class _Rate:
+    interval_ns: int
+    enabled: bool
+    due_ns: int = 0
+
+
+class Housekeeping:
+    """Sends sets when they are due.
+
+    Parameters
+    ----------
+    builders : what makes the values of a set, by its number
+    wrap : sends a packet whose fields are packed already: packet, time [ns], fields
+    """
+
+    def __init__(
+        self,
+        config: TelemetryConfig,
+        builders: Mapping[int, Callable[[], Mapping[str, Any]]],
+        send: Send,
+        wrap: Callable[[Packet, int, bytes], None],
+    ) -> None:
+        self._builders, self._send, self._wrap = builders, send, wrap
+        self._rates: dict[int, _Rate] = {}
+        for sid in NAMES:
+            factor = SLOW_FACTOR if sid in SLOW_SETS else 1
+            self._rates[sid] = _rate(factor * config.housekeeping_interval_s)
+        self._rates[SCIENCE_SID] = _rate(config.science_interval_s)
+        self._science_rate_hz = config.science_rate_hz
+        self._science: tuple[int, bytes] | None = None
+
+    def poll(self, now_ns: int) -> None:
+        """Send every set whose time has come; what was missed is not made up for."""
+        for sid in NAMES:
+            rate = self._rates[sid]
+            if rate.enabled and now_ns >= rate.due_ns:
+                rate.due_ns = _next(rate, now_ns)
+                self.report(sid)
+
+    def science(self, t_ns: int, record: bytes) -> None:
+        """Take one record of samples; send it when its time has come."""
+        self._science = (t_ns, record)
+        rate = self._rates[SCIENCE_SID]
+        # half a millisecond early is in time: records come on the loop's grid, which jitters
+        if rate.enabled and t_ns + MS // 2 >= rate.due_ns:
+            rate.due_ns = _next(rate, t_ns)
+            self.report(SCIENCE_SID)
+
+    def report(self, sid: int) -> None:
+        """Send one set now; the science set as it came last."""
+        if sid != SCIENCE_SID:
+            self._send(NAMES[sid], self._builders[sid]())
+        elif self._science is not None:
+            t_ns, record = self._science
+            self._wrap(SCIENCE, t_ns, _SID_BYTES + record)
+
+    def apply(self, table: RatesTable) -> None:
+        """Take the rates of a table."""
+        for sid, item in table.sets.items():
+            self._rates[sid] = _Rate(round(item.interval_s * 1e9), item.enabled)
+
+    def rates(self) -> dict[int, dict[str, Any]]:
+        """Return the rates as a table has them."""
+        return {
+            sid: {"interval_s": rate.interval_ns * 1e-9, "enabled": rate.enabled}
+            for sid, rate in self._rates.items()
+        }
+
+    def handlers(self) -> dict[str, Handler]:
+        """Return what takes this service's telecommands."""
+        return {
+            "ENABLE_SET": partial(self._switch, enabled=True),
+            "DISABLE_SET": partial(self._switch, enabled=False),
+            "REPORT_SET": lambda request: partial(self._once, request.whole("sid")),
+            "SET_INTERVAL": self._set_interval,
+            "REPORT_SET_PROPERTIES": lambda request: partial(self._tell, request.whole("sid")),
+        }
+
+    def _switch(self, request: Request, *, enabled: bool) -> Action:
+        def act() -> Done:
+            rate = self._rates[request.whole("sid")]
+            rate.enabled, rate.due_ns = enabled, 0
+            return Done.NOW
+
+        return act
+
+    def _once(self, sid: int) -> Done:
+        self.report(sid)
+        return Done.NOW
+
+    def _set_interval(self, request: Request) -> Action:
+        sid, interval_ms = request.whole("sid"), request.whole("interval_ms")
+        fault = science_fault({sid: interval_ms * 1e-3}, self._science_rate_hz)
+        if fault:
+            raise TcError(Error.OUT_OF_RANGE, 2, interval_ms, fault)
+
+        def act() -> Done:
+            rate = self._rates[sid]
+            rate.interval_ns, rate.due_ns = MS * interval_ms, 0
+            return Done.NOW
+
+        return act
+
+    def _tell(self, sid: int) -> Done:
+        rate = self._rates[sid]
+        values = {"periodic": rate.enabled, "interval_ms": rate.interval_ns // MS}
+        self._send("set_properties", {"sid": sid} | values)
+        return Done.NOW
+
+
+def science_fault(intervals_s: Mapping[int, float], rate_hz: float) -> str:
+    """Return why a science packet cannot come at its interval; empty when it can."""
+    interval_s = intervals_s.get(SCIENCE_SID)
+    if interval_s is None or interval_s >= (1.0 - 1e-9) / rate_hz:
+        return ""
+    return f"set {SCIENCE_SID}: {interval_s:g} s; telemetry.science_rate_hz gives {1 / rate_hz:g} s"
+
+
+def _rate(interval_s: float) -> _Rate:
+    return _Rate(round((interval_s or FALLBACK_S) * 1e9), interval_s > 0)
+
+
+def _next(rate: _Rate, now_ns: int) -> int:
+    """Return the next point of the set's own grid after now."""
+    if rate.due_ns == 0 or now_ns - rate.due_ns > 10 * rate.interval_ns:
+        return now_ns + rate.interval_ns
+    missed = (now_ns - rate.due_ns) // rate.interval_ns
+    return rate.due_ns + (1 + missed) * rate.interval_ns

@@ -1,0 +1,162 @@
+"""Telecommands that the loop carries out: through the one queue, and back as completion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from fsw.messages.commands import Code, Command, CommandName, JobReport, Reply
+from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.services.executor import Done, TcDispatcher
+
+FIRST_ID = 1 << 20  # numbers below are the control socket's
+TIMEOUT_NS = 5_000_000_000
+STEP_PERCENT = 10  # between progress reports
+ERRORS = {
+    Code.BAD_ARGUMENT: Error.BAD_ARG,
+    Code.QUEUE_FULL: Error.BUSY,
+    Code.JOB_RUNNING: Error.BUSY,
+    Code.NO_JOB: Error.NOT_STAGED,
+    Code.NO_RESULT: Error.NOT_STAGED,
+    Code.NO_STATE: Error.NOT_STAGED,
+    Code.NOT_SUPPORTED: Error.NOT_SUPPORTED,
+    Code.TIMEOUT: Error.TIMEOUT,
+}
+OUTCOMES = ("NOT_CONVERGED", "INSUFFICIENT_EXCITATION")  # of an identification, told in words
+
+Then = Callable[[Reply], None]
+Order = tuple[CommandName, dict[str, object]]
+
+
+@dataclass(slots=True)
+class _Waiting:
+    request: Request | None  # None: on the daemon's own account
+    since_ns: int
+    rest: list[Order]  # what follows when this was accepted
+    then: Then | None = None
+    failed: Callable[[], None] | None = None
+
+
+@dataclass(slots=True)
+class _Job:
+    request: Request
+    step: int = field(default=0)
+
+
+class LoopCommands:
+    """Forwards commands and waits for what became of them.
+
+    Parameters
+    ----------
+    forward : takes a command to the loop; False when it cannot
+    heard : told every accepted command, whoever sent it
+    """
+
+    def __init__(
+        self,
+        forward: Callable[[Command], bool],
+        now_ns: Callable[[], int],
+        heard: Callable[[CommandName], None],
+    ) -> None:
+        self._forward, self._now_ns, self._heard = forward, now_ns, heard
+        self._waiting: dict[int, _Waiting] = {}
+        self._jobs: dict[int, _Job] = {}
+        self._next = FIRST_ID
+        self.dispatcher: TcDispatcher | None = None
+
+    def order(
+        self,
+        request: Request | None,
+        orders: Sequence[Order],
+        then: Then | None = None,
+        failed: Callable[[], None] | None = None,
+    ) -> Done:
+        """Forward commands one after the other, each when the one before was accepted.
+
+        Parameters
+        ----------
+        then : called with the last reply, before the request is finished; may raise TcError
+        failed : called when one was refused
+
+        Raises
+        ------
+        TcError when the first cannot be forwarded.
+        """
+        waiting = _Waiting(request, self._now_ns(), list(orders), then, failed)
+        self._send_next(waiting)
+        return Done.LATER
+
+    def reply(self, reply: Reply) -> None:
+        """Take the loop's answer."""
+        if reply.accepted and reply.command:
+            self._heard(CommandName(reply.command))
+        waiting = self._waiting.pop(reply.id, None)
+        if waiting is None:
+            return
+        if not reply.accepted:
+            self._fail(waiting, _error(reply.code, reply.text))
+            return
+        if reply.command == CommandName.RUN_BATCH and waiting.request is not None:
+            self._jobs[reply.id] = _Job(waiting.request)
+            return
+        try:
+            if waiting.rest:
+                self._send_next(waiting)
+                return
+            if waiting.then is not None:
+                waiting.then(reply)
+        except TcError as error:
+            self._fail(waiting, error)
+            return
+        self._finish(waiting.request, None)
+
+    def job(self, report: JobReport) -> None:
+        """Take the progress or end of a batch job."""
+        job = self._jobs.get(report.id)
+        if job is None or self.dispatcher is None:
+            return
+        if report.state == "running":
+            percent = round(100 * report.progress)
+            if percent >= job.step + STEP_PERCENT:
+                job.step = percent
+                self.dispatcher.progress(job.request, percent)
+            return
+        del self._jobs[report.id]
+        status = str((report.result or {}).get("status", report.text))
+        if report.state == "done" and status == "OK":
+            self._finish(job.request, None)
+        else:
+            self._finish(job.request, _error(Code.ESTIMATOR, f"{report.state} {status}"))
+
+    def poll(self) -> None:
+        """Give up what the loop does not answer."""
+        now_ns = self._now_ns()
+        late = [n for n, item in self._waiting.items() if now_ns - item.since_ns > TIMEOUT_NS]
+        for number in late:
+            waiting = self._waiting.pop(number)
+            self._fail(waiting, TcError(Error.TIMEOUT, text="the loop did not answer"))
+
+    def _send_next(self, waiting: _Waiting) -> None:
+        name, args = waiting.rest.pop(0)
+        number, self._next = self._next, self._next + 1
+        if not self._forward(Command(name=name, id=number, args=args)):
+            raise TcError(Error.BUSY, text="the ring to the loop is full")
+        waiting.since_ns = self._now_ns()
+        self._waiting[number] = waiting
+
+    def _fail(self, waiting: _Waiting, error: TcError) -> None:
+        if waiting.failed is not None:
+            waiting.failed()
+        self._finish(waiting.request, error)
+
+    def _finish(self, request: Request | None, error: TcError | None) -> None:
+        if request is not None and self.dispatcher is not None:
+            self.dispatcher.finish(request, error)
+
+
+def _error(code: Code, text: str) -> TcError:
+    for outcome in OUTCOMES:
+        if outcome in text:
+            return TcError(Error[outcome], text=text)
+    return TcError(ERRORS.get(code, Error.FAILED), text=text)

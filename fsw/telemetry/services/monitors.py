@@ -1,0 +1,203 @@
+"""Service 12: limits of telemetered values; stale, so many times in a row, and once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import partial
+from typing import Any
+
+from fsw.config.tables import MonitorConfig, MonitorsTable
+from fsw.messages.errors import ConfigError
+from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.dictionary.parameters import VALUE
+from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send
+
+PERIOD_NS = 200_000_000
+NUMBERS = {label: number for number, label in VALUE.labels.items()}
+
+
+class Check(IntEnum):
+    """What a check found; labels are the dictionary's."""
+
+    UNCHECKED = 0
+    WITHIN = 1
+    BELOW_LOW = 2
+    ABOVE_HIGH = 3
+    STALE = 4
+
+
+@dataclass(slots=True)
+class _Monitor:
+    config: MonitorConfig
+    enabled: bool
+    status: Check = Check.UNCHECKED
+    candidate: Check = Check.UNCHECKED
+    count: int = 0
+    acted: bool = False
+
+
+Source = Callable[[str], tuple[Mapping[str, Any], float]]  # packet -> values, their age [s]
+
+
+def check_table(table: MonitorsTable) -> None:
+    """Raise ConfigError when a monitor watches what is not telemetered."""
+    unknown = [m.value for m in table.monitors if m.value not in NUMBERS]
+    if unknown:
+        raise ConfigError(f"monitors.value: {unknown} are no numbers of the housekeeping sets")
+
+
+class Monitoring:
+    """Checks values five times a second.
+
+    Parameters
+    ----------
+    source : values of a housekeeping packet and how old they are
+    act : carries out an action by its name
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        now_ns: Callable[[], int],
+        send: Send,
+        report: Report,
+        act: Callable[[str], None],
+    ) -> None:
+        self._source, self._now_ns, self._send = source, now_ns, send
+        self._report, self._act = report, act
+        self._monitors: dict[int, _Monitor] = {}
+        self._due_ns = 0
+        self.enabled = True
+
+    def apply(self, table: MonitorsTable) -> None:
+        """Take another table; every status begins anew."""
+        self._monitors = {m.id: _Monitor(m, m.enabled) for m in table.monitors}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return the monitors as a table has them."""
+        return [
+            m.config.model_dump(mode="json") | {"enabled": m.enabled}
+            for m in self._monitors.values()
+        ]
+
+    def poll(self, now_ns: int) -> None:
+        """Check what is enabled, when it is time."""
+        if not self.enabled or now_ns < self._due_ns:
+            return
+        self._due_ns = now_ns + PERIOD_NS
+        seen: dict[str, tuple[Mapping[str, Any], float]] = {}
+        for monitor in self._monitors.values():
+            if monitor.enabled:
+                packet, name = monitor.config.value.split(".")
+                if packet not in seen:
+                    seen[packet] = self._source(packet)
+                values, age_s = seen[packet]
+                self._check(monitor, float(values[name]), age_s)
+
+    def _check(self, monitor: _Monitor, value: float, age_s: float) -> None:
+        found = _judge(monitor.config, value, age_s)
+        monitor.count = monitor.count + 1 if found is monitor.candidate else 1
+        monitor.candidate = found
+        needed = 1 if found is Check.WITHIN else monitor.config.repetitions
+        if found is monitor.status or monitor.count < needed:
+            return
+        before, monitor.status = monitor.status, found
+        if before is Check.UNCHECKED and found is Check.WITHIN:
+            return
+        self._tell(monitor, before, value, age_s)
+
+    def _tell(self, monitor: _Monitor, before: Check, value: float, age_s: float) -> None:
+        config, now = monitor.config, monitor.status
+        limit = {Check.ABOVE_HIGH: config.high, Check.STALE: config.stale_s}.get(now, config.low)
+        values = {
+            "monitor": config.id,
+            "value": NUMBERS[config.value],
+            "found": age_s if now is Check.STALE else value,
+            "limit": limit or 0.0,
+            "before": int(before),
+            "now": int(now),
+            "time_s": self._now_ns() * 1e-9,
+        }
+        self._send("check_transition", values)
+        words = f"monitor {config.id}: {config.value} {now.name}, {value:.6g}"
+        if now is Check.WITHIN:
+            self._report("LIMIT_RECOVERED", words)
+            return
+        self._report("LIMIT_VIOLATED", words)
+        if config.action != "none" and not monitor.acted:
+            monitor.acted = True
+            self._report("LIMIT_ACTION", f"monitor {config.id}: {config.action}")
+            self._act(config.action)
+
+    def handlers(self) -> dict[str, Handler]:
+        """Return what takes this service's telecommands."""
+        return {
+            "ENABLE_MONITOR": partial(self._switch, enabled=True),
+            "DISABLE_MONITOR": partial(self._switch, enabled=False),
+            "REPORT_MONITOR": self._tell_definition,
+            "REPORT_MONITOR_STATUS": lambda _: self._tell_status,
+            "ENABLE_MONITORING": lambda _: partial(self._switch_all, enabled=True),
+            "DISABLE_MONITORING": lambda _: partial(self._switch_all, enabled=False),
+        }
+
+    def _find(self, request: Request) -> _Monitor:
+        monitor = self._monitors.get(request.whole("monitor"))
+        if monitor is None:
+            raise TcError(Error.BAD_ARG, 1, request.number("monitor"), "no such monitor")
+        return monitor
+
+    def _switch(self, request: Request, *, enabled: bool) -> Action:
+        monitor = self._find(request)
+
+        def act() -> Done:
+            monitor.enabled = enabled
+            monitor.status = monitor.candidate = Check.UNCHECKED
+            monitor.count, monitor.acted = 0, False
+            return Done.NOW
+
+        return act
+
+    def _switch_all(self, *, enabled: bool) -> Done:
+        self.enabled = enabled
+        return Done.NOW
+
+    def _tell_definition(self, request: Request) -> Action:
+        monitor = self._find(request)
+
+        def act() -> Done:
+            config = monitor.config
+            values = {
+                "monitor": config.id,
+                "value": NUMBERS[config.value],
+                "enabled": monitor.enabled,
+                "low": float("-inf") if config.low is None else config.low,
+                "high": float("inf") if config.high is None else config.high,
+                "repetitions": config.repetitions,
+                "stale_s": config.stale_s,
+                "action": config.action,
+            }
+            self._send("monitor_definition", values)
+            return Done.NOW
+
+        return act
+
+    def _tell_status(self) -> Done:
+        if not self._monitors:
+            self._send("monitor_status", {"monitor": 0, "enabled": False, "status": 0})
+        for number, monitor in self._monitors.items():
+            values = {"monitor": number, "enabled": monitor.enabled, "status": int(monitor.status)}
+            self._send("monitor_status", values)
+        return Done.NOW
+
+
+def _judge(config: MonitorConfig, value: float, age_s: float) -> Check:
+    if 0 < config.stale_s < age_s:
+        return Check.STALE
+    if config.low is not None and value < config.low:
+        return Check.BELOW_LOW
+    if config.high is not None and value > config.high:
+        return Check.ABOVE_HIGH
+    return Check.WITHIN

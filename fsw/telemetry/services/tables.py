@@ -1,0 +1,272 @@
+"""Tables: load, validate, activate at a tick boundary, dump, abort, roll back.
+
+What is active is a generation on the disk; what is staged is in memory only. A power cut therefore
+leaves the old table or the new one.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+from fsw.messages.errors import ConfigError
+from fsw.telemetry.dictionary.codes import Error, Table
+from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send
+from fsw.telemetry.state.store import GenerationStore
+from fsw.telemetry.tables.content import SUFFIX
+from fsw.telemetry.tables.slot import Copy, Slot, State
+
+MAX_BYTES = 1 << 20
+
+
+class Apply(Protocol):
+    """Makes a table's content effective."""
+
+    def __call__(
+        self,
+        table: Table,
+        content: bytes,
+        request: Request,
+        commit: Callable[[], None],
+        failed: Callable[[], None],
+    ) -> Done:
+        """Apply; call `commit` once it is in force, or `failed`."""
+        ...
+
+
+class Tables:
+    """The tables and what can be done with them.
+
+    Parameters
+    ----------
+    validate : raises ConfigError
+    apply : makes a content effective
+    dump : content in use where nothing was uplinked
+    find : resolves a path from the ground; raises TcError
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        dumps: Path,
+        validate: Callable[[Table, bytes], None],
+        apply: Apply,
+        dump: Callable[[Table], bytes],
+        find: Callable[[str], Path],
+        send: Send,
+        report: Report,
+    ) -> None:
+        self._dumps, self._validate, self._apply = dumps, validate, apply
+        self._dump_content, self._find = dump, find
+        self._send, self._report = send, report
+        self._slots = {t: Slot(GenerationStore(directory / t.name.lower())) for t in Table}
+        for table, slot in self._slots.items():
+            damaged = slot.recall(partial(self._validate, table))
+            if damaged:
+                report("TABLE_CORRUPT", f"{table.name}: {damaged} generations cannot be used")
+
+    def active(self, table: Table) -> bytes:
+        """Return what was uplinked; empty when the configuration holds."""
+        return self._slots[table].active
+
+    def values(self) -> dict[str, Any]:
+        """Return the fields of the housekeeping set."""
+        return {
+            f"{table.name.lower()}_{key}": value
+            for table, slot in self._slots.items()
+            for key, value in slot.values().items()
+        }
+
+    def handlers(self) -> dict[str, Handler]:
+        """Return what takes the table functions of service 8."""
+        steps: Mapping[str, Callable[[Request, Table, Slot], Action]] = {
+            "TBL_LOAD": self._load,
+            "TBL_DATA": self._data,
+            "TBL_LOAD_FILE": self._load_file,
+            "TBL_VALIDATE": self._check,
+            "TBL_ACTIVATE": self._activate,
+            "TBL_DUMP": self._dump,
+            "TBL_ABORT": self._abort,
+            "TBL_ROLLBACK": self._rollback,
+        }
+        return {name: partial(self._step, step) for name, step in steps.items()}
+
+    def _step(self, step: Callable[[Request, Table, Slot], Action], request: Request) -> Action:
+        table = Table(request.whole("table"))
+        slot = self._slots[table]
+        if slot.state is State.ACTIVATING:
+            raise TcError(Error.BUSY, 1, table, "it is being activated")
+        action = step(request, table, slot)
+
+        def act() -> Done:
+            try:
+                return action()
+            except TcError as error:
+                slot.error = error.error
+                raise
+
+        return act
+
+    def _load(self, request: Request, table: Table, slot: Slot) -> Action:
+        size, crc32 = request.whole("size_bytes"), request.whole("crc32")
+
+        def act() -> Done:
+            slot.drop()
+            slot.state, slot.size, slot.crc32 = State.LOADING, size, crc32
+            return Done.NOW
+
+        _ = table
+        return act
+
+    def _data(self, request: Request, table: Table, slot: Slot) -> Action:
+        offset, data = request.whole("offset"), request.data
+        if slot.state is not State.LOADING:
+            raise TcError(Error.NOT_STAGED, 1, table, "no load was begun")
+        if offset > len(slot.staged) or offset + len(data) > slot.size:
+            raise TcError(Error.OUT_OF_RANGE, 2, offset, f"{len(slot.staged)} of {slot.size} held")
+
+        def act() -> Done:
+            slot.staged[offset : offset + len(data)] = data
+            if len(slot.staged) == slot.size:
+                self._staged(table, slot)
+            return Done.NOW
+
+        return act
+
+    def _load_file(self, request: Request, table: Table, slot: Slot) -> Action:
+        path = self._find(request.text("path"))
+        if not path.is_file():
+            raise TcError(Error.FILE_NOT_FOUND, 3)
+        if path.stat().st_size > MAX_BYTES:
+            raise TcError(Error.OUT_OF_RANGE, 3, path.stat().st_size)
+
+        def act() -> Done:
+            slot.drop()
+            try:
+                slot.staged = bytearray(path.read_bytes())
+            except OSError as error:
+                raise TcError(Error.FILE_NOT_FOUND, 3) from error
+            slot.size, slot.crc32 = len(slot.staged), request.whole("crc32")
+            self._staged(table, slot)
+            return Done.NOW
+
+        return act
+
+    def _staged(self, table: Table, slot: Slot) -> None:
+        found = zlib.crc32(slot.staged)
+        if found != slot.crc32:
+            slot.drop()
+            raise TcError(Error.CRC_MISMATCH, value=found)
+        slot.state = State.STAGED
+        self._report("TABLE_LOADED", f"{table.name}, {slot.size} bytes, CRC-32 {found:08x}")
+
+    def _check(self, request: Request, table: Table, slot: Slot) -> Action:
+        if slot.state not in (State.STAGED, State.VALIDATED):
+            raise TcError(Error.NOT_STAGED, 1, table)
+
+        def act() -> Done:
+            try:
+                self._validate(table, bytes(slot.staged))
+            except ConfigError as error:
+                self._report("TABLE_INVALID", f"{table.name}: {error}")
+                raise TcError(Error.NOT_VALIDATED, 1, table, str(error)) from error
+            slot.state = State.VALIDATED
+            self._report("TABLE_VALIDATED", table.name)
+            return Done.NOW
+
+        _ = request
+        return act
+
+    def _activate(self, request: Request, table: Table, slot: Slot) -> Action:
+        if slot.state not in (State.STAGED, State.VALIDATED):
+            raise TcError(Error.NOT_STAGED, 1, table)
+        if slot.state is not State.VALIDATED:
+            raise TcError(Error.NOT_VALIDATED, 1, table)
+        if zlib.crc32(slot.staged) != request.whole("crc32"):
+            raise TcError(Error.CRC_MISMATCH, 2, zlib.crc32(slot.staged))
+        self._one_at_a_time(table)
+        return partial(self._put_in_force, request, table, slot, bytes(slot.staged))
+
+    def _rollback(self, request: Request, table: Table, slot: Slot) -> Action:
+        if slot.previous is None:
+            raise TcError(Error.NOT_STAGED, 1, table, "there is none before this one")
+        self._one_at_a_time(table)
+        return partial(self._put_in_force, request, table, slot, slot.previous)
+
+    def _one_at_a_time(self, table: Table) -> None:
+        """Raise TcError while a table is being activated: each is put in force with the others."""
+        if any(slot.state is State.ACTIVATING for slot in self._slots.values()):
+            raise TcError(Error.BUSY, 1, table, "another one is being activated")
+
+    def _put_in_force(self, request: Request, table: Table, slot: Slot, content: bytes) -> Done:
+        """Bring to the disk, apply, and only then let it be the newest generation."""
+        try:
+            number = slot.store.prepare(content)
+        except OSError as error:
+            raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
+        before, slot.state = slot.state, State.ACTIVATING
+
+        def commit() -> None:
+            slot.state = before
+            try:
+                slot.store.commit(number)
+            except OSError as error:
+                raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
+            slot.previous, slot.active, slot.generation = slot.active, content, number
+            slot.drop()
+            self._report("TABLE_ACTIVATED", f"{table.name}, generation {number}")
+
+        def failed() -> None:
+            slot.state = before
+            slot.store.discard()
+
+        try:
+            return self._apply(table, content, request, commit, failed)
+        except (ConfigError, TcError) as error:
+            failed()
+            if isinstance(error, TcError):
+                raise
+            raise TcError(Error.NOT_VALIDATED, 1, table, str(error)) from error
+
+    def _dump(self, request: Request, table: Table, slot: Slot) -> Action:
+        copy = Copy(request.whole("copy"))
+        if copy is Copy.STAGED and not slot.staged:
+            raise TcError(Error.NOT_STAGED, 1, table)
+        if copy is Copy.PREVIOUS and slot.previous is None:
+            raise TcError(Error.NOT_STAGED, 1, table)
+        contents = {Copy.STAGED: bytes(slot.staged), Copy.PREVIOUS: slot.previous or b""}
+
+        def act() -> Done:
+            content = contents.get(copy, slot.active)
+            if copy is Copy.ACTIVE and not content:
+                content = self._dump_content(table)
+            path = self._dumps / f"{table.name.lower()}_{copy.name.lower()}.{SUFFIX[table]}"
+            try:
+                self._dumps.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
+            except OSError as error:
+                raise TcError(Error.FAILED, text=f"{path}: {error.strerror}") from error
+            values = {"table": int(table), "crc32": zlib.crc32(content)}
+            values |= {"size_bytes": len(content)}
+            name = f"files/{self._dumps.name}/{path.name}"  # as the ground calls it
+            self._send("table_dumped", {**values, "path": name})
+            self._report("TABLE_DUMPED", f"{table.name} {copy.name}")
+            return Done.NOW
+
+        return act
+
+    def _abort(self, request: Request, table: Table, slot: Slot) -> Action:
+        if slot.state is State.ACTIVE:
+            raise TcError(Error.NOT_STAGED, 1, table)
+
+        def act() -> Done:
+            slot.drop()
+            self._report("TABLE_ABORTED", table.name)
+            return Done.NOW
+
+        _ = request
+        return act

@@ -1,0 +1,1 @@
+"""State: the values that telemetry reports, and files that survive a power cut."""

@@ -1,0 +1,55 @@
+"""How often the daemon was started, and why the last run ended."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+from fsw.telemetry.dictionary.codes import RESET_CAUSE
+from fsw.telemetry.state.store import GenerationStore
+
+# of the dictionary's reset_cause, in its order
+CAUSES = ("first start", "stopped before", "restart commanded", "the last run crashed")
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """The place of this run among all on one state directory."""
+
+    count: int
+    cause: int  # of the dictionary's reset_cause
+
+    @classmethod
+    def begin(cls, store: GenerationStore, *, resume: bool) -> Boot:
+        """Count this start; `resume`: the loop never stopped, this is the same run.
+
+        A state directory that cannot be written gives a run that counts from what it could read.
+        """
+        generations, _ = store.read()
+        last = json.loads(generations[0].content) if generations else None
+        if last is None:
+            boot = cls(1, RESET_CAUSE.value("FIRST_START"))
+        elif resume:
+            return cls(last["count"], last["cause"])
+        else:
+            cause = RESET_CAUSE.value("CRASH") if last["running"] else last["next_cause"]
+            boot = cls(last["count"] + 1, cause)
+        boot.keep(store, running=True, commanded=False)
+        return boot
+
+    def text(self) -> str:
+        """Return what an operator is told."""
+        return f"run {self.count}: {CAUSES[self.cause]}"
+
+    def keep(self, store: GenerationStore, *, running: bool, commanded: bool) -> None:
+        """Write down that the daemon runs, or that it ended as it should."""
+        document = {
+            "count": self.count,
+            "cause": self.cause,
+            "running": running,
+            "next_cause": RESET_CAUSE.value("COMMANDED" if commanded else "STOPPED"),
+        }
+        try:
+            store.write(json.dumps(document).encode())
+        except OSError:
+            return  # a full disk shows in the recorder's events

@@ -1,0 +1,44 @@
+"""What is running: package, commit where the source knows it, interpreter."""
+
+from __future__ import annotations
+
+import platform
+from importlib import metadata
+from pathlib import Path
+
+PACKAGE = "inertia-daemon"
+
+
+def version_values() -> dict[str, str]:
+    """Return package and version, commit, Python."""
+    try:
+        version = metadata.version(PACKAGE)
+    except metadata.PackageNotFoundError:
+        version = "unpackaged"
+    return {
+        "package": f"{PACKAGE} {version}",
+        "commit": commit(Path(__file__).parents[3]),
+        "python": platform.python_version(),
+    }
+
+
+def commit(top: Path) -> str:
+    """Return the commit of a source tree's checkout; empty where there is none."""
+    git = top / ".git"
+    try:
+        if git.is_file():  # a linked work tree
+            git = Path(git.read_text().removeprefix("gitdir:").strip())
+        head = (git / "HEAD").read_text().strip()
+        if not head.startswith("ref: "):
+            return head
+        name = head.removeprefix("ref: ")
+        common = (
+            git / (git / "commondir").read_text().strip() if (git / "commondir").exists() else git
+        )
+        loose = common / name
+        if loose.exists():
+            return loose.read_text().strip()
+        lines = (common / "packed-refs").read_text().splitlines()
+    except OSError:
+        return ""
+    return next((line.split()[0] for line in lines if line.endswith(f" {name}")), "")

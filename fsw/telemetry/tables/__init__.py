@@ -1,0 +1,1 @@
+"""Tables: content, effect and storage of the uplinked tables."""

@@ -1,0 +1,72 @@
+"""The configuration in force: the file, with what was uplinked and set laid over it."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from pathlib import Path
+from typing import Any
+
+from fsw.config import Config
+from fsw.config.overlay import overlay
+from fsw.messages.errors import ConfigError
+from fsw.telemetry.dictionary.codes import Table
+from fsw.telemetry.services.parameters import estimator_changes, stored_values
+from fsw.telemetry.state.store import GenerationStore
+from fsw.telemetry.tables.content import noise_changes, validate_table
+
+TABLES, PARAMETERS, BOOT = "tables", "parameters", "boot"  # folders in the state directory
+ROBOT_FILE = "robot_{:08x}.urdf"  # CRC-32 of its content: another robot never takes its place
+
+
+def effective_config(config: Config) -> Config:
+    """Return the configuration a daemon starts with; what does not hold any more is left out.
+
+    Reads the state directory only when there is a link by which something can have been uplinked.
+    Raises OSError when an uplinked robot cannot be written out for the model's reader.
+    """
+    if config.telemetry is None:
+        return config
+    state = config.resolve(config.service.state_directory)
+    for table in (Table.ROBOT, Table.NOISE):
+        for generation in GenerationStore(state / TABLES / table.name.lower()).read()[0]:
+            try:
+                validate_table(config, table, generation.content)
+            except ConfigError:
+                continue  # told by the service, which reads the same files
+            config = laid_over(config, state, table, generation.content)
+            break
+    _remove_robots(state, config)
+    values, _ = stored_values(GenerationStore(state / PARAMETERS))
+    return overlay(config, {"estimator": estimator_changes(values)})
+
+
+def laid_over(config: Config, state: Path, table: Table, content: bytes) -> Config:
+    """Return the configuration with a robot or noise table over it. Raises ConfigError, OSError."""
+    if not content:
+        return config
+    changes: dict[str, Any]
+    if table is Table.NOISE:
+        changes = noise_changes(content)
+    else:
+        changes = {"urdf": write_robot(state, content)}
+    return overlay(config, changes)
+
+
+def write_robot(state: Path, content: bytes) -> Path:
+    """Write an uplinked robot where model readers find it. Raises OSError."""
+    folder = state / TABLES
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / ROBOT_FILE.format(zlib.crc32(content))
+    temporary = path.with_suffix(f".{os.getpid()}")
+    temporary.write_bytes(content)
+    temporary.replace(path)
+    return path.absolute()
+
+
+def _remove_robots(state: Path, config: Config) -> None:
+    """Remove what was written of robots that are not in force."""
+    in_force = config.resolve(config.robot.urdf).absolute()
+    for path in (state / TABLES).glob(ROBOT_FILE.replace("{:08x}", "*")):
+        if path.absolute() != in_force:
+            path.unlink(missing_ok=True)

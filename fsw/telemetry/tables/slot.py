@@ -1,0 +1,82 @@
+"""One table: what is active, what is staged, and how far that is."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from fsw.messages.errors import ConfigError
+from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.state.store import GenerationStore
+
+
+class State(IntEnum):
+    """Of a table; labels are the dictionary's."""
+
+    ACTIVE = 0
+    LOADING = 1
+    STAGED = 2
+    VALIDATED = 3
+    ACTIVATING = 4
+
+
+class Copy(IntEnum):
+    """Which copy of a table."""
+
+    ACTIVE = 0
+    STAGED = 1
+    PREVIOUS = 2
+
+
+@dataclass(slots=True)
+class Slot:
+    """What is known of one table."""
+
+    store: GenerationStore
+    state: State = State.ACTIVE
+    staged: bytearray = field(default_factory=bytearray)
+    size: int = 0
+    crc32: int = 0
+    active: bytes = b""  # empty: the configuration as it is
+    previous: bytes | None = None
+    generation: int = 0
+    error: Error = Error.NONE
+
+    def values(self) -> dict[str, int]:
+        """Return its fields of the housekeeping set."""
+        return {
+            "state": int(self.state),
+            "generation": self.generation,
+            "active_crc32": zlib.crc32(self.active),
+            "staged_crc32": zlib.crc32(self.staged),
+            "staged_bytes": len(self.staged),
+            "error": int(self.error),
+        }
+
+    def drop(self) -> None:
+        """Drop what is staged."""
+        self.state, self.staged, self.size, self.crc32 = State.ACTIVE, bytearray(), 0, 0
+        self.error = Error.NONE
+
+    def recall(self, validate: Callable[[bytes], None]) -> int:
+        """Take the newest stored generation that is good and still valid; return how many are not.
+
+        Parameters
+        ----------
+        validate : raises ConfigError
+        """
+        generations, damaged = self.store.read()
+        good = []
+        for generation in generations:
+            try:
+                validate(generation.content)
+            except ConfigError:
+                damaged += 1
+            else:
+                good.append(generation)
+        if good:
+            self.active, self.generation = good[0].content, good[0].number
+            self.previous = good[1].content if len(good) > 1 else b""
+        return damaged

@@ -1,0 +1,181 @@
+"""The simulated robot's devices: CAN frames in, CAN frames and serial bytes out, all timed.
+
+`Plant` is passive and knows only the times it is told, so the same object serves virtual time (see
+`hil.links.virtual`) and real time (`python -m hil.devices.plant PLANT.yaml`).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.devices.bus_toggle import BusToggle
+from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
+from hil.devices.canopen import SYNC_ID, JointNode, Reading
+from hil.devices.imu import Imu
+from hil.devices.star_tracker import StarTracker
+from hil.devices.truth_clock import ClampedHistory, JointTable, TruthClock
+from hil.devices.truth_port import History
+from hil.devices.uart import TimedBytes
+from hil.world.sensors import JointErrors, NodeConfig, SensorConfig
+
+FIRST_NODE = 0x11
+TEMPERATURE_DEGC = 25.0
+
+
+class Plant:
+    """All devices of one robot.
+
+    Parameters
+    ----------
+    history : truth; its time zero is `start_delay_s` after the first SYNC, at rest before
+    sensors : what the devices are and how wrong they measure
+    seed : fixes every random bit of every device
+    t0_ns : power-on, on the host's clock
+    sync_rate_hz : of the host's SYNC; what a noise block is sampled at
+    """
+
+    def __init__(
+        self,
+        history: History,
+        sensors: SensorConfig,
+        seed: int,
+        *,
+        start_delay_s: float = 4.0,
+        t0_ns: int = 0,
+        sync_rate_hz: float = 500.0,
+    ) -> None:
+        self.sensors = sensors
+        self.clock = TruthClock(start_delay_s)
+        rested = ClampedHistory(history)
+        self._table = JointTable(rested)
+        n = self._table.n
+        default = tuple(NodeConfig(node_id=FIRST_NODE + i) for i in range(n))
+        self.nodes = sensors.joints.nodes or default
+        if len(self.nodes) != n:
+            raise ValueError(f"joints.nodes: {len(self.nodes)} nodes for a robot of {n} joints")
+        rate_hz = sensors.joints.sync_rate_hz or sync_rate_hz
+        self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz)
+        self._signs = np.array([node.sign for node in self.nodes])
+        self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
+        self._latched: tuple[int, list[Reading]] | None = None
+        names = tuple(dict.fromkeys(node.bus for node in self.nodes))
+        self.segments = {
+            name: self._segment(name, index, seed, t0_ns) for index, name in enumerate(names)
+        }
+        self.imu = (
+            Imu(sensors.imu, rested, self.clock, seed, t0_ns) if sensors.imu is not None else None
+        )
+        self.star_tracker = (
+            StarTracker(sensors.star_tracker, rested, self.clock, seed, t0_ns)
+            if sensors.star_tracker is not None
+            else None
+        )
+        self.lines: dict[str, Imu | StarTracker] = {}
+        if self.imu is not None:
+            self.lines["imu"] = self.imu
+        if self.star_tracker is not None:
+            self.lines["star_tracker"] = self.star_tracker
+
+    def _segment(self, name: str, index: int, seed: int, t0_ns: int) -> CanSegment:
+        joints = self.sensors.joints
+        nodes = {
+            i: JointNode(
+                node_id=node.node_id,
+                joint=i + 1,
+                is_fd=node.format == "fd",
+                autostart=joints.autostart,
+                sync_counter_max=joints.sync_counter_max,
+                toggle=None if joints.redundancy is None else BusToggle(joints.redundancy),
+            )
+            for i, node in enumerate(self.nodes)
+            if node.bus == name
+        }
+        return CanSegment(
+            name,
+            nodes,
+            self._latch,
+            seed,
+            index=index,
+            heartbeat_s=joints.heartbeat_s,
+            torque_range_nm=joints.torque_range_nm,
+            t0_ns=t0_ns,
+        )
+
+    def _latch(self, t_ns: int) -> Sequence[Reading]:
+        """Measure every joint; buses sharing a SYNC instant share the latch."""
+        if self._latched is not None and self._latched[0] == t_ns:
+            return self._latched[1]
+        config = self.sensors.joints
+        t_s = self.clock.second(t_ns) + config.latch_offset_s
+        q, qd, tau = self._table.at(t_s)
+        position, torque = self.joint_errors.measure(q, tau)
+        positions = (self._signs * (position - self._zeros)).tolist()
+        velocities = (self._signs * qd).tolist()
+        torques = (self._signs * torque).tolist()
+        motors = (self._signs * tau / config.rated_torque_nm).tolist()
+        readings = [
+            Reading(positions[i], velocities[i], torques[i], motors[i], TEMPERATURE_DEGC)
+            for i in range(len(positions))
+        ]
+        self._latched = (t_ns, readings)
+        return readings
+
+    def sync_producer(self, t0_ns: int) -> SyncProducer | None:
+        """Return a SYNC producer starting at the time, where the plant is to be one."""
+        joints = self.sensors.joints
+        if joints.sync_rate_hz is None:
+            return None
+        return SyncProducer(joints.sync_rate_hz, joints.sync_counter_max, t0_ns)
+
+    def _bus(self, bus: str | None) -> CanSegment:
+        return self.segments[bus] if bus is not None else next(iter(self.segments.values()))
+
+    def on_frame(
+        self, t_ns: int, can_id: int, data: bytes, bus: str | None = None, line: int = 0
+    ) -> list[TimedFrame]:
+        """Take a frame the host sent at `t_ns`; return the answers with their arrival times."""
+        if can_id == SYNC_ID:
+            self.clock.start(t_ns)
+        return self._bus(bus).on_frame(t_ns, can_id, data, line)
+
+    def frames_until(self, t_ns: int, bus: str | None = None, line: int = 0) -> list[TimedFrame]:
+        """Return boot-up frames and heartbeats due by the time, with their arrival times."""
+        return self._bus(bus).frames_until(t_ns, line)
+
+    def next_serial_ns(self, device: str | None = None) -> int | None:
+        """Return when a serial line next needs the host's attention."""
+        lines = [self.lines[device]] if device is not None else list(self.lines.values())
+        return min((line.next_ns() for line in lines), default=None)
+
+    def serial_until(self, t_ns: int) -> dict[str, list[TimedBytes]]:
+        """Return per device the chunks the host has by the time, with their arrival times."""
+        return {name: line.take(t_ns) for name, line in self.lines.items()}
+
+    def write_serial(self, t_ns: int, device: str, data: bytes) -> None:
+        """Hand bytes of the host to a device; the inertial unit ignores them."""
+        if device == "star_tracker" and self.star_tracker is not None:
+            self.star_tracker.write(t_ns, data)
+
+    def times(self) -> dict[str, Any]:
+        """Return what tells truth from host time: origin, IMU datagram n at t0 + n period."""
+        imu = None if self.imu is None else self.imu.times()
+        return {"origin_ns": self.clock.origin_ns, "imu": imu}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the real-time plant until SIGTERM."""
+    from hil.devices.realtime import run
+
+    if len(arguments) != 1:
+        sys.stderr.write("usage: python -m hil.devices.plant PLANT.yaml\n")
+        return 2
+    return run(Path(arguments[0]))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

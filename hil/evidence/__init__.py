@@ -1,0 +1,1 @@
+"""Evidence: the commands that produce the published figures."""

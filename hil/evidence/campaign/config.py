@@ -1,0 +1,117 @@
+"""A campaign's file, and the runs it stands for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hil.evidence.methods.cases import SENSOR_SETS
+from hil.world.scenario import ScenarioError, faults, load, read_yaml
+from hil.world.spline import JointSpline
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Seeds(_Section):
+    """Consecutive seeds."""
+
+    first: int = 0
+    count: Annotated[int, Field(ge=1)]
+
+
+class Campaign(_Section):
+    """Every seed with every scenario, noise and trajectory."""
+
+    level: Literal["sample", "device"]
+    seeds: Seeds
+    scenarios: Annotated[tuple[str, ...], Field(min_length=1)]  # robot, bodies, who is unknown
+    # sample level: names of the study's sensor sets
+    noises: Annotated[tuple[str, ...], Field(min_length=1)] = ("data sheet",)
+    # null: the scenario's own
+    trajectories: Annotated[tuple[Path | None, ...], Field(min_length=1)] = (None,)
+    duration_s: Annotated[float, Field(gt=0)] | None = None  # of the motion; null: all of it
+    rate_hz: Annotated[float, Field(gt=0)] = 100.0  # sample level
+
+    def runs(self) -> list[Run]:
+        """Return all runs, seeds outermost."""
+        seeds = range(self.seeds.first, self.seeds.first + self.seeds.count)
+        return [
+            Run(
+                level=self.level,
+                scenario=scenario,
+                noise=noise,
+                trajectory=trajectory,
+                duration_s=self.duration_s,
+                rate_hz=self.rate_hz,
+                seed=seed,
+            )
+            for seed, scenario, noise, trajectory in product(
+                seeds, self.scenarios, self.noises, self.trajectories
+            )
+        ]
+
+
+class Run(_Section):
+    """One run; all it depends on beside the code."""
+
+    level: Literal["sample", "device"]
+    scenario: str
+    noise: str
+    trajectory: Path | None
+    duration_s: float | None
+    rate_hz: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Return what names the run in the store."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return f"{self.seed}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def read(path: Path) -> Campaign:
+    """Read a campaign; paths are relative to the file.
+
+    Raises
+    ------
+    ScenarioError naming file, key and value.
+    """
+    try:
+        campaign = Campaign.model_validate(read_yaml(path))
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: {faults(error)}") from error
+    wrong = set(campaign.noises) - set(SENSOR_SETS)
+    if wrong:
+        raise ScenarioError(f"{path}: noises: {sorted(wrong)}; there are {list(SENSOR_SETS)}")
+    if campaign.level == "device" and campaign.noises != ("data sheet",):
+        raise ScenarioError(f"{path}: noises: at device level the scenario's sensors are used")
+    home = path.parent
+    scenarios = tuple(_placed(home, name) for name in campaign.scenarios)
+    trajectories = tuple(
+        None if place is None else (home / place).resolve() for place in campaign.trajectories
+    )
+    for name in scenarios:
+        try:
+            load(name)
+        except ScenarioError as error:
+            raise ScenarioError(f"{path}: scenarios: {error}") from error
+    for place in trajectories:
+        try:
+            if place is not None:
+                JointSpline.load(place)
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise ScenarioError(f"{path}: trajectories: {' '.join(str(error).split())}") from error
+    return campaign.model_copy(update={"scenarios": scenarios, "trajectories": trajectories})
+
+
+def _placed(home: Path, name: str) -> str:
+    """Return a scenario's name, or the whole path of its file."""
+    return str((home / name).resolve()) if name.endswith(".yaml") else name

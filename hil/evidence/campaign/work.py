@@ -1,0 +1,163 @@
+"""One run of a campaign: a pure function of what names it."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.estimators.methods.fused_batch import solve_fused
+from fsw.estimators.methods.system import Options
+from fsw.estimators.samples import Noise, SampleSet, with_noise
+from hil.evidence.campaign.config import Run
+from hil.evidence.methods.cases import SENSOR_SETS
+from hil.evidence.methods.exact import base_velocity, true_robot
+from hil.evidence.methods.flight_side import problem_of, without_biases, write_config
+from hil.judge.endeffector import Verification
+from hil.judge.floating import FloatingRobot
+from hil.judge.score import normalised_error_squared
+from hil.run.bench import prepare, run_virtual
+from hil.world.environment.wrench import simulate_in
+from hil.world.inertia import FloatArray, pi_of
+from hil.world.scenario import Scenario, load
+from hil.world.spline import JointSpline
+
+NOISE_STREAM = 211
+STEP_S = 0.01
+
+
+def attempt(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a run's row; a failing one's with its seed and traceback, and the campaign goes on."""
+    run = Run.model_validate(document)
+    began_s = time.perf_counter()
+    row: dict[str, Any] = {
+        "key": run.key,
+        "seed": run.seed,
+        "scenario": run.scenario,
+        "noise": run.noise,
+        "trajectory": "" if run.trajectory is None else str(run.trajectory),
+        "status": "",
+        "traceback": "",
+    }
+    try:
+        row |= _sample(run) if run.level == "sample" else _device(run)
+    except Exception:  # noqa: BLE001  whatever it is belongs into the record, with its seed
+        row["status"] = "FAILED"
+        row["traceback"] = traceback.format_exc()
+    return row | {"wall_s": time.perf_counter() - began_s}
+
+
+def _sample(run: Run) -> dict[str, Any]:
+    scenario = scenario_of(run.scenario, run.trajectory)
+    with tempfile.TemporaryDirectory(prefix="campaign-") as folder:
+        told = without_biases(replace(scenario, environment=None))
+        problem = problem_of(write_config(told, run.seed, Path(folder)))
+    exact = _exact(run.scenario, run.trajectory, run.duration_s, run.rate_hz)
+    level = SENSOR_SETS[run.noise]
+    noise = Noise.of(
+        exact.n,
+        tau_nm=level.torque_nm,
+        qdd_rad_s2=level.qdd_rad_s2,
+        w_rad_s=level.rate_rad_s,
+        wd_rad_s2=level.angular_acceleration_rad_s2,
+        a_m_s2=level.acceleration_m_s2,
+    )
+    rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(NOISE_STREAM,)))
+    result = solve_fused(with_noise(exact, noise, rng), problem, Options(body_prior=False))
+    k = problem.bodies
+    bound = np.diag(result.crb)[k]
+    return _judged(run, scenario, result.mean[k], result.covariance[k, k], bound, result.status)
+
+
+def _device(run: Run) -> dict[str, Any]:
+    scenario = scenario_of(run.scenario, run.trajectory)
+    with tempfile.TemporaryDirectory(prefix="campaign-") as folder:
+        setup = prepare(scenario, run.seed, Path(folder))
+        if run.duration_s is not None:
+            rest_s = setup.spline.duration_s + scenario.after_s - run.duration_s
+            shorter = replace(scenario, after_s=scenario.after_s - rest_s)
+            setup = replace(setup, scenario=shorter)
+        final = run_virtual(setup, _Silent(), record=False).final
+    k = slice(0, 10 * len(scenario.unknown))
+    covariance = np.array(final.covariance[k, k])
+    status = "OK" if final.valid else final.reason
+    return _judged(run, scenario, final.x[k], covariance, np.diag(covariance), status)
+
+
+def _judged(
+    run: Run,
+    scenario: Scenario,
+    x: FloatArray,
+    covariance: FloatArray,
+    bound: FloatArray,
+    status: str,
+) -> dict[str, Any]:
+    truth = np.concatenate([pi_of(scenario.truth[body]) for body in scenario.unknown])
+    tool = verification(run.scenario, run.trajectory).error(x, truth).summary()
+    whole = np.concatenate([x, np.ascontiguousarray(covariance).ravel()])
+    return {
+        "status": status,
+        "error": (x - truth).tolist(),
+        "sigma": np.sqrt(np.diag(covariance)).tolist(),
+        "bound": np.sqrt(bound).tolist(),
+        "nees": normalised_error_squared(x - truth, covariance),
+        "digest": hashlib.sha256(whole.astype("<f8").tobytes()).hexdigest(),
+        **tool,
+    }
+
+
+@lru_cache(maxsize=8)
+def scenario_of(name: str, trajectory: Path | None) -> Scenario:
+    """Return a scenario, with another motion where one is given."""
+    scenario = load(name)
+    return scenario if trajectory is None else replace(scenario, identification=trajectory)
+
+
+@lru_cache(maxsize=8)
+def verification(name: str, trajectory: Path | None) -> Verification:
+    """Return the motion that the result is judged on."""
+    scenario = scenario_of(name, trajectory)
+    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
+    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
+    spline = JointSpline.load(scenario.verification)
+    return Verification(robot, lambda t: spline.evaluate(t)[:2], spline.duration_s)
+
+
+@lru_cache(maxsize=8)
+def _exact(
+    name: str, trajectory: Path | None, duration_s: float | None, rate_hz: float
+) -> SampleSet:
+    scenario = scenario_of(name, trajectory)
+    spline = JointSpline.load(scenario.identification)
+    end_s = min(duration_s or spline.duration_s, spline.duration_s)
+    robot = true_robot(scenario)
+    history = simulate_in(scenario.environment, robot, spline, 0.0, end_s + STEP_S, STEP_S)
+    s = history.at(np.arange(round(end_s * rate_hz)) / rate_hz)
+    return SampleSet(
+        t_s=s.t_s,
+        q=s.q,
+        qd=s.qd,
+        qdd=s.qdd,
+        tau=s.tau,
+        w_NB_B=s.w_NB_B,
+        wd_NB_B=s.wd_NB_B,
+        a_NB_B=s.a_NB_B - s.g_NB_B,
+        R_NB=s.R_NB,
+        noise=Noise.of(s.q.shape[1], tau_nm=0.0),
+        v_NB_B=base_velocity(s),
+    )
+
+
+class _Silent:
+    """A meter nobody looks at."""
+
+    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
+        """Show nothing."""

@@ -1,0 +1,109 @@
+"""Commands of the long evidence: fuzz, kills and soak. Resumable; what they need comes late."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hil.options import count
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+FAILED_EXIT = 1
+
+
+def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the subcommands."""
+    fuzz = commands.add_parser("fuzz", help="coverage-guided fuzzing of every byte parser")
+    fuzz.add_argument("--inputs", type=float, default=1e7, metavar="N", help="in all, 1e7")
+    fuzz.add_argument("--seed", type=int, default=0, metavar="K", help="of the mutations")
+    fuzz.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
+    fuzz.add_argument("--keep", type=Path, metavar="DIR", help="copy a small corpus there")
+    fuzz.set_defaults(command=_fuzz)
+    kills = commands.add_parser("kills", help="kill -9 of loop and service in a real-time run")
+    kills.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
+    kills.add_argument("--seed", type=int, default=0, metavar="K", help="of instants and victims")
+    kills.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
+    kills.set_defaults(command=_kills)
+    soak = commands.add_parser("soak", help="hours in virtual time under random faults")
+    soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
+    soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
+    soak.add_argument("--imu-rate", type=int, default=500, metavar="HZ", help="500")
+    soak.add_argument("--seed", type=int, default=0, metavar="K", help="fixes every bit")
+    soak.add_argument("--jobs", type=count, default=1, metavar="N", help="quarters at a time, 1")
+    soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
+    soak.set_defaults(command=_soak)
+
+
+def bar() -> Progress:
+    """Return a progress bar on stderr."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    return Progress(console=Console(stderr=True))
+
+
+def _fuzz(arguments: argparse.Namespace) -> int:
+    from hil.evidence.fuzz.campaign import Bout, keep, run
+    from hil.evidence.fuzz.table import quota
+
+    inputs = int(arguments.inputs)
+    with bar() as progress:
+        tasks = {name: progress.add_task(name, total=n) for name, n in quota(inputs).items()}
+
+        def tell(bout: Bout) -> None:
+            progress.advance(tasks[bout.target], bout.inputs)
+            if bout.failure:
+                progress.console.print(f"{bout.target}: {bout.failure}", markup=False)
+
+        result = run(inputs, arguments.out.absolute(), arguments.seed, tell)
+    if arguments.keep is not None:
+        keep(arguments.out.absolute(), arguments.keep, most=24, most_bytes=2048)
+    print(json.dumps(result))
+    return FAILED_EXIT if result["failed"] else 0
+
+
+def _kills(arguments: argparse.Namespace) -> int:
+    from hil.evidence.kills.campaign import run, summary
+    from hil.run.live import LiveError
+
+    folder, failed = arguments.out.absolute(), False
+    with bar() as progress:
+        task = progress.add_task("kills", total=arguments.count)
+        for kill in run(arguments.count, folder, arguments.seed):
+            if isinstance(kill, LiveError):
+                progress.console.print(str(kill), markup=False)
+                failed = True
+                continue
+            progress.advance(task)
+            for fault in (*kill.faults, *kill.late):
+                text = f"round {kill.round} kill {kill.number} ({kill.victim}): {fault}"
+                progress.console.print(text, markup=False)
+    result = summary(folder)
+    print(json.dumps(result))
+    return FAILED_EXIT if failed or result["faults"] or result["late"] else 0
+
+
+def _soak(arguments: argparse.Namespace) -> int:
+    from hil.evidence.soak.campaign import SCENARIO, plan, soak, summary
+    from hil.world.scenario import load
+    from hil.world.spline import JointSpline
+
+    folder = arguments.out.absolute()
+    motion_s = JointSpline.load(load(SCENARIO).identification).duration_s
+    epochs, segments = plan(arguments.hours, motion_s)
+    with bar() as progress:
+        whole = len(list(folder.glob("epoch_*.json")))
+        task = progress.add_task("soak", total=epochs * segments, completed=whole * segments)
+        chosen = (arguments.hours, arguments.rate, arguments.imu_rate, arguments.seed, folder)
+        for segment in soak(*chosen, arguments.jobs):
+            progress.advance(task)
+            for text in segment.broken:
+                place = f"epoch {segment.epoch} segment {segment.number}"
+                progress.console.print(f"{place}: {text}", markup=False)
+    result = summary(folder)
+    print(json.dumps(result))
+    return FAILED_EXIT if result["broken"] else 0

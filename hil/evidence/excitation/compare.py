@@ -1,0 +1,126 @@
+"""Each criterion, optimised for itself, against random feasible splines; limits in the truth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.excitation import criteria
+from fsw.excitation.design import Criterion
+from fsw.excitation.plan import Plan, Request, shown
+from hil.evidence.excitation.cases import DEFAULT, joint_spline, planner, subject, truth
+from hil.world.limits import LimitCheck, check, worst
+from hil.world.truth import simulate
+
+TIME_RATIO = 10.0  # random search gets this many times the optimiser's processor time
+LEAST_RANDOM = 300
+FEW = 20  # iterations where an evaluation of the criterion costs little beside the limits
+RANDOM_SEED = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contest:
+    """One criterion on one system: optimised against random."""
+
+    system: str
+    criterion: criteria.Name
+    plan: Plan
+    optimised: float
+    best_random: float
+    median_random: float
+    randoms: int
+    optimiser_s: float
+    evaluation_s: float  # one evaluation of the criterion alone
+    random_s: float
+    dense_excess: float  # worst, as a share of the bound; negative inside
+    truth_limit: str
+    truth: LimitCheck
+
+    @property
+    def evaluations(self) -> float:
+        """Return the optimiser's cost in evaluations of the criterion alone."""
+        return self.optimiser_s / self.evaluation_s
+
+
+def contests(
+    system: str,
+    names: tuple[criteria.Name, ...],
+    say: Callable[[str], None],
+    *,
+    time_ratio: float = TIME_RATIO,
+    least_random: int = LEAST_RANDOM,
+    iterations: int | None = None,
+) -> list[Contest]:
+    """Optimise every criterion, then search at random for as long as it takes."""
+    own = subject(system)
+    plans: dict[criteria.Name, tuple[Plan, float]] = {}
+    for name in names:
+        turns = iterations or (FEW if name in criteria.REGRESSOR_CRITERIA else DEFAULT.iterations)
+        one = planner(own, Request(criterion=name, iterations=turns))
+        began = time.process_time()
+        plan = one.plan()
+        plans[name] = (plan, time.process_time() - began)
+        say(f"{system} {name}: {shown(name, plan.value):.6g} in {plans[name][1]:.1f} s")
+    values = {name: [] for name in names}  # type: dict[criteria.Name, list[float]]
+    spent = dict.fromkeys(names, 0.0)
+    chance = planner(own)
+    judges = {name: Criterion(own, chance.grid, name, chance.request.gamma) for name in names}
+    rng = np.random.default_rng(RANDOM_SEED)
+    while any(
+        spent[name] < time_ratio * plans[name][1] or len(values[name]) < least_random
+        for name in names
+    ):
+        began = time.process_time()
+        z = chance.random_feasible(rng)
+        drawn_s = time.process_time() - began
+        if z is None:
+            continue
+        for name in names:
+            began = time.process_time()
+            values[name].append(judges[name].value(z))
+            spent[name] += drawn_s + time.process_time() - began
+    result = []
+    for name in names:
+        plan, seconds = plans[name]
+        limit, use = _in_truth(system, plan)
+        found = values[name]
+        result.append(
+            Contest(
+                system=system,
+                criterion=name,
+                plan=plan,
+                optimised=shown(name, plan.value),
+                best_random=shown(name, min(found)),
+                median_random=shown(name, float(np.median(found))),
+                randoms=len(found),
+                optimiser_s=seconds,
+                evaluation_s=_evaluation_s(judges[name], chance.layout.rows * own.model.n),
+                random_s=spent[name],
+                dense_excess=plan.uses[0].excess,
+                truth_limit=limit,
+                truth=use,
+            )
+        )
+    return result
+
+
+def _in_truth(system: str, plan: Plan) -> tuple[str, LimitCheck]:
+    """Return the limit of which most is used in the MuJoCo truth under tracking."""
+    robot, spline = truth(system), joint_spline(plan.trajectory)
+    checks = check(robot, simulate(robot, spline, 0.0, spline.duration_s, 0.01))
+    return worst(checks)
+
+
+def _evaluation_s(criterion: Criterion, size: int) -> float:
+    """Return the shortest of some evaluations, processor time."""
+    times = []
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        z = 0.3 * rng.standard_normal(size)
+        began = time.process_time()
+        criterion.value(z)
+        times.append(time.process_time() - began)
+    return min(times)

@@ -1,0 +1,48 @@
+"""Requests that cannot be met, and one under ignorance: what the planner says and keeps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fsw.excitation import limits as flight_limits
+from fsw.excitation.plan import InfeasibleError, Planner, Request
+from fsw.excitation.subject import build_subject
+from hil.evidence.excitation import cases
+from hil.world.limits import LimitCheck, check, worst
+from hil.world.truth import simulate
+
+FOLDED = (0.0, 0.3, 0.0, -2.09, 0.0, 0.0, 0.0)  # the tool inside the sphere about the arm's base
+INFEASIBLE: dict[str, dict[str, Any]] = {
+    "box out of reach": {"tool_box_m": [[None, None], [None, None], [3.0, None]]},
+    "torque bound too low": {
+        "torque_nm": 1.0,
+        "start_rad": (0.0, 0.5, 0.0, -1.0, 0.0, 0.5, 0.0),
+        "end_rad": (0.5, 0.8, 0.0, -1.0, 0.0, 0.5, 0.0),
+    },
+    "torque bound leaves nothing to learn": {"torque_nm": 1e-6},
+    "start pose inside the sphere": {"start_rad": FOLDED},
+}
+
+
+def refusal(changes: dict[str, Any], duration_s: float = 20.0) -> InfeasibleError | None:
+    """Return the planner's refusal, or None if it wrongly succeeds."""
+    try:
+        request = Request(duration_s=duration_s)
+        cases.planner(cases.subject("target"), request, changes).plan()
+    except InfeasibleError as error:
+        return error
+    return None
+
+
+def robust(scale: float, spread: float, draws: int, iterations: int = 40) -> tuple[str, LimitCheck]:
+    """Plan for a prior `scale` times the true target, spread over a set; fly it in the truth.
+
+    Returns
+    -------
+    the limit of which most is used, and how much
+    """
+    own = build_subject(cases.config("target", scale), spread=spread, draws=draws)
+    limits = flight_limits.load(cases.LIMITS)
+    plan = Planner(own, limits, None, Request(iterations=iterations)).plan()
+    robot, spline = cases.truth("target"), cases.joint_spline(plan.trajectory)
+    return worst(check(robot, simulate(robot, spline, 0.0, spline.duration_s, 0.01)))

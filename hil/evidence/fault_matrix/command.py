@@ -1,0 +1,69 @@
+"""`hil faults`: run the matrix, or part of it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+
+from hil.evidence.fault_matrix import report, table, work
+from hil.world.scenario import ScenarioError
+
+FAILED_EXIT = 1
+PLAIN_WIDTH = 150
+
+
+def commit() -> str:
+    """Return what names the code that runs: its commit, with a mark where it has been changed."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or "unknown"
+
+
+def run(
+    *,
+    only: Sequence[str],
+    lanes: Sequence[str],
+    seed: int,
+    jobs: int,
+    out: Path | None,
+    as_json: bool,
+    short: bool,
+) -> int:
+    """Run the chosen rows, print them in the table's order, return the exit code.
+
+    Raises
+    ------
+    ScenarioError for a fault that is not in the table.
+    """
+    bounds = table.load()
+    unknown = sorted(set(only) - {row.type for row in bounds.faults})
+    if unknown:
+        raise ScenarioError(f"--only: {unknown} not in {[row.type for row in bounds.faults]}")
+    rows = [
+        row
+        for row in bounds.faults
+        if (not only or row.type in only)
+        and (not lanes or row.lane in lanes)
+        and (not short or row.short)
+    ]
+    stamp = commit()
+    done = {}
+    running = work.outcomes(rows, seed, jobs, out, stamp)
+    for values in track(running, "faults", len(rows), console=Console(stderr=True)):
+        done[values["type"]] = values
+    ordered = [done[row.type] for row in rows]
+    if as_json:
+        sys.stdout.write(json.dumps({"commit": stamp, "seed": seed, "faults": ordered}) + "\n")
+    else:
+        console = Console()
+        if not console.is_terminal:
+            console = Console(width=PLAIN_WIDTH)
+        console.print(f"commit {stamp}")
+        report.show(ordered, bounds, seed, console)
+    return FAILED_EXIT if any(values["failed"] for values in ordered) else 0

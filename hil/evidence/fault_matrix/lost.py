@@ -1,0 +1,112 @@
+"""What a real bus's row is held against: the run without a fault, less the answers the fault took.
+
+An answer is a node's TPDO1 to a SYNC. Those that the run without a fault has while the fault lasted
+in the other, and the other lacks, are left out of a copy of its recording, and that is replayed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from fsw.commands.replay import replay
+from fsw.config import Config
+from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK, decode_fd, decode_tpdo1
+from fsw.drivers.wire import CanFrame, Reject
+from fsw.exchange.recording import RecordingWriter, unpack_frame
+from fsw.exchange.recording_parts import contents_of, messages_of, parts_of
+from fsw.loop.ports import IMU, STAR_TRACKER
+from hil.judge.outcome import result_of
+from hil.judge.score import Result
+from hil.run.bench import Collector
+
+COMMANDS, SERIAL = "/tc", "/serial/"
+Answer = tuple[int, int]  # node, number of the SYNC it answers: periods since the first
+
+
+def numbered(
+    frames: Iterable[CanFrame], period_ns: int
+) -> Iterator[tuple[CanFrame, Answer | None]]:
+    """Yield every frame, with the answer it is."""
+    first_ns: int | None = None
+    numbers: dict[int, int] = {}  # the newest SYNC of every counter
+    for frame in frames:
+        answer = None
+        if frame.can_id == COB_SYNC and frame.data:
+            first_ns = frame.t_ns if first_ns is None else first_ns
+            numbers[frame.data[0]] = round((frame.t_ns - first_ns) / period_ns)
+        elif frame.can_id & ~NODE_MASK == COB_TPDO1 and not frame.is_error:
+            sample = decode_fd(frame.data) if frame.is_fd else decode_tpdo1(frame.data)
+            if not isinstance(sample, Reject) and sample.sync_counter in numbers:
+                answer = frame.can_id & NODE_MASK, numbers[sample.sync_counter]
+        yield frame, answer
+
+
+def frames_of(recording: Path, bus: str) -> list[CanFrame]:
+    """Return all frames of a bus in a recording."""
+    records = messages_of(parts_of(recording), [f"/can/{bus}"])
+    frames = (unpack_frame(record.t_ns, record.data) for record in records)
+    return [frame for frame in frames if frame is not None]
+
+
+def lost(
+    clean: Iterable[CanFrame], faulty: Iterable[CanFrame], period_ns: int, span_ns: tuple[int, int]
+) -> set[Answer]:
+    """Return the answers of the clean run that the faulty one lacks.
+
+    Parameters
+    ----------
+    span_ns : when the fault began and ended, on the faulty run's clock [ns]
+    """
+    heard = list(faulty)
+    first_ns = next(frame.t_ns for frame in heard if frame.can_id == COB_SYNC)
+    first, last = (round((t_ns - first_ns) / period_ns) for t_ns in span_ns)
+    had = {answer for _, answer in numbered(clean, period_ns) if answer is not None}
+    has = {answer for _, answer in numbered(heard, period_ns) if answer is not None}
+    return {answer for answer in had - has if first <= answer[1] <= last}
+
+
+def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], path: Path) -> None:
+    """Write a copy of what a replay needs of a recording, without some answers."""
+    writer = RecordingWriter(path)
+    for frame, answer in numbered(frames_of(recording, bus), period_ns):
+        if answer not in missing:
+            writer.can(bus, [frame])
+    parts = parts_of(recording)
+    topics = [COMMANDS, SERIAL + IMU, SERIAL + STAR_TRACKER]
+    held = [topic for topic in topics if topic in contents_of(parts).topics]
+    for record in messages_of(parts, held):
+        if record.topic == COMMANDS:
+            writer.json(COMMANDS, record.t_ns, json.loads(record.data))
+        else:
+            writer.serial(record.topic.removeprefix(SERIAL), record.t_ns, record.data)
+    writer.close()
+
+
+def reference(
+    clean: Path,
+    faulty: Path,
+    config: Config,
+    span_ns: tuple[int, int],
+    folder: Path,
+    end_ns: int,
+) -> tuple[Result, int]:
+    """Return the clean run's result without what the fault took, and how many answers that is.
+
+    Parameters
+    ----------
+    clean, faulty : recordings of the two runs
+    config : of the clean run; its first bus is the one with the fault
+    span_ns : when the fault began and ended, on the faulty run's clock [ns]
+    end_ns : the result is the clean run's last until then, on its clock [ns]
+    """
+    bus = config.buses[0]
+    period_ns = round(1e9 / bus.rate_hz)
+    missing = lost(frames_of(clean, bus.name), frames_of(faulty, bus.name), period_ns, span_ns)
+    path = folder / "reference.mcap"
+    without(clean, bus.name, period_ns, missing, path)
+    collector = Collector()
+    replay(path, config, sink=collector)
+    last = next((e for e in reversed(collector.estimates) if e.t_ns <= end_ns), None)
+    return result_of(last, config.unknown), len(missing)

@@ -1,0 +1,151 @@
+"""A fuzzing campaign: every target in its own process, in bouts, resumable.
+
+`DIR/state.json` says how many inputs each target has had; `DIR/corpus/TARGET` is what coverage has
+grown; an input that failed lies in `DIR/failed`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil.errors import same_settings
+from hil.evidence.fuzz.oracle import MAX_INPUT_BYTES
+from hil.evidence.fuzz.seeds import seeds
+from hil.evidence.fuzz.table import TARGETS, quota
+
+BOUT_INPUTS = 50_000
+SHORT_INPUT_BYTES = 128  # of most bouts, or the longest seed: an input's cost goes by its length
+LONG_EVERY = 16  # bouts: one up to MAX_INPUT_BYTES
+RSS_LIMIT_MB = 1024
+TIMEOUT_S = 900  # of the clock on the wall: a campaign that was stopped for a while goes on
+BOUT_LIMIT_S = 3600.0
+_UNITS = re.compile(r"stat::number_of_executed_units:\s+(\d+)")
+_RSS = re.compile(r"stat::peak_rss_mb:\s+(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Bout:
+    """What one process did."""
+
+    target: str
+    inputs: int
+    peak_rss_mb: int
+    failure: str  # empty: none
+
+
+def bout(target: str, inputs: int, seed: int, most_bytes: int, folder: Path) -> Bout:
+    """Feed a target so many inputs of so many bytes at most in a process of its own."""
+    corpus = folder / "corpus" / target
+    failed = folder / "failed"
+    failed.mkdir(parents=True, exist_ok=True)
+    if not corpus.exists():
+        corpus.mkdir(parents=True)
+        for number, data in enumerate(seeds(target)):
+            (corpus / f"seed-{number:02d}").write_bytes(data)
+    options = {
+        "runs": inputs + len(list(corpus.iterdir())),
+        "seed": seed,
+        "max_len": most_bytes,
+        "len_control": 20,
+        "timeout": TIMEOUT_S,
+        "rss_limit_mb": RSS_LIMIT_MB,
+        "print_final_stats": 1,
+        "artifact_prefix": f"{failed}/{target}-",
+    }
+    command = [sys.executable, "-m", "hil.evidence.fuzz.child", target]
+    command += [f"-{key}={value}" for key, value in options.items()]
+    done = subprocess.run(
+        [*command, str(corpus)],
+        capture_output=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        timeout=BOUT_LIMIT_S,
+        check=False,
+    )
+    text = done.stderr.decode(errors="replace")
+    units, rss = _UNITS.search(text), _RSS.search(text)
+    failure = "" if done.returncode == 0 and units else _why(done.returncode, done.stdout)
+    return Bout(target, int(units[1]) if units else 0, int(rss[1]) if rss else 0, failure)
+
+
+def _why(code: int, output: bytes) -> str:
+    """Return the exit code and the end of the traceback, which atheris prints."""
+    return f"exit {code}: {output.decode(errors='replace').strip()[-1000:]}"
+
+
+def longest(target: str, number: int) -> int:
+    """Return how long the inputs of a target's bout may be [bytes]."""
+    if number % LONG_EVERY == 0:
+        return MAX_INPUT_BYTES
+    return max(SHORT_INPUT_BYTES, *(len(data) for data in seeds(target)))
+
+
+def campaign(inputs: int, folder: Path, seed: int) -> Iterator[Bout]:
+    """Yield bouts until every target has had its share; a target that failed is left alone.
+
+    What an earlier call in the same folder has done counts.
+
+    Raises
+    ------
+    ScenarioError for a folder of a campaign with another seed.
+    """
+    path = folder / "state.json"
+    same_settings(folder, {"seed": seed})
+    state: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
+    for target, share in quota(inputs).items():
+        held = state.setdefault(target, {"inputs": 0, "bouts": 0, "rss_mb": 0, "failure": ""})
+        while held["inputs"] < share and not held["failure"]:
+            count = min(BOUT_INPUTS, share - held["inputs"])
+            number = held["bouts"]
+            most_bytes = longest(target, number)
+            result = bout(target, count, seed + number + 1, most_bytes, folder)
+            held["inputs"] += result.inputs
+            held["bouts"] += 1
+            held["rss_mb"] = max(held["rss_mb"], result.peak_rss_mb)
+            held["failure"] = result.failure
+            _write(path, state)
+            yield result
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    """Return inputs, corpus sizes and failures of a campaign."""
+    state = json.loads((folder / "state.json").read_text())
+    for target, held in state.items():
+        held["corpus"] = len(list((folder / "corpus" / target).iterdir()))
+    return {
+        "inputs": sum(held["inputs"] for held in state.values()),
+        "least": min(held["inputs"] for held in state.values()),
+        "failed": sorted(target for target, held in state.items() if held["failure"]),
+        "targets": state,
+    }
+
+
+def run(inputs: int, folder: Path, seed: int, tell: Callable[[Bout], None]) -> dict[str, Any]:
+    """Run a campaign to its end and return the summary."""
+    for result in campaign(inputs, folder, seed):
+        tell(result)
+    return summary(folder)
+
+
+def keep(folder: Path, kept: Path, most: int, most_bytes: int) -> None:
+    """Copy a small part of what coverage has grown, for regression tests: spread over the sizes."""
+    for target in TARGETS:
+        files = [(path.stat().st_size, path) for path in (folder / "corpus" / target).iterdir()]
+        small = sorted(item for item in files if item[0] <= most_bytes)
+        count = min(most, len(small))
+        (kept / target).mkdir(parents=True, exist_ok=True)
+        for _, path in (small[k * len(small) // count] for k in range(count)):
+            (kept / target / path.name).write_bytes(path.read_bytes())
+
+
+def _write(path: Path, state: dict[str, dict[str, Any]]) -> None:
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(state, indent=1))
+    temporary.replace(path)

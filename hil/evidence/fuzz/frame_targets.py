@@ -1,0 +1,142 @@
+"""Targets of the CAN bus: PDO codecs, error frames, the bus source, and frames as recorded."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from fsw.config import BusConfig, JointConfig
+from fsw.drivers.codecs import canopen
+from fsw.drivers.codecs.can_error import decode_error
+from fsw.drivers.sources import JointBusSource
+from fsw.drivers.wire import CanFrame, Reject
+from fsw.exchange.recording import pack_frame, unpack_frame
+from hil.evidence.fuzz.oracle import Target, require, segments
+
+MS = 1_000_000
+TURN = math.tau / 2**24
+FLAGS = ("is_error", "is_remote", "is_extended", "is_fd")
+
+
+def canopen_target() -> Target:
+    """Return the target of a bus with a classic and an FD joint."""
+    bus = BusConfig.model_validate(
+        {"name": "arm", "interface": "virtual", "channel": "c", "rate_hz": 250.0, "fd": True}
+    )
+    joint = {
+        "bus": "arm",
+        "torque_limit_nm": 200.0,
+        "speed_limit_rad_s": 2.0,
+        "torque_noise_nm": 0.05,
+        "torque_offset_sigma_nm": 0.1,
+        "position_noise_rad": 1e-5,
+    }
+    joints = [
+        (0, JointConfig.model_validate({**joint, "name": "a", "node_id": 0x11})),
+        (1, JointConfig.model_validate({**joint, "name": "b", "node_id": 0x12, "format": "fd"})),
+    ]
+
+    def one(data: bytes) -> None:
+        source = JointBusSource(bus, joints)
+        count = size = 0
+        t_ns = 10 * MS
+        for op, payload in segments(data):
+            if len(payload) < 2:
+                continue
+            t_ns += (op >> 4) * MS
+            frame = _frame(op, payload, t_ns)
+            count, size = count + 1, size + len(frame.data)
+            check_codecs(frame)
+            for sample in source.feed([frame]):
+                require(math.isfinite(sample.position_rad), "position", sample)
+                torque = sample.torque_nm
+                require(torque is None or math.isfinite(torque), "torque", sample)
+        c = source.counters
+        done = c["accepted"] + c["rejected"] + c["other_frames"] + c["error_frames"]
+        syncs = c["sync"] + c["sync_invalid"] + c["sync_echoes"]
+        require(done + syncs == count, "frames are not conserved", count, c)
+        require(c["accepted_bytes"] + c["rejected_bytes"] == c["received_bytes"], "bytes", c)
+        require(c["received_bytes"] <= size, "more bytes than came", c)
+        require(len(source.events()) <= 256, "events grow")
+
+    return one
+
+
+def _frame(op: int, payload: bytes, t_ns: int) -> CanFrame:
+    """Return a frame; one in four identifiers is any, the rest are those of the joints."""
+    common = (0x080, 0x191, 0x192, 0x291, 0x091, 0x711, 0x111 + 0x80, 0x712)
+    any_id = int.from_bytes(payload[:2], "big") & 0x7FF
+    can_id = any_id if op & 0x03 == 0 else common[payload[0] & 7]
+    data = payload[2:66] if op & 0x04 else payload[2:10]
+    strange = payload[1] & 0x1F == 0x1F
+    return CanFrame(
+        t_ns,
+        can_id,
+        data,
+        is_fd=len(data) > 8,
+        is_extended=strange and bool(payload[1] & 0x20),
+        is_remote=strange and bool(payload[1] & 0x40),
+        is_error=strange and bool(payload[1] & 0x80),
+    )
+
+
+def check_codecs(frame: CanFrame) -> None:
+    """Decode a frame's data as every service, and encode again what was accepted."""
+    data = frame.data
+    pdo = canopen.decode_tpdo1(data)
+    if not isinstance(pdo, Reject):
+        again = struct.pack(
+            "<ihBB",
+            round(pdo.position_rad / TURN),
+            round(pdo.torque_nm * 100),
+            pdo.status,
+            pdo.sync_counter,
+        )
+        require(again == data, "TPDO1", data, pdo)
+    fd = canopen.decode_fd(data)
+    if not isinstance(fd, Reject):
+        again = struct.pack(
+            "<iiiHBbI",
+            round(fd.position_rad / TURN),
+            round(fd.velocity_rad_s / TURN),
+            round(fd.torque_nm * 1e4),
+            fd.status,
+            fd.sync_counter,
+            round(fd.temperature_c),
+            fd.device_time_us,
+        )
+        require(again == data, "FD TPDO1", data, fd)
+    slow = canopen.decode_tpdo2(data)
+    if not isinstance(slow, Reject):
+        velocity, torque = round(slow.velocity_rad_s / TURN), round(slow.motor_torque_ratio * 1e3)
+        again = struct.pack("<ihh", velocity, torque, round(slow.temperature_c * 10))
+        require(again == data, "TPDO2", data, slow)
+    emergency = canopen.decode_emcy(data)
+    if not isinstance(emergency, Reject):
+        head = struct.pack("<HB", emergency.code, emergency.register)
+        require(head + emergency.detail == data, "EMCY", data, emergency)
+    lengths = (len(data) == 8, len(data) == 20, len(data) == 8, len(data) == 8)
+    accepted = [not isinstance(item, Reject) for item in (pdo, fd, slow, emergency)]
+    require(accepted == list(lengths), "accepted by length", data)
+    counter = canopen.decode_sync(data, 240)
+    if not isinstance(counter, Reject):
+        require(canopen.encode_sync(counter)[1] == data, "SYNC", data, counter)
+    report = decode_error(frame.can_id, data)
+    require(isinstance(report, Reject) or len(report.conditions) <= 16, "error frame", report)
+
+
+def recorded_frame_target() -> Target:
+    """Return the target of a frame in its Linux structure."""
+
+    def one(data: bytes) -> None:
+        size = 72 if data[:1] >= b"\x80" else 16
+        raw = data[1:] if len(data) % 3 == 0 else data[1 : 1 + size].ljust(size, b"\0")
+        frame = unpack_frame(7, raw)
+        if frame is None:
+            long = len(raw) in (16, 72) and raw[4] > len(raw) - 8
+            require(long or len(raw) not in (16, 72), "refused", raw)
+            return
+        require(unpack_frame(7, pack_frame(frame)) == frame, "frame", raw, frame)
+        require(len(pack_frame(frame)) == len(raw), "length", raw, frame)
+
+    return one

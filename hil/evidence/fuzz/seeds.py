@@ -1,0 +1,142 @@
+"""First inputs of the targets: correct ones, so that coverage begins behind the check values."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import msgpack
+import numpy as np
+
+from fsw.drivers.wire import CanFrame
+from fsw.exchange.checkpoint import Checkpoint, Identity, encode
+from fsw.exchange.recording import RecordingWriter, pack_frame
+from fsw.messages import Snapshot
+from fsw.messages.commands import CommandName
+from fsw.telemetry.dictionary import DICTIONARY
+from hil.devices import sagitta as sagitta_device
+from hil.evidence.fuzz.delivery_target import ANY, DATA, END, METADATA
+from hil.evidence.fuzz.oracle import ENDS_CHUNK, SEALED
+from hil.evidence.fuzz.text_targets import CORRECT
+
+# docs/icd.md section 2, without the CRC that sealing puts behind it
+STIM_VECTOR = bytes.fromhex(
+    "a5004000008000ff40000000cccdfe666600666600190019801a0000180018801900002a04d2"
+)
+
+
+def segment(op: int, payload: bytes) -> bytes:
+    """Return one segment of an input."""
+    return bytes((op, len(payload))) + payload
+
+
+def seeds(name: str) -> list[bytes]:
+    """Return the first inputs of a target."""
+    makers: dict[str, Callable[[], list[bytes]]] = {
+        "canopen": _frames,
+        "recorded_frame": _recorded,
+        "stim300": lambda: _serial(STIM_VECTOR),
+        "mip": lambda: _serial(_mip()),
+        "sagitta": lambda: _serial(_solution()),
+        "command": _commands,
+        "config": lambda: [
+            CORRECT,
+            b"+recorder: {directory: r, part_bytes: null}\n",
+            b"+a: [&x *x]",
+        ],
+        "checkpoint": _checkpoints,
+        "recording": _recordings,
+        "tc_packet": _telecommands,
+        "tc_frame": lambda: [segment(SEALED | ENDS_CHUNK, b"\0" + bytes(20)) * 3],
+        "file_unit": _deliveries,
+    }
+    return makers[name]()
+
+
+def _serial(payload: bytes) -> list[bytes]:
+    once = segment(SEALED, payload)
+    torn = segment(SEALED | ENDS_CHUNK, payload) + segment(ENDS_CHUNK, payload[:9]) + once
+    return [once, once * 3, torn, segment(0, payload)]
+
+
+def _mip() -> bytes:
+    rate = b"\x0e\x05" + bytes(12)
+    force = b"\x0e\x04" + bytes(12)
+    return b"\x80" + rate + force + b"\x0a\xd5" + (10**9).to_bytes(8, "big")
+
+
+def _solution() -> bytes:
+    return sagitta_device.solution_payload(
+        sagitta_device.Solution(q_wxyz=(1.0, 0.0, 0.0, 0.0), unix_us=5_000_000, ticks=9)
+    )
+
+
+def _frames() -> list[bytes]:
+    sync = segment(0x11, b"\0\0" + b"\x01")
+    pdo = segment(0x11, b"\x01\0" + bytes.fromhex("0712cdff2efb0901"))
+    fd = segment(0x15, b"\x02\0" + bytes(12) + b"\x09\0\x01" + bytes(5))
+    others = [segment(0x11, bytes((k, 0)) + bytes(8)) for k in (3, 4, 5, 7)]
+    return [sync + pdo, sync + fd, (sync + pdo + fd) * 3, b"".join(others)]
+
+
+def _recorded() -> list[bytes]:
+    classic = pack_frame(CanFrame(7, 0x191, bytes(8)))
+    fd = pack_frame(CanFrame(7, 0x192, bytes(20), is_fd=True, bitrate_switch=True))
+    return [b"\0" + classic, b"\x80" + fd]
+
+
+def _commands() -> list[bytes]:
+    plain = [f'{{"command": "{name}"}}'.encode() for name in CommandName]
+    batch = b'{"command": "run-batch", "method": "fused", "unknown": "both", "last_s": 60}'
+    return [*plain, batch, b"\n".join(plain)]
+
+
+def _checkpoints() -> list[bytes]:
+    state = {"kind": "online", "after": 3, "x": np.arange(3.0), "n": None, "f": float("inf")}
+    snapshot = Snapshot(t_ns=1, grid_ns=2, state=state)
+    whole = encode(Checkpoint(identity=Identity(1, 2), sequence=3, boot_id="b", snapshot=snapshot))
+    bare: bytes = msgpack.packb({"boot_id": "", "t_ns": 1, "grid_ns": None, "state": {}})
+    return [whole, b"+" + whole[34:-4], b"+" + bare]
+
+
+def _recordings() -> list[bytes]:
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        for compression in ("none", "zstd", "lz4"):
+            path = Path(folder) / "a.mcap"
+            writer = RecordingWriter(path, compression, 4096)
+            writer.attach("a", "text/plain", b"b")
+            writer.can("arm", [CanFrame(k, 0x191, bytes(8)) for k in range(3)])
+            writer.serial("imu", 2, b"xyz")
+            writer.end_chunk()
+            writer.json("/tc", 4, {"command": "end"})
+            writer.sync()
+            cut = path.read_bytes()
+            writer.close()
+            found += [cut, path.read_bytes()]
+    return found
+
+
+def _telecommands() -> list[bytes]:
+    found = []
+    for telecommand in DICTIONARY.telecommands:
+        size = sum(field.size_bytes for field in telecommand.arguments)
+        head = b"\x2f" + bytes((telecommand.service, telecommand.subtype)) + b"\0\0"
+        number = telecommand.function_id
+        body = bytes(size) if number is None else number.to_bytes(2, "big") + bytes(size)
+        found.append(segment(SEALED | ENDS_CHUNK, (head + body)[:255]))
+    return [*found, segment(SEALED, b"\xff" + bytes(20))]
+
+
+def _deliveries() -> list[bytes]:
+    """Return a file that comes whole, one whose units are mixed up, and answers to one sent."""
+    named = bytes((0, 0, 0, 0, 8)) + b"\x05a.bin" + b"\x05b.bin"
+    begin, end = segment(SEALED, bytes((METADATA,)) + named), segment(SEALED, bytes((END, 0)))
+    data = [segment(SEALED, bytes((DATA, k)) + bytes((k, 1, 2, 3))) for k in range(2)]
+    final = segment(SEALED, bytes((ANY,)) + bytes((0x06, 0x51, 0x01)))  # acknowledges FINISHED
+    nak = b"\x08" + bytes(4) + (1536).to_bytes(4, "big") + bytes(6) + b"\x01\0"
+    answers = [b"\x06\x41\x01", nak, b"\x05\x02"]
+    back = b"".join(segment(SEALED, bytes((ANY | 0x10,)) + body) for body in answers)
+    whole = begin + data[0] + data[1] + end + final
+    return [whole, data[1] + end + begin + data[0] + end + final, back, whole + back + whole]

@@ -1,0 +1,42 @@
+"""Every target by name; what it needs is imported when it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+
+from hil.evidence.fuzz.oracle import Target
+
+SLOW = frozenset(
+    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit"}
+)  # get fewer inputs
+TARGETS: dict[str, tuple[str, str]] = {
+    "canopen": ("hil.evidence.fuzz.frame_targets", "canopen_target"),
+    "recorded_frame": ("hil.evidence.fuzz.frame_targets", "recorded_frame_target"),
+    "stim300": ("hil.evidence.fuzz.serial_targets", "stim_target"),
+    "mip": ("hil.evidence.fuzz.serial_targets", "mip_target"),
+    "sagitta": ("hil.evidence.fuzz.serial_targets", "sagitta_target"),
+    "command": ("hil.evidence.fuzz.text_targets", "command_target"),
+    "config": ("hil.evidence.fuzz.text_targets", "config_target"),
+    "checkpoint": ("hil.evidence.fuzz.file_targets", "checkpoint_target"),
+    "recording": ("hil.evidence.fuzz.file_targets", "recording_target"),
+    "tc_packet": ("hil.evidence.fuzz.telemetry_targets", "packet_target"),
+    "tc_frame": ("hil.evidence.fuzz.telemetry_targets", "frame_target"),
+    "file_unit": ("hil.evidence.fuzz.delivery_target", "delivery_target"),
+}
+
+
+def quota(inputs: int) -> dict[str, int]:
+    """Return how many of all inputs each target gets: at least a twentieth, fast ones more."""
+    least = -(-inputs // 20)
+    fast = len(TARGETS) - len(SLOW)
+    rest = max(0, inputs - least * len(SLOW))
+    return {name: least if name in SLOW else max(least, -(-rest // fast)) for name in TARGETS}
+
+
+def make(name: str) -> Target:
+    """Return a target. Raises KeyError for an unknown name."""
+    module, function = TARGETS[name]
+    factory: Callable[[], Target] = partial(getattr(import_module(module), function))
+    return factory()

@@ -1,0 +1,85 @@
+"""Many kills over many rounds, resumable, and what they say together."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.errors import same_settings
+from hil.evidence.kills.round import BOUND_RATIO, VICTIMS, Kill, Round
+from hil.run.live import LiveError
+
+PER_ROUND = 12  # a round is one motion of about a minute
+
+
+def campaign(count: int, folder: Path, seed: int) -> Iterator[Kill]:
+    """Yield kills until there are so many in the folder; a round that breaks is a fault.
+
+    Raises
+    ------
+    LiveError when a daemon does not come back; the round's files stay. ScenarioError for a folder
+    of kills with another seed.
+    """
+    same_settings(folder, {"seed": seed})
+    path = folder / "kills.jsonl"
+    held = _held(path)
+    number = 1 + max((kill["round"] for kill in held), default=-1)
+    done = len(held)
+    while done < count:
+        place = folder / f"round_{number:03d}"
+        if place.exists():
+            shutil.rmtree(place)
+        place.mkdir()
+        faulty = False
+        with path.open("a", encoding="utf-8") as file:
+            for kill in Round(place, number, seed).run(min(PER_ROUND, count - done)):
+                file.write(json.dumps(asdict(kill)) + "\n")
+                file.flush()
+                faulty |= bool(kill.faults)
+                done += 1
+                yield kill
+        if not faulty:
+            shutil.rmtree(place)
+        number += 1
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    """Return counts, the worst times, and every fault."""
+    held = _held(folder / "kills.jsonl")
+    result: dict[str, Any] = {"kills": len(held), "bound_ratio": BOUND_RATIO}
+    for victim in VICTIMS:
+        ratios = [kill["ratio"] for kill in held if kill["victim"] == victim]
+        if ratios:
+            result[victim] = {
+                "kills": len(ratios),
+                "median_ratio": float(np.median(ratios)),
+                "worst_ratio": max(ratios),
+            }
+    result["most_lost_s"] = max((kill["lost_s"] for kill in held), default=0.0)
+    result["faults"] = [
+        {"round": kill["round"], "number": kill["number"], "faults": kill["faults"]}
+        for kill in held
+        if kill["faults"]
+    ]
+    result["late"] = sum(bool(kill["late"]) for kill in held)
+    return result
+
+
+def run(count: int, folder: Path, seed: int) -> Iterator[Kill | LiveError]:
+    """Yield the kills of a campaign; a daemon that does not come back ends it."""
+    try:
+        yield from campaign(count, folder, seed)
+    except LiveError as error:
+        yield error
+
+
+def _held(path: Path) -> list[dict[str, Any]]:
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]

@@ -1,0 +1,262 @@
+"""One round of kills: a plant that runs on, a daemon that is killed under it again and again."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hil.evidence.kills.files import part_state, unreadable_checkpoints
+from hil.evidence.kills.watch import Observer, alive, wait_for
+from hil.run import live
+from hil.run.bench import prepare
+from hil.run.flight import BUS, plant_document, write_yaml
+from hil.run.live import LiveError, children
+from hil.world.scenario import at_rates, load
+
+SCENARIO = "target_leo"
+RATE_HZ, IMU_RATE_HZ = 100.0, 125  # what is killed is not how fast it can go
+CHECKPOINT_S = 1.0
+BOUND_RATIO = 2.5  # restored estimate over the imports of the same start
+WRITE_S = 0.5  # a state on its way to the disk when the kill came
+UNFLUSHED_S = 1.5  # a chunk is finished every second, at a status
+WARM_S = 3.0
+PAUSE_S = (0.05, 2.5)  # from the return to the next kill
+VICTIMS = ("loop", "service", "both")
+WEIGHTS = (0.45, 0.3, 0.25)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kill:
+    """One kill and what came of it."""
+
+    round: int
+    number: int
+    victim: str
+    at_s: float  # since the round's daemon was up
+    imports_s: float  # of the process started instead
+    back_s: float  # from its start to the restored estimate, or a status, as an observer sees it
+    ratio: float  # of the two
+    lost_s: float  # age of the restored checkpoint at the kill; 0 where the loop lived on
+    faults: tuple[str, ...]
+    late: tuple[
+        str, ...
+    ]  # bounds in time that were missed: they ask for a machine with time to spare
+
+
+class Daemon:
+    """`fsw run` on a configuration, started again and again."""
+
+    def __init__(self, config: Path, observer: Observer) -> None:
+        self._config, self._observer = config, observer
+        self._log = (config.parent / "daemon.log").open("ab")
+        self.process: subprocess.Popen[bytes] | None = None
+        self.started_ns = 0
+
+    def start(self, *, cold: bool) -> None:
+        """Start the process."""
+        command = [sys.executable, "-m", "fsw", "run", str(self._config)]
+        self.started_ns = time.monotonic_ns()
+        self.process = subprocess.Popen(
+            [*command, *(["--cold"] if cold else [])],
+            stdout=self._log,
+            stderr=self._log,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+
+    @property
+    def pids(self) -> tuple[int, int]:
+        """Loop and service."""
+        loop = self.loop()
+        started = children(loop)
+        if not started:
+            raise LiveError("the daemon has no service")
+        return loop, started[-1]
+
+    def loop(self) -> int:
+        """Return the loop's process identifier. Raises LiveError when it has ended."""
+        if self.process is None or self.process.poll() is not None:
+            raise LiveError(f"the daemon is not running; {self._config.parent / 'daemon.log'}")
+        return self.process.pid
+
+    def reap(self) -> None:
+        """Wait for a killed loop."""
+        if self.process is not None:
+            self.process.wait()
+
+    def close(self) -> None:
+        """End the daemon, by force where it must be."""
+        if self.process is not None and self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            try:
+                self.process.wait(live.STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        self._log.close()
+
+
+class Round:
+    """Plant, daemon and the kills of one seed."""
+
+    def __init__(self, folder: Path, number: int, seed: int) -> None:
+        self._folder, self._number = folder, number
+        self._rng = np.random.default_rng((seed, number))
+        self._state = folder / "state"
+        self._observer = Observer(self._state)
+        self._seen: list[dict[str, Any]] = []
+        self._checked: set[Path] = set()
+        self._back_ns = 0  # when what was killed last, or the first daemon, was seen at work
+
+    def run(self, count: int) -> Iterator[Kill]:
+        """Yield so many kills; fewer when the motion is over. Raises LiveError."""
+        setup = prepare(
+            at_rates(load(SCENARIO), RATE_HZ, IMU_RATE_HZ),
+            self._number,
+            self._folder,
+            real_time=True,
+        )
+        document = yaml.safe_load(setup.config_path.read_text(encoding="utf-8"))
+        document["service"]["checkpoint_period_s"] = CHECKPOINT_S
+        write_yaml(setup.config_path, document)
+        plant = plant_document(setup.scenario, self._number, self._folder, setup.bus_port)
+        plant_path = write_yaml(self._folder / "plant.yaml", plant)
+        with ExitStack() as held:
+            process = held.enter_context(live.started_plant(plant_path, self._folder))
+            daemon = Daemon(setup.config_path, self._observer)
+            held.callback(daemon.close)
+            daemon.start(cold=True)
+            wait_for(
+                lambda: bool(daemon.loop()) and self._observer.status_since(daemon.started_ns),
+                "a first estimate",
+            )
+            up_ns = self._back_ns = time.monotonic_ns()
+            time.sleep(WARM_S)
+            for k in range(count):
+                if (time.monotonic_ns() - up_ns) * 1e-9 > setup.total_s:
+                    return
+                if process.poll() is not None:
+                    raise LiveError("the plant has ended")
+                time.sleep(float(self._rng.uniform(*PAUSE_S)))
+                yield self._kill(daemon, k, up_ns)
+
+    def _kill(self, daemon: Daemon, number: int, up_ns: int) -> Kill:
+        victim = str(self._rng.choice(VICTIMS, p=WEIGHTS))
+        loop, service = daemon.pids
+        self._events()
+        killed_ns = time.monotonic_ns()
+        if victim in ("loop", "both"):
+            os.kill(loop, signal.SIGKILL)
+        if victim in ("service", "both"):
+            os.kill(service, signal.SIGKILL)
+        lost_s = 0.0
+        if victim == "service":
+            imports_s, back_s, faults = self._service_is_back(killed_ns, service)
+        else:
+            daemon.reap()
+            daemon.start(cold=False)
+            imports_s, back_s, lost_s, faults = self._loop_is_back(daemon, killed_ns)
+        back_ns = time.monotonic_ns()
+        late = []
+        if lost_s > CHECKPOINT_S + WRITE_S:
+            late.append(f"{lost_s:.2f} s of information lost")
+        ratio = back_s / imports_s if imports_s > 0 else float("inf")
+        if ratio > BOUND_RATIO:
+            late.append(f"back after {ratio:.2f} times the imports")
+        faults += unreadable_checkpoints(self._state)
+        wait_for(lambda: not alive(service), "the old service has ended")
+        faults += self._recordings(killed_ns, late, ended=victim == "loop")
+        self._back_ns = back_ns
+        return Kill(
+            round=self._number,
+            number=number,
+            victim=victim,
+            at_s=(killed_ns - up_ns) * 1e-9,
+            imports_s=imports_s,
+            back_s=back_s,
+            ratio=ratio,
+            lost_s=lost_s,
+            faults=tuple(faults),
+            late=tuple(late),
+        )
+
+    def _loop_is_back(
+        self, daemon: Daemon, killed_ns: int
+    ) -> tuple[float, float, float, list[str]]:
+        """Wait for the restored estimate to be seen; times from the start of the new process."""
+        began_ns = daemon.started_ns
+        wait_for(lambda: self._observer.status_since(began_ns), "a restored estimate")
+        back_s = (time.monotonic_ns() - began_ns) * 1e-9
+        started, restored = (
+            self._event("STARTED", began_ns),
+            self._event("STATE_RESTORED", began_ns),
+        )
+        faults = [e["text"] for e in self._seen if e["code"] == "CHECKPOINT_REFUSED"]
+        match = re.search(r"([\d.]+) s old; all of it", restored["text"])
+        if match is None:
+            return 0.0, back_s, 0.0, [*faults, f"not restored whole: {restored['text']}"]
+        lost_s = float(match[1]) - (restored["t_ns"] - killed_ns) * 1e-9
+        return (started["t_ns"] - began_ns) * 1e-9, back_s, lost_s, faults
+
+    def _service_is_back(self, killed_ns: int, old: int) -> tuple[float, float, list[str]]:
+        """Wait for a status of the new service; times from the loop's start of it."""
+        wait_for(lambda: not alive(old), "the service is dead")
+        back = self._event("SERVICE_BACK", killed_ns)
+        lost = self._event("SERVICE_LOST", killed_ns)
+        wait_for(lambda: self._observer.status_since(back["t_ns"]), "a status of the new service")
+        imports_s = (back["t_ns"] - lost["t_ns"]) * 1e-9
+        back_s = (time.monotonic_ns() - lost["t_ns"]) * 1e-9
+        return imports_s, back_s, []
+
+    def _events(self) -> None:
+        self._seen = self._observer.events()
+
+    def _event(self, code: str, since_ns: int) -> dict[str, Any]:
+        """Return the first event of a code after a time; wait for it."""
+        found: list[dict[str, Any]] = []
+
+        def seen() -> bool:
+            self._seen += self._observer.events()
+            found[:] = [e for e in self._seen if e["code"] == code and e["t_ns"] >= since_ns]
+            return bool(found)
+
+        wait_for(seen, f"event {code}")
+        return found[0]
+
+    def _recordings(self, killed_ns: int, late: list[str], *, ended: bool) -> list[str]:
+        """Check the files whose writer has ended; one that was killed may lack its last chunk.
+
+        `ended`: its writer lived and must have closed it. A file that had no time to flush a chunk
+        may be empty.
+        """
+        self._seen += self._observer.events()
+        full = any(event["code"] == "RING_DROPS" for event in self._seen)
+        files = sorted((self._folder / "recording").glob("*.mcap"))
+        writing = self._observer.status.get("recorder", {}).get("path")
+        faults = []
+        for path in files:
+            if path in self._checked or str(path) == writing:
+                continue
+            self._checked.add(path)
+            state = part_state(path, f"/can/{BUS}")
+            missing_s = (killed_ns - max(state.last_ns, self._back_ns)) * 1e-9
+            if ended and state.truncated:
+                faults.append(f"{path.name}: not closed")
+            if missing_s > UNFLUSHED_S:
+                late.append(f"{path.name}: ends {missing_s:.2f} s before the kill")
+            if state.gaps or (not state.syncs and missing_s > UNFLUSHED_S):
+                (late if full else faults).append(
+                    f"{path.name}: {state.gaps} gaps in {state.syncs} SYNCs"
+                )
+        return faults

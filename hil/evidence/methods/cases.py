@@ -1,0 +1,125 @@
+"""What the study varies: cases, sensor sets, levels; and one method's result on one seed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from hil.world.inertia import COUNT, FloatArray, pi_of
+from hil.world.scenario import Scenario, load
+
+CASES: Mapping[str, str] = {"base": "base", "target": "target_leo", "both": "both"}
+GROUPS: Mapping[str, slice] = {
+    "mass": slice(0, 1),
+    "first moment": slice(1, 4),
+    "inertia": slice(4, 10),
+}
+SAMPLE, DEVICE = "sample", "device"
+RATE_HZ = 100.0
+DURATION_S = 60.0
+DIFFERENTIATION_S = 0.2  # window over which angular acceleration is taken from the gyro
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorSet:
+    """1 sigma of one sample at 100 Hz, white; every axis and joint alike."""
+
+    torque_nm: float
+    qdd_rad_s2: float
+    rate_rad_s: float
+    angular_acceleration_rad_s2: float
+    acceleration_m_s2: float
+    velocity_m_s: float  # of v_b, used by the printed reading of CM alone; no sensor gives it
+
+
+def _sensor_set(gyro_factor: float, acc_factor: float) -> SensorSet:
+    """Return torque 0.05 N m at 500 Hz, a STIM300 times the factors, a 24-bit encoder.
+
+    White noise at native rates averaged to 100 Hz; angular acceleration as the slope of a line
+    through 0.2 s of gyro, sigma sqrt(12 / (k^3 dt^2)).
+    """
+    gyro = 4.4e-5 * RATE_HZ**0.5 * gyro_factor
+    k = DIFFERENTIATION_S * RATE_HZ
+    return SensorSet(
+        torque_nm=0.05 * (RATE_HZ / 500.0) ** 0.5,
+        qdd_rad_s2=2.5e-5,
+        rate_rad_s=gyro,
+        angular_acceleration_rad_s2=gyro * (12.0 / k**3) ** 0.5 * RATE_HZ,
+        acceleration_m_s2=5.0e-4 * RATE_HZ**0.5 * acc_factor,
+        velocity_m_s=1e-3,
+    )
+
+
+SENSOR_SETS: Mapping[str, SensorSet] = {
+    "data sheet": _sensor_set(1.0, 1.0),
+    "poor IMU": _sensor_set(3.0, 10.0),  # 0.45 deg/sqrt(h), 0.3 m/s/sqrt(h): consumer grade
+    "good IMU": _sensor_set(0.01, 0.01),  # 0.0015 deg/sqrt(h), 0.0003 m/s/sqrt(h): navigation
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Key:
+    """Names one result of the study."""
+
+    level: str
+    case: str
+    sensors: str
+    method: str
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Record:
+    """One method's result on one seed.
+
+    error (10 b,) is estimate minus truth in pi of the unknown bodies, None when the method failed;
+    nees its square in the method's own covariance; sigma (10 b,) from that covariance.
+    """
+
+    key: Key
+    status: str
+    error: FloatArray | None
+    sigma: FloatArray | None
+    nees: float
+    iterations: int
+    bias_note: str = ""
+    commit: str = ""  # of the code that gave it
+
+
+@lru_cache(maxsize=8)
+def scenario_of(case: str) -> Scenario:
+    """Return the scenario of a case."""
+    return load(CASES[case])
+
+
+def truth_of(case: str) -> FloatArray:
+    """Return the true parameters pi of the unknown bodies, stacked."""
+    scenario = scenario_of(case)
+    return np.concatenate([pi_of(scenario.truth[body]) for body in scenario.unknown])
+
+
+def group_slices(case: str) -> dict[str, slice]:
+    """Return the parameter groups of the unknown bodies, by "body group"."""
+    slices = {}
+    for index, body in enumerate(scenario_of(case).unknown):
+        for name, own in GROUPS.items():
+            start = COUNT * index
+            slices[f"{body} {name}"] = slice(start + own.start, start + own.stop)
+    return slices
+
+
+def settings() -> dict[str, Any]:
+    """Return what a stored result depends on beside its key; results of others are not mixed in."""
+    from dataclasses import asdict
+
+    return {
+        "version": 1,
+        "rate_hz": RATE_HZ,
+        "duration_s": DURATION_S,
+        "cases": dict(CASES),
+        "sensor_sets": {name: asdict(values) for name, values in SENSOR_SETS.items()},
+    }

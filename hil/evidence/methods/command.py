@@ -1,0 +1,76 @@
+"""The subcommands `hil study methods` and `hil study trivial-energy`."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Collection
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from hil.evidence.methods import report, run, summary
+from hil.evidence.methods.cases import CASES
+from hil.evidence.methods.store import Store
+from hil.evidence.methods.trivial_energy import sentences, trivial_energy
+
+FAILED_EXIT = 1
+
+
+def methods(
+    *,
+    quick: bool,
+    out: Path | None,
+    seeds: int | None,
+    device_seeds: int | None,
+    jobs: int,
+    redo: Collection[str] = (),
+    report_only: bool = False,
+) -> int:
+    """Run or resume the study of the methods, print its report; 1 if something required fails.
+
+    `redo` names methods whose stored results are dropped first, after a change of their code;
+    `report_only` judges what is stored, however far it got.
+    """
+    os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes
+    plan = run.quick_plan() if quick else run.Plan()
+    if seeds is not None:
+        plan = replace(plan, sample_seeds=seeds)
+    if device_seeds is not None:
+        plan = replace(plan, device_seeds=device_seeds)
+    with ExitStack() as stack:
+        folder = out
+        if folder is None and quick:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="study-")))
+        elif folder is None:
+            folder = Path("runs") / "study-methods"
+        store = Store(folder)
+        if redo:
+            store.forget(redo)
+        if report_only:
+            records = store.records()
+        else:
+            records = run.complete(plan, store, jobs, Console(stderr=True))
+        rows = summary.rows(records)
+        verdicts = summary.verdicts(rows, quick=quick)
+        notes = summary.orderings(rows) + summary.provenance(records)
+        notes += sentences(trivial_energy("target" if quick else "both"))
+        (folder / "report.txt").write_text(report.text(rows, verdicts, notes), encoding="utf-8")
+        values = summary.plain(rows, verdicts)
+        (folder / "report.json").write_text(json.dumps(values, indent=1), encoding="utf-8")
+        console = Console()
+        console.width = console.width if console.is_terminal else report.WIDTH
+        report.show(rows, verdicts, notes, console)
+    return 0 if all(verdict.passed for verdict in verdicts) else FAILED_EXIT
+
+
+def energy() -> int:
+    """Print what is wrong with CE as printed, case by case."""
+    console = Console()
+    for case in CASES:
+        for line in sentences(trivial_energy(case)):
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return 0

@@ -1,0 +1,130 @@
+"""Device bytes: the whole chain in virtual time, then every method on the blocks it recorded."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.messages import Block
+from fsw.messages.errors import EstimatorError
+from hil.evidence.methods.cases import DEVICE, Key, Record, scenario_of, truth_of
+from hil.evidence.methods.exact import true_robot
+from hil.evidence.methods.fisher import ALL
+from hil.evidence.methods.flight_side import priors_of, problem_of, write_config
+from hil.evidence.methods.methods import WARM, on_blocks, warm_start
+from hil.evidence.methods.sample_level import failed, judged
+from hil.judge.bound import Sensors, information
+from hil.judge.floating import FloatingRobot
+from hil.judge.score import BOUND_RATE_HZ
+from hil.run.bench import EDGE_S, Setup, run_virtual
+from hil.run.flight import bound_sensors
+from hil.run.flown import with_estimator
+from hil.world.history import TruthHistory
+from hil.world.inertia import FloatArray, pi_of
+from hil.world.robot import Robot
+from hil.world.spline import JointSpline
+from hil.world.truth import simulate
+
+SENSORS = "data sheet"  # the scenarios' devices
+WIDER = 100.0  # times the prior's sigma: as for samples, what is judged is what the data says
+SILENT = 1e12  # times the noise of a channel that is not used
+
+
+def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[Record]:
+    """Return the results of some methods on the blocks of one run of plant and daemon."""
+    with tempfile.TemporaryDirectory(prefix="study-") as folder:
+        config, blocks = _run(case, seed, Path(folder))
+        problem = problem_of(config)
+    records, warm = [], None
+    for method in methods:
+        key = Key(level=DEVICE, case=case, sensors=SENSORS, method=method, seed=seed)
+        try:
+            if method in WARM and warm is None:
+                warm = warm_start(blocks, problem)
+            outcome = on_blocks(method, blocks, problem, warm)
+        except (EstimatorError, np.linalg.LinAlgError) as error:
+            records.append(failed(key, str(error)))
+            continue
+        records.append(judged(key, outcome, truth_of(case)))
+    return records
+
+
+@lru_cache(maxsize=32)
+def native_information(case: str, channels: str) -> FloatArray:
+    """Return the Fisher information of the raw sensors' white noise, biases marginalised.
+
+    Native rates, the whole recording with its rests; `channels` is one of the methods' own: all and
+    mrnea (every sensor), torque and rda (torque), cm (gyro). Without the bodies' prior.
+    """
+    scenario = scenario_of(case)
+    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
+    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
+    spline, history = _motion(case)
+    end_s = spline.duration_s + scenario.after_s
+    t_s = np.arange(-scenario.before_s, end_s, 1.0 / BOUND_RATE_HZ)
+    state = history.at(np.clip(t_s, history.start_s, history.end_s))
+    sensors = _only(bound_sensors(scenario, robot.n), channels)
+    motion = (state.q, state.qd, state.qdd)
+    return information(robot, sensors, truth_of(case), motion, BOUND_RATE_HZ)
+
+
+def _only(sensors: Sensors, channels: str) -> Sensors:
+    """Return the sensors with the channels that are not used drowned in noise."""
+    from dataclasses import replace
+
+    if channels in (ALL, "fused", "mrnea"):
+        return sensors
+    acc = sensors.acc_noise_m_s2 * SILENT
+    if channels == "cm":
+        torque = sensors.torque_noise_nm * SILENT
+        return replace(sensors, torque_noise_nm=torque, acc_noise_m_s2=acc)
+    gyro = sensors.gyro_noise_rad_s * SILENT
+    return replace(sensors, gyro_noise_rad_s=gyro, acc_noise_m_s2=acc)
+
+
+def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
+    """Run plant and daemon; the truth's motion, the same for every seed, is simulated once.
+
+    The daemon's own online estimator does not touch the blocks; the cheapest one runs.
+    """
+    scenario = scenario_of(case)
+    spline, history = _motion(case)
+    config = write_config(scenario, seed, folder, WIDER)
+    setup = Setup(
+        scenario=scenario,
+        seed=seed,
+        folder=folder,
+        config_path=folder / "flight.yaml",
+        config=with_estimator(config, "mrnea", "ols"),
+        priors=priors_of(scenario, seed, WIDER),
+        robot=_robot(case),
+        spline=spline,
+        history=history,
+        bus_port=int(scenario.flight["bus"]["port"]),
+    )
+    recorded = run_virtual(setup, _Silent(), record=False)
+    return config, recorded.blocks
+
+
+class _Silent:
+    """A meter nobody looks at."""
+
+    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
+        """Show nothing."""
+
+
+@lru_cache(maxsize=3)
+def _robot(case: str) -> Robot:
+    return true_robot(scenario_of(case))
+
+
+@lru_cache(maxsize=3)
+def _motion(case: str) -> tuple[JointSpline, TruthHistory]:
+    spline = JointSpline.load(scenario_of(case).identification)
+    return spline, simulate(_robot(case), spline, -EDGE_S, spline.duration_s + EDGE_S)

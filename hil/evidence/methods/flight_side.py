@@ -1,0 +1,54 @@
+"""The flight software's side of one seed: a configuration without truth, and its problem."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from fsw.config import Config, load
+from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.robot import RobotModel
+from hil.run.flight import flight_document, write_flight
+from hil.world.robot import Robot
+from hil.world.scenario import Prior, Scenario, draw_prior
+
+
+def priors_of(scenario: Scenario, seed: int, wider: float = 1.0) -> dict[str, Prior]:
+    """Return the priors of the unknown bodies, 30-50 % off, as `hil run` draws them.
+
+    `wider` multiplies their sigma.
+    """
+    drawn = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
+    return {body: replace(prior, sigma=wider * prior.sigma) for body, prior in drawn.items()}
+
+
+def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0) -> Config:
+    """Write the flight configuration of a seed into a folder and load it."""
+    priors = priors_of(scenario, seed, wider)
+    names = _joint_names(scenario.urdf, scenario.tool_frame)
+    document = flight_document(
+        scenario, priors, names, folder, int(scenario.flight["bus"]["port"]), {}
+    )
+    return load(write_flight(folder, scenario, priors, document))
+
+
+def problem_of(config: Config) -> Problem:
+    """Return the estimation problem of a configuration."""
+    return build_problem(config, RobotModel(config.resolve(config.robot.urdf), "tool"))
+
+
+def without_biases(scenario: Scenario) -> Scenario:
+    """Return the scenario with sensors that have white noise and nothing else to estimate."""
+    sensors: dict[str, Any] = copy.deepcopy(scenario.sensors)
+    sensors["joints"]["torque_offset_sigma_nm"] = 0.0
+    sensors["imu"]["gyro_bias_sigma_rad_s"] = 0.0
+    sensors["imu"]["acc_bias_sigma_m_s2"] = 0.0
+    return replace(scenario, sensors=sensors)
+
+
+@lru_cache(maxsize=4)
+def _joint_names(urdf: Path, tool_frame: str) -> tuple[str, ...]:
+    return Robot.load(urdf, tool_frame).joint_names

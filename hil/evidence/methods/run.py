@@ -1,0 +1,138 @@
+"""Runs what is missing of the study, over processes; a result depends on its key alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+
+from hil.evidence.methods import device_bytes, sample_level
+from hil.evidence.methods.cases import CASES, DEVICE, SAMPLE, SENSOR_SETS, Key, Record
+from hil.evidence.methods.methods import names
+from hil.evidence.methods.parallel import bar, over
+from hil.evidence.methods.store import Store
+
+QUICK_SENSORS = "data sheet"
+QUICK_CASE = "target"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How much of the study is wanted."""
+
+    sample_seeds: int = 200
+    device_seeds: int = 30
+    cases: tuple[str, ...] = tuple(CASES)
+    sensor_sets: tuple[str, ...] = tuple(SENSOR_SETS)
+    device_cases: tuple[str, ...] = tuple(CASES)
+    sample_methods: tuple[str, ...] = names("sample")
+    device_methods: tuple[str, ...] = names("device")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """Work of one process at a time: some methods on the data of one seed."""
+
+    level: str
+    case: str
+    sensors: str
+    seed: int
+    methods: tuple[str, ...]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """What the unit gives."""
+        return tuple(
+            Key(
+                level=self.level,
+                case=self.case,
+                sensors=self.sensors,
+                method=method,
+                seed=self.seed,
+            )
+            for method in self.methods
+        )
+
+
+def quick_plan() -> Plan:
+    """Return the short form: every part of the code once or twice, in well under a minute."""
+    return Plan(
+        sample_seeds=2,
+        device_seeds=1,
+        cases=(QUICK_CASE,),
+        sensor_sets=(QUICK_SENSORS,),
+        device_cases=(QUICK_CASE,),
+        sample_methods=tuple(name for name in names("sample") if name != "cm with v_b"),
+        device_methods=("mrnea ols", "mrnea eiv", "rda", "fused"),
+    )
+
+
+def wanted(plan: Plan) -> list[Unit]:
+    """Return all units, seed by seed, so that an interrupted study is even over its parts."""
+    units = []
+    for seed in range(max(plan.sample_seeds, plan.device_seeds)):
+        if seed < plan.device_seeds:
+            units += [
+                Unit(
+                    level=DEVICE,
+                    case=case,
+                    sensors=device_bytes.SENSORS,
+                    seed=seed,
+                    methods=plan.device_methods,
+                )
+                for case in plan.device_cases
+            ]
+        if seed < plan.sample_seeds:
+            units += [
+                Unit(
+                    level=SAMPLE,
+                    case=case,
+                    sensors=sensors,
+                    seed=seed,
+                    methods=plan.sample_methods,
+                )
+                for case in plan.cases
+                for sensors in plan.sensor_sets
+            ]
+    return units
+
+
+def missing(units: Sequence[Unit], done: set[Key]) -> list[Unit]:
+    """Return the units without what is done; empty ones left out."""
+    rest = []
+    for unit in units:
+        methods = tuple(key.method for key in unit.keys if key not in done)
+        if methods:
+            rest.append(
+                Unit(
+                    level=unit.level,
+                    case=unit.case,
+                    sensors=unit.sensors,
+                    seed=unit.seed,
+                    methods=methods,
+                )
+            )
+    return rest
+
+
+def run_unit(unit: Unit) -> list[Record]:
+    """Return the unit's results."""
+    if unit.level == DEVICE:
+        return device_bytes.run_seed(unit.case, unit.seed, unit.methods)
+    return sample_level.run_seed(unit.case, unit.sensors, unit.seed, unit.methods)
+
+
+def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key, Record]:
+    """Run what the store lacks, showing progress; return the records of the plan."""
+    units = wanted(plan)
+    rest = missing(units, set(store.records()))
+    with bar(console) as progress:
+        task = progress.add_task("", total=len(units), completed=len(units) - len(rest), text="")
+        for records in over(run_unit, rest, jobs):
+            store.append(records)
+            key = records[0].key
+            text = f"{key.level} {key.case}, {key.sensors}, seed {key.seed}"
+            progress.update(task, advance=1, text=text)
+    keys = {key for unit in units for key in unit.keys}
+    return {key: record for key, record in store.records().items() if key in keys}

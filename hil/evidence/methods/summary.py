@@ -1,0 +1,209 @@
+"""From records to rows: every method, case and sensor set against its bounds, and the verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from scipy import stats
+from scipy.linalg import block_diag
+
+from hil.evidence.methods import device_bytes, fisher
+from hil.evidence.methods.cases import DEVICE, Key, Record, group_slices, scenario_of
+from hil.evidence.methods.flight_side import priors_of
+from hil.evidence.methods.methods import CONSISTENT, FUSED, METHODS
+from hil.evidence.methods.statistics import CONFIDENCE, Figures, chi_square_ends, figures
+from hil.judge.score import prior_information
+from hil.world.inertia import FloatArray
+
+RARE = 1e-3  # of a right method's few seeds that the short form may call wrong
+FUSED_BOUND: Mapping[str, float] = {"sample": 1.1, "device": 1.5}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Row:
+    """One method on one case and sensor set."""
+
+    level: str
+    case: str
+    sensors: str
+    method: str
+    figures: Figures
+    bias_note: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """One thing that is required, and whether it holds."""
+
+    name: str
+    value: str
+    wanted: str
+    passed: bool
+
+
+def rows(records: Mapping[Key, Record]) -> list[Row]:
+    """Return a row for every combination with results, in the order of the report."""
+    found: dict[tuple[str, str, str, str], list[Record]] = {}
+    for key in sorted(records):
+        name = (key.level, key.case, key.sensors, key.method)
+        found.setdefault(name, []).append(records[key])
+    order = list(METHODS)
+    table = []
+    for (level, case, sensors, method), own in found.items():
+        bounds = _bounds(own, fisher.ALL)
+        own_bounds = _bounds(own, METHODS[method].own)
+        table.append(
+            Row(
+                level=level,
+                case=case,
+                sensors=sensors,
+                method=method,
+                figures=figures(own, bounds, own_bounds, group_slices(case)),
+                bias_note=next((r.bias_note for r in own if r.bias_note), ""),
+            )
+        )
+    return sorted(
+        table, key=lambda r: (r.level != "sample", r.case, r.sensors, order.index(r.method))
+    )
+
+
+def verdicts(table: Sequence[Row], *, quick: bool = False) -> list[Verdict]:
+    """Return what is required of the fused estimator and of the consistent methods.
+
+    `quick`: few seeds, so bounds and bands are widened to what chance leaves once in a thousand.
+    """
+    found: list[Verdict] = []
+    for row in table:
+        if row.method == FUSED:
+            found += _fused(row, quick)
+    for method in CONSISTENT:
+        for level in FUSED_BOUND:
+            own = [row for row in table if row.method == method and row.level == level]
+            if own:
+                found += _nees(method, own, quick)
+    return found
+
+
+def orderings(table: Sequence[Row]) -> list[str]:
+    """Return the methods from best to worst per case and sensor set, by the median seed.
+
+    With a good inertial unit MRNEA stands before RDA, with a poor one behind it.
+    """
+    found: dict[tuple[str, str, str], list[Row]] = {}
+    for row in table:
+        found.setdefault((row.level, row.case, row.sensors), []).append(row)
+    lines = ["Order by the median seed's error over the bound of all channels:"]
+    for (level, case, sensors), own in found.items():
+        ranked = sorted(own, key=lambda row: row.figures.median)
+        text = " < ".join(f"{row.method} {row.figures.median:.3g}" for row in ranked)
+        lines.append(f"  {level}, {case}, {sensors}: {text}")
+    return lines + _swaps(table)
+
+
+def _swaps(table: Sequence[Row]) -> list[str]:
+    """Return with which sensor sets the paper's MRNEA, and that without its bias, precede RDA."""
+    median = {(r.level, r.case, r.sensors, r.method): r.figures.median for r in table}
+    found: dict[tuple[str, str], dict[bool, list[str]]] = {}
+    for (level, case, sensors, method), value in median.items():
+        other = median.get((level, case, sensors, "rda"))
+        if level != DEVICE and method in ("mrnea ols", "mrnea eiv") and other is not None:
+            own = found.setdefault((method, case), {True: [], False: []})
+            own[value < other].append(sensors)
+    return [
+        f"{method} or rda, {case}: {method} first with {', '.join(sets[True]) or 'none'}; "
+        f"rda first with {', '.join(sets[False]) or 'none'}"
+        for (method, case), sets in sorted(found.items(), reverse=True)
+    ]
+
+
+def provenance(records: Mapping[Key, Record]) -> list[str]:
+    """Return how many results of each method are of which commit."""
+    counts: dict[tuple[str, str], dict[str, int]] = {}
+    for key, record in records.items():
+        own = counts.setdefault((key.level, key.method), {})
+        own[record.commit] = own.get(record.commit, 0) + 1
+    lines = ["Results by commit of the code that gave them (+: with changes not committed):"]
+    for (level, method), own in sorted(counts.items()):
+        text = ", ".join(f"{name} {count}" for name, count in sorted(own.items()))
+        lines.append(f"  {level}, {method}: {text}")
+    return lines
+
+
+def plain(table: Sequence[Row], judged: Sequence[Verdict]) -> dict[str, Any]:
+    """Return rows and verdicts as plain values for a JSON file."""
+    return {
+        "rows": [asdict(row) for row in table],
+        "verdicts": [asdict(verdict) for verdict in judged],
+        "passed": all(verdict.passed for verdict in judged),
+    }
+
+
+def _fused(row: Row, quick: bool) -> list[Verdict]:
+    f, limit = row.figures, FUSED_BOUND[row.level]
+    if quick:
+        limit *= (float(stats.chi2.ppf(1.0 - RARE, f.dof * f.seeds)) / (f.dof * f.seeds)) ** 0.5
+    name = f"{row.level}, {row.case}, {row.sensors}: fused"
+    lows = {group: ratio.low for group, ratio in f.groups.items()}
+    group = max(lows, key=lambda key: lows[key])
+    return [
+        Verdict(
+            name=f"{name}, whitened error",
+            value=f"{f.overall.value:.3f}",
+            wanted=f"<= {limit:.3g}",
+            passed=f.failed == 0 and f.overall.value <= limit,
+        ),
+        Verdict(
+            name=f"{name}, largest lower end of a group's interval ({group})",
+            value=f"{lows[group]:.3f}",
+            wanted=f"<= {limit:.3g}",
+            passed=lows[group] <= limit,
+        ),
+    ]
+
+
+def _nees(method: str, own: Iterable[Row], quick: bool) -> list[Verdict]:
+    """Judge every row's mean NEES by its own 95 % band."""
+    found = []
+    for row in own:
+        f = row.figures
+        low, high = f.nees_low, f.nees_high
+        if quick:
+            low, high = (end / f.seeds for end in chi_square_ends(f.dof * f.seeds, RARE))
+        found.append(
+            Verdict(
+                name=f"{row.level}, {row.case}, {row.sensors}: {method}, mean NEES",
+                value=f"{f.nees:.2f}",
+                wanted=f"{low:.2f} .. {high:.2f}",
+                passed=f.failed == 0 and low <= f.nees <= high,
+            )
+        )
+    return found
+
+
+def chance_of_outliers(judged: Sequence[Verdict]) -> tuple[int, int, float]:
+    """Return bands left, bands judged, and how likely so many or more are when all is right.
+
+    Correct methods leave a 95 % band once in twenty; the seeds shared by the rows are taken as
+    independent, which makes this a guide.
+    """
+    bands = [verdict for verdict in judged if verdict.name.endswith("mean NEES")]
+    left = sum(not verdict.passed for verdict in bands)
+    chance = float(stats.binom.sf(left - 1, len(bands), 1.0 - CONFIDENCE)) if bands else 1.0
+    return left, len(bands), chance
+
+
+def _bounds(records: Sequence[Record], channels: str) -> list[FloatArray]:
+    """Return the Cramer-Rao bound of every record; at device level with its seed's prior."""
+    key = records[0].key
+    if key.level != DEVICE:
+        bound = fisher.bound(fisher.information(key.case, key.sensors, channels))
+        return [bound] * len(records)
+    data = device_bytes.native_information(key.case, channels)
+    found = []
+    for record in records:
+        priors = priors_of(scenario_of(key.case), record.key.seed)
+        own = block_diag(*(prior_information(prior) for prior in priors.values()))
+        found.append(fisher.bound(data + own))
+    return found

@@ -1,0 +1,52 @@
+"""The subcommand `hil study paper`."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from hil.evidence.methods.store import commit
+from hil.evidence.paper import report, run
+
+FAILED_EXIT = 1
+
+
+def paper(*, quick: bool, out: Path | None, seeds: int | None, device_seeds: int | None) -> int:
+    """Run or resume the study and write its report; 1 if something required is missed.
+
+    The short form, one seed of everything, is not held against the requirements.
+    """
+    os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes
+    plan = run.quick_plan() if quick else run.Plan()
+    if seeds is not None:
+        plan = replace(plan, seeds=seeds, few=min(plan.few, seeds))
+    if device_seeds is not None:
+        plan = replace(plan, device_seeds=device_seeds)
+    with ExitStack() as stack:
+        folder = out
+        if folder is None and quick:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="study-")))
+        elif folder is None:
+            folder = Path("runs") / "study-paper"
+        store = run.Store(folder, plan.rate_hz)
+        results = run.complete(plan, store, 2, Console(stderr=True))
+        judged = report.write(folder, results, commit())
+        console = Console()
+        for verdict in judged:
+            state = "bound forbids" if verdict["forbidden"] else "missed       "
+            state = "holds        " if verdict["passed"] else state
+            value, wanted = verdict["value"], verdict["wanted"]
+            console.print(
+                f"{state} {verdict['name']}: {value:.3g}, wanted {wanted:.3g}",
+                highlight=False,
+                soft_wrap=True,
+            )
+        if out is not None or not quick:
+            console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+    good = all(verdict["passed"] or verdict["forbidden"] for verdict in judged)
+    return 0 if quick or good else FAILED_EXIT

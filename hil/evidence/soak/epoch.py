@@ -1,0 +1,207 @@
+"""One epoch: one daemon over many segments, each with other devices, biases, noise and faults."""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fsw.exchange.recording_parts import contents_of
+from fsw.exchange.sinks import Fanout, NullSink
+from fsw.loop.daemon import Daemon
+from fsw.loop.wiring import build
+from fsw.messages import Estimate, Event
+from fsw.messages.commands import Command, CommandName
+from fsw.service.recorder import Parts, RecorderSink
+from hil.devices.plant import Plant
+from hil.evidence.soak import faults
+from hil.evidence.soak.ports import Lane, Reversed
+from hil.judge.score import normalised_error_squared
+from hil.links.virtual import VirtualBench
+from hil.run.bench import Setup
+from hil.world.inertia import pi_of
+from hil.world.sensors import SensorConfig
+
+T0_NS = 10_000_000_000
+REST_S = 2.0  # before the motion; links come back within it
+TAIL_S = 1.5
+KEPT_PARTS = 2
+MOST_PENDING = 4096  # items that wait for a window to close
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Segment:
+    """What one segment showed."""
+
+    epoch: int
+    number: int
+    nees: float
+    valid: bool
+    reason: str
+    ticks: int  # of the epoch so far
+    slips: int
+    injected: int  # slips
+    resident_bytes: int
+    faults: list[str]
+    broken: list[str]  # invariants
+    digest: str
+
+
+class Watch(NullSink):
+    """Looks at everything the daemon produces: covariances, finite numbers, a digest of all."""
+
+    def __init__(self) -> None:
+        self.broken: list[str] = []
+        self._digest = hashlib.sha256()
+        self.events = 0
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Check an estimate."""
+        self._digest.update(estimate.mean.tobytes() + estimate.covariance.tobytes())
+        self._digest.update(f"{estimate.t_ns} {estimate.valid} {estimate.reason}".encode())
+        if not (np.all(np.isfinite(estimate.mean)) and np.all(np.isfinite(estimate.covariance))):
+            self.broken.append(f"not finite at {estimate.t_ns}")
+            return
+        scale = np.sqrt(np.diag(estimate.covariance))
+        if np.linalg.eigvalsh(estimate.covariance / np.outer(scale, scale))[0] <= 0.0:
+            self.broken.append(f"covariance not positive definite at {estimate.t_ns}")
+
+    def event(self, event: Event) -> None:
+        """Count an event; the estimator never resets by itself."""
+        self.events += 1
+        self._digest.update(f"{event.t_ns} {event.code} {event.text}".encode())
+        if event.code in ("ESTIMATOR_RESET", "RECORDER_FAILED", "DISK_FULL"):
+            self.broken.append(f"{event.code}: {event.text}")
+
+    def digest(self) -> str:
+        """Return the digest of everything so far."""
+        return self._digest.hexdigest()
+
+
+class Epoch:
+    """One daemon's life."""
+
+    def __init__(
+        self, setup: Setup, seed: int, number: int, folder: Path, reader: Executor
+    ) -> None:
+        """`reader` reads recordings elsewhere: what that takes is not the daemon's memory."""
+        self._setup, self._seed, self._number, self._reader = setup, seed, number, reader
+        self._folder = folder
+        self._sensors = SensorConfig.from_dict(setup.scenario.sensors)
+        self._histories = (setup.history, Reversed(setup.history))
+        self._watch = Watch()
+        self._parts = Parts(setup.config, self._folder)
+        self._recorder = RecorderSink(
+            self._parts.open(),
+            self._recorder_says,
+            parts=self._parts.open,
+            part_s=setup.config.recorder.part_s,
+            part_bytes=setup.config.recorder.part_bytes,
+        )
+        self._lane = Lane(self._bench(0, T0_NS))
+        sink = Fanout(self._watch, self._recorder)
+        self._daemon: Daemon = build(setup.config, self._lane, self._lane.ports(), sink)
+        self._injected = 0
+
+    def run(self, segments: int) -> Iterator[Segment]:
+        """Yield the segments of the epoch."""
+        rate_hz = self._setup.config.scheduler.tick_rate_hz
+        length_s = REST_S + self._setup.spline.duration_s + TAIL_S
+        ticks = round(length_s * rate_hz)
+        for k in range(segments):
+            rng = np.random.default_rng((self._seed, self._number, k))
+            if k:
+                self._lane.exchange(self._bench(k, self._lane.now_ns()))
+                self._daemon.submit(Command(name=CommandName.RESET))
+            names = faults.apply(self._lane.bench, rng, length_s)
+            self._fly(ticks, faults.holds(rng, ticks - 100))
+            yield self._judge(k, names)
+        self._daemon.shutdown()
+
+    def _bench(self, segment: int, t0_ns: int) -> VirtualBench:
+        seed = int(np.random.SeedSequence((self._seed, self._number, segment)).generate_state(1)[0])
+        history = self._histories[segment % 2]
+        plant = Plant(history, self._sensors, seed, start_delay_s=REST_S, t0_ns=t0_ns)
+        return VirtualBench(plant, t0_ns, seed=seed)
+
+    def _fly(self, ticks: int, holds: dict[int, int]) -> None:
+        daemon, lane = self._daemon, self._lane
+        period_ns = round(1e9 / self._setup.config.scheduler.tick_rate_hz)
+        for tick in range(ticks):
+            daemon.step()
+            self._watch.broken += self._queues() if tick % 100 == 0 else []
+            missed = holds.get(tick)
+            due_ns = daemon.executive.next_due_ns
+            if missed is not None and due_ns is not None:
+                lane.hold_until_ns(due_ns + missed * period_ns + period_ns // 3)
+                self._injected += missed
+
+    def _queues(self) -> list[str]:
+        daemon, config = self._daemon, self._setup.config
+        waiting = {m.name: len(m.pending) for m in daemon._inputs}  # noqa: SLF001 - the instrument
+        found = [f"{name}: {n} items wait" for name, n in waiting.items() if n > MOST_PENDING]
+        stored = len(getattr(daemon._pipeline.estimator, "blocks", ()))  # noqa: SLF001
+        if stored > config.estimator.store_blocks:
+            found.append(f"{stored} blocks stored")
+        return found
+
+    def _judge(self, number: int, names: list[str]) -> Segment:
+        daemon = self._daemon
+        daemon.submit(Command(name=CommandName.FINISH))
+        daemon.step()
+        estimate, slips = daemon.latest, daemon.executive.slips
+        broken, self._watch.broken = self._watch.broken, []
+        if slips.slips != self._injected:
+            broken.append(f"{slips.slips} slips counted, {self._injected} injected")
+        nees = float("nan")
+        if estimate is not None:
+            truth = pi_of(self._setup.scenario.truth["target"])
+            nees = normalised_error_squared(
+                estimate.mean[:10] - truth, estimate.covariance[:10, :10]
+            )
+        broken += self._trim()
+        gc.collect()
+        return Segment(
+            epoch=self._number,
+            number=number,
+            nees=nees,
+            valid=estimate is not None and estimate.valid,
+            reason="" if estimate is None else estimate.reason,
+            ticks=slips.ticks,
+            slips=slips.slips,
+            injected=self._injected,
+            resident_bytes=resident_bytes(),
+            faults=names,
+            broken=broken,
+            digest=self._watch.digest(),
+        )
+
+    def _trim(self) -> list[str]:
+        """Read and remove all but the newest parts of the recording."""
+        files = sorted(self._folder.glob("*.mcap"))
+        broken = []
+        for path in files[:-KEPT_PARTS]:
+            if self._reader.submit(is_truncated, path).result():
+                broken.append(f"{path.name}: cut off")
+            path.unlink()
+        return broken
+
+    def _recorder_says(self, _severity: str, code: str, text: str) -> None:
+        self._watch.broken.append(f"{code}: {text}")
+
+
+def is_truncated(path: Path) -> bool:
+    """Tell whether a recording breaks off."""
+    return contents_of([path]).truncated
+
+
+def resident_bytes() -> int:
+    """Return the memory this process has."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_BYTES

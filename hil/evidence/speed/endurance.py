@@ -1,0 +1,367 @@
+"""Endurance of the online estimators: python -m hil.evidence.speed.endurance [--updates 1e6].
+
+One virtual flight's blocks are pushed over and over with new indices and times. Measured for every
+estimator: memory from the first 1e5 updates on (bytes reachable from the estimator, the
+interpreter's allocated blocks, resident pages), whether the factor is finite, and the covariance
+against a batch: the inverse of the summed normal matrix of every row folded in, accumulated apart
+from the estimator. An update is one set of joint samples absorbed; a block holds window x rate.
+Results are kept in the folder of `--out`; what stands there already is not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any, Protocol
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core
+
+import numpy as np
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from fsw.estimators.recursive.bias_compensated import (
+    BiasCompensatedEstimator,
+    block_sums,
+    compensated_solution,
+    no_sums,
+)
+from fsw.estimators.recursive.online import OnlineEstimator, build_online
+from fsw.messages import Block, FloatArray
+from hil.run.flown import Flown, fly, with_estimator
+
+ESTIMATORS = {
+    "mrnea ols": ("mrnea", "ols"),
+    "mrnea wls": ("mrnea", "wls"),
+    "mrnea bc": ("mrnea", "bc"),
+    "mrnea eiv": ("mrnea", "eiv"),
+    "rda": ("rda", "eiv"),
+    "cm": ("cm", "eiv"),
+    "fused": ("fused", "eiv"),
+}
+FIRST_LOOK_UPDATES = 100_000
+COVARIANCE_BOUND = 1e-6
+OWN_GROWTH_BYTES = 4096  # of the estimator: numbers that grow a digit; a float per block is 100 kB
+LEAKED_OBJECTS = 0.1  # allocated per block pushed; one kept per push is 1
+SPARE_OBJECTS = 1000  # what bars, caches and free lists may still move
+RESIDENT_GROWTH_KB = 4096  # the allocator's own hesitation; an array per block is 100 MB
+SHOW_BLOCKS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """Memory at one moment."""
+
+    updates: int
+    own_bytes: int  # of everything reachable from the estimator
+    objects: int  # allocated by the interpreter
+    resident_kb: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Endurance:
+    """What one long run showed."""
+
+    estimator: str
+    blocks: int
+    updates: int
+    looks: tuple[Look, ...]
+    finite: bool
+    covariance_difference: float  # largest, relative to the sigmas of the batch
+
+    @property
+    def flat(self) -> bool:
+        """Tell whether memory stayed what it was at the first look."""
+        first, last = self.looks[0], self.looks[-1]
+        pushed = self.blocks * (1.0 - first.updates / last.updates)
+        return (
+            last.own_bytes - first.own_bytes < OWN_GROWTH_BYTES
+            and last.objects - first.objects < SPARE_OBJECTS + LEAKED_OBJECTS * pushed
+            and last.resident_kb - first.resident_kb < RESIDENT_GROWTH_KB
+        )
+
+    @property
+    def passed(self) -> bool:
+        """Tell whether memory is flat, the factor finite and the covariance the batch's."""
+        return self.flat and self.finite and self.covariance_difference < COVARIANCE_BOUND
+
+    def line(self) -> str:
+        """Return one line of the report."""
+        first, last = self.looks[0], self.looks[-1]
+        return (
+            f"{'ok' if self.passed else 'MISSED':7}{self.estimator:10} {self.updates:.0e} updates: "
+            f"from {first.updates:.0e} on estimator {last.own_bytes - first.own_bytes:+d} bytes of "
+            f"{last.own_bytes}, {last.objects - first.objects:+d} objects, "
+            f"{last.resident_kb - first.resident_kb:+d} kB resident; factor "
+            f"{'finite' if self.finite else 'NOT FINITE'}; covariance off by "
+            f"{self.covariance_difference:.1e} sigma^2"
+        )
+
+
+class Tally(Protocol):
+    """The batch of what an estimator has absorbed, kept apart from it."""
+
+    def before_push(self, block: Block) -> None:
+        """Look before a block is pushed."""
+        ...
+
+    def after_push(self) -> None:
+        """Look after it."""
+        ...
+
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Return the batch's covariance and the estimator's."""
+        ...
+
+
+class StoredTally:
+    """Prior precision plus the normal matrix of the rows that stand in a relinearising one."""
+
+    def __init__(self, online: OnlineEstimator) -> None:
+        self._memory = online.recursion.memory
+        R = self._memory.prior.R
+        self._F: FloatArray = R.T @ R
+        self._oldest: Any = None
+
+    def before_push(self, _block: Block) -> None:
+        """Remember the block that may leave the store."""
+        stored = self._memory._store  # noqa: SLF001 - the instrument reads what it measures
+        self._oldest = stored[0] if stored else None
+
+    def after_push(self) -> None:
+        """Add the rows of the block that has left."""
+        stored = self._memory._store  # noqa: SLF001
+        if self._oldest is not None and stored[0] is not self._oldest:
+            self._F = self._F + self._oldest.A.T @ self._oldest.A
+
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Return both, of everything folded in."""
+        F = self._F
+        for stored in self._memory._store:  # noqa: SLF001
+            F = F + stored.A.T @ stored.A
+        return inverse(F), self._memory.information.covariance()
+
+
+class LinearTally:
+    """Prior precision plus the normal matrix of rows that depend on the block alone."""
+
+    def __init__(self, online: OnlineEstimator) -> None:
+        self._memory, self._rows = online.recursion.memory, online.rows
+        self._at = online.problem.prior_mean
+        R = self._memory.prior.R
+        self._F: FloatArray = R.T @ R
+
+    def before_push(self, block: Block) -> None:
+        """Add the rows of a block."""
+        A = self._rows(block, self._at, None).A
+        self._F = self._F + A.T @ A
+
+    def after_push(self) -> None:
+        """Nothing to see."""
+
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Return both, of everything folded in, before the residuals' variance scales them."""
+        return inverse(self._F), self._memory.information.covariance()
+
+
+class SumsTally:
+    """The sums of the bias-compensated regression, added up per lap: another order of addition."""
+
+    def __init__(self, online: BiasCompensatedEstimator, lap: int) -> None:
+        self._online, self._lap = online, lap
+        self._laps = self._newest = no_sums(len(online._x))  # noqa: SLF001
+        self._count = 0
+
+    def before_push(self, block: Block) -> None:
+        """Take the sums of a block at the state the estimator will use."""
+        online = self._online
+        self._newest = self._newest + block_sums(block, online._x, online._problem)  # noqa: SLF001
+        self._count += 1
+        if self._count % self._lap == 0:
+            self._laps, self._newest = self._laps + self._newest, no_sums(len(online._x))  # noqa: SLF001
+
+    def after_push(self) -> None:
+        """Nothing to see."""
+
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Return both; the batch solves its own sums."""
+        sums, online = self._laps + self._newest, self._online
+        prior = online._problem.prior_mean  # noqa: SLF001
+        solution = compensated_solution(sums, prior, online._precision)  # noqa: SLF001
+        return solution[1], online._covariance  # noqa: SLF001
+
+
+def inverse(F: FloatArray) -> FloatArray:
+    """Return the inverse of a normal matrix, its columns scaled to unit length first."""
+    scale = np.sqrt(np.diag(F))
+    scaled = np.linalg.solve(F / np.outer(scale, scale), np.eye(len(F)))
+    P: FloatArray = scaled / np.outer(scale, scale)
+    return P
+
+
+def again(blocks: Sequence[Block], k: int, period_ns: int) -> Block:
+    """Return the k-th block of an endless repetition."""
+    lap, place = divmod(k, len(blocks))
+    block = blocks[place]
+    return replace(block, index=k, t_ns=block.t_ns + lap * len(blocks) * period_ns)
+
+
+def endure(
+    name: str, flown: Flown, updates: float, show: Callable[[int], None] = lambda _done: None
+) -> Endurance:
+    """Push a flight's blocks until so many updates are done, and judge.
+
+    Memory is looked at first after a tenth of the updates, `FIRST_LOOK_UPDATES` at most, and not
+    before the flight came twice (or half of a short run): only then do the stored blocks hold
+    what they always will. Then at every decade and at the end. `show` is told the updates done.
+    """
+    config = with_estimator(flown.config, *ESTIMATORS[name])
+    window_s = config.estimator.window_s
+    per_block = round(window_s * config.buses[0].rate_hz)
+    count = max(10, round(updates / per_block))
+    online = build_online(config, flown.model)
+    tally: Tally
+    if isinstance(online, BiasCompensatedEstimator):
+        tally = SumsTally(online, len(flown.blocks))
+    else:
+        tally = LinearTally(online) if online.linear else StoredTally(online)
+    due = min(FIRST_LOOK_UPDATES // per_block, count // 10)
+    due = max(due, min(2 * len(flown.blocks), count // 2))
+    looks: list[Look] = []
+    for k in range(count):
+        while online.work():
+            pass
+        block = again(flown.blocks, k, round(window_s * 1e9))
+        tally.before_push(block)
+        online.push(block)
+        tally.after_push()
+        online.events()
+        if k + 1 in (due, count):
+            looks.append(look((k + 1) * per_block, online))
+            due *= 10
+        if k % SHOW_BLOCKS == 0:
+            show((k + 1) * per_block)
+    while online.work():
+        pass
+    batch, got = tally.covariances()
+    sigma = np.sqrt(np.diag(batch))
+    return Endurance(
+        estimator=name,
+        blocks=count,
+        updates=count * per_block,
+        looks=tuple(looks),
+        finite=bool(np.all(np.isfinite(got))),
+        covariance_difference=float(np.max(np.abs(got - batch) / np.outer(sigma, sigma))),
+    )
+
+
+def look(updates: int, online: object) -> Look:
+    """Measure memory now."""
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return Look(
+        updates=updates,
+        own_bytes=reachable_bytes(online),
+        objects=sys.getallocatedblocks(),
+        resident_kb=pages * os.sysconf("SC_PAGE_SIZE") // 1024,
+    )
+
+
+def reachable_bytes(root: object) -> int:
+    """Return the size of an object and of all it leads to, code and classes left out."""
+    seen, waiting, size = {id(root)}, [root], 0
+    while waiting:
+        thing = waiting.pop()
+        size += sys.getsizeof(thing)
+        parts = [*gc.get_referents(thing)]
+        if isinstance(thing, np.ndarray) and thing.base is not None:
+            parts.append(thing.base)
+        if isinstance(thing, FunctionType):
+            parts = [cell.cell_contents for cell in thing.__closure__ or ()]
+        for part in parts:
+            if id(part) not in seen and not isinstance(part, type | ModuleType):
+                seen.add(id(part))
+                waiting.append(part)
+    return size
+
+
+def stored(folder: Path | None, updates: float, scenario: str) -> tuple[dict[str, Endurance], Path]:
+    """Return the results that stand in a folder for this length, and their file."""
+    if folder is None:
+        return {}, Path(os.devnull)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{scenario}-{updates:.0e}.jsonl"
+    found = {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            values = json.loads(line)
+            values["looks"] = tuple(Look(**one) for one in values["looks"])
+            found[values["estimator"]] = Endurance(**values)
+    return found, path
+
+
+def _advance(progress: Progress, task: TaskID, done: int) -> None:
+    progress.update(task, completed=done)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run every estimator asked for; 0 if all passed."""
+    parser = argparse.ArgumentParser(
+        prog="python -m hil.evidence.speed.endurance", description=__doc__
+    )
+    parser.add_argument(
+        "estimators",
+        nargs="*",
+        metavar="NAME",
+        help=f"of: {', '.join(repr(n) for n in ESTIMATORS)}; without one, all",
+    )
+    parser.add_argument("--updates", type=float, default=1e6, metavar="N", help="1e6")
+    parser.add_argument("--scenario", default="target_leo", help="flown for its blocks")
+    parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the flight, 0")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="keep results, resume from them")
+    options = parser.parse_args(arguments)
+    wanted = options.estimators or list(ESTIMATORS)
+    unknown = sorted(set(wanted) - set(ESTIMATORS))
+    if unknown:
+        parser.error(f"{unknown} are none of {list(ESTIMATORS)}")
+    found, path = stored(options.out, options.updates, options.scenario)
+    missing = [name for name in wanted if name not in found]
+    if missing:
+        flown = fly(options.scenario, options.seed)
+        columns = (
+            TextColumn("{task.description:10}"),
+            BarColumn(),
+            TextColumn("{task.percentage:.0f} %"),
+        )
+        times = (TimeElapsedColumn(), TimeRemainingColumn())
+        with Progress(
+            *columns, *times, console=Console(stderr=True), refresh_per_second=2
+        ) as progress:
+            for name in missing:
+                task = progress.add_task(name, total=options.updates)
+                show = partial(_advance, progress, task)
+                result = endure(name, flown, options.updates, show)
+                found[name] = result
+                with path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(asdict(result)) + "\n")
+    sys.stdout.write("\n".join(found[name].line() for name in wanted) + "\n")
+    return 0 if all(found[name].passed for name in wanted) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,190 @@
+"""Peers of the benchmark on the same data: regressors, recursions and optimisers of other packages.
+
+Each needs its package (`pip install .[peers]`). A peer that is missing, or refuses the problem,
+gives a line saying so from the try in this very run.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import io
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.samples import SampleSet
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages import FloatArray
+
+RECURSION_SAMPLES = 300
+REGRESSOR_SAMPLES = 2000
+RIDGE = 1e-6  # information of the recursions' start
+SYSID_ITERATIONS = 200
+REFUSALS = (ImportError, AttributeError, KeyError, RuntimeError, TypeError, ValueError)
+
+Timer = Callable[[Callable[[], object], int], float]
+Figure = tuple[str, float, float | None]  # name, value, upper bound
+Outcome = Figure | str  # or why there is none
+
+
+def attempt(package: str, compare: Callable[[ModuleType], Iterator[Outcome]]) -> list[Outcome]:
+    """Return a peer's figures, or what it said when it could not be used.
+
+    `compare` gets the imported module. What the peer prints or warns of is its own affair.
+    """
+    found: list[Outcome] = []
+    try:
+        with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            module = importlib.import_module(package)
+            found += compare(module)
+    except REFUSALS as error:
+        words = " ".join(str(error).split())
+        found.append(f"{package}{_version(package)}: {type(error).__name__}: {words}")
+    return found
+
+
+def _version(package: str) -> str:
+    try:
+        return " " + importlib.metadata.version(package.split(".", maxsplit=1)[0])
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def idyntree(
+    problem: Problem, samples: SampleSet, urdf: str, own_s: float, seconds: Timer
+) -> list[Outcome]:
+    """Compare build and solve with a loop over iDynTree's inverse dynamics regressor."""
+
+    def compare(idyn: ModuleType) -> Iterator[Outcome]:
+        loader = idyn.ModelLoader()
+        if not loader.loadReducedModelFromFile(urdf, list(problem.model.joint_names)):
+            raise ValueError(f"cannot read {urdf}")
+        dynamics = idyn.KinDynComputations()
+        dynamics.loadRobotModel(loader.model())
+        dynamics.setFrameVelocityRepresentation(idyn.BODY_FIXED_REPRESENTATION)
+        links = int(loader.model().getNrOfLinks())
+        out = idyn.MatrixDynSize(6 + samples.n, 10 * links)
+        base, gravity = np.eye(4), np.zeros(3)
+
+        def loop() -> object:
+            for i in range(len(samples)):
+                velocity = np.concatenate([np.zeros(3), samples.w_NB_B[i]])
+                acceleration = np.concatenate([samples.a_NB_B[i], samples.wd_NB_B[i]])
+                dynamics.setRobotState(base, samples.q[i], velocity, samples.qd[i], gravity)
+                dynamics.inverseDynamicsInertialParametersRegressor(
+                    acceleration, samples.qdd[i], out
+                )
+            return out
+
+        yield "ols mrnea / iDynTree regressor loop", own_s / seconds(loop, 2), None
+
+    return attempt("idyntree.bindings", compare)
+
+
+def figaroh(problem: Problem, samples: SampleSet, own_s: float, seconds: Timer) -> list[Outcome]:
+    """Compare with figaroh's regressor builder: joint rows if it can, the base's rows otherwise."""
+    model = problem.model.model
+    robot = SimpleNamespace(model=model, data=model.createData())
+    n = len(samples)
+    q = np.concatenate([np.zeros((n, 6)), np.ones((n, 1)), samples.q], axis=1)
+    v = np.concatenate([np.zeros((n, 3)), samples.w_NB_B, samples.qd], axis=1)
+    a = np.concatenate([samples.a_NB_B, samples.wd_NB_B, samples.qdd], axis=1)
+    actuated = {"act_idxv": list(range(6, 6 + samples.n))}
+
+    def compare(regressor: ModuleType) -> Iterator[Outcome]:
+        joints = regressor.RegressorBuilder(robot, regressor.RegressorConfig())
+        try:
+            joints.build_basic_regressor(q[:2], v[:2], a[:2], actuated)
+        except ValueError as error:
+            yield f"figaroh{_version('figaroh')}: no joint rows of a floating base: {error}"
+        forces = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
+        config = regressor.RegressorConfig(
+            is_joint_torques=False, is_external_wrench=True, force_torque=forces
+        )
+        base = regressor.RegressorBuilder(robot, config)
+        loop_s = seconds(lambda: base.build_basic_regressor(q, v, a), 2)
+        yield "ols mrnea, all 13 rows / figaroh's 6 rows of the base wrench", own_s / loop_s, None
+
+    return attempt("figaroh.tools.regressor", compare)
+
+
+def sysid(
+    residual: Callable[[FloatArray], FloatArray], start: FloatArray, least: float, own_s: float
+) -> list[Outcome]:
+    """Compare RDA with mujoco.sysid's optimiser over our compiled residual, its own roll-outs off.
+
+    Its models are roll-outs of a simulation from a known state; a base that is not measured has
+    none, so only the optimiser can be given the problem.
+    """
+
+    def compare(module: ModuleType) -> Iterator[Outcome]:
+        wide = np.full(len(start), 50.0)
+        parameters = module.ParameterDict()
+        parameters.add(module.Parameter("bodies", start, start - wide, start + wide))
+
+        def columns(x: FloatArray, _parameters: object) -> tuple[list[FloatArray], None, None]:
+            if x.ndim == 1 or x.shape[1] == 1:
+                return [residual(x.ravel())[:, None]], None, None
+            return [np.stack([residual(column) for column in x.T], axis=1)], None, None
+
+        begin = time.process_time()
+        found = module.optimize(
+            parameters,
+            columns,
+            optimizer="mujoco",
+            verbose=False,
+            x_scale="jac",
+            max_iters=SYSID_ITERATIONS,
+            xtol=1e-12,
+            gtol=1e-12,
+        )[1]
+        spent = time.process_time() - begin
+        r = residual(np.ravel(found.x))
+        name = "mujoco.sysid's optimiser over compiled residual"
+        yield f"{name} / rda", spent / own_s, None
+        yield f"  its cost above rda's, {name}", float(r @ r) / least - 1.0, None
+
+    return attempt("mujoco.sysid", compare)
+
+
+def recursions(rows: FloatArray, height: int, seconds: Timer) -> list[Outcome]:
+    """Compare one update of p states by one sample's rows (height, p+1) with two peers."""
+    p = rows.shape[1] - 1
+    parts = rows[: RECURSION_SAMPLES * height].reshape(-1, height, p + 1)
+
+    def own() -> object:
+        state = SquareRootInformation.from_prior(np.zeros(p), np.eye(p) / RIDGE)
+        for part in parts:
+            state = state.update(part[:, :p], part[:, p])
+        return state
+
+    spent = seconds(own, 3)
+
+    def kalman(module: ModuleType) -> Iterator[Outcome]:
+        def loop() -> object:
+            peer = module.KalmanFilter(dim_x=p, dim_z=height)
+            peer.P = np.eye(p) / RIDGE
+            for part in parts:
+                peer.update(part[:, p], R=np.eye(height), H=part[:, :p])
+            return peer
+
+        yield "recursion / filterpy's Kalman filter", spent / seconds(loop, 2), None
+
+    def rls(module: ModuleType) -> Iterator[Outcome]:
+        def loop() -> object:
+            peer = module.FilterRLS(p, mu=1.0, eps=RIDGE, w="zeros")
+            for part in parts:
+                for row in part:
+                    peer.adapt(row[p], row[:p])
+            return peer
+
+        yield "recursion / padasip's RLS", spent / seconds(loop, 2), None
+
+    return attempt("filterpy.kalman", kalman) + attempt("padasip.filters", rls)

@@ -1,0 +1,288 @@
+"""What telemetry costs, on and off in turn in one real-time run: `python -m hil.evidence.speed.telemetry_cost`.
+
+The plant is a process of its own, the daemon's loop runs here, its service is the flight one. A
+client asks for all housekeeping sets at 10 Hz and science at 100 Hz in even seconds of the
+monotonic clock, and for nothing in odd ones; the loop hands samples over in even seconds only.
+What serving an idle link costs is seen beside daemons without telemetry: one before and one after
+two with it, each as long, because the loop's own work changes with the phase of the motion and with
+the machine's hour.
+Bounds, fixed before measuring: service and loop together at most 5 % of a core more than with
+telemetry off, and than without any; the 99th percentile of the tick's work at most 1.1 times that
+with telemetry off; no more slips, within what chance gives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+
+from fsw.clock import MonotonicClock
+from fsw.config import load
+from fsw.loop import realtime
+from fsw.loop.app import build, open_ports
+from fsw.loop.daemon import Daemon
+from fsw.loop.service_process import ServiceProcess, lock_state
+from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.link.packets import telecommand_packet
+from hil.run import live
+from hil.run.bench import prepare
+from hil.run.flight import plant_document, write_yaml
+from hil.world.scenario import load as load_scenario
+
+SCENARIO = "target_leo"
+SECOND_NS = 1_000_000_000
+EDGE_NS = 100_000_000  # after every switch, not counted
+SETTLE_S = 8  # for the service to come up
+LEAST_PACKETS = 50  # before counting: the client is heard
+LOOK_NS = 500_000_000  # between two looks whether it is
+START_NS = 60 * SECOND_NS  # for service and client to come up
+TELL_S = 10  # between two lines of progress
+ORDER = (False, True, True, False)  # with telemetry or without: a steady drift cancels
+INTERVALS_MS = dict.fromkeys(range(1, 9), 100) | {20: 10}
+
+
+@dataclass(slots=True)
+class Phase:
+    """What was seen in the seconds of one kind."""
+
+    work_us: list[float] = field(default_factory=list)
+    slips: int = 0
+    seconds: float = 0.0
+    service_cpu_s: float = 0.0
+    loop_cpu_s: float = 0.0
+    packets: int = 0  # telemetry sent, as far as the daemon counted it
+
+    def add(self, other: Phase) -> None:
+        """Take what was seen in another run."""
+        for item in fields(self):
+            setattr(self, item.name, getattr(self, item.name) + getattr(other, item.name))
+
+    @property
+    def p99_us(self) -> float:
+        """99th percentile of a tick's work [us]."""
+        return float(np.percentile(self.work_us, 99))
+
+    @property
+    def cpu_ratio(self) -> float:
+        """Cores used by loop and service."""
+        return (self.service_cpu_s + self.loop_cpu_s) / self.seconds
+
+
+def is_on(now_ns: int) -> bool:
+    """Tell whether telemetry is on in this second."""
+    return now_ns // SECOND_NS % 2 == 0
+
+
+def client(port: int) -> int:
+    """Ask in even seconds, refuse in odd ones, take what comes; until the daemon goes."""
+    sequence = 0
+
+    def tell(link: socket.socket, name: str, **values: object) -> None:
+        nonlocal sequence
+        sequence += 1
+        packet = telecommand_packet(DICTIONARY.telecommand(name), values, sequence, ack=0)
+        link.sendall(packet)
+
+    with _connected(port) as link:
+        for sid, interval_ms in INTERVALS_MS.items():
+            tell(link, "SET_INTERVAL", sid=sid, interval_ms=interval_ms)
+        link.settimeout(0.01)
+        before: bool | None = None
+        while True:
+            now = is_on(time.monotonic_ns())
+            if now is not before:
+                before = now
+                for sid in INTERVALS_MS:
+                    tell(link, "ENABLE_SET" if now else "DISABLE_SET", sid=sid)
+            try:
+                if not link.recv(1 << 16):
+                    return 0
+            except TimeoutError:
+                continue
+            except ConnectionResetError:
+                return 0
+
+
+def _connected(port: int) -> socket.socket:
+    """Return a connection; the service may still be starting."""
+    for _ in range(600):
+        try:
+            return socket.create_connection(("127.0.0.1", port))
+        except ConnectionRefusedError:
+            time.sleep(0.1)
+    raise live.LiveError(f"nobody listens on port {port}")
+
+
+def sent_packets(state: Path) -> int:
+    """Return the telemetry packets sent so far, by the daemon's own status file."""
+    status = live.read_status(state / "status.json") or {}
+    return int(status.get("telemetry", {}).get("link", {}).get("tm_packets", 0))
+
+
+def cpu_s(pid: int) -> float:
+    """Return the processor time of a process so far [s]."""
+    return int(Path(f"/proc/{pid}/schedstat").read_text().split()[0]) * 1e-9
+
+
+def measure(folder: Path, seconds: int, *, telemetry: bool = True) -> tuple[Phase, Phase]:
+    """Return what was seen in odd and even seconds; with telemetry, off and on."""
+    port = free_port() if telemetry else None
+    section = {"port": port, "housekeeping_interval_s": 0.0} if telemetry else None
+    scenario = load_scenario(SCENARIO)
+    setup = prepare(scenario, 1, folder, real_time=True, telemetry=section)
+    plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_port)
+    with live.started_plant(write_yaml(folder / "plant.yaml", plant), folder):
+        return _fly(setup.config_path, port, seconds)
+
+
+def free_port() -> int:
+    """Return a TCP port nobody uses now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def _fly(path: Path, port: int | None, seconds: int) -> tuple[Phase, Phase]:
+    clock, config = MonotonicClock(), load(path)
+    state = config.resolve(config.service.state_directory)
+    lock_state(state, clock)
+    service = ServiceProcess(config, clock)
+    daemon = build(
+        config, clock, open_ports(config, clock, service.sink), service.sink, jobs=service.jobs
+    )
+    realtime.prepare(config.scheduler)
+    realtime.freeze_garbage()
+    phases = (Phase(), Phase())
+    settled_ns = clock.now_ns() + SETTLE_S * SECOND_NS
+    while clock.now_ns() < settled_ns:
+        daemon.step()
+    with nullcontext() if port is None else _asking(daemon, port, state):
+        before = sent_packets(state)
+        _count(daemon, service, phases, seconds)
+        daemon.shutdown()
+        service.wait(20.0)
+    phases[1].packets = sent_packets(state) - before
+    return phases
+
+
+@contextmanager
+def _asking(daemon: Daemon, port: int, state: Path) -> Iterator[None]:
+    """Have a client of its own process while the block runs; the loop ticks until it is heard."""
+    command = [sys.executable, "-m", "hil.evidence.speed.telemetry_cost", "--client", str(port)]
+    with subprocess.Popen(command, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}) as process:
+        try:
+            _tick_until_heard(daemon, state)
+            yield
+        finally:
+            process.terminate()
+
+
+def _tick_until_heard(daemon: Daemon, state: Path) -> None:
+    began_ns = look_ns = time.monotonic_ns()
+    while (now_ns := time.monotonic_ns()) - began_ns < START_NS:
+        daemon.step()
+        if now_ns >= look_ns:
+            look_ns = now_ns + LOOK_NS
+            if sent_packets(state) >= LEAST_PACKETS:
+                return
+    raise live.LiveError(f"{sent_packets(state)} packets in {START_NS / SECOND_NS:.0f} s")
+
+
+def _count(
+    daemon: Daemon, service: ServiceProcess, phases: tuple[Phase, Phase], seconds: int
+) -> None:
+    """Tick for so many seconds; sort what is seen by the second's kind."""
+    slips, pid = daemon.executive.slips, os.getpid()
+    began_ns = time.monotonic_ns()
+    told_s, counting, on = 0, False, False
+    before = (0, 0, 0.0, 0.0)
+    while (now_ns := time.monotonic_ns()) - began_ns < seconds * SECOND_NS:
+        inside = EDGE_NS < now_ns % SECOND_NS < SECOND_NS - EDGE_NS // 4
+        if inside and not counting:
+            counting, on = True, is_on(now_ns)
+            before = (now_ns, slips.slips, cpu_s(service.pid), cpu_s(pid))
+        elif counting and not inside:
+            counting = False
+            phase = phases[on]
+            phase.seconds += (now_ns - before[0]) * 1e-9
+            phase.slips += slips.slips - before[1]
+            phase.service_cpu_s += cpu_s(service.pid) - before[2]
+            phase.loop_cpu_s += cpu_s(pid) - before[3]
+            done_s = (now_ns - began_ns) // SECOND_NS
+            if done_s >= told_s + TELL_S:
+                told_s = done_s
+                tell(f"{done_s} of {seconds} s")
+        daemon.hands_over = is_on(time.monotonic_ns())
+        daemon.step()
+        if counting and inside:
+            phases[on].work_us.append(slips.work.last_ns / 1e3)
+        for command in service.jobs.commands():
+            daemon.submit(command)
+
+
+def tell(text: str) -> None:
+    """Write a line of progress."""
+    sys.stderr.write(f"telemetry_cost: {text}\n")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Measure and print; exit code 1 when a bound is missed."""
+    parser = argparse.ArgumentParser(prog="hil.evidence.speed.telemetry_cost", description=__doc__)
+    parser.add_argument("--seconds", type=int, default=80, help="of each of four runs")
+    parser.add_argument("--client", type=int, metavar="PORT", help=argparse.SUPPRESS)
+    arguments = parser.parse_args(argv)
+    if arguments.client is not None:
+        return client(arguments.client)
+    seen = {telemetry: (Phase(), Phase()) for telemetry in ORDER}
+    for number, telemetry in enumerate(ORDER):
+        tell(f"run {number + 1} of {len(ORDER)}, {'with' if telemetry else 'without'} telemetry")
+        with tempfile.TemporaryDirectory(prefix="cost-") as name:
+            run = measure(Path(name), arguments.seconds, telemetry=telemetry)
+        for pooled, phase in zip(seen[telemetry], run, strict=True):
+            pooled.add(phase)
+    return report(seen[False], *seen[True])
+
+
+def report(without: tuple[Phase, Phase], off: Phase, on: Phase) -> int:
+    """Print the table; return 1 when a bound is missed."""
+    none = sum(phase.cpu_ratio for phase in without) / 2.0
+    extra, whole, ratio = on.cpu_ratio - off.cpu_ratio, on.cpu_ratio - none, on.p99_us / off.p99_us
+    chance = 3.0 * np.sqrt(off.slips + on.slips + 1.0)  # three sigma of a count's difference
+    lines = [f"{'':14}{'none':>10}{'':10}{'off':>10}{'on':>10}"]
+    phases = (*without, off, on)
+    for name, values in (
+        ("ticks", [len(p.work_us) for p in phases]),
+        ("work p50 us", [float(np.median(p.work_us)) for p in phases]),
+        ("work p99 us", [p.p99_us for p in phases]),
+        ("packets", [p.packets for p in phases]),
+        ("slips", [p.slips for p in phases]),
+        ("service core", [p.service_cpu_s / p.seconds for p in phases]),
+        ("loop core", [p.loop_cpu_s / p.seconds for p in phases]),
+    ):
+        lines.append(f"{name:14}" + "".join(f"{value:>10.4g}" for value in values))
+    lines.append(
+        f"telemetry: {extra:.1%} of a core more than off, {whole:.1%} more than none (bound 5 %); "
+        f"p99 x {ratio:.3f} (bound 1.1)"
+    )
+    sys.stdout.write("\n".join(lines) + "\n")
+    expected = 0.5 * on.seconds * (len(INTERVALS_MS) - 1) * 10.0
+    if on.packets < expected:
+        sys.stdout.write(f"only {on.packets} packets were sent: nothing is shown\n")
+        return 1
+    return int(max(extra, whole) > 0.05 or ratio > 1.1 or on.slips - off.slips > chance)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Faults: errors put into links and devices."""

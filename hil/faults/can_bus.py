@@ -1,0 +1,207 @@
+"""Faults of a bus, its nodes and their sensors, by name, on the CAN link of a virtual bench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from hil.devices.can_segment import TimedFrame
+from hil.devices.canopen import NMT_ID, SYNC_ID
+from hil.faults import amounts, values
+from hil.faults import taps as faults
+from hil.faults.place import Place, Type
+from hil.faults.taps import FrameAction, Struck, chain
+from hil.links.virtual import ERROR_FLAG
+
+STRANGER = 0x2A
+MS = 1_000_000
+ERROR_BUS = 0x088  # protocol violation, bus error
+ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100
+FULL_SCALE = 2**31 - 1  # the nearest that the frame holds
+NO_TORQUE = 0x08  # status: the encoder is valid, the torque is not
+
+
+def _frame(action: FrameAction, instead: FrameAction, rate: float = 1.0, *, rest: int = 0) -> Type:
+    def put(place: Place) -> None:
+        place.can(action, instead, rate, rest=rest)
+
+    return put
+
+
+def _status(status: int, *, torque_only: bool, torque: int | None = None) -> Type:
+    lost = faults.change_frame(status=NO_TORQUE) if torque_only else faults.drop
+    return _frame(faults.change_frame(status=status, torque=torque), lost)
+
+
+def _torque(change: Callable[[Place], values.Change], rate: float = 1.0, rest: int = 0) -> Type:
+    def put(place: Place) -> None:
+        lost = faults.change_frame(status=NO_TORQUE)
+        place.can(values.torque(change(place)), lost, rate, rest=rest)
+
+    return put
+
+
+def _position(change: Callable[[Place], values.Change], rate: float = 1.0, rest: int = 0) -> Type:
+    def put(place: Place) -> None:
+        place.can(values.position(change(place)), faults.drop, rate, rest=rest)
+
+    return put
+
+
+def _frame_reorder(place: Place) -> None:
+    tap = place.world.can.tap
+    struck = place.can(faults.keep, faults.drop, 0.02, rest=20)
+    if not place.reference:
+        place.world.can.tap = chain(tap, faults.Overtaken(struck))
+
+
+def _frame_delay(place: Place) -> None:
+    late: faults.Delayed[TimedFrame] = faults.Delayed(round(place.size(0.003) * 1e9))
+    place.can(late, faults.keep)
+    behind: Struck[TimedFrame] = Struck(
+        faults.keep if place.reference else late.follow,
+        1.0,
+        place.seed,
+        only=place.answers,
+        window_ns=(place.window_ns[1], faults.FOREVER_NS),
+    )
+    place.world.can.tap = chain(place.world.can.tap, behind)
+
+
+def _bus_errors(place: Place) -> None:
+    """Turn frames damaged on the bus into an error frame and the frame sent again."""
+
+    def spoil(frame: TimedFrame, _rng: object) -> list[TimedFrame]:
+        error = (frame[0], ERROR_FLAG | ERROR_BUS, bytes(8), False)
+        return [error, (frame[0] + 150_000, *frame[1:])]
+
+    place.can(spoil, faults.keep, 0.05, faults.is_tpdo1)
+
+
+def _wrong_node(place: Place) -> None:
+    def renamed(frame: TimedFrame, _rng: object) -> list[TimedFrame]:
+        return [(frame[0], frame[1] - place.node + STRANGER, frame[2], frame[3])]
+
+    place.can(renamed, faults.drop, 1.0, faults.is_node(place.node))
+
+
+def _strike_syncs(place: Place, action: faults.FrameAction, rate: float) -> None:
+    """Let some of the host's SYNCs be changed on their way to the nodes."""
+    struck = Struck(
+        action,
+        place.entry.rate or rate,
+        place.seed,
+        only=lambda frame: frame[1] == SYNC_ID,
+        window_ns=place.window_ns,
+        rest=10,
+    )
+    place.struck.append(struck)
+    place.world.can.host_tap = lambda frame: struck([frame])
+
+
+def _sync_lost(place: Place) -> None:
+    """Let the nodes miss a SYNC now and then; the host does not know."""
+    _strike_syncs(place, faults.drop, 0.01)
+
+
+def _sync_doubled(place: Place) -> None:
+    """Repeat the host's SYNC half a period later, as another producer would."""
+
+    def twice(frame: TimedFrame, _rng: object) -> list[TimedFrame]:
+        again = (frame[0] + MS, *frame[1:])
+        place.world.can.inject(again)
+        return [frame, again]
+
+    _strike_syncs(place, faults.keep if place.reference else twice, 0.05)
+
+
+def _cut(place: Place) -> None:
+    """Let nothing of the bus arrive: a broken cable."""
+    place.can(faults.drop, faults.drop, 1.0, lambda _frame: True)
+
+
+def _bus_off(place: Place) -> None:
+    first, last = place.window_ns
+    _cut(place)
+    place.struck.clear()  # the error frame comes first
+    if not place.reference:
+        place.world.can.inject((first, ERROR_FLAG | ERROR_BUS_OFF, bytes(8), False))
+        place.world.can.inject((last, ERROR_FLAG | ERROR_RESTARTED, bytes(8), False))
+
+
+def _babble(place: Place) -> None:
+    if place.reference:
+        return
+    first, last = place.window_ns
+    for t_ns in range(first, last, round(1e9 / place.size(6000.0))):
+        place.world.can.inject((t_ns, 0x020, bytes(8), False))
+
+
+def _node_reset(place: Place) -> None:
+    """Restart a node by itself; until NMT starts it again it is silent."""
+    first, _ = place.window_ns
+    if place.reference:
+        place.can_within((first, first + 8 * MS), faults.drop, faults.drop)
+        return
+    done = False
+
+    def reset(frames: Sequence[TimedFrame]) -> Sequence[TimedFrame]:
+        nonlocal done
+        if not done and frames and frames[0][0] >= first:
+            done = True
+            segment = next(iter(place.world.plant.segments.values()))
+            for node in segment.nodes.values():
+                if node.node_id == place.node:
+                    node.autostart = False
+            place.world.can.command(frames[0][0], NMT_ID, bytes((0x81, place.node)))
+        return frames
+
+    place.world.can.tap = chain(place.world.can.tap, reset)
+
+
+def _node_power(place: Place) -> None:
+    _, last = place.window_ns
+    place.can(faults.drop, faults.drop, 1.0, faults.is_node(place.node))
+    if place.reference:
+        return
+    done = False
+
+    def back(frames: Sequence[TimedFrame]) -> Sequence[TimedFrame]:
+        nonlocal done
+        if not done and frames and frames[0][0] >= last:
+            done = True
+            place.world.can.command(last, NMT_ID, bytes((0x81, place.node)))
+        return frames
+
+    place.world.can.tap = chain(place.world.can.tap, back)
+
+
+TYPES: Mapping[str, Type] = {
+    "frame_drop": _frame(faults.drop, faults.drop, 0.02, rest=10),
+    "frame_duplicate": _frame(faults.duplicate, faults.keep, 0.02, rest=10),
+    "frame_reorder": _frame_reorder,
+    "frame_delay": _frame_delay,
+    "frame_short": _frame(faults.change_frame(length=6), faults.drop, 0.02, rest=10),
+    "frame_counter": _frame(faults.change_frame(counter_step=7), faults.drop, 0.02, rest=10),
+    "frame_damaged": _bus_errors,
+    "bus_off": _bus_off,
+    "bus_cut": _cut,
+    "babbling_node": _babble,
+    "wrong_node": _wrong_node,
+    "node_reset": _node_reset,
+    "node_power_cycle": _node_power,
+    "sync_lost": _sync_lost,
+    "sync_doubled": _sync_doubled,
+    "node_no_sync": _status(0x49, torque_only=False),
+    "node_test_data": _status(0x89, torque_only=False),
+    "encoder_fault": _status(0x19, torque_only=False),
+    "torque_saturated": _status(0x0B, torque_only=True, torque=FULL_SCALE),
+    "torque_fault": _status(0x0D, torque_only=True),
+    "torque_stuck": _torque(amounts.stuck),
+    "torque_spike": _torque(amounts.shift(5.0), 0.02, 10),
+    "torque_absurd": _torque(amounts.shift(250.0), 0.02, 10),
+    "torque_scale": _torque(amounts.scale(1.5)),
+    "torque_drift": _torque(amounts.drift(2.0)),
+    "encoder_jump": _position(amounts.shift(0.05)),
+    "encoder_stuck": _position(amounts.stuck),
+    "encoder_spike": _position(amounts.shift(1e-3), 0.02, 10),
+}

@@ -1,0 +1,348 @@
+"""Faults of the links: seeded, composable taps for `hil.links.virtual`, and edits of recorded traffic.
+
+An action takes one item on its way to the host (one transmission of a serial device, or one CAN
+frame) and returns the items that come instead. `Struck` applies an action to randomly chosen items;
+`chain` puts taps behind one another. Every random draw belongs to one item, so what happens does
+not depend on how the items are batched. Serial actions want one transmission per chunk (the
+devices' `datagram` chunking); `Regrouped` behind them gives the host other chunks.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from hil.devices import sagitta, stim300, tpdo1
+from hil.devices.can_segment import TimedFrame
+from hil.devices.canopen import SYNC_ID
+from hil.devices.uart import TimedBytes
+
+Item = TypeVar("Item", TimedFrame, TimedBytes)
+Tap = Callable[[Sequence[Item]], Sequence[Item]]
+Action = Callable[[Item, np.random.Generator], Sequence[Item]]
+Edit = Callable[[bytes, np.random.Generator], bytes]
+FrameAction = Callable[[TimedFrame, np.random.Generator], Sequence[TimedFrame]]
+ByteAction = Callable[[TimedBytes, np.random.Generator], Sequence[TimedBytes]]
+
+FAULT_STREAM = 0xFA  # spawn key of a fault's draws, apart from every device's
+FOREVER_NS = 1 << 62
+TPDO1_ID, NODE_MASK = 0x180, 0x7F
+SYNC_BYTES = b"\xa5\xc0\xdb\x75\x90"  # what a frame may begin with, so that junk looks like one
+
+
+class Struck(Generic[Item]):
+    """Tap that applies an action to a share of the items.
+
+    Parameters
+    ----------
+    rate : probability of an item to be struck
+    seed : fixes which, and what happens to them
+    only : which items are in question; None: all
+    window_ns : [from, to) of the items in question
+    rest : so many items in question behind a struck one are left alone
+    """
+
+    def __init__(
+        self,
+        action: Action[Item],
+        rate: float,
+        seed: int,
+        *,
+        only: Callable[[Item], bool] | None = None,
+        window_ns: tuple[int, int] = (0, FOREVER_NS),
+        rest: int = 0,
+    ) -> None:
+        self.count = 0
+        self.first_ns: int | None = None  # of the items struck
+        self.last_ns: int | None = None
+        self._rest, self._resting = rest, 0
+        self._action: Action[Item] = action
+        self._only: Callable[[Item], bool] | None = only
+        self._rate, self._window = rate, window_ns
+        sequence = np.random.SeedSequence(seed, spawn_key=(FAULT_STREAM,))
+        self._chance, self._rng = (np.random.default_rng(s) for s in sequence.spawn(2))
+
+    def __call__(self, items: Sequence[Item]) -> list[Item]:
+        """Return what comes instead of the items."""
+        out: list[Item] = []
+        for item in items:
+            first, last = self._window
+            asked = first <= item[0] < last and (self._only is None or self._only(item))
+            struck = asked and self._chance.random() < self._rate and not self._resting
+            self._resting = max(0, self._resting - asked)
+            if struck:
+                self.count += 1
+                self.first_ns = item[0] if self.first_ns is None else self.first_ns
+                self.last_ns = item[0]
+                self._resting = self._rest
+                out += self._action(item, self._rng)
+            else:
+                out.append(item)
+        return out
+
+
+def chain(*taps: Tap[Item]) -> Tap[Item]:
+    """Return the tap that passes items through the taps in order."""
+
+    def through(items: Sequence[Item]) -> Sequence[Item]:
+        for tap in taps:
+            items = tap(items)
+        return items
+
+    return through
+
+
+class Regrouped:
+    """Byte tap: what comes within one period is handed over together at its end."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._held: list[TimedBytes] = []
+
+    def __call__(self, items: Sequence[TimedBytes]) -> list[TimedBytes]:
+        """Return the chunks of the periods known to be over; hold the rest."""
+        period = self._period_ns
+        self._held += [(-(-t_ns // period) * period, data) for t_ns, data in items]
+        newest = self._held[-1][0] if self._held else 0
+        done = [item for item in self._held if item[0] < newest]
+        self._held = [item for item in self._held if item[0] >= newest]
+        return [
+            (t_ns, b"".join(data for _, data in group))
+            for t_ns, group in groupby(done, key=lambda item: item[0])
+        ]
+
+
+def drop(_item: Item, _rng: np.random.Generator) -> list[Item]:
+    """Lose the item; over a window at rate 1 this is a silent device."""
+    return []
+
+
+def duplicate(item: Item, _rng: np.random.Generator) -> list[Item]:
+    """Deliver the item twice."""
+    return [item, item]
+
+
+def delay(delay_ns: int) -> Action[Item]:
+    """Return the action that makes an item come later."""
+
+    def late(item: Item, _rng: np.random.Generator) -> list[Item]:
+        return [(item[0] + delay_ns, *item[1:])]
+
+    return late
+
+
+def keep(item: Item, _rng: np.random.Generator) -> list[Item]:
+    """Leave the item as it is."""
+    return [item]
+
+
+class Delayed(Generic[Item]):
+    """Action that makes items later by a delay and a random part of a jitter, never overtaking."""
+
+    def __init__(self, delay_ns: int, jitter_ns: int = 0) -> None:
+        self._delay_ns, self._jitter_ns = delay_ns, jitter_ns
+        self._newest_ns = 0
+
+    def __call__(self, item: Item, rng: np.random.Generator) -> list[Item]:
+        """Deliver the item later."""
+        extra_ns = round(self._jitter_ns * float(rng.random()))
+        self._newest_ns = max(self._newest_ns, item[0] + self._delay_ns + extra_ns)
+        return [(self._newest_ns, *item[1:])]
+
+    def follow(self, item: Item, _rng: np.random.Generator) -> list[Item]:
+        """Deliver an item after the delay, not before those it held back."""
+        self._newest_ns = max(self._newest_ns, item[0])
+        return [(self._newest_ns, *item[1:])]
+
+
+class Overtaken:
+    """Frame tap: a struck frame of a node comes right behind the node's next one."""
+
+    def __init__(self, struck: Struck[TimedFrame]) -> None:
+        self._struck = struck
+        self._held: list[TimedFrame] = []
+
+    def __call__(self, items: Sequence[TimedFrame]) -> list[TimedFrame]:
+        """Return the frames in their new order."""
+        out: list[TimedFrame] = []
+        for item in items:
+            before = self._struck.count
+            (kept,) = self._struck([item])
+            if self._struck.count > before:
+                self._held.append(kept)
+                continue
+            out.append(kept)
+            ready = [held for held in self._held if held[1] == kept[1]]
+            self._held = [held for held in self._held if held[1] != kept[1]]
+            out += [(kept[0] + 1000, *held[1:]) for held in ready]
+        return out
+
+
+def noise(max_bytes: int) -> ByteAction:
+    """Return the action that puts 1 to max_bytes random bytes in front, a fifth of them sync."""
+
+    def junk(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
+        count = int(rng.integers(1, max_bytes + 1))
+        octets = bytearray(rng.bytes(count))
+        for at in np.flatnonzero(rng.random(count) < 0.2):
+            octets[at] = SYNC_BYTES[int(rng.integers(len(SYNC_BYTES)))]
+        return [(item[0], bytes(octets) + item[1])]
+
+    return junk
+
+
+def truncate(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
+    """Lose the transmission's end, at least one byte and not all."""
+    return [(item[0], item[1][: int(rng.integers(1, len(item[1])))])]
+
+
+def behead(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
+    """Lose the transmission's beginning, at least one byte and not all."""
+    return [(item[0], item[1][int(rng.integers(1, len(item[1]))) :])]
+
+
+def flip_bit(data: bytes, bit: int) -> bytes:
+    """Return the bytes with one bit inverted; bit 0 is the lowest of the first byte."""
+    out = bytearray(data)
+    out[bit // 8] ^= 1 << bit % 8
+    return bytes(out)
+
+
+def flip(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
+    """Invert one bit of a transmission."""
+    return [(item[0], flip_bit(item[1], int(rng.integers(8 * len(item[1])))))]
+
+
+class FlipEveryBit:
+    """Byte action that inverts bit 0 of the first struck item, bit 1 of the next, and so on."""
+
+    def __init__(self) -> None:
+        self.bit = 0
+
+    def __call__(self, item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
+        """Invert the next bit, from the first on after the last."""
+        flipped = flip_bit(item[1], self.bit % (8 * len(item[1])))
+        self.bit += 1
+        return [(item[0], flipped)]
+
+
+def rewrite(edit: Edit) -> ByteAction:
+    """Return the action that sends an edited transmission, its check value correct."""
+    return lambda item, rng: [(item[0], edit(item[1], rng))]
+
+
+def forge(edit: Edit) -> ByteAction:
+    """Return the action that sends an edited transmission behind the true one."""
+    return lambda item, rng: [item, (item[0], edit(item[1], rng))]
+
+
+def stim_fields(
+    *,
+    counter_step: int = 0,
+    latency_us: int | None = None,
+    gyro: Sequence[int] | None = None,
+    acc: Sequence[int] | None = None,
+    status: int = 0,
+    acc_status: int = 0,
+) -> Edit:
+    """Return the edit of a STIM300 datagram without CR LF that sets raw fields.
+
+    Parameters
+    ----------
+    counter_step : added to the counter
+    gyro, acc : three raw 24-bit readings
+    status, acc_status : bits set in the status of gyro and accelerometer
+    """
+
+    def edit(data: bytes, _rng: np.random.Generator) -> bytes:
+        body = bytearray(data[:-4])
+        for at, raw in ((1, gyro), (11, acc)):
+            if raw is not None:
+                body[at : at + 9] = b"".join(v.to_bytes(3, "big", signed=True) for v in raw)
+        body[10] |= status
+        body[20] |= acc_status
+        body[-3] = (body[-3] + counter_step) & 0xFF
+        if latency_us is not None:
+            body[-2:] = latency_us.to_bytes(2, "big")
+        padded = bytes(body) + bytes(-len(body) % 4)
+        return bytes(body) + stim300.crc32_mpeg2(padded).to_bytes(4, "big")
+
+    return edit
+
+
+def sagitta_fields(
+    *,
+    address: int = sagitta.ADDRESS,
+    q_wxyz: Sequence[float] | None = None,
+    time_step_us: int = 0,
+    cut: int = 0,
+) -> Edit:
+    """Return the edit of a Sagitta solution that sets fields; `cut` shortens the payload."""
+
+    def edit(data: bytes, _rng: np.random.Generator) -> bytes:
+        payload = sagitta.unframe(data[1:-1])
+        if payload is None:
+            raise ValueError(f"no frame of a star tracker: {data.hex()}")
+        body = bytearray(payload)
+        body[0] = address
+        (unix_us,) = struct.unpack_from("<Q", body, 8)
+        struct.pack_into("<Q", body, 8, unix_us + time_step_us)
+        if q_wxyz is not None:
+            struct.pack_into("<4f", body, 16, *q_wxyz)
+        return sagitta.frame(bytes(body[: len(body) - cut]))
+
+    return edit
+
+
+def is_tpdo1(frame: TimedFrame) -> bool:
+    """Tell whether a frame carries a joint's position and torque."""
+    return TPDO1_ID < frame[1] <= TPDO1_ID + NODE_MASK
+
+
+def is_node(node_id: int) -> Callable[[TimedFrame], bool]:
+    """Return whether a frame comes from the node, whatever its service; SYNC and NMT do not."""
+    return lambda frame: frame[1] > SYNC_ID and frame[1] & NODE_MASK == node_id
+
+
+def flip_payload(frame: TimedFrame, rng: np.random.Generator) -> list[TimedFrame]:
+    """Invert one bit of the data of a frame."""
+    t_ns, can_id, data, is_fd = frame
+    return [(t_ns, can_id, flip_bit(data, int(rng.integers(8 * len(data)))), is_fd)]
+
+
+def as_node(node_id: int) -> FrameAction:
+    """Return the action that makes the frame come a second time, from another node."""
+    return lambda frame, _rng: [
+        frame,
+        (frame[0], (frame[1] & ~NODE_MASK) | node_id, *frame[2:]),
+    ]
+
+
+def change_frame(
+    *,
+    counter_step: int = 0,
+    counter_max: int = 240,
+    length: int | None = None,
+    position: int | None = None,
+    torque: int | None = None,
+    status: int | None = None,
+) -> FrameAction:
+    """Return the action that sets raw fields of a TPDO1, or its length."""
+    given: dict[tpdo1.Field, int | None]
+    given = {"position": position, "torque": torque, "status": status}
+    fields = {name: value for name, value in given.items() if value is not None}
+
+    def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
+        t_ns, can_id, data, is_fd = frame
+        form = tpdo1.layout(data)
+        if form is None:
+            return [frame]
+        counter = (form.read(data, "counter") - 1 + counter_step) % counter_max + 1
+        data = form.written(data, {**fields, "counter": counter})
+        return [(t_ns, can_id, data[:length], is_fd)]
+
+    return changed

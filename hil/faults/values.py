@@ -1,0 +1,176 @@
+"""Faults of what a sensor measures, written into its own frames: stuck, spike, drift, scale, jump.
+
+Every function returns an action for `hil.faults.taps.Struck`; check values are correct afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hil.devices import sagitta, stim300, tpdo1
+from hil.devices.can_segment import TimedFrame
+from hil.devices.canopen import COUNTS_PER_RAD
+from hil.devices.tpdo1 import clamp
+from hil.devices.uart import TimedBytes
+from hil.faults.taps import ByteAction, FrameAction
+
+CLUSTER_AT = {"gyro": 1, "acc": 11}
+LSB = {"gyro": stim300.RATE_LSB_RAD_S, "acc": stim300.ACC_LSB_G[10] * stim300.G_M_S2}
+STATUS_OFFSET = 9  # behind a cluster's first byte
+VALID_AT = 77  # in a solution's payload
+Change = Callable[[float, int], float]  # value and time [ns] to the value measured instead
+
+
+def scaled(ratio: float) -> Change:
+    """Return value times ratio."""
+    return lambda value, _t_ns: value * ratio
+
+
+def shifted(offset: float) -> Change:
+    """Return value plus offset."""
+    return lambda value, _t_ns: value + offset
+
+
+def drifting(rate_per_s: float, since_ns: int) -> Change:
+    """Return value plus what has drifted since."""
+    return lambda value, t_ns: value + rate_per_s * (t_ns - since_ns) * 1e-9
+
+
+class Stuck:
+    """The first value seen, for ever."""
+
+    def __init__(self) -> None:
+        self._value: float | None = None
+
+    def __call__(self, value: float, _t_ns: int) -> float:
+        """Return it."""
+        if self._value is None:
+            self._value = value
+        return self._value
+
+
+def torque(change: Change) -> FrameAction:
+    """Return the action that changes the torque [N m] of a TPDO1."""
+
+    def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
+        t_ns, can_id, data, is_fd = frame
+        form = tpdo1.layout(data)
+        if form is None:
+            return [frame]
+        value = change(form.read(data, "torque") / form.counts_per_nm, t_ns)
+        data = form.written(data, {"torque": value * form.counts_per_nm})
+        return [(t_ns, can_id, data, is_fd)]
+
+    return changed
+
+
+def position(change: Change) -> FrameAction:
+    """Return the action that changes the position [rad] of a TPDO1."""
+
+    def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
+        t_ns, can_id, data, is_fd = frame
+        form = tpdo1.layout(data)
+        if form is None:
+            return [frame]
+        value = change(form.read(data, "position") / COUNTS_PER_RAD, t_ns)
+        data = form.written(data, {"position": value * COUNTS_PER_RAD})
+        return [(t_ns, can_id, data, is_fd)]
+
+    return changed
+
+
+Edit = Callable[[bytearray, int, np.random.Generator], None]  # of a body at a time [ns]
+
+
+def _resealed(body: bytes | bytearray) -> bytes:
+    padded = bytes(body) + bytes(-len(body) % 4)
+    return bytes(body) + stim300.crc32_mpeg2(padded).to_bytes(4, "big")
+
+
+def _datagram(edit: Edit) -> ByteAction:
+    """Return the action that edits a whole datagram and makes its check value right again.
+
+    What another fault has damaged before passes as it is.
+    """
+
+    def changed(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
+        t_ns, data = item
+        body = bytearray(data[:-4])
+        if _resealed(body) != data:
+            return [item]
+        edit(body, t_ns, rng)
+        return [(t_ns, _resealed(body))]
+
+    return changed
+
+
+def inertial(cluster: str, changes: Sequence[Change]) -> ByteAction:
+    """Return the action that changes the three axes [rad/s or m/s^2] of a cluster."""
+
+    def edit(body: bytearray, t_ns: int, _rng: np.random.Generator) -> None:
+        lsb = LSB[cluster]
+        for axis, change in enumerate(changes):
+            at = CLUSTER_AT[cluster] + 3 * axis
+            raw = int.from_bytes(body[at : at + 3], "big", signed=True)
+            raw = clamp(change(raw * lsb, t_ns) / lsb, 24)
+            body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
+
+    return _datagram(edit)
+
+
+def _flip_upper(body: bytearray, _t_ns: int, rng: np.random.Generator) -> None:
+    at = CLUSTER_AT["acc"] + 3 * int(rng.integers(3))
+    bit = int(rng.integers(16, 22))
+    raw = int.from_bytes(body[at : at + 3], "big", signed=True) ^ (1 << bit)
+    body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
+
+
+# inverts an upper bit of the specific force of a datagram whose CRC holds all the same
+flip_unseen = _datagram(_flip_upper)
+
+
+def flagged(*, gyro: int = 0, acc: int = 0) -> ByteAction:
+    """Return the action that sets status bits of the clusters."""
+
+    def edit(body: bytearray, _t_ns: int, _rng: np.random.Generator) -> None:
+        body[CLUSTER_AT["gyro"] + STATUS_OFFSET] |= gyro
+        body[CLUSTER_AT["acc"] + STATUS_OFFSET] |= acc
+
+    return _datagram(edit)
+
+
+def counted_on(step: int) -> ByteAction:
+    """Return the action that adds to a datagram's counter."""
+
+    def edit(body: bytearray, _t_ns: int, _rng: np.random.Generator) -> None:
+        body[-3] = (body[-3] + step) & 0xFF
+
+    return _datagram(edit)
+
+
+def solution(*, turn_rad: float = 0.0, blind: bool = False, time_step_us: int = 0) -> ByteAction:
+    """Return the action that changes a solution: turned about the tracker's y, invalid, clock off.
+
+    Other transmissions of the unit pass as they are.
+    """
+
+    def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
+        payload = sagitta.unframe(item[1][1:-1])
+        if payload is None or len(payload) <= VALID_AT:
+            return [item]
+        body = bytearray(payload)
+        (unix_us,) = struct.unpack_from("<Q", body, 8)
+        struct.pack_into("<Q", body, 8, unix_us + time_step_us)
+        w, x, y, z = struct.unpack_from("<4f", body, 16)
+        c, s = math.cos(0.5 * turn_rad), math.sin(0.5 * turn_rad)
+        turned = (c * w - s * y, c * x - s * z, c * y + s * w, c * z + s * x)
+        if turn_rad:
+            struct.pack_into("<4f", body, 16, *turned)
+        body[VALID_AT] = 0 if blind else body[VALID_AT]
+        return [(item[0], sagitta.frame(bytes(body)))]
+
+    return changed

@@ -1,0 +1,1 @@
+"""Judge: score, bounds and report of a run."""

@@ -1,0 +1,167 @@
+"""What a run is worth: the case it is judged against, its JSON, and the story of its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fsw.drivers.sources import ImuSource
+from fsw.estimators.recursive.online import build_online
+from fsw.messages import Block, ImuSample
+from hil.judge.bound import sensitivity
+from hil.judge.endeffector import Verification
+from hil.judge.floating import FloatingRobot
+from hil.judge.outcome import body_report, body_sigma, result_of
+from hil.judge.report import Point, Residuals, Story
+from hil.judge.score import BOUND_RATE_HZ, Case, Result, bound_sigmas, comparison, score
+from hil.run.bench import Recorded, Setup
+from hil.run.flight import bound_sensors
+from hil.world.inertia import FloatArray, pi_of
+from hil.world.spline import JointSpline
+
+VALIDITY_FROM_S = 5.0  # the IMU's clock model has settled
+
+
+def make_case(setup: Setup) -> Case:
+    """Return what the run's result is judged against."""
+    scenario = setup.scenario
+    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
+    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
+    spline = JointSpline.load(scenario.verification)
+    end_s = setup.spline.duration_s + scenario.after_s
+    t_s = np.arange(-scenario.before_s, end_s, 1 / BOUND_RATE_HZ)
+    inside = np.clip(t_s, setup.history.start_s, setup.history.end_s)
+    state = setup.history.at(inside)
+    return Case(
+        unknown=scenario.unknown,
+        truth=scenario.truth,
+        priors=setup.priors,
+        robot=robot,
+        verification=Verification(robot, lambda t: spline.evaluate(t)[:2], spline.duration_s),
+        bound_sigmas=bound_sigmas(
+            robot,
+            bound_sensors(scenario, robot.n),
+            scenario.truth,
+            setup.priors,
+            (state.q, state.qd, state.qdd),
+        ),
+    )
+
+
+def judge(setup: Setup, case: Case, recorded: Recorded) -> dict[str, Any]:
+    """Return the JSON of the run."""
+    scenario = setup.scenario
+    words = ("received", "lost", "late", "rejected")
+    samples = {
+        source: {word: counters[word] for word in words}
+        for source, counters in recorded.status["samples"].items()
+    }
+    outcome: dict[str, Any] = {
+        "scenario": scenario.name,
+        "seed": setup.seed,
+        "unknown": list(scenario.unknown),
+        "method": recorded.method,
+    }
+    outcome |= score(case, recorded.final)
+    other = raw_ols(setup, recorded.blocks)
+    outcome["ols"] = None if other is None else comparison(case, other)
+    last = recorded.estimates[-1] if recorded.estimates else None
+    return outcome | {
+        "samples": samples,
+        "slips": recorded.status["slips"],
+        "windows": recorded.status["windows"],
+        "blocks": len(recorded.blocks),
+        "gated": last.gated if last is not None else 0,
+        "information_gained_nats": last.information_gained_nats if last is not None else 0.0,
+        "condition_number": last.condition_number if last is not None else None,
+        "imu_time_of_validity": time_of_validity(setup, recorded),
+        "wall_s": recorded.wall_s,
+        "simulated_s": setup.total_s,
+        **recorded.extra,
+    }
+
+
+def raw_ols(setup: Setup, blocks: Sequence[Block]) -> Result | None:
+    """Return what the paper's plain least squares makes of the same blocks; None without blocks."""
+    if not blocks:
+        return None
+    settings = setup.config.estimator.model_copy(update={"method": "mrnea", "weighting": "ols"})
+    estimator = build_online(setup.config.model_copy(update={"estimator": settings}))
+    for block in blocks:
+        estimator.push(block)
+    return result_of(estimator.finish(), setup.scenario.unknown)
+
+
+def time_of_validity(setup: Setup, recorded: Recorded) -> dict[str, float] | None:
+    """Return rms and maximum error [s] of the IMU samples' times after the first seconds.
+
+    The daemon's own source decodes the recorded bytes again; a sample belongs to the device's
+    nearest sampling instant, which is unique as long as the error is below half a period.
+    """
+    source = ImuSource(setup.config.imu)
+    samples = [s for s in source.feed(recorded.imu_chunks) if isinstance(s, ImuSample)]
+    if not samples:
+        return None
+    imu = setup.config.imu
+    t0_ns, period_ns = recorded.imu_times["t0_ns"], recorded.imu_times["period_ns"]
+    start_ns = samples[0].t_gyro_ns + VALIDITY_FROM_S * 1e9
+    estimated = np.array([s.t_gyro_ns for s in samples if s.t_gyro_ns > start_ns], dtype=float)
+    instant = estimated - t0_ns + imu.gyro_group_delay_s * 1e9
+    error_s = (instant - np.rint(instant / period_ns) * period_ns) * 1e-9
+    if error_s.size == 0:
+        return None
+    return {
+        "rms_s": float(np.sqrt(np.mean(error_s**2))),
+        "max_s": float(np.max(np.abs(error_s))),
+    }
+
+
+def make_story(setup: Setup, case: Case, recorded: Recorded, outcome: Mapping[str, Any]) -> Story:
+    """Return what the picture shows."""
+    unknown = setup.scenario.unknown
+    points = [
+        Point(
+            t_s=(estimate.t_ns - recorded.origin_ns) * 1e-9,
+            valid=estimate.valid,
+            reports={b: body_report(estimate.bodies[b]) for b in unknown},
+            sigmas={b: body_sigma(estimate.bodies[b]) for b in unknown},
+            information_nats=estimate.information_gained_nats,
+        )
+        for estimate in recorded.estimates
+    ]
+    tool = case.verification
+    errors = {
+        "prior": tool.error(case.x_prior, case.x_truth),
+        "estimate": tool.error(recorded.final.x, case.x_truth),
+    }
+    return Story(
+        title=f"{setup.scenario.name}, seed {setup.seed}: {setup.scenario.title} "
+        f"(NEES {outcome['nees']:.1f} for {outcome['dof']})",
+        truth={b: setup.scenario.truth[b] for b in unknown},
+        points=points,
+        residuals=torque_residuals(setup, case, recorded),
+        tool_errors=errors,
+    )
+
+
+def torque_residuals(setup: Setup, case: Case, recorded: Recorded) -> Residuals:
+    """Return measured less predicted torque of every block at the final estimate."""
+    sensors = bound_sensors(setup.scenario, case.robot.n)
+    offsets = np.zeros(case.robot.n)
+    if recorded.estimates:
+        last = recorded.estimates[-1]
+        where = [k for k, name in enumerate(last.names) if name.startswith("torque_offset.")]
+        if where:
+            offsets = last.mean[where]
+    times: list[FloatArray] = [np.empty(0)]
+    rows_nm: list[FloatArray] = [np.empty((0, case.robot.n))]
+    for block in recorded.blocks:
+        times.append(np.asarray((block.t_ns - recorded.origin_ns) * 1e-9, dtype=np.float64))
+        states = zip(block.q_rad, block.qd_rad_s, block.qdd_rad_s2, strict=True)
+        predicted = [
+            sensitivity(case.robot, sensors, recorded.final.x, *state).tau_nm for state in states
+        ]
+        rows_nm.append(block.tau_nm - np.array(predicted) - offsets)
+    return Residuals(t_s=np.concatenate(times), torque_nm=np.concatenate(rows_nm))

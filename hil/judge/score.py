@@ -1,0 +1,218 @@
+"""The score of a run: errors against the truth, consistency, tool error, bound, and their table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from hil.judge.bound import Sensors, information
+from hil.judge.endeffector import ToolError, Verification
+from hil.judge.floating import FloatingRobot
+from hil.world.inertia import (
+    COUNT,
+    LABELS,
+    FloatArray,
+    pi_jacobian,
+    pi_of,
+    report_covariance,
+    report_of,
+)
+from hil.world.scenario import Prior, mapping_from
+
+DRAWS = 200
+BOUND_RATE_HZ = 50.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """A final estimate in the flight software's own coordinates, unknown bodies only.
+
+    x (10 b,) and covariance (10 b, 10 b): ten parameters pi per unknown body, base first, before
+    any move to the nearest physical body.
+    """
+
+    valid: bool
+    reason: str
+    x: FloatArray
+    covariance: FloatArray
+    reports: dict[str, FloatArray]  # as published
+    sigmas: dict[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """What a result is judged against."""
+
+    unknown: tuple[str, ...]
+    truth: dict[str, FloatArray]  # reports
+    priors: dict[str, Prior]
+    robot: FloatingRobot
+    verification: Verification
+    bound_sigmas: dict[str, FloatArray]  # of the reports
+
+    @property
+    def x_truth(self) -> FloatArray:
+        """True parameters of the unknown bodies, stacked."""
+        return stacked(self.truth, self.unknown)
+
+    @property
+    def x_prior(self) -> FloatArray:
+        """Prior means of the unknown bodies, stacked."""
+        return stacked({b: p.report for b, p in self.priors.items()}, self.unknown)
+
+
+def stacked(reports: Mapping[str, FloatArray], unknown: Sequence[str]) -> FloatArray:
+    """Return the parameters pi of the bodies, one after the other."""
+    return np.concatenate([pi_of(reports[body]) for body in unknown])
+
+
+def normalised_error_squared(error: FloatArray, covariance: FloatArray) -> float:
+    """Return e^T P^-1 e, solved in unit-variance scaling for the sake of its condition."""
+    scale = np.sqrt(np.diag(covariance))
+    z = error / scale
+    correlation = covariance / np.outer(scale, scale)
+    return float(z @ np.linalg.solve(correlation, z))
+
+
+def bound_sigmas(
+    robot: FloatingRobot,
+    sensors: Sensors,
+    truth: Mapping[str, FloatArray],
+    priors: Mapping[str, Prior],
+    motion: tuple[FloatArray, FloatArray, FloatArray],
+    rate_hz: float = BOUND_RATE_HZ,
+) -> dict[str, FloatArray]:
+    """Return per unknown body the Cramer-Rao sigma (10,) of its report, prior included.
+
+    `motion` is the true (q, qd, qdd) of the run sampled at `rate_hz`.
+    """
+    unknown = list(priors)
+    x = stacked(truth, unknown)
+    total = information(robot, sensors, x, motion, rate_hz)
+    total += block_diag(*(prior_information(priors[body]) for body in unknown))
+    scale = 1.0 / np.sqrt(np.diag(total))
+    correlation = np.linalg.solve(total * np.outer(scale, scale), np.eye(scale.size))
+    bound = correlation * np.outer(scale, scale)
+    sigmas = {}
+    for k, body in enumerate(unknown):
+        own = slice(COUNT * k, COUNT * (k + 1))
+        report = report_covariance(x[own], bound[own, own])
+        sigmas[body] = np.sqrt(np.diag(report))
+    return sigmas
+
+
+def prior_information(prior: Prior) -> FloatArray:
+    """Return the information (10, 10) of a prior in estimation coordinates, linearised at it."""
+    inverse = np.linalg.solve(pi_jacobian(prior.report), np.eye(COUNT))
+    return np.asarray(inverse.T @ (inverse / prior.sigma[:, None] ** 2))
+
+
+def expected_tool_error(case: Case, result: Result, seed: int = 0) -> ToolError:
+    """Return the tool errors of draws from the estimate's covariance about the truth."""
+    rng = np.random.default_rng(seed)
+    scale = np.sqrt(np.diag(result.covariance))
+    values, vectors = np.linalg.eigh(result.covariance / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = case.x_truth + rng.standard_normal((DRAWS, scale.size)) @ root.T
+    return case.verification.error(draws, case.x_truth)
+
+
+def score(case: Case, result: Result) -> dict[str, Any]:
+    """Return the part of the JSON that judges one result; bodies as mappings with units."""
+    unknown = case.unknown
+    ratio = {b: float(result.sigmas[b][0] / case.bound_sigmas[b][0]) for b in unknown}
+    return {
+        "valid": result.valid,
+        "reason": result.reason,
+        "truth": {b: mapping_from(case.truth[b]) for b in unknown},
+        "estimate": {b: mapping_from(result.reports[b]) for b in unknown},
+        "sigma": {b: mapping_from(result.sigmas[b]) for b in unknown},
+        "prior": {
+            b: mapping_from(case.priors[b].report) | {"sigma": mapping_from(case.priors[b].sigma)}
+            for b in unknown
+        },
+        "crb": {b: mapping_from(case.bound_sigmas[b]) for b in unknown},
+        "mass_sigma_to_crb_ratio": ratio,
+        "ee_error": case.verification.error(result.x, case.x_truth).summary(),
+        "ee_error_prior": case.verification.error(case.x_prior, case.x_truth).summary(),
+        "ee_error_expected": expected_tool_error(case, result).summary(),
+        "nees": normalised_error_squared(result.x - case.x_truth, result.covariance),
+        "dof": COUNT * len(unknown),
+    }
+
+
+def comparison(case: Case, result: Result) -> dict[str, Any]:
+    """Return the short judgement of another method's result on the same data."""
+    bias = {
+        b: float((result.reports[b][0] - case.truth[b][0]) / case.truth[b][0]) for b in case.unknown
+    }
+    return {
+        "estimate": {b: mapping_from(result.reports[b]) for b in case.unknown},
+        "sigma": {b: mapping_from(result.sigmas[b]) for b in case.unknown},
+        "mass_error_ratio": bias,
+        "ee_error": case.verification.error(result.x, case.x_truth).summary(),
+        "nees": normalised_error_squared(result.x - case.x_truth, result.covariance),
+        "dof": COUNT * len(case.unknown),
+    }
+
+
+def result_from(
+    unknown: Sequence[str],
+    x: FloatArray,
+    covariance: FloatArray,
+    *,
+    valid: bool,
+    reason: str,
+) -> Result:
+    """Return a result whose reports are computed here from the estimation coordinates."""
+    reports, sigmas = {}, {}
+    for k, body in enumerate(unknown):
+        own = slice(COUNT * k, COUNT * (k + 1))
+        reports[body] = report_of(x[own])
+        sigmas[body] = np.sqrt(np.diag(report_covariance(x[own], covariance[own, own])))
+    size = COUNT * len(unknown)
+    return Result(
+        valid=valid,
+        reason=reason,
+        x=np.array(x[:size]),
+        covariance=np.array(covariance[:size, :size]),
+        reports=reports,
+        sigmas=sigmas,
+    )
+
+
+def rows(body: Mapping[str, Any]) -> FloatArray:
+    """Return the ten values of a mapping with mass_kg, com_m, inertia_kg_m2."""
+    return np.array([body["mass_kg"], *body["com_m"], *body["inertia_kg_m2"]], dtype=np.float64)
+
+
+def table(outcome: Mapping[str, Any], body: str) -> list[tuple[str, ...]]:
+    """Return the table of one body; `table_header` names the columns."""
+    truth, prior = rows(outcome["truth"][body]), rows(outcome["prior"][body])
+    estimate, sigma = rows(outcome["estimate"][body]), rows(outcome["sigma"][body])
+    bound = rows(outcome["crb"][body])
+    ols = outcome.get("ols")
+    columns = [truth, prior, estimate, sigma, bound, estimate - truth]
+    lines = []
+    for k, label in enumerate(LABELS):
+        cells = [_number(column[k]) for column in columns]
+        cells.append(f"{(estimate[k] - truth[k]) / sigma[k]:+.2f}")
+        if ols:
+            cells.append(_number(rows(ols["estimate"][body])[k]))
+        unit = "kg" if k == 0 else "m" if k < 4 else "kg m²"
+        lines.append((f"{label} [{unit}]", *cells))
+    return lines
+
+
+def table_header(outcome: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the column titles of `table`."""
+    titles = ("", "truth", "prior", "estimate", "1 sigma", "bound", "error", "in sigma")
+    return (*titles, "raw OLS") if outcome.get("ols") else titles
+
+
+def _number(value: float) -> str:
+    return f"{value:.5g}" if abs(value) < 1e5 else f"{value:.3e}"

@@ -1,0 +1,1 @@
+"""Links: the far ends of the daemon's ports, in virtual time."""

@@ -1,0 +1,197 @@
+"""In-memory ends of the links: the flight software's port protocols on a plant in virtual time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Sequence
+from itertools import count
+
+from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.messages.errors import PortError
+from hil.devices.can_segment import TimedFrame
+from hil.devices.canopen import SYNC_ID
+from hil.devices.plant import Plant
+from hil.devices.uart import TimedBytes
+from hil.links.clock import SimClock
+from hil.world.sensors import generator
+
+FrameTap = Callable[[Sequence[TimedFrame]], Sequence[TimedFrame]]
+ByteTap = Callable[[Sequence[TimedBytes]], Sequence[TimedBytes]]
+HostTap = Callable[[TimedFrame], Sequence[TimedFrame]]
+WAKE_LATENCY_S = 4e-5
+ERROR_FLAG = 0x20000000  # in an identifier: an error frame, its class in the low bits
+ERROR_CLASSES = 0x1FFFFFFF
+
+
+def _pass_frames(frames: Sequence[TimedFrame]) -> Sequence[TimedFrame]:
+    return frames
+
+
+def _pass_host(frame: TimedFrame) -> Sequence[TimedFrame]:
+    return (frame,)
+
+
+def _pass_bytes(chunks: Sequence[TimedBytes]) -> Sequence[TimedBytes]:
+    return chunks
+
+
+class VirtualCan:
+    """A CAN port. `tap` may drop, change, delay or add frames on their way to the host.
+
+    `host_tap` may do so with each frame of the host on its way to the nodes. Within `lost_ns` the
+    port fails as if its device were gone.
+
+    Frames are stamped when read, or by their end on the bus, like a kernel does, where the plant
+    produces SYNC: then its stamp is the joints' time of validity.
+    """
+
+    hands_back = False
+
+    def __init__(self, plant: Plant, clock: SimClock, bus: str, line: int = 0) -> None:
+        """`line` 1 is the redundant bus of a pair."""
+        self._producer = plant.sync_producer(clock.now_ns())
+        self.tap: FrameTap = _pass_frames
+        self.outages_ns: list[tuple[int, int]] = []  # [from, to): nothing passes, nobody is told
+        self.bus, self.line = bus, line
+        self.host_tap: HostTap = _pass_host
+        self.lost_ns = (0, 0)
+        self._plant, self._clock = plant, clock
+        self._queue: list[tuple[int, int, TimedFrame]] = []
+        self._order = count()
+
+    def _deliver(self, frames: Sequence[TimedFrame]) -> None:
+        if self._is_cut():
+            return
+        for frame in self.tap(frames) if frames else ():
+            heapq.heappush(self._queue, (frame[0], next(self._order), frame))
+
+    def _is_cut(self) -> bool:
+        now_ns = self._clock.now_ns()
+        return any(start <= now_ns < stop for start, stop in self.outages_ns)
+
+    def read(self) -> list[CanFrame]:
+        """Return the frames whose end on the bus has come, stamped now."""
+        now_ns = self._clock.now_ns()
+        self.open()
+        self._deliver(self._plant.frames_until(now_ns, self.bus, self.line))
+        producer = self._producer
+        while producer is not None and producer.next_ns() <= now_ns:
+            sync_ns, payload = producer.next_ns(), producer.payload()
+            self._deliver([(sync_ns, SYNC_ID, payload, False)])
+            self._deliver(self._plant.on_frame(sync_ns, SYNC_ID, payload, self.bus))
+        frames = []
+        while self._queue and self._queue[0][0] <= now_ns:
+            end_ns, can_id, data, is_fd = heapq.heappop(self._queue)[2]
+            stamp_ns = now_ns if producer is None else end_ns
+            is_error = bool(can_id & ERROR_FLAG)
+            can_id &= ERROR_CLASSES
+            frames.append(
+                CanFrame(stamp_ns, can_id, data, is_fd, is_error=is_error, bitrate_switch=is_fd)
+            )
+        return frames
+
+    def write(self, can_id: int, data: bytes) -> CanFrame:
+        """Send a frame; the nodes' answers queue up."""
+        now_ns = self._clock.now_ns()
+        self.open()
+        for t_ns, received_id, received, _ in self.host_tap((now_ns, can_id, data, False)):
+            self.command(t_ns, received_id, received)
+        return CanFrame(now_ns, can_id, data)
+
+    def command(self, t_ns: int, can_id: int, data: bytes) -> None:
+        """Let the nodes receive a frame, whoever sent it."""
+        if not self._is_cut():
+            self._deliver(self._plant.on_frame(t_ns, can_id, data, self.bus, self.line))
+
+    def open(self) -> VirtualCan:
+        """Return the port; PortError while its device is gone."""
+        if self.lost_ns[0] <= self._clock.now_ns() < self.lost_ns[1]:
+            raise PortError(f"{self.bus}: no such device")
+        return self
+
+    def take_dropped(self) -> int:
+        """Return 0: the queue is boundless."""
+        return 0
+
+    def inject(self, frame: TimedFrame) -> None:
+        """Put a frame on the bus that no node sent, bypassing the tap."""
+        heapq.heappush(self._queue, (frame[0], next(self._order), frame))
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Return no descriptor: frames wait for the tick."""
+        return ()
+
+    def close(self) -> None:
+        """Forget what is queued."""
+        self._queue.clear()
+
+
+class VirtualSerial:
+    """A serial port. `tap` may drop, change, delay or add chunks on their way to the host."""
+
+    def __init__(self, plant: Plant, clock: SimClock, device: str) -> None:
+        self.tap: ByteTap = _pass_bytes
+        self.lost_ns = (0, 0)
+        self.device = device
+        self._plant, self._clock = plant, clock
+        self._line = plant.lines[device]
+        self._queue: list[tuple[int, int, bytes]] = []
+        self._order = count()
+        self._descriptor = clock.register(self._next_ns)
+
+    def _next_ns(self) -> int | None:
+        due = self._line.next_ns()
+        return min(due, self._queue[0][0]) if self._queue else due
+
+    def read(self) -> list[ByteChunk]:
+        """Return the chunks that have come, stamped now."""
+        now_ns = self._clock.now_ns()
+        self.open()
+        chunks = self._line.take(now_ns)
+        for arrival_ns, data in self.tap(chunks) if chunks else ():
+            heapq.heappush(self._queue, (arrival_ns, next(self._order), data))
+        arrived = []
+        while self._queue and self._queue[0][0] <= now_ns:
+            arrived.append(ByteChunk(now_ns, heapq.heappop(self._queue)[2]))
+        return arrived
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the device."""
+        self.open()
+        self._plant.write_serial(self._clock.now_ns(), self.device, data)
+
+    def open(self) -> VirtualSerial:
+        """Return the port; PortError while its device is gone."""
+        if self.lost_ns[0] <= self._clock.now_ns() < self.lost_ns[1]:
+            raise PortError(f"{self.device}: no such device")
+        return self
+
+    def reopen(self) -> VirtualSerial:
+        """Return the port without what was sent while nobody had it open."""
+        self.open()
+        self._line.take(self._clock.now_ns())
+        return self
+
+    def wake_fds(self) -> tuple[int, ...]:
+        """Return the descriptor that ends the simulated clock's sleep."""
+        return (self._descriptor,)
+
+    def close(self) -> None:
+        """Forget what is queued."""
+        self._queue.clear()
+
+
+class VirtualBench:
+    """Clock and ports of one plant in virtual time; the plant must have been powered on at t0."""
+
+    def __init__(
+        self, plant: Plant, t0_ns: int, *, seed: int = 0, wake_latency_s: float = WAKE_LATENCY_S
+    ) -> None:
+        self.plant = plant
+        self.clock = SimClock(t0_ns, generator(seed, "host"), wake_latency_s)
+        self.cans = {name: VirtualCan(plant, self.clock, name) for name in plant.segments}
+        self.can = next(iter(self.cans.values()))
+        self.redundant = VirtualCan(plant, self.clock, self.can.bus, line=1)
+        self.serials = {name: VirtualSerial(plant, self.clock, name) for name in plant.lines}
+        self.imu = self.serials.get("imu")
+        self.star_tracker = self.serials.get("star_tracker")

@@ -1,0 +1,1 @@
+"""Run: one run of the bench, in virtual or real time."""

@@ -1,0 +1,320 @@
+"""One run: truth, devices and daemon put together, in virtual or real time.
+
+The daemon is the flight software's own `fsw.loop.wiring.build`; in real time it is `fsw run` in a
+process of its own. What is judged later comes from its estimates, or from its recording.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.commands.replay import replay
+from fsw.config import Config, load
+from fsw.drivers.wire import ByteChunk
+from fsw.exchange.sinks import Fanout, NullSink, Sink
+from fsw.exchange.status import estimate_summary
+from fsw.loop.ports import SECOND, Ports
+from fsw.loop.wiring import build
+from fsw.messages import Block, Estimate, Event
+from fsw.service.recorder import RecorderSink, open_recording
+from hil.devices.plant import Plant
+from hil.faults.script import install
+from hil.judge.outcome import result_from_json, result_of
+from hil.judge.score import Result
+from hil.links.virtual import VirtualBench
+from hil.run import live
+from hil.run.flight import (
+    BUS,
+    flight_document,
+    plant_document,
+    write_flight,
+    write_yaml,
+)
+from hil.run.progress import Meter
+from hil.world.environment.wrench import simulate_in
+from hil.world.history import TruthHistory
+from hil.world.inertia import FloatArray
+from hil.world.robot import Body, Robot
+from hil.world.scenario import Prior, Scenario, ScenarioError, draw_prior
+from hil.world.sensors import SensorConfig
+from hil.world.spline import JointSpline
+
+T0_NS = 10_000_000_000  # virtual time of power-on
+EDGE_S = 0.1  # truth simulated at rest before and after the motion
+METER_PERIOD_S = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setup:
+    """Everything about a run that is fixed before it starts."""
+
+    scenario: Scenario
+    seed: int
+    folder: Path
+    config_path: Path
+    config: Config
+    priors: dict[str, Prior]
+    robot: Robot
+    spline: JointSpline
+    history: TruthHistory
+    bus_port: int | None  # of udp_multicast
+
+    @property
+    def total_s(self) -> float:
+        """Length of the run from the first SYNC."""
+        return self.scenario.before_s + self.spline.duration_s + self.scenario.after_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recorded:
+    """What a run left behind."""
+
+    estimates: Sequence[Estimate]
+    blocks: Sequence[Block]
+    imu_chunks: Sequence[ByteChunk]
+    events: Sequence[Event]
+    final: Result
+    method: str
+    status: Mapping[str, Any]
+    origin_ns: int  # start of the motion on the daemon's clock
+    imu_times: Mapping[str, float]  # t0_ns and period_ns of the device's samples
+    wall_s: float
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Collector(NullSink):
+    """Keeps what the score and the picture need."""
+
+    def __init__(self) -> None:
+        self.estimates: list[Estimate] = []
+        self.blocks: list[Block] = []
+        self.imu_chunks: list[ByteChunk] = []
+        self.events: list[Event] = []
+
+    def serial(self, device: str, chunks: Sequence[ByteChunk]) -> None:
+        """Keep the inertial unit's bytes."""
+        if device == "imu":
+            self.imu_chunks += chunks
+
+    def block(self, block: Block) -> None:
+        """Keep."""
+        self.blocks.append(block)
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Keep."""
+        self.estimates.append(estimate)
+
+    def event(self, event: Event) -> None:
+        """Keep."""
+        self.events.append(event)
+
+
+def prepare(
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    *,
+    real_time: bool = False,
+    overrides: Mapping[str, Any] | None = None,
+    telemetry: Mapping[str, Any] | None = None,
+) -> Setup:
+    """Draw the priors, write the flight configuration, simulate the truth.
+
+    In real time the bus gets a port nobody uses, and the position noise what the jitter of a SYNC
+    stamp adds at the motion's speed.
+
+    Parameters
+    ----------
+    overrides : keys of the configuration's section `estimator`
+    telemetry : its section `telemetry`; None: the daemon has no link
+
+    Raises
+    ------
+    ScenarioError, or the flight software's ConfigError, when something does not fit.
+    """
+    if real_time and scenario.faults:
+        raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
+    bodies = {name: _body(report) for name, report in scenario.truth.items()}
+    robot = Robot.load(
+        scenario.urdf, scenario.tool_frame, bodies.get("base"), bodies.get("target"), scenario.slosh
+    )
+    spline = JointSpline.load(scenario.identification)
+    priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
+    port = scenario.flight["bus"].get("port")
+    if port is not None and real_time:
+        port = live.free_udp_port()
+    speeds = spline.evaluate(np.arange(0.0, spline.duration_s, 0.01))[1]
+    fastest_rad_s = float(np.sqrt(np.mean(speeds**2, axis=0)).max())
+    jitter_s = float(scenario.flight["sync_jitter_s"]) if real_time else 0.0
+    document = flight_document(
+        scenario,
+        priors,
+        robot.joint_names,
+        folder,
+        port,
+        overrides or {},
+        stamp_noise_rad=jitter_s * fastest_rad_s,
+    )
+    if telemetry is not None:
+        document["telemetry"] = dict(telemetry)
+    path = write_flight(folder, scenario, priors, document)
+    history = truth_of(scenario, robot, spline)
+    return Setup(
+        scenario=scenario,
+        seed=seed,
+        folder=folder,
+        config_path=path,
+        config=load(path),
+        priors=priors,
+        robot=robot,
+        spline=spline,
+        history=history,
+        bus_port=port,
+    )
+
+
+def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
+    """Simulate the truth; where something acts from outside, over the rests too."""
+    before_s, after_s = EDGE_S, EDGE_S
+    if scenario.environment is not None:
+        before_s, after_s = max(EDGE_S, scenario.before_s), max(EDGE_S, scenario.after_s)
+    end_s = spline.duration_s + after_s
+    return simulate_in(scenario.environment, robot, spline, -before_s, end_s)
+
+
+class VirtualRun:
+    """Plant and daemon in one thread in virtual time; a seed fixes every bit."""
+
+    def __init__(self, setup: Setup, *, record: bool) -> None:
+        self.setup = setup
+        self._plant = Plant(
+            setup.history,
+            SensorConfig.from_dict(setup.scenario.sensors),
+            setup.seed,
+            start_delay_s=setup.scenario.before_s,
+            t0_ns=T0_NS,
+            sync_rate_hz=float(setup.scenario.flight["bus"]["rate_hz"]),
+        )
+        self.world = world = VirtualBench(self._plant, T0_NS, seed=setup.seed)
+        install(setup.scenario.faults, world, setup.seed, T0_NS)
+        self._collector = Collector()
+        sink: Sink = self._collector
+        if record:
+            writer = open_recording(setup.config, setup.folder / "recording.mcap")
+            sink = Fanout(self._collector, RecorderSink(writer, lambda _s, _c, _t: None))
+        ports = Ports(
+            can={BUS: world.can, BUS + SECOND: world.redundant},
+            imu=world.imu,
+            star_tracker=world.star_tracker,
+            can_openers={BUS: world.can.open, BUS + SECOND: world.redundant.open},
+            line_openers={name: serial.reopen for name, serial in world.serials.items()},
+        )
+        self._daemon = build(setup.config, world.clock, ports, sink)
+        self._wall_s = 0.0
+        self._shown_s = 0.0
+
+    def advance(self, until_s: float, meter: Meter) -> None:
+        """Go on until so long after power-on."""
+        clock, daemon = self.world.clock, self._daemon
+        end_ns = T0_NS + round(until_s * 1e9)
+        began_s = time.perf_counter()
+
+        def ended() -> bool:
+            now_ns = clock.now_ns()
+            wall_s = time.perf_counter()
+            if wall_s - self._shown_s > METER_PERIOD_S:
+                self._shown_s = wall_s
+                meter.update((now_ns - T0_NS) * 1e-9, estimate_summary(daemon.latest))
+            return now_ns >= end_ns
+
+        daemon.run(ended)
+        self._wall_s += time.perf_counter() - began_s
+
+    def finish(self, meter: Meter) -> Recorded:
+        """Settle the estimate and return what the run left behind."""
+        setup, collector, daemon = self.setup, self._collector, self._daemon
+        began_s = time.perf_counter()
+        final = daemon.shutdown()
+        self._wall_s += time.perf_counter() - began_s
+        status = daemon.status(self.world.clock.now_ns())
+        meter.update(setup.total_s, estimate_summary(final))
+        times = self._plant.times()
+        return Recorded(
+            estimates=collector.estimates,
+            blocks=collector.blocks,
+            imu_chunks=collector.imu_chunks,
+            events=collector.events,
+            final=result_of(final, setup.scenario.unknown),
+            method=final.method if final is not None else setup.config.estimator.method,
+            status=status,
+            origin_ns=int(times["origin_ns"] or T0_NS),
+            imu_times=times["imu"],
+            wall_s=self._wall_s,
+        )
+
+
+def run_virtual(
+    setup: Setup,
+    meter: Meter,
+    *,
+    record: bool,
+    disturb: Callable[[VirtualBench], None] | None = None,
+) -> Recorded:
+    """Run plant and daemon in one thread in virtual time; a seed fixes every bit.
+
+    The scenario's own faults are installed; `disturb` may put further taps on the links before the
+    run (see `hil.faults.taps`).
+    """
+    run = VirtualRun(setup, record=record)
+    if disturb is not None:
+        disturb(run.world)
+    run.advance(setup.total_s, meter)
+    return run.finish(meter)
+
+
+def run_live(setup: Setup, meter: Meter) -> Recorded:
+    """Run plant and daemon as processes in real time, then read the daemon's recording.
+
+    The daemon's own last estimate is scored; a replay of its recording gives the conditioned blocks
+    for the picture, and how far a replay is from the live result.
+    """
+    scenario = setup.scenario
+    plant = plant_document(scenario, setup.seed, setup.folder, setup.bus_port)
+    plant_path = write_yaml(setup.folder / "plant.yaml", plant)
+    outcome = live.run(setup.config_path, plant_path, setup.total_s, meter)
+    collector = Collector()
+    replayed = replay(outcome.recordings[-1], setup.config, sink=collector)
+    final = outcome.final
+    result = result_from_json(final, scenario.unknown)
+    again = result_of(replayed.estimate, scenario.unknown)
+    scale = np.sqrt(np.diag(result.covariance))
+    return Recorded(
+        estimates=collector.estimates,
+        blocks=collector.blocks,
+        imu_chunks=collector.imu_chunks,
+        events=collector.events,
+        final=result,
+        method=str(final["method"]),
+        status=outcome.status,
+        origin_ns=int(outcome.plant["origin_ns"]),
+        imu_times=outcome.plant["imu"],
+        wall_s=outcome.wall_s,
+        extra={
+            "bus": scenario.flight["bus"]["interface"],
+            "recording": str(outcome.recordings[-1]),
+            "replay_difference_sigma": float(np.max(np.abs(again.x - result.x) / scale)),
+            "recorder_dropped": replayed.dropped,
+            "daemon_exit_code": outcome.exit_code,
+        },
+    )
+
+
+def _body(report: FloatArray) -> Body:
+    mass, cx, cy, cz, xx, xy, xz, yy, yz, zz = (float(x) for x in report)
+    return Body(mass, (cx, cy, cz), (xx, xy, xz, yy, yz, zz))

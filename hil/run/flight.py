@@ -1,0 +1,307 @@
+"""The files a run needs: the flight configuration (no truth of an unknown body) and the plant's."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hil.judge.bound import Sensors
+from hil.world.environment.config import OrbitSection
+from hil.world.environment.orbit import Orbit
+from hil.world.inertia import FloatArray
+from hil.world.noise import BandLimitedWhiteNoise
+from hil.world.robot import Robot
+from hil.world.scenario import Prior, Scenario, ScenarioError, mapping_from, replace_base
+from hil.world.sensors import (
+    ImuSensorConfig,
+    JointSensorConfig,
+    NodeConfig,
+    SensorConfig,
+    rotation_of,
+)
+
+BUS = "arm"
+FIRST_NODE_ID = 0x11
+URDF = "robot.urdf"
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of the joint nodes
+POSITION_STEP_RAD = 2 * math.pi / 2**24
+
+
+def nodes_of(sensors: SensorConfig, n: int) -> tuple[NodeConfig, ...]:
+    """Return the joint nodes, base to tool.
+
+    Raises
+    ------
+    ScenarioError if their number is not the robot's.
+    """
+    default = tuple(NodeConfig(node_id=FIRST_NODE_ID + i) for i in range(n))
+    nodes = sensors.joints.nodes or default
+    if len(nodes) != n:
+        raise ScenarioError(f"sensors.joints.nodes: {len(nodes)} nodes for {n} joints")
+    return nodes
+
+
+def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:
+    """Return 1 sigma of one torque sample with the wire's rounding."""
+    sigma = _sigma(joints.torque_noise, rate_hz, joints.torque_noise_nm)
+    return math.hypot(sigma, TORQUE_STEP_NM[node.format] / math.sqrt(12))
+
+
+def _sigma(noise: BandLimitedWhiteNoise | None, rate_hz: float, otherwise: float) -> float:
+    return otherwise if noise is None else noise.sigma(rate_hz)
+
+
+def position_noise_rad(
+    joints: JointSensorConfig, stamp_noise_rad: float = 0.0, rate_hz: float = 500.0
+) -> float:
+    """Return 1 sigma of one position sample: noise, encoder step, wire step, uncertain stamp."""
+    encoder = 2 * math.pi / 2**joints.encoder_bits
+    step = math.hypot(encoder, POSITION_STEP_RAD) / math.sqrt(12)
+    noise = _sigma(joints.position_noise, rate_hz, joints.encoder_noise_rad)
+    return math.hypot(noise, step, stamp_noise_rad)
+
+
+def flight_document(
+    scenario: Scenario,
+    priors: Mapping[str, Prior],
+    joint_names: tuple[str, ...],
+    folder: Path,
+    bus_port: int | None,
+    overrides: Mapping[str, Any],
+    *,
+    stamp_noise_rad: float = 0.0,
+) -> dict[str, Any]:
+    """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
+
+    The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
+    `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions.
+    """
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    flight = scenario.flight
+    rate_hz = float(flight["bus"]["rate_hz"])
+    bodies: dict[str, Any] = {}
+    for body, report in scenario.truth.items():
+        if body in priors:
+            prior = priors[body]
+            bodies[body] = mapping_from(prior.report) | {"sigma": mapping_from(prior.sigma)}
+            if body == "base" and scenario.slosh:
+                bodies[body]["liquid"] = [
+                    {
+                        "mass_kg": part.mass_kg,
+                        "place_m": list(part.place_m),
+                        "stroke_m": part.stroke_m,
+                    }
+                    for part in scenario.slosh
+                ]
+        else:
+            bodies[body] = mapping_from(report)
+    joints = [
+        {
+            "name": name,
+            "bus": node.bus,
+            "node_id": node.node_id,
+            "format": node.format,
+            "sign": node.sign,
+            "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
+            "torque_limit_nm": flight["torque_limit_nm"],
+            "speed_limit_rad_s": flight["speed_limit_rad_s"],
+            "torque_noise_nm": torque_noise_nm(sensors.joints, node, rate_hz),
+            "torque_offset_sigma_nm": sensors.joints.torque_offset_sigma_nm,
+            "position_noise_rad": position_noise_rad(sensors.joints, stamp_noise_rad, rate_hz),
+        }
+        for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
+    ]
+    document: dict[str, Any] = {
+        "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame},
+        "bodies": bodies,
+        "unknown": list(scenario.unknown),
+        "buses": [
+            {
+                "name": BUS,
+                **flight["bus"],
+                "port": bus_port,
+                "fd": any(joint["format"] == "fd" for joint in joints),
+                "sync": "producer",
+                "sync_counter_max": sensors.joints.sync_counter_max,
+                "latch_offset_s": sensors.joints.latch_offset_s,
+            }
+        ],
+        "joints": joints,
+        "imu": _imu(sensors, folder),
+        "scheduler": {"tick_rate_hz": flight["tick_rate_hz"]},
+        "estimator": dict(flight["estimator"]) | dict(overrides),
+        "recorder": {"directory": "recording"},
+        "service": {"state_directory": "state"},
+    }
+    if sensors.star_tracker is not None:
+        document["star_tracker"] = _star_tracker(sensors, folder)
+    environment = scenario.environment
+    if environment is not None and environment.told_to_flight and environment.gravity_gradient:
+        document["orbit"] = _orbit(environment.orbit, scenario.before_s)
+    return document
+
+
+def _orbit(section: OrbitSection, before_s: float) -> dict[str, Any]:
+    """Return the orbit's state at the first SYNC, `before_s` before the motion."""
+    orbit = Orbit.from_section(section)
+    return {
+        "position_m": orbit.position_m(-before_s).tolist(),
+        "velocity_m_s": orbit.velocity_m_s(-before_s).tolist(),
+    }
+
+
+def _gyro_sigma(imu: ImuSensorConfig) -> float:
+    """Return 1 sigma of one rate sample [rad/s]."""
+    white = imu.angle_random_walk_rad_sqrt_s * math.sqrt(imu.rate_hz)
+    return _sigma(imu.gyro_noise, imu.rate_hz, white)
+
+
+def _acc_sigma(imu: ImuSensorConfig) -> float:
+    """Return 1 sigma of one acceleration sample [m/s^2]."""
+    white = imu.velocity_random_walk_m_s_sqrt_s * math.sqrt(imu.rate_hz)
+    return _sigma(imu.acc_noise, imu.rate_hz, white)
+
+
+def _imu(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
+    imu = sensors.imu
+    if imu is None:
+        raise ScenarioError("sensors.imu: missing; the estimator needs one")
+    return {
+        "port": str(folder.absolute() / "imu"),
+        "baud_rate": imu.baud_rate,
+        "rate_hz": float(imu.rate_hz),
+        "crlf": imu.crlf,
+        "acc_range_g": imu.acc_range_g,
+        "mounting": {"p_BS_m": list(imu.p_BS_m), "q_BS_xyzw": list(imu.q_BS_xyzw)},
+        "gyro_group_delay_s": imu.gyro_group_delay_s,
+        "acc_group_delay_s": imu.acc_group_delay_s,
+        "angle_random_walk_rad_sqrt_s": _gyro_sigma(imu) / math.sqrt(imu.rate_hz),
+        "velocity_random_walk_m_s_sqrt_s": _acc_sigma(imu) / math.sqrt(imu.rate_hz),
+        "gyro_bias_sigma_rad_s": imu.gyro_bias_sigma_rad_s,
+        "acc_bias_sigma_m_s2": imu.acc_bias_sigma_m_s2,
+    }
+
+
+def _star_tracker(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
+    tracker = sensors.star_tracker
+    if tracker is None:
+        return {}
+    noise = tracker.attitude_noise
+    return {
+        "port": str(folder.absolute() / "star_tracker"),
+        "baud_rate": tracker.baud_rate,
+        "rate_hz": tracker.rate_hz,
+        "mounting": {"p_BS_m": list(tracker.p_BS_m), "q_BS_xyzw": list(tracker.q_BS_xyzw)},
+        "time": "arrival",
+        "latency_s": tracker.latency_s,
+        "rotation": tracker.rotation,
+        "noise_across_rad": _sigma(noise, tracker.rate_hz, tracker.noise_across_rad),
+        "noise_about_rad": _sigma(noise, tracker.rate_hz, tracker.noise_about_rad),
+        "subscribe": not tracker.subscribed,
+    }
+
+
+def plant_document(
+    scenario: Scenario, seed: int, folder: Path, bus_port: int | None
+) -> dict[str, Any]:
+    """Return the real-time plant's file: the truth; the flight side never reads it."""
+    bus = scenario.flight["bus"]
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    links: dict[str, Any] = {
+        "buses": [
+            {
+                "name": BUS,
+                "interface": bus["interface"],
+                "channel": bus["channel"],
+                "port": bus_port,
+                "fd": any(node.format == "fd" for node in sensors.joints.nodes),
+                "redundant": _second_link(bus),
+            }
+        ],
+        "imu": "imu",
+    }
+    if sensors.star_tracker is not None:
+        links["star_tracker"] = "star_tracker"
+    return {
+        "robot": {
+            "urdf": os.path.relpath(scenario.urdf, folder),
+            "tool_frame": scenario.tool_frame,
+        },
+        "trajectory": os.path.relpath(scenario.identification, folder),
+        "bodies": {body: mapping_from(report) for body, report in scenario.truth.items()},
+        "sensors": scenario.sensors,
+        "links": links,
+        "environment": (
+            None if scenario.environment is None else scenario.environment.model_dump(mode="json")
+        ),
+        "slosh": [asdict(part) for part in scenario.slosh],
+        "start_delay_s": scenario.before_s,
+        "seed": seed,
+        "realtime": {"priority": 40},
+    }
+
+
+def _second_link(bus: Mapping[str, Any]) -> dict[str, Any] | None:
+    second = bus.get("redundant")
+    return None if second is None else {key: second.get(key) for key in ("channel", "port")}
+
+
+def on_socketcan(scenario: Scenario) -> Scenario:
+    """Return the scenario with its bus on vcan0, the redundant one on vcan1."""
+    bus = {key: value for key, value in scenario.flight["bus"].items() if key != "port"}
+    bus |= {"interface": "socketcan", "channel": "vcan0"}
+    if bus.get("redundant") is not None:
+        second = {key: value for key, value in bus["redundant"].items() if key != "port"}
+        bus["redundant"] = second | {"channel": "vcan1"}
+    return replace(scenario, flight=scenario.flight | {"bus": bus})
+
+
+def write_flight(
+    folder: Path, scenario: Scenario, priors: Mapping[str, Prior], document: Mapping[str, Any]
+) -> Path:
+    """Write the flight configuration and the robot file it names; return the former's path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    base: FloatArray = priors["base"].report if "base" in priors else scenario.truth["base"]
+    (folder / URDF).write_text(replace_base(scenario.urdf, base), encoding="utf-8")
+    return write_yaml(folder / "flight.yaml", document)
+
+
+def write_yaml(path: Path, document: Mapping[str, Any]) -> Path:
+    """Write a YAML file; return its path."""
+    text = yaml.safe_dump(dict(document), sort_keys=False, default_flow_style=None, width=100)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def bound_sensors(scenario: Scenario, n: int) -> Sensors:
+    """Return the raw sensors' white noise at native rates; rounding of the wire is not in it."""
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    imu = sensors.imu
+    if imu is None:
+        raise ScenarioError("sensors.imu: missing; the bound needs one")
+    rate_hz = float(scenario.flight["bus"]["rate_hz"])
+    torque_nm = _sigma(sensors.joints.torque_noise, rate_hz, sensors.joints.torque_noise_nm)
+    return Sensors(
+        joint_rate_hz=rate_hz,
+        torque_noise_nm=np.full(n, torque_nm),
+        torque_offset_sigma_nm=np.full(n, sensors.joints.torque_offset_sigma_nm),
+        imu_rate_hz=float(imu.rate_hz),
+        gyro_noise_rad_s=_gyro_sigma(imu),
+        gyro_bias_sigma_rad_s=imu.gyro_bias_sigma_rad_s,
+        acc_noise_m_s2=_acc_sigma(imu),
+        acc_bias_sigma_m_s2=imu.acc_bias_sigma_m_s2,
+        p_BS_m=np.array(imu.p_BS_m),
+        R_BS=rotation_of(imu.q_BS_xyzw),
+    )
+
+
+def joint_names(scenario: Scenario) -> tuple[str, ...]:
+    """Return the robot's joints from base to tool."""
+    return Robot.load(scenario.urdf, scenario.tool_frame).joint_names

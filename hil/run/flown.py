@@ -1,0 +1,50 @@
+"""Blocks of one virtual flight: the whole chain of plant, devices and daemon, without a recording.
+
+For measurements that need the daemon's own input and must not ask the user for a recording.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fsw.config import Config
+from fsw.estimators.model.robot import RobotModel
+from fsw.messages import Block
+from hil.run.bench import prepare, run_virtual
+from hil.world.scenario import load
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flown:
+    """What a flight gave; the robot is read, the flight's folder is gone."""
+
+    config: Config
+    model: RobotModel
+    blocks: Sequence[Block]
+
+
+class _Silent:
+    """A meter nobody looks at."""
+
+    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
+        """Show nothing."""
+
+
+def fly(scenario: str, seed: int) -> Flown:
+    """Fly a scenario in virtual time; blocks depend on scenario and seed alone."""
+    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+        setup = prepare(load(scenario), seed, Path(folder))
+        recorded = run_virtual(setup, _Silent(), record=False)
+        robot = setup.config.robot
+        model = RobotModel(setup.config.resolve(robot.urdf), robot.tool_frame)
+    return Flown(config=setup.config, model=model, blocks=recorded.blocks)
+
+
+def with_estimator(config: Config, method: str, weighting: str = "eiv") -> Config:
+    """Return the configuration with another online estimator."""
+    chosen = config.estimator.model_copy(update={"method": method, "weighting": weighting})
+    return config.model_copy(update={"estimator": chosen})

@@ -1,0 +1,236 @@
+"""A run in real time: the plant and the daemon as processes of their own, watched from here."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
+
+from hil.run.progress import Meter
+
+READY_TIMEOUT_S = 60.0
+START_TIMEOUT_S = 60.0
+STOP_TIMEOUT_S = 60.0
+POLL_S = 0.1
+
+
+class LiveError(RuntimeError):
+    """A process of the run did not start, died, or left no recording."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What the processes left behind."""
+
+    recordings: tuple[Path, ...]  # the parts this run has left
+    final: Mapping[str, Any]  # the last /estimate message
+    status: Mapping[str, Any]  # the last /tm message
+    plant: Mapping[str, Any]  # the plant's closing line: origin_ns, imu
+    exit_code: int
+    wall_s: float
+
+
+def free_udp_port() -> int:
+    """Return a UDP port nobody uses now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def free_tcp_port() -> int:
+    """Return a TCP port nobody listens on now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+Disturb = Callable[[float, int, int], None]  # seconds done, process ids of plant and daemon
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes a process has started."""
+    try:
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
+    except FileNotFoundError:
+        return []
+    return [int(word) for word in text.split()]
+
+
+def _leave(_done_s: float, _plant: int, _daemon: int) -> None:
+    return None
+
+
+def run(
+    config: Path, plant_file: Path, total_s: float, meter: Meter, disturb: Disturb = _leave
+) -> Outcome:
+    """Start plant and daemon, wait for the motion to end, stop both.
+
+    `disturb` is called a few times a second while they run.
+
+    Raises
+    ------
+    LiveError naming the process that failed, with the end of its log.
+    """
+    folder = config.parent
+    state = folder / "state" / "status.json"
+    state.unlink(missing_ok=True)
+    before = set((folder / "recording").glob("*.mcap"))
+    began_s = time.monotonic()
+    with process_of("plant", ["-m", "hil.devices.plant", str(plant_file)], folder) as plant:
+        wait_ready(plant, folder)
+        with process_of("daemon", ["-m", "fsw", "run", "--cold", str(config)], folder) as daemon:
+            _watch(plant, daemon, state, total_s, meter, folder, disturb)
+            exit_code = stop_process(daemon, "daemon")
+        stop_process(plant, "plant")
+        output = plant.stdout.read() if plant.stdout is not None else ""
+    closing = json.loads(output.strip().splitlines()[-1])
+    recordings = tuple(sorted(set((folder / "recording").glob("*.mcap")) - before))
+    if not recordings:
+        raise LiveError(f"the daemon left no recording in {folder}; {_tail(folder, 'daemon')}")
+    last = _last_messages(recordings[-1], ("/estimate", "/tm"))
+    if "/estimate" not in last:
+        raise LiveError(f"{recordings[-1]}: holds no estimate; {_tail(folder, 'daemon')}")
+    return Outcome(
+        recordings=recordings,
+        final=last["/estimate"],
+        status=last["/tm"],
+        plant=closing,
+        exit_code=exit_code,
+        wall_s=time.monotonic() - began_s,
+    )
+
+
+@contextmanager
+def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start a Python process with its errors in a log file; kill it if it outlives the block."""
+    with (folder / f"{name}.log").open("w", encoding="utf-8") as log:
+        process = subprocess.Popen(
+            [sys.executable, *arguments],
+            stdout=subprocess.PIPE if name == "plant" else log,
+            stderr=log,
+            text=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+
+
+@contextmanager
+def started_plant(plant_file: Path, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start the plant and wait until it is ready. Raises LiveError."""
+    with process_of("plant", ["-m", "hil.devices.plant", str(plant_file)], folder) as plant:
+        wait_ready(plant, folder)
+        yield plant
+
+
+def wait_ready(plant: subprocess.Popen[str], folder: Path) -> None:
+    """Read the plant's first line; it simulates the truth before that."""
+    line = plant.stdout.readline() if plant.stdout is not None else ""
+    if not line or not json.loads(line).get("ready"):
+        raise LiveError(f"the plant did not start; {_tail(folder, 'plant')}")
+
+
+def _watch(
+    plant: subprocess.Popen[str],
+    daemon: subprocess.Popen[str],
+    state: Path,
+    total_s: float,
+    meter: Meter,
+    folder: Path,
+    disturb: Disturb,
+) -> None:
+    """Follow the daemon's status file until the motion and its tail are over."""
+    began_s = time.monotonic()
+    first: tuple[int, int] | None = None
+    while True:
+        for name, process in (("plant", plant), ("daemon", daemon)):
+            if process.poll() is not None:
+                code = process.returncode
+                raise LiveError(f"the {name} ended early ({code}); {_tail(folder, name)}")
+        status = read_status(state)
+        if status is not None and first is None:
+            first = (int(status["t_ns"]), time.monotonic_ns())
+        if first is None:
+            if time.monotonic() - began_s > START_TIMEOUT_S:
+                raise LiveError(f"the daemon wrote no status; {_tail(folder, 'daemon')}")
+        else:
+            done_s = (time.monotonic_ns() - first[0]) * 1e-9
+            meter.update(min(done_s, total_s), None if status is None else status.get("estimate"))
+            disturb(done_s, plant.pid, daemon.pid)
+            if done_s >= total_s:
+                return
+        time.sleep(POLL_S)
+
+
+def read_status(path: Path) -> dict[str, Any] | None:
+    """Return the daemon's status; None while there is none."""
+    try:
+        status = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return status if isinstance(status, dict) and "t_ns" in status else None
+
+
+def stop_process(process: subprocess.Popen[str], name: str) -> int:
+    """End a process by SIGTERM; return its exit code. Raises LiveError when it does not end."""
+    process.send_signal(signal.SIGTERM)
+    try:
+        return process.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired as error:
+        raise LiveError(f"the {name} did not end within {STOP_TIMEOUT_S} s of SIGTERM") from error
+
+
+def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
+    """Return the last message of each topic; a recording may break off where its writer died."""
+    last: dict[str, bytes] = {}
+    with recording.open("rb") as file, suppress(McapError):
+        messages = NonSeekingReader(file).iter_messages(list(topics), log_time_order=False)
+        for _, channel, message in messages:
+            last[channel.topic] = message.data
+    return {topic: json.loads(data) for topic, data in last.items()}
+
+
+def estimate_by(recordings: Sequence[Path], end_ns: int) -> dict[str, Any]:
+    """Return a run's last estimate that is not after a time [ns].
+
+    Raises
+    ------
+    LiveError when there is none.
+    """
+    last: dict[str, Any] | None = None
+    for part in recordings:
+        with part.open("rb") as file, suppress(McapError):
+            messages = NonSeekingReader(file).iter_messages(["/estimate"], log_time_order=False)
+            for _, _, message in messages:
+                values = json.loads(message.data)
+                if values["t_ns"] <= end_ns:
+                    last = values
+    if last is None:
+        raise LiveError(f"{recordings[-1]}: holds no estimate of the motion")
+    return last
+
+
+def _tail(folder: Path, name: str) -> str:
+    path = folder / f"{name}.log"
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    return f"{path}: ...{text[-2000:]}"

@@ -1,0 +1,1 @@
+"""World: the true robot, its motion, environment and sensors."""

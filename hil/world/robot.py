@@ -1,0 +1,351 @@
+"""A free-floating base with a serial arm as a MuJoCo model, built from a URDF.
+
+MuJoCo's own URDF import welds the root link to the world and fuses fixed links; here the root link
+gets a free joint, every link stays a body, and a target is one more body welded to the tool frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hil.world.inertia import pi_of, report_of, symmetric
+
+FloatArray = NDArray[np.float64]
+
+BASE_NV = 6
+BASE_NQ = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Inertial data of a rigid body in its own frame; inertia about the centre of mass."""
+
+    mass_kg: float
+    com_m: tuple[float, float, float]
+    inertia_kg_m2: tuple[float, float, float, float, float, float]  # xx xy xz yy yz zz
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SloshMass:
+    """Liquid that moves in a tank of the base: a mass on springs, one slide per axis.
+
+    It is part of the base's mass; at rest it leaves the base's inertial data as given.
+    """
+
+    mass_kg: float
+    place_m: tuple[float, float, float]  # at rest, base frame
+    axes: tuple[tuple[float, float, float], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    frequency_hz: float  # with the tank held
+    damping_ratio: float
+    stroke_m: float  # a stiff wall beyond it
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One URDF link and the joint that carries it; `axis` is None where it is fixed."""
+
+    name: str
+    parent: str | None
+    body: Body | None
+    p_PL_P_m: tuple[float, float, float]
+    q_PL_xyzw: tuple[float, float, float, float]
+    joint: str
+    axis: tuple[float, float, float] | None
+    lower_rad: float
+    upper_rad: float
+    effort_nm: float
+    speed_rad_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Robot:
+    """The compiled model: nv = 6 + n, base first, joints in order from base to tool."""
+
+    model: mujoco.MjModel
+    joint_names: tuple[str, ...]
+    lower_rad: FloatArray  # (n,) joint ranges of the URDF; infinite where it has none
+    upper_rad: FloatArray
+    effort_nm: FloatArray
+    speed_rad_s: FloatArray
+    tool_id: int
+    mount_p_BM_B_m: FloatArray  # (3,) the arm's base: frame of the first joint at zero
+    mount_R_BM: FloatArray  # (3, 3)
+    slides: tuple[SloshMass, ...] = ()  # the mass of every slide, in order of its coordinate
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @staticmethod
+    def load(
+        urdf: Path,
+        tool_frame: str,
+        base: Body | None = None,
+        target: Body | None = None,
+        slosh: Sequence[SloshMass] = (),
+    ) -> Robot:
+        """Read a URDF.
+
+        Parameters
+        ----------
+        urdf : file whose root link is the base
+        tool_frame : name of the link (or of the fixed joint) that grasps
+        base : replaces the root link's inertial data
+        target : grasped body, in the tool frame; None: nothing is grasped
+        slosh : liquid of the base; its coordinates stand between the base's and the joints'
+
+        Raises
+        ------
+        ValueError if the file holds no serial arm of revolute joints, lacks the tool frame, or
+        nothing says what the base weighs.
+        """
+        links = read_links(urdf)
+        arm = [link for link in links if link.axis is not None]
+        tool = next((k for k in links if tool_frame in (k.name, k.joint)), None)
+        if tool is None:
+            raise ValueError(f"{urdf}: no frame {tool_frame!r}; has {[k.name for k in links]}")
+        _require_serial(urdf, links, arm, tool)
+        if base is None and links[0].body is None:
+            raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
+        model = _compile(
+            links, tool.name, base if base is not None else links[0].body, target, slosh
+        )
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        first = model.body(arm[0].name).id
+        return Robot(
+            model=model,
+            joint_names=tuple(link.joint for link in arm),
+            lower_rad=np.array([link.lower_rad for link in arm]),
+            upper_rad=np.array([link.upper_rad for link in arm]),
+            effort_nm=np.array([link.effort_nm for link in arm]),
+            speed_rad_s=np.array([link.speed_rad_s for link in arm]),
+            tool_id=int(model.body(tool.name).id),
+            mount_p_BM_B_m=data.xpos[first].copy(),
+            mount_R_BM=data.xmat[first].reshape(3, 3).copy(),
+            slides=tuple(mass for mass in slosh for _ in mass.axes),
+        )
+
+    def tool_poses(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Poses of the tool frame in the base frame.
+
+        Parameters
+        ----------
+        q_rad : (k, n) joint positions
+
+        Returns
+        -------
+        p_BE_B (k, 3) [m], R_BE (k, 3, 3)
+        """
+        data = mujoco.MjData(self.model)
+        positions = np.empty((len(q_rad), 3))
+        rotations = np.empty((len(q_rad), 3, 3))
+        for k, q in enumerate(q_rad):
+            data.qpos[BASE_NQ + len(self.slides) :] = q
+            mujoco.mj_kinematics(self.model, data)
+            positions[k] = data.xpos[self.tool_id]
+            rotations[k] = data.xmat[self.tool_id].reshape(3, 3)
+        return positions, rotations
+
+
+def load_bodies(path: Path) -> dict[str, Body]:
+    """Read a YAML mapping of body names to mass_kg, com_m, inertia_kg_m2."""
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    bodies = {}
+    for name, entry in document.items():
+        com = [float(x) for x in entry["com_m"]]
+        inertia = [float(x) for x in entry["inertia_kg_m2"]]
+        if len(com) != 3 or len(inertia) != 6:
+            raise ValueError(f"{path}: {name}: com_m needs 3 and inertia_kg_m2 6 values")
+        bodies[str(name)] = Body(float(entry["mass_kg"]), tuple(com), tuple(inertia))  # type: ignore[arg-type]
+    return bodies
+
+
+def read_links(urdf: Path) -> list[Link]:
+    """Return the links of a URDF, parents before children, the root first.
+
+    Raises
+    ------
+    ValueError if the tree has not one root or a joint is neither revolute, continuous nor fixed.
+    """
+    root = ElementTree.parse(urdf).getroot()
+    joints = {_attribute(j, "child", "link"): j for j in root.findall("joint")}
+    elements = {str(e.get("name")): e for e in root.findall("link")}
+    roots = [name for name in elements if name not in joints]
+    if len(roots) != 1:
+        raise ValueError(f"{urdf}: must have one root link, has {roots}")
+    ordered: list[Link] = []
+    waiting = [roots[0]]
+    while waiting:
+        name = waiting.pop(0)
+        ordered.append(_read_link(urdf, elements[name], joints.get(name)))
+        waiting += [
+            str(child) for child, j in joints.items() if _attribute(j, "parent", "link") == name
+        ]
+    return ordered
+
+
+def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
+    kind = "fixed" if joint is None else str(joint.get("type"))
+    name = "" if joint is None else str(joint.get("name"))
+    if kind not in ("revolute", "continuous", "fixed"):
+        raise ValueError(f"{urdf}: joint {name!r} is {kind}; must be revolute or fixed")
+    p, R = _origin(joint)
+    limit = None if joint is None else joint.find("limit")
+    bounds = {} if limit is None else dict(limit.attrib)
+    ranged = kind == "revolute" and limit is not None
+    axis = None
+    if kind != "fixed":
+        axis = _vector(_attribute(joint, "axis", "xyz"), "1 0 0")
+    return Link(
+        name=str(element.get("name")),
+        parent=_attribute(joint, "parent", "link"),
+        body=_read_body(element.find("inertial")),
+        p_PL_P_m=p,
+        q_PL_xyzw=tuple(R.as_quat()),
+        joint=name,
+        axis=axis,
+        lower_rad=float(bounds.get("lower", 0.0)) if ranged else -np.inf,
+        upper_rad=float(bounds.get("upper", 0.0)) if ranged else np.inf,
+        effort_nm=float(bounds.get("effort", np.inf)),
+        speed_rad_s=float(bounds.get("velocity", np.inf)),
+    )
+
+
+def _read_body(inertial: Element | None) -> Body | None:
+    if inertial is None:
+        return None
+    com, R = _origin(inertial)
+    tensor, mass = inertial.find("inertia"), _attribute(inertial, "mass", "value")
+    if tensor is None or mass is None:
+        raise ValueError("an <inertial> needs <mass value=...> and <inertia>")
+    i = {key: float(value) for key, value in tensor.attrib.items()}
+    local = np.array(
+        [
+            [i["ixx"], i["ixy"], i["ixz"]],
+            [i["ixy"], i["iyy"], i["iyz"]],
+            [i["ixz"], i["iyz"], i["izz"]],
+        ]
+    )
+    turn = R.as_matrix()
+    about_com = turn @ local @ turn.T
+    xx, xy, xz, yy, yz, zz = about_com[np.triu_indices(3)].tolist()
+    return Body(float(mass), com, (xx, xy, xz, yy, yz, zz))
+
+
+def _origin(element: Element | None) -> tuple[tuple[float, float, float], Rotation]:
+    xyz = _vector(_attribute(element, "origin", "xyz"), "0 0 0")
+    rpy = _vector(_attribute(element, "origin", "rpy"), "0 0 0")
+    return xyz, Rotation.from_euler("xyz", rpy)
+
+
+def _attribute(element: Element | None, child: str, name: str) -> str | None:
+    node = None if element is None else element.find(child)
+    return None if node is None else node.get(name)
+
+
+def _vector(text: str | None, default: str) -> tuple[float, float, float]:
+    x, y, z = (float(part) for part in (text or default).split())
+    return x, y, z
+
+
+def _require_serial(urdf: Path, links: list[Link], arm: list[Link], tool: Link) -> None:
+    by_name = {link.name: link for link in links}
+    path = []
+    link: Link | None = tool
+    while link is not None:
+        path.append(link.name)
+        link = by_name[link.parent] if link.parent is not None else None
+    beside = [k.joint for k in arm if k.name not in path]
+    if not arm or beside:
+        raise ValueError(f"{urdf}: must be one serial arm to {tool.name!r}; beside it: {beside}")
+
+
+def without(body: Body, slosh: Sequence[SloshMass]) -> Body:
+    """Return what is rigid of a body that holds liquid at rest.
+
+    Raises
+    ------
+    ValueError if nothing physical is left.
+    """
+    if not slosh:
+        return body
+    if sum(part.mass_kg for part in slosh) >= body.mass_kg:
+        raise ValueError(f"the liquid outweighs the base's {body.mass_kg} kg")
+    whole = pi_of(np.array([body.mass_kg, *body.com_m, *body.inertia_kg_m2]))
+    points = [pi_of(np.array([part.mass_kg, *part.place_m, *np.zeros(6)])) for part in slosh]
+    rest = report_of(whole - np.sum(points, axis=0))
+    moments = np.linalg.eigvalsh(symmetric(rest[4:]))
+    if not (moments[0] > 0 and moments[0] + moments[1] >= moments[2]):
+        raise ValueError(f"no rigid body is left of the base: moments {moments.round(3).tolist()}")
+    mass, x, y, z, xx, xy, xz, yy, yz, zz = rest.tolist()
+    return Body(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+def _compile(
+    links: list[Link],
+    tool: str,
+    base: Body | None,
+    target: Body | None,
+    slosh: Sequence[SloshMass],
+) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    spec.compiler.fusestatic = False
+    spec.compiler.alignfree = False
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    bodies: dict[str, mujoco.MjsBody] = {}
+    for link in links:
+        parent = spec.worldbody if link.parent is None else bodies[link.parent]
+        x, y, z, w = link.q_PL_xyzw
+        node = parent.add_body(name=link.name, pos=link.p_PL_P_m, quat=[w, x, y, z])
+        bodies[link.name] = node
+        inertial = base if link.parent is None else link.body
+        if inertial is not None:
+            _set_inertia(node, without(inertial, slosh) if link.parent is None else inertial)
+        if link.parent is None:
+            node.add_joint(
+                name="free",
+                type=mujoco.mjtJoint.mjJNT_FREE,
+                align=mujoco.mjtAlignFree.mjALIGNFREE_FALSE,
+            )
+            _add_slosh(node, slosh)
+        elif link.axis is not None:
+            axis = np.array(link.axis) / np.linalg.norm(link.axis)
+            node.add_joint(name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+    if target is not None:
+        _set_inertia(bodies[tool].add_body(name="grasped target"), target)
+    return spec.compile()
+
+
+def _add_slosh(base: mujoco.MjsBody, slosh: Sequence[SloshMass]) -> None:
+    """Add the moving masses; springs and dampers are the truth's."""
+    for k, part in enumerate(slosh):
+        node = base.add_body(name=f"liquid {k}", pos=part.place_m)
+        speck = 1e-9 * part.mass_kg  # a point; MuJoCo wants a positive inertia
+        _set_inertia(node, Body(part.mass_kg, (0.0, 0.0, 0.0), (speck, 0, 0, speck, 0, speck)))
+        for axis in part.axes:
+            node.add_joint(
+                type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.array(axis) / np.linalg.norm(axis)
+            )
+
+
+def _set_inertia(node: mujoco.MjsBody, body: Body) -> None:
+    xx, xy, xz, yy, yz, zz = body.inertia_kg_m2
+    node.explicitinertial = True
+    node.mass = body.mass_kg
+    node.ipos = body.com_m
+    node.fullinertia = [xx, yy, zz, xy, xz, yz]

@@ -1,0 +1,273 @@
+"""Scenarios: who is in the plant, who is unknown to the flight side, and the prior it is given.
+
+A scenario file names the robot, the true bodies, the unknown ones, the trajectories, the sensor
+models and the flight settings. Paths are relative to the file. The prior of every unknown body is
+drawn from the run's seed, so the flight configuration holds no truth of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hil.world.environment.config import EnvironmentSection
+from hil.world.inertia import FloatArray, is_physical
+from hil.world.robot import SloshMass
+
+FOLDER = Path(__file__).parents[1] / "scenarios"
+BODY_NAMES = ("base", "target")
+PRIOR_STREAM = 71  # spawn key of the prior's draws, apart from every device's
+OFF_RATIO = (0.3, 0.5)  # how far off a prior is, of the value or its floor
+SIGMA_RATIO = 0.5  # rms of the above seen from the prior: 0.4 / (1 -+ 0.4)
+COM_FLOOR_RATIO = 0.3  # of the distance of the centre of mass from the origin
+PRODUCT_FLOOR_RATIO = 0.1  # of the mean moment of inertia
+MARGIN_RATIO = 0.02  # a prior keeps this distance from the triangle inequality's edge
+
+BodyName = Literal["base", "target"]
+
+
+LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
+
+
+class ScenarioError(ValueError):
+    """A scenario cannot be used; the message names file, key and value."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RobotSection(_Section):
+    """The arm; its root link is the base and its tool frame grasps the target."""
+
+    urdf: Path
+    tool_frame: str
+
+
+class TrajectorySection(_Section):
+    """Joint splines: the motion to learn from and the one to be judged on."""
+
+    identification: Path
+    verification: Path
+
+
+class TimingSection(_Section):
+    """Rest before and after the motion."""
+
+    before_s: Annotated[float, Field(ge=0)]
+    after_s: Annotated[float, Field(ge=0)]
+
+
+class FaultEntry(_Section):
+    """One fault: its type (see `hil.faults.script.TYPES`), when, on what, how much."""
+
+    type: str
+    at_s: Annotated[float, Field(ge=0)]  # from power-on, which is the first SYNC
+    for_s: Annotated[float, Field(gt=0)]
+    device: Literal["arm", "imu", "star_tracker"] | None = None  # where a type suits several
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of the joint in question
+    size: float | None = None  # in the type's unit
+    rate: Annotated[float, Field(gt=0, le=1)] | None = None  # share of items struck
+
+
+class Document(_Section):
+    """A scenario file as written; `sensors` and `flight` may be paths of files to include."""
+
+    title: str
+    robot: RobotSection
+    bodies_file: Path
+    bodies: dict[BodyName, str]
+    unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
+    trajectories: TrajectorySection
+    timing: TimingSection
+    sensors: dict[str, Any] | Path
+    flight: dict[str, Any] | Path
+    environment: dict[str, Any] | Path | None = None  # null: nothing acts from outside
+    faults: tuple[FaultEntry, ...] = ()
+    slosh: tuple[SloshMass, ...] = ()  # liquid in the base
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scenario:
+    """A scenario with its paths resolved; bodies as reports [m, c, I about the CoM]."""
+
+    name: str
+    title: str
+    urdf: Path
+    tool_frame: str
+    truth: dict[str, FloatArray]
+    unknown: tuple[str, ...]
+    identification: Path
+    verification: Path
+    before_s: float
+    after_s: float
+    sensors: dict[str, Any]
+    flight: dict[str, Any]
+    environment: EnvironmentSection | None = None
+    faults: tuple[FaultEntry, ...] = ()
+    slosh: tuple[SloshMass, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prior:
+    """What the flight side is told of an unknown body: report and 1 sigma, (10,) each."""
+
+    report: FloatArray
+    sigma: FloatArray
+
+
+def names(folder: Path = FOLDER) -> list[str]:
+    """Return the names of the scenarios that come with the bench."""
+    return sorted(path.stem for path in folder.glob("*.yaml"))
+
+
+def load(name: str, folder: Path = FOLDER) -> Scenario:
+    """Read a scenario by name, or by the path of its file.
+
+    Raises
+    ------
+    ScenarioError when there is no such scenario or its file is wrong.
+    """
+    path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
+    if not path.is_file():
+        raise ScenarioError(f"no scenario {name!r}; there are {names(folder)}")
+    home = path.parent
+    try:
+        document = Document.model_validate(read_yaml(path))
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: {faults(error)}") from error
+    catalogue = read_yaml(home / document.bodies_file)
+    environment = None
+    if document.environment is not None:
+        environment = _environment(path, _section(home, document.environment))
+    missing = set(document.bodies.values()) - set(catalogue)
+    if missing:
+        raise ScenarioError(f"{path}: bodies: {sorted(missing)} not in {document.bodies_file}")
+    unnamed = set(document.unknown) - set(document.bodies)
+    if unnamed:
+        raise ScenarioError(f"{path}: unknown: {sorted(unnamed)} not among bodies")
+    return Scenario(
+        name=path.stem,
+        title=document.title,
+        urdf=(home / document.robot.urdf).resolve(),
+        tool_frame=document.robot.tool_frame,
+        truth={b: report_from(catalogue[key]) for b, key in document.bodies.items()},
+        unknown=tuple(b for b in BODY_NAMES if b in document.unknown),
+        identification=(home / document.trajectories.identification).resolve(),
+        verification=(home / document.trajectories.verification).resolve(),
+        before_s=document.timing.before_s,
+        after_s=document.timing.after_s,
+        sensors=_section(home, document.sensors),
+        flight=_section(home, document.flight),
+        environment=environment,
+        faults=document.faults,
+        slosh=document.slosh,
+    )
+
+
+def report_from(entry: Mapping[str, Any]) -> FloatArray:
+    """Return the report (10,) of a mapping with mass_kg, com_m, inertia_kg_m2."""
+    return np.array([entry["mass_kg"], *entry["com_m"], *entry["inertia_kg_m2"]], dtype=np.float64)
+
+
+def mapping_from(report: FloatArray) -> dict[str, Any]:
+    """Return mass_kg, com_m, inertia_kg_m2 of a report; inverse of `report_from`."""
+    values = [float(x) for x in report]
+    return {"mass_kg": values[0], "com_m": values[1:4], "inertia_kg_m2": values[4:]}
+
+
+def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
+    """Draw a prior 30-50 % off in every value, physically consistent, with its sigma.
+
+    Every value errs by a random sign times 30-50 % of its own size, or of its floor where it is
+    small beside the body's other values (a component of the centre of mass, a product of inertia).
+    Draws that no body of positive density could have are drawn again. The sigma is taken from the
+    prior alone by the same rule: it says how large the error may be and nothing of the truth.
+    """
+    key = (PRIOR_STREAM, BODY_NAMES.index(body))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+    scale = _scale(truth)
+    while True:
+        off = rng.uniform(*OFF_RATIO, size=10) * rng.choice([-1.0, 1.0], size=10)
+        report = truth + off * scale
+        if is_physical(report, MARGIN_RATIO):
+            return Prior(report=report, sigma=SIGMA_RATIO * _scale(report))
+
+
+def replace_base(urdf: Path, root_report: FloatArray) -> str:
+    """Return the text of a URDF whose root link has the given inertial data.
+
+    An unknown base must not stand in the robot file the flight side reads.
+    """
+    tree = ElementTree.parse(urdf)
+    root = tree.getroot()
+    children = {child.get("link") for child in root.iter("child")}
+    link = next(e for e in root.iter("link") if e.get("name") not in children)
+    for old in link.findall("inertial"):
+        link.remove(old)
+    inertial = ElementTree.SubElement(link, "inertial")
+    text = [repr(float(x)) for x in root_report]
+    ElementTree.SubElement(inertial, "origin", xyz=" ".join(text[1:4]), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=text[0])
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    ElementTree.SubElement(inertial, "inertia", dict(zip(keys, text[4:], strict=True)))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _scale(report: FloatArray) -> FloatArray:
+    """Return the size (10,) an error of each value is measured against."""
+    scale = np.abs(report)
+    com = COM_FLOOR_RATIO * np.linalg.norm(report[1:4])
+    product = PRODUCT_FLOOR_RATIO * np.mean(report[[4, 7, 9]])
+    scale[1:4] = np.maximum(scale[1:4], com)
+    scale[[5, 6, 8]] = np.maximum(scale[[5, 6, 8]], product)
+    return np.asarray(scale)
+
+
+def _environment(path: Path, section: dict[str, Any]) -> EnvironmentSection:
+    try:
+        return EnvironmentSection.from_dict(section)
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: environment: {faults(error)}") from error
+
+
+def faults(error: ValidationError) -> str:
+    """Return what is wrong in one line: key, bound, and the value where it is short."""
+    found = []
+    for e in error.errors():
+        key = ".".join(str(k) for k in e["loc"]) or "the file"
+        value = repr(e["input"]) if e["type"] != "missing" else ""
+        given = f" (given: {value})" if 0 < len(value) <= LONGEST_VALUE else ""
+        found.append(f"{key}: {e['msg']}{given}")
+    return "; ".join(found)
+
+
+def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:
+    return read_yaml(home / section) if isinstance(section, Path) else section
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Return the mapping in a file. Raises ScenarioError in one line."""
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
+    if not isinstance(document, dict):
+        raise ScenarioError(f"{path}: must be a mapping")
+    return document
+
+
+def at_rates(scenario: Scenario, rate_hz: float, imu_rate_hz: int) -> Scenario:
+    """Return a scenario with other rates of bus, loop and inertial unit."""
+    flight, sensors = dict(scenario.flight), dict(scenario.sensors)
+    flight["bus"] = {**flight["bus"], "rate_hz": rate_hz}
+    flight["tick_rate_hz"] = rate_hz
+    sensors["imu"] = {**sensors["imu"], "rate_hz": imu_rate_hz}
+    return replace(scenario, flight=flight, sensors=sensors)

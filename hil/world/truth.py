@@ -1,0 +1,223 @@
+"""The plant's dynamics: MuJoCo multibody truth, an engine the estimator does not use.
+
+Free floating, without gravity, contacts or friction; zero momentum unless a wrench acts. The joint
+controller sits inside the integration (every stage of every step), so it has no sampling delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
+
+from hil.world.history import Field, TruthHistory, TruthState
+from hil.world.robot import BASE_NQ, BASE_NV, Body, Robot, SloshMass, load_bodies
+from hil.world.spline import JointSpline
+
+__all__ = ["Body", "Robot", "TruthHistory", "TruthState", "load_bodies", "simulate"]
+
+FloatArray = NDArray[np.float64]
+
+# (time [s], MuJoCo data at that time) -> None; writes data.xfrc_applied: per body force [N] and
+# torque [N m] at its centre of mass, in inertial axes.
+Wrench = Callable[[float, Any], None]
+
+POSITION_GAIN_1_S2 = 100.0
+SPEED_GAIN_1_S = 20.0
+WALL_HZ = 1.0  # of a liquid's mass against its tank: soft enough for the step
+
+
+class _Plant:
+    """State derivative of the controlled free-floating robot.
+
+    State: base position (N), quaternion (w x y z), joint positions, base velocity (N), base
+    angular velocity (B), joint velocities; MuJoCo's qpos and qvel in a row.
+    """
+
+    def __init__(self, robot: Robot, wrench: Wrench | None) -> None:
+        self.model = robot.model
+        self.data = mujoco.MjData(robot.model)
+        self.wrench = wrench
+        self.passive = BASE_NV + len(robot.slides)  # coordinates nobody drives
+        self.nq = self.passive + 1 + robot.n
+        self.H = np.zeros((self.passive + robot.n, self.passive + robot.n))
+        self.c = np.zeros(self.passive + robot.n)
+        self.tau = np.zeros(robot.n)
+        self.springs = Springs(robot.slides) if robot.slides else None
+
+    def derivative(
+        self, t_s: float, y: FloatArray, wanted: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> FloatArray:
+        """Return dy/dt under computed torque towards `wanted` (q, qd, qdd); leaves tau.
+
+        The controller cancels the known dynamics with the reaction of base (and liquid)
+        eliminated, a_b = -H_bb^-1 (c_b + H_bm qdd); it does not know of external wrenches.
+        """
+        model, data, nq = self.model, self.data, self.nq
+        data.qpos[:] = y[:nq]
+        data.qvel[:] = y[nq:]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, self.c)
+        mujoco.mj_fullM(model, data, self.H)
+        H, c, m = self.H, self.c, self.passive
+        q, qd, qdd = wanted
+        command = (
+            qdd + SPEED_GAIN_1_S * (qd - y[nq + m :]) + POSITION_GAIN_1_S2 * (q - y[m + 1 : nq])
+        )
+        if self.springs is not None:
+            c[BASE_NV:m] -= self.springs.force_n(y[BASE_NQ : m + 1], y[nq + BASE_NV : nq + m])
+        _, reaction, info = dposv(H[:m, :m], -(c[:m] + H[:m, m:] @ command))
+        if info != 0:
+            raise ValueError(f"base inertia not positive definite at t = {t_s} s")
+        self.tau = H[m:, :m] @ reaction + H[m:, m:] @ command + c[m:]
+        acceleration = np.concatenate([reaction, command])
+        if self.wrench is not None:
+            acceleration = acceleration + self._disturbance(t_s, self.wrench)
+        return np.concatenate(
+            [
+                y[nq : nq + 3],
+                _quaternion_rate(y[3:7], y[nq + 3 : nq + BASE_NV]),
+                y[nq + BASE_NV :],
+                acceleration,
+            ]
+        )
+
+    def _disturbance(self, t_s: float, wrench: Wrench) -> FloatArray:
+        """Acceleration H^-1 J^T f that the external wrench adds to the commanded one."""
+        data = self.data
+        data.xfrc_applied[:] = 0.0
+        wrench(t_s, data)
+        force = np.zeros(len(self.c))
+        for body in np.flatnonzero(data.xfrc_applied.any(axis=1)):
+            f, t = data.xfrc_applied[body, :3], data.xfrc_applied[body, 3:]
+            mujoco.mj_applyFT(self.model, data, f, t, data.xipos[body], int(body), force)
+        _, acceleration, _ = dposv(self.H, force)
+        return np.asarray(acceleration, dtype=np.float64)
+
+
+class Springs:
+    """Springs and dampers of the liquid's slides: k = m w^2, d = 2 zeta m w, and the tank's wall.
+
+    Beyond the stroke a wall pushes back, a spring of WALL_HZ with half its critical damping.
+    """
+
+    def __init__(self, slides: Sequence[SloshMass]) -> None:
+        mass = np.array([part.mass_kg for part in slides])
+        rate = 2.0 * np.pi * np.array([part.frequency_hz for part in slides])
+        self._stiffness = mass * rate**2
+        self._damping = 2.0 * np.array([part.damping_ratio for part in slides]) * mass * rate
+        self._stroke = np.array([part.stroke_m for part in slides])
+        wall_rate = 2.0 * np.pi * WALL_HZ
+        self._wall = mass * wall_rate**2
+        self._wall_damping = mass * wall_rate
+
+    def force_n(self, x_m: FloatArray, v_m_s: FloatArray) -> FloatArray:
+        """Return the force on every slide (s,) at its displacement and speed."""
+        beyond = np.sign(x_m) * np.maximum(np.abs(x_m) - self._stroke, 0.0)
+        wall = self._wall * beyond + self._wall_damping * v_m_s * (beyond != 0.0)
+        return np.asarray(-self._stiffness * x_m - self._damping * v_m_s - wall)
+
+
+def _quaternion_rate(quat_wxyz: FloatArray, w_B: FloatArray) -> FloatArray:
+    qw, qx, qy, qz = quat_wxyz.tolist()
+    a, b, c = w_B.tolist()
+    return 0.5 * np.array(
+        [
+            -qx * a - qy * b - qz * c,
+            qw * a + qy * c - qz * b,
+            qw * b + qz * a - qx * c,
+            qw * c + qx * b - qy * a,
+        ]
+    )
+
+
+def simulate(
+    robot: Robot,
+    spline: JointSpline,
+    start_s: float,
+    end_s: float,
+    dt_s: float = 0.004,
+    *,
+    wrench: Wrench | None = None,
+    field: Field | None = None,
+    q_NB_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+) -> TruthHistory:
+    """Simulate the robot following a joint trajectory from rest, base origin at N's origin.
+
+    Classical Runge-Kutta of order four over the MuJoCo state, quaternion normalised each step.
+
+    Parameters
+    ----------
+    robot : model with as many joints as the spline
+    spline : motion over [0, duration]; the robot rests outside it
+    start_s, end_s : simulated interval; end is rounded up to a whole step
+    wrench : external forces, called at every stage; the controller does not know of them
+    field : gravity in the frame's free fall, which an accelerometer does not feel; it acts on the
+        motion only through `wrench`
+    q_NB_xyzw : base attitude at the start
+    """
+    if spline.n != robot.n:
+        raise ValueError(f"spline has {spline.n} joints, robot {robot.n}")
+    steps = int(np.ceil((end_s - start_s) / dt_s - 1e-9))
+    if steps < 1:
+        raise ValueError(f"end_s {end_s} must be after start_s {start_s}")
+    plant = _Plant(robot, wrench)
+    times = start_s + 0.5 * dt_s * np.arange(2 * steps + 1)
+    wanted = spline.evaluate(times)
+    q, qd, qdd = wanted
+    x, y_, z, w = np.array(q_NB_xyzw) / np.linalg.norm(q_NB_xyzw)
+    liquid = np.zeros(len(robot.slides))
+    y = np.concatenate([np.zeros(3), [w, x, y_, z], liquid, q[0], np.zeros(BASE_NV), liquid, qd[0]])
+    states = np.empty((steps + 1, len(y)))
+    rates = np.empty((steps + 1, len(y)))
+    torques = np.empty((steps + 1, robot.n))
+    centres = np.empty((steps + 1, 3))
+
+    def rate(k: int, state: FloatArray) -> FloatArray:
+        return plant.derivative(float(times[k]), state, (q[k], qd[k], qdd[k]))
+
+    for k in range(steps + 1):
+        k1 = rate(2 * k, y)
+        states[k], rates[k], torques[k] = y, k1, plant.tau
+        centres[k] = plant.data.subtree_com[0]
+        if k == steps:
+            break
+        k2 = rate(2 * k + 1, y + (0.5 * dt_s) * k1)
+        k3 = rate(2 * k + 1, y + (0.5 * dt_s) * k2)
+        k4 = rate(2 * k + 2, y + dt_s * k3)
+        y = y + (dt_s / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+        y[3:7] /= np.linalg.norm(y[3:7])
+    history = _history(start_s, dt_s, states, rates, torques)
+    return history if field is None else replace(history, field=field, centre_N=centres)
+
+
+def _history(
+    start_s: float, dt_s: float, y: FloatArray, rate: FloatArray, tau: FloatArray
+) -> TruthHistory:
+    n = tau.shape[1]
+    slides = (y.shape[1] - BASE_NQ - BASE_NV - 2 * n) // 2
+    nq = BASE_NQ + slides + n
+    joints = nq + BASE_NV + slides
+    return TruthHistory(
+        start_s=start_s,
+        dt_s=dt_s,
+        q=y[:, BASE_NQ + slides : nq],
+        qd=y[:, joints:],
+        qdd=rate[:, joints:],
+        tau=tau,
+        p_N=y[:, :3],
+        v_N=y[:, nq : nq + 3],
+        a_N=rate[:, nq : nq + 3],
+        quat_wxyz=y[:, 3:7],
+        w_B=y[:, nq + 3 : nq + 6],
+        wd_B=rate[:, nq + 3 : nq + 6],
+        liquid_m=y[:, BASE_NQ : BASE_NQ + slides],
+    )

@@ -1,0 +1,232 @@
+"""The loop process and its service as real processes, on pseudo-terminals and a virtual bus."""
+
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from fsw.clock import MonotonicClock
+from fsw.exchange.checkpoint import decode
+from fsw.exchange.recording import contents, messages, unpack_frame
+from fsw.exchange.recording_parts import messages_of, parts_of
+from fsw.loop import service_process
+from fsw.loop.app import drive
+from fsw.messages.errors import PortError
+from fsw.service.control import control
+from tests.conftest import ArmProject
+
+RUN = "import sys; from pathlib import Path; from fsw.loop.app import run_live; " + (
+    "from fsw.config import load; sys.exit(run_live(load(Path(sys.argv[1]))))"
+)
+PATIENCE_S = 60.0
+
+
+class Run:
+    """One daemon with its devices' terminals."""
+
+    def __init__(self, arm: ArmProject) -> None:
+        self.state = arm.folder / "state"
+        self.notify = f"fsw-test-{os.getpid()}-{id(self)}"
+        self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.manager.bind(f"\0{self.notify}")
+        self.manager.settimeout(PATIENCE_S)
+        self.recording = arm.folder / "recordings" / "recording_0001.mcap"
+        self.terminals = [fd for _ in range(2) for fd in pty.openpty()]
+        arm.data["imu"]["port"] = os.ttyname(self.terminals[1])
+        arm.data["star_tracker"]["port"] = os.ttyname(self.terminals[3])
+        arm.data["service"]["checkpoint_period_s"] = 0.5
+        self.path = arm.write()
+        self.start(self.path)
+
+    def start(self, path: Path) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", RUN, str(path)],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "NOTIFY_SOCKET": f"@{self.notify}"},
+        )
+
+    def told_systemd(self) -> str:
+        """The next thing said to the service manager."""
+        return self.manager.recv(100).decode()
+
+    def wait_event(self, code: str) -> dict:
+        """The first event with the code."""
+        began = time.monotonic()
+        while time.monotonic() - began < PATIENCE_S:
+            for event in self.events():
+                if event["code"] == code:
+                    return event
+            time.sleep(0.05)
+        raise TimeoutError(code)
+
+    def events(self) -> list[dict]:
+        path = self.state / "events.jsonl"
+        lines = path.read_text().splitlines() if path.exists() else []
+        return [json.loads(line) for line in lines]
+
+    def wait_status(self, running: bool) -> dict:
+        """The first status file that says so."""
+        path = self.state / "status.json"
+        began = time.monotonic()
+        while time.monotonic() - began < PATIENCE_S:
+            if path.exists():
+                status = json.loads(path.read_text())
+                if status["running"] is running and status.get("ticks", 0) > 100:
+                    return status
+            time.sleep(0.05)
+        raise TimeoutError(path)
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.manager.close()
+        for fd in self.terminals:
+            os.close(fd)
+
+
+@pytest.fixture
+def run(arm: ArmProject):
+    run = Run(arm)
+    yield run
+    run.close()
+
+
+def test_a_daemon_is_commanded_ends_cleanly_on_sigterm_and_leaves_a_whole_recording(run: Run):
+    run.wait_status(running=True)
+    assert control(run.state, {"command": "status"})["data"]["samples"]["arm"]["sync"] > 0
+    assert control(run.state, {"command": "reset"})["code"] == "ACCEPTED"
+    assert control(run.state, {"command": "nonsense"})["code"] == "UNKNOWN_COMMAND"
+    assert control(run.state, {"command": "adopt"})["code"] == "NO_RESULT"
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    status = run.wait_status(running=False)
+    held = contents(run.recording)
+    assert not held.truncated
+    assert held.metadata["recorder"] == {"dropped": "0"}
+    assert {"configuration.yaml", "robot.urdf"} == set(held.attachments)
+    frames = [unpack_frame(r.t_ns, r.data) for r in messages(run.recording, ["/can/arm"])]
+    syncs = [f for f in frames if f is not None and f.can_id == 0x080]
+    assert [f.data[0] for f in syncs[:500]] == [k % 240 + 1 for k in range(len(syncs[:500]))]
+    assert len(syncs) == status["samples"]["arm"]["sync"]
+    assert not (run.state / "ctl.sock").exists()
+
+
+def test_when_the_loop_is_killed_the_service_closes_the_recording(run: Run):
+    run.wait_status(running=True)
+    run.process.kill()
+    run.wait_status(running=False)
+    assert not contents(run.recording).truncated
+    events = (run.state / "events.jsonl").read_text()
+    assert "LOOP_LOST" in events
+
+
+def children(pid: int) -> list[int]:
+    """Processes started by a process."""
+    return [int(text) for text in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    began = time.monotonic()
+    while not condition():
+        if time.monotonic() - began > PATIENCE_S:
+            raise TimeoutError(condition)
+        time.sleep(0.02)
+
+
+def test_a_killed_daemon_goes_on_from_its_checkpoint(run: Run):
+    run.wait_status(running=True)
+    wait_for((run.state / "checkpoint.1").exists)
+    run.process.kill()
+    run.process.wait()
+    run.start(run.path)
+    event = run.wait_event("STATE_RESTORED")
+    assert "all of it" in event["text"]
+    wait_for(lambda: run.recording.with_name("recording_0002.mcap").exists())
+    run.wait_status(running=True)
+    assert control(run.state, {"command": "restore_state"})["code"] == "ACCEPTED"
+    assert control(run.state, {"command": "save_state"})["code"] == "ACCEPTED"
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    held = contents(run.recording.with_name("recording_0002.mcap"))
+    assert "checkpoint.bin" in held.attachments
+    assert decode(held.attachments["checkpoint.bin"]).snapshot.state["kind"] == "online"
+
+
+def test_a_killed_service_is_started_again_and_nothing_flushed_is_lost(run: Run):
+    before = run.wait_status(running=True)
+    (service,) = children(run.process.pid)
+    os.kill(service, signal.SIGKILL)
+    run.wait_event("SERVICE_LOST")
+    wait_for(lambda: run.wait_status(running=True)["ticks"] > before["ticks"] + 1000)
+    assert control(run.state, {"command": "status"})["accepted"]
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    counts = json.loads((run.state / "status.json").read_text())["event_counts"]
+    assert (counts["SERVICE_LOST"], counts["STARTED"], counts["SERVICE_BACK"]) == (1, 1, 1)
+    parts = parts_of(run.recording)
+    assert len(parts) == 2
+    assert not contents(parts[1]).truncated
+    frames = [unpack_frame(r.t_ns, r.data) for r in messages_of(parts, ["/can/arm"])]
+    counters = [f.data[0] for f in frames if f is not None and f.can_id == 0x080]
+    breaks = [k for k, c in enumerate(counters[1:]) if c != counters[k] % 240 + 1]
+    assert len(breaks) <= 1  # the chunk that was not flushed
+
+
+def test_the_watchdog_is_stroked_while_loop_and_service_are_at_work_and_only_then(run: Run):
+    assert [run.told_systemd() for _ in range(3)] == ["READY=1", "WATCHDOG=1", "WATCHDOG=1"]
+    (service,) = children(run.process.pid)
+    os.kill(service, signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    run.manager.settimeout(2.5)  # longer than the second between two strokes
+    with suppress(TimeoutError):
+        while run.told_systemd() == "WATCHDOG=1":
+            assert time.monotonic() - stopped_s < 20.0
+    assert time.monotonic() - stopped_s < 20.0
+    os.kill(service, signal.SIGCONT)
+    run.manager.settimeout(PATIENCE_S)
+    assert run.told_systemd() == "WATCHDOG=1"
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    run.manager.settimeout(0.0)
+    last = ""
+    with suppress(BlockingIOError):
+        while True:
+            last = run.told_systemd()
+    assert last == "STOPPING=1"
+
+
+@pytest.mark.parametrize("step", [1, 2, 3, 7])
+def test_what_is_due_each_second_is_done_whichever_ticks_are_missed(step: int):
+    """A loop at twice its period has even indices only: 99 of 100 is never one of them."""
+    indices, done = list(range(0, 1001, step)), []
+    left = iter(indices)
+    turned: list[int] = []
+
+    def turn() -> int:
+        turned.append(next(left))
+        return turned[-1]
+
+    drive(turn, lambda: done.append(turned[-1]), 100, lambda: len(turned) == len(indices))
+    assert len(done) == indices[-1] // 100
+    assert all(100 * k <= index < 100 * k + step for k, index in enumerate(done, start=1))
+
+
+def test_a_second_daemon_on_the_same_state_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch):
+    run.wait_status(running=True)
+    monkeypatch.setattr(service_process, "LOCK_WAIT_NS", 0)
+    with pytest.raises(PortError, match="another daemon"):
+        service_process.lock_state(run.state, MonotonicClock())
+
+
+def test_the_command_stop_ends_the_daemon(run: Run):
+    run.wait_status(running=True)
+    assert control(run.state, {"command": "stop"})["accepted"]
+    assert run.process.wait(PATIENCE_S) == 0

@@ -1,0 +1,138 @@
+"""The command line: exit codes, one clear message, and nothing opened on a wrong configuration."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from fsw.__main__ import main
+
+# runs one command line and fails if anything that can open a device was even imported
+NOTHING_OPENED = """
+import sys
+from fsw.__main__ import main
+code = main(sys.argv[1:])
+opened = {"can", "serial", "mcap"} & set(sys.modules)
+sys.exit(f"imported {opened}" if opened else code)
+"""
+
+
+def run_bare(*arguments):
+    return subprocess.run(
+        [sys.executable, "-c", NOTHING_OPENED, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_check_prints_what_the_daemon_would_do(arm, capsys):
+    assert main(["check", str(arm.write())]) == 0
+    out, err = capsys.readouterr()
+    assert "3 joints" in out
+    assert "correct; no device was opened" in out
+    assert "warning: imu.port: /dev/serial/imu does not exist now" in out
+    assert err == ""
+
+
+def test_check_imports_nothing_that_can_open_a_device(arm):
+    done = run_bare("check", arm.write())
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def unknown_key(arm):
+    arm.data["imu"]["colour"] = "red"
+    return "imu.colour", "red", "allowed here"
+
+
+def missing_robot(arm):
+    arm.data["robot"]["urdf"] = "none.urdf"
+    return "robot.urdf", "none.urdf", "No such file"
+
+
+def wrong_joint_count(arm):
+    arm.robot(4)
+    return "joints", "axis3", "4 joints"
+
+
+def negative_noise(arm):
+    arm.data["joints"][0]["torque_noise_nm"] = -0.1
+    return "joints.0.torque_noise_nm", "-0.1", "greater than 0"
+
+
+def shared_port(arm):
+    arm.data["star_tracker"]["port"] = arm.data["imu"]["port"]
+    return "star_tracker.port", "/dev/serial/imu", "one device only"
+
+
+def unreadable_path(arm):
+    (arm.folder / "file").touch()
+    arm.data["recorder"]["directory"] = "file/below"
+    return "recorder.directory", "file/below", "not a directory"
+
+
+def short_lag(arm):
+    arm.data["estimator"] = {"lag_s": 0.05}
+    return "estimator.lag_s", "0.05", "at least 0.117"
+
+
+SPOILERS = [
+    unknown_key,
+    missing_robot,
+    wrong_joint_count,
+    negative_noise,
+    shared_port,
+    unreadable_path,
+    short_lag,
+]
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize("spoil", SPOILERS, ids=lambda spoil: spoil.__name__)
+def test_a_wrong_configuration_ends_with_exit_code_2_and_nothing_opened(arm, command, spoil):
+    words = spoil(arm)
+    done = run_bare(command, arm.write())
+    assert done.returncode == 2, done.stderr
+    assert [word for word in words if word not in done.stderr] == []
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stdout == ""
+
+
+def test_replay_checks_its_configuration_before_the_recording(arm):
+    arm.data["robot"]["tool_frame"] = "hand"
+    done = run_bare("replay", arm.folder / "none.mcap", "--config", arm.write())
+    assert done.returncode == 2
+    assert "robot.tool_frame: 'hand'" in done.stderr
+
+
+def test_an_absent_configuration_is_exit_code_2(tmp_path, capsys):
+    assert main(["run", str(tmp_path / "none.yaml")]) == 2
+    assert "none.yaml: cannot be read" in capsys.readouterr().err
+
+
+def test_without_a_command_the_usage_is_shown(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([])
+    assert caught.value.code == 2
+    assert "usage: fsw" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("pair", ["last_s", "last_s=soon"])
+def test_a_wrong_command_argument_is_exit_code_2(arm, capsys, pair):
+    assert main(["ctl", str(arm.write()), "run-batch", pair]) == 2
+    assert "last_s" in capsys.readouterr().err
+
+
+def test_what_fsw_run_imports_stays_light():
+    program = (
+        "import sys, fsw.checks.configuration, fsw.loop.app\n"
+        "heavy = {'scipy.signal', 'scipy.optimize', 'scipy.stats', 'mujoco', 'rich'}\n"
+        "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")

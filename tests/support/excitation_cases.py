@@ -1,0 +1,34 @@
+"""Subjects, limits and motions for the excitation tests."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from fsw.excitation.limits import Limits
+from fsw.excitation.limits import load as load_limits
+from fsw.excitation.spline import Layout
+from fsw.excitation.subject import Subject
+from hil.evidence.excitation import cases
+
+LIMITS_FILE = Path(cases.LIMITS)
+SYSTEMS = tuple(cases.SYSTEMS)
+SHORT = Layout(duration_s=12.0, intervals=6, n=7, closed=False)
+
+
+@lru_cache(maxsize=3)
+def subject(system: str = "target") -> Subject:
+    return cases.subject(system)
+
+
+def limits(**changes: object) -> Limits:
+    return Limits.model_validate(load_limits(LIMITS_FILE).model_dump() | changes)
+
+
+def motion(layout: Layout = SHORT, seed: int = 0, size_rad: float = 0.3) -> np.ndarray:
+    """Return variables of a random motion about a bent pose."""
+    rng = np.random.default_rng(seed)
+    pose = np.array([0.3, 0.5, -0.2, -1.0, 0.4, 0.6, 0.1])
+    return (pose + size_rad * rng.standard_normal((layout.rows, layout.n))).ravel()

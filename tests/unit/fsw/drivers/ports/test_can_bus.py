@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import socket
+import struct
+
+import can
+import pytest
+
+from fsw.clock import MonotonicClock
+from fsw.drivers.ports.can_bus import CanPort, frame_of, open_can
+from fsw.messages.errors import PortError
+from tests.support.driver_configs import bus_config
+from tests.support.kernel_stamps import WAITING_ID, wait_for_kernel_stamps
+
+
+def test_frames_pass_both_ways_on_a_virtual_bus() -> None:
+    port = open_can(bus_config(channel="drivers-test"), MonotonicClock())
+    with can.Bus(interface="virtual", channel="drivers-test") as other:
+        sent = port.write(0x080, b"\x07")
+        message = other.recv(timeout=1.0)
+        assert message is not None
+        assert (message.arbitration_id, bytes(message.data)) == (0x080, b"\x07")
+        assert not message.is_extended_id
+        assert (sent.can_id, sent.data) == (0x080, b"\x07")
+        for k in range(3):
+            other.send(can.Message(arbitration_id=0x191, data=bytes([k]), is_extended_id=False))
+        other.send(can.Message(arbitration_id=0x191, is_remote_frame=True, is_extended_id=True))
+        frames = port.read()
+    assert [f.data for f in frames] == [b"\0", b"\1", b"\2", b""]
+    assert (frames[3].is_remote, frames[3].is_extended) == (True, True)
+    assert sent.t_ns <= frames[0].t_ns <= frames[3].t_ns
+    assert port.read() == []
+    assert port.wake_fds() == ()
+    port.close()
+
+
+def test_udp_multicast_carries_frames_between_ports() -> None:
+    config = bus_config(interface="udp_multicast", channel="239.74.163.9", port=43997)
+    clock = MonotonicClock()
+    first, second = open_can(config, clock), open_can(config, clock)
+    try:
+        wait_for_kernel_stamps(first, clock)
+        before_ns = clock.now_ns()
+        sent = first.write(0x191, bytes(range(8)))
+        after_ns = clock.now_ns()
+        clock.sleep_until_ns(after_ns + 20_000_000)
+        frames = [f for _ in range(2000) for f in second.read() if f.can_id != WAITING_ID]
+        assert [(f.can_id, f.data, f.is_extended) for f in frames] == [
+            (0x191, bytes(range(8)), False)
+        ]
+        # the sender gets it back; both have the kernel's stamp of its sending, not of the reading
+        own = [f for _ in range(200) for f in first.read() if f.can_id != WAITING_ID]
+        assert [(f.can_id, f.data) for f in own] == [(sent.can_id, sent.data)]
+        for frame in (*frames, *own):
+            assert before_ns - 100_000 <= frame.t_ns <= after_ns + 100_000
+    finally:
+        first.close()
+        second.close()
+
+
+@pytest.mark.parametrize("interface", ["no_such_interface", "socketcan"])
+def test_a_bus_that_cannot_be_opened_is_named(interface: str) -> None:
+    config = bus_config(interface=interface, channel="none0")
+    with pytest.raises(PortError, match=rf"buses\.arm \({interface} none0\)"):
+        open_can(config, MonotonicClock())
+
+
+def test_linux_frames_are_read_field_by_field() -> None:
+    classic = struct.pack("=IB3x8s", 0x191 | socket.CAN_RTR_FLAG, 2, b"ab")
+    frame = frame_of(classic, 5)
+    assert (frame.t_ns, frame.can_id, frame.data) == (5, 0x191, b"ab")
+    assert (frame.is_remote, frame.is_fd, frame.is_extended, frame.is_error) == (True,) + 3 * (
+        False,
+    )
+    fd = struct.pack("=IBB2x64s", 0x18FF0001 | socket.CAN_EFF_FLAG, 20, 0x01, bytes(range(64)))
+    frame = frame_of(fd, 6)
+    assert (frame.can_id, frame.data) == (0x18FF0001, bytes(range(20)))
+    assert (frame.is_fd, frame.is_extended, frame.bitrate_switch) == (True, True, True)
+
+
+def test_a_broken_bus_raises_a_port_error() -> None:
+    class Broken(can.BusABC):
+        channel_info = "broken"
+
+        def __init__(self) -> None:
+            super().__init__(channel="broken")
+
+        def send(self, *_: object, **__: object) -> None:
+            raise can.CanOperationError("bus off")
+
+        def _recv_internal(self, *_: object, **__: object) -> tuple[can.Message | None, bool]:
+            raise can.CanOperationError("bus off")
+
+    port = CanPort(Broken(), MonotonicClock(), "buses.arm (x y)")
+    with pytest.raises(PortError, match="bus off"):
+        port.read()
+    with pytest.raises(PortError, match="bus off"):
+        port.write(1, b"")
+    port.close()

@@ -1,0 +1,145 @@
+"""Covariance by way of the base's mobility: exact where straight, right where bent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from fsw.estimators.model.mobility import (
+    by_mobility,
+    from_mobility,
+    mobility_jacobian,
+    to_mobility,
+)
+from fsw.estimators.recursive.online import build_online
+from tests.support.estimator_cases import BASE, noisy_blocks, parameters, robot_model
+from tests.support.starts import config_of, truth_of
+
+PI = parameters(BASE)
+
+
+def covariance_of(relative: float) -> np.ndarray:
+    """Return the covariance in pi of independent relative errors of the mobility."""
+    J = np.linalg.solve(mobility_jacobian(PI), np.diag(relative * np.abs(to_mobility(PI))))
+    return J @ J.T
+
+
+def test_mobility_and_back():
+    assert from_mobility(to_mobility(PI)) == pytest.approx(PI, rel=1e-12)
+
+
+def test_jacobian_matches_finite_differences():
+    J = mobility_jacobian(PI)
+    for k in range(10):
+        d = np.zeros(10)
+        d[k] = 1e-4 * max(1.0, abs(PI[k]))
+        slope = (to_mobility(PI + d) - to_mobility(PI - d)) / (2 * d[k])
+        assert J[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-12)
+
+
+def test_a_small_covariance_comes_back_as_it_is():
+    covariance = covariance_of(1e-6)
+    mapped = by_mobility(PI, covariance, slice(0, 10))
+    assert not mapped.bent
+    assert mapped.impossible == 0.0
+    scale = np.sqrt(np.diag(covariance))
+    assert mapped.covariance / np.outer(scale, scale) == pytest.approx(
+        covariance / np.outer(scale, scale), abs=1e-4
+    )
+
+
+def test_other_states_keep_their_covariance():
+    covariance = np.zeros((12, 12))
+    covariance[2:, 2:] = covariance_of(0.05)
+    covariance[:2, :2] = np.diag([4.0, 9.0])
+    x = np.concatenate([[1.0, 2.0], PI])
+    mapped = by_mobility(x, covariance, slice(2, 12))
+    assert mapped.covariance[:2, :2] == pytest.approx(np.diag([4.0, 9.0]), abs=1e-6)
+
+
+def test_the_variance_of_a_gaussian_mobility_is_the_one_published():
+    """1/m Gaussian with sigma 10 %: var(1/u) by quadrature, 3 sigma of 2000 draws allowed."""
+    covariance = covariance_of(0.1)
+    mapped = by_mobility(PI, covariance, slice(0, 10))
+    points, weights = np.polynomial.hermite_e.hermegauss(40)
+    u = 1.0 + 0.1 * points
+    kept = u > 0.3  # beyond 7 sigma the inverse has no moments
+    weights /= weights.sum()
+    mean = float(weights[kept] @ (1.0 / u[kept]))
+    exact = float(weights[kept] @ (1.0 / u[kept] - mean) ** 2) * PI[0] ** 2
+    assert mapped.bent
+    assert mapped.covariance[0, 0] == pytest.approx(exact, rel=0.1)
+    assert mapped.covariance[0, 0] > 1.02 * covariance[0, 0]
+
+
+def test_errors_of_a_gaussian_mobility_have_the_degrees_of_freedom_as_mean_square():
+    """Estimates scattered in the mobility, judged in pi: right by way of it, not without it."""
+    rng = np.random.default_rng(1)
+    size, plain, by_way = 0.1 * np.abs(to_mobility(PI)), [], []
+    for _ in range(60):
+        estimate = from_mobility(to_mobility(PI) + size * rng.standard_normal(10))
+        J = np.linalg.solve(mobility_jacobian(estimate), np.diag(size))
+        covariance, e = J @ J.T, estimate - PI
+        plain.append(e @ np.linalg.solve(covariance, e))
+        published = by_mobility(estimate, covariance, slice(0, 10)).covariance
+        by_way.append(e @ np.linalg.solve(published, e))
+    assert 8.9 <= np.mean(by_way) <= 11.2  # 95 % band of 60 seeds
+    assert np.mean(plain) > 11.2
+
+
+def test_a_gaussian_that_is_no_body_says_so():
+    assert not by_mobility(PI, covariance_of(1.0), slice(0, 10)).holds
+
+
+def test_it_is_the_covariance_of_draws_in_all_states():
+    """Base correlated with seven other states: plain Monte Carlo of 200 000 draws, within 6 %."""
+    rng = np.random.default_rng(4)
+    slope, size = mobility_jacobian(PI), 0.04 * np.abs(to_mobility(PI))
+    J = np.eye(17)
+    J[3:13, 3:13] = np.linalg.solve(slope, np.diag(size))
+    mixed = rng.standard_normal((17, 17)) / 4.0 + np.eye(17)
+    covariance = J @ mixed @ mixed.T @ J.T
+    mean = np.concatenate([np.zeros(3), PI, np.zeros(4)])
+    draws = rng.standard_normal((200_000, 17)) @ np.linalg.cholesky(covariance).T
+    draws[:, 3:13] = from_mobility(to_mobility(PI)[:, None] + slope @ draws[:, 3:13].T).T - PI
+    moments = np.cov(draws.T)
+    mapped = by_mobility(mean, covariance, slice(3, 13))
+    assert mapped.bent
+    assert mapped.holds
+    ratio = np.linalg.solve(moments, mapped.covariance)
+    assert np.linalg.eigvals(ratio).real == pytest.approx(np.ones(17), abs=0.06)
+
+
+def test_what_is_no_body_is_told_by_its_principal_moments():
+    rng = np.random.default_rng(5)
+    J = mobility_jacobian(PI)
+    size = np.diag(0.5 * np.abs(to_mobility(PI)))
+    covariance = np.linalg.solve(J, size) @ np.linalg.solve(J, size).T
+    drawn = to_mobility(PI)[:, None] + size @ rng.standard_normal((10, 20_000))
+    xx, xy, xz, yy, yz, zz = drawn[4:]
+    inverse = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz]).T.reshape(-1, 3, 3)
+    moments = 1.0 / np.linalg.eigvalsh(inverse)[:, ::-1]
+    body = (drawn[0] > 0.0) & np.all(moments > 0.0, axis=1)
+    body &= moments[:, 2] < moments[:, 0] + moments[:, 1]
+    told = by_mobility(PI, covariance, slice(0, 10)).impossible
+    assert told == pytest.approx(1.0 - np.mean(body), abs=0.03)
+    assert 0.1 < told < 0.9
+
+
+def test_the_recursion_s_covariance_of_a_weakly_known_base_is_honest():
+    """RDA online, base alone: NEES of 8 runs in its 99.9 % band; the linear one's is above it."""
+    mapped = linear = 0.0
+    seeds = 8
+    for seed in range(seeds):
+        online = build_online(config_of("base", seed, method="rda"), robot_model())
+        for block in noisy_blocks("base", seed):
+            online.push(block)
+        final, truth = online.finish(), truth_of("base")
+        error = final.mean[:10] - truth
+        plain = online.recursion.memory.information.covariance()
+        mapped += error @ np.linalg.solve(final.covariance[:10, :10], error)
+        linear += error @ np.linalg.solve(plain[:10, :10], error)
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 10 * seeds)
+    assert low <= mapped <= high
+    assert mapped < linear

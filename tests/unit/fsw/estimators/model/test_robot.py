@@ -1,0 +1,155 @@
+"""The model against Pinocchio's own algorithms; robots it must refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from fsw.estimators.model.inertia import from_parameters, is_consistent
+from fsw.estimators.model.robot import RobotModel
+from fsw.messages.errors import ConfigError
+from tests.conftest import arm_urdf
+from tests.support.estimator_cases import BASE, TARGET, URDF, parameters
+
+
+@pytest.fixture(params=["paper", "three joints"])
+def model(request: pytest.FixtureRequest, tmp_path: Path) -> RobotModel:
+    if request.param == "paper":
+        return RobotModel(URDF, "tool")
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm_urdf(3))
+    return RobotModel(path, "gripper")
+
+
+def loaded(model: RobotModel) -> tuple[np.ndarray, pin.Model]:
+    """Return parameters with base and target, set in the model, and an own Pinocchio model."""
+    pi = model.total_parameters(parameters(BASE), parameters(TARGET))
+    model.set_parameters(pi)
+    own = model.model.copy()
+    for k in range(1, own.njoints):
+        own.inertias[k] = pin.Inertia.FromDynamicParameters(pi[10 * (k - 1) : 10 * k])
+    return pi, own
+
+
+def motion(model: RobotModel, seed: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    n = model.n
+    return tuple(rng.normal(size=size) for size in (n, 3, n, 6 + n))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_regressor_times_parameters_is_the_generalised_force(model: RobotModel, seed: int) -> None:
+    pi, own = loaded(model)
+    q, w, qd, a = motion(model, seed)
+    v = np.concatenate([np.zeros(3), w, qd])
+    full = np.concatenate([pin.neutral(own)[:7], q])
+    force = pin.rnea(own, own.createData(), full, v, a)
+    np.testing.assert_allclose(model.regressor(q, w, qd, a) @ pi, force, rtol=1e-11, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mass_matrix_is_full_symmetric_and_the_regressors(model: RobotModel, seed: int) -> None:
+    pi, own = loaded(model)
+    q = motion(model, seed)[0]
+    H = model.mass_matrix(q).copy()
+    full = np.concatenate([pin.neutral(own)[:7], q])
+    crba = np.triu(pin.crba(own, own.createData(), full))
+    np.testing.assert_allclose(H, crba + np.triu(crba, 1).T, rtol=1e-12, atol=1e-10)
+    columns = [model.momentum_regressor(q, unit) @ pi for unit in np.eye(6 + model.n)]
+    np.testing.assert_allclose(H, np.stack(columns, axis=1), rtol=1e-10, atol=1e-9)
+
+
+def test_bias_derivative_is_the_derivative_of_the_force(model: RobotModel) -> None:
+    _, own = loaded(model)
+    q, w, qd, a = motion(model, 4)
+    C = model.bias_derivative(q, w, qd, a).copy()
+    full = np.concatenate([pin.neutral(own)[:7], q])
+    v = np.concatenate([np.zeros(3), w, qd])
+    data = own.createData()
+    for k in range(len(v)):
+        d = np.zeros(len(v))
+        d[k] = 1e-5
+        up, down = (pin.rnea(own, data, full, v + s * d, a) for s in (1, -1))
+        np.testing.assert_allclose(C[:, k], (up - down) / 2e-5, atol=1e-5 * np.abs(C).max())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_composite_is_mass_and_centre_of_mass_of_the_whole(model: RobotModel, seed: int) -> None:
+    pi, own = loaded(model)
+    q = motion(model, seed)[0]
+    whole = model.composite(q) @ pi
+    assert is_consistent(whole)
+    mass, com, central = from_parameters(whole)
+    data = own.createData()
+    full = np.concatenate([pin.neutral(own)[:7], q])
+    np.testing.assert_allclose(mass, pin.computeTotalMass(own), rtol=1e-12)
+    np.testing.assert_allclose(com, pin.centerOfMass(own, data, full), rtol=1e-10, atol=1e-12)
+    pin.ccrba(own, data, full, np.zeros(own.nv))
+    M = data.Ig.inertia
+    expected = [M[0, 0], M[0, 1], M[0, 2], M[1, 1], M[1, 2], M[2, 2]]
+    np.testing.assert_allclose(central, expected, rtol=1e-9, atol=1e-9 * np.abs(M).max())
+
+
+def test_target_is_placed_at_the_tool_frame(model: RobotModel) -> None:
+    frame = model.model.frames[model.model.getFrameId("tool" if model.n == 7 else "gripper")]
+    placed = frame.placement.act(pin.Inertia.FromDynamicParameters(parameters(TARGET)))
+    np.testing.assert_allclose(
+        model.tool_map @ parameters(TARGET), placed.toDynamicParameters(), rtol=1e-12, atol=1e-10
+    )
+
+
+def test_a_change_of_parameters_reaches_the_mass_matrix(model: RobotModel) -> None:
+    q = motion(model, 0)[0]
+    without = model.total_parameters(parameters(BASE), None)
+    model.set_parameters(without)
+    light = model.mass_matrix(q)[0, 0]
+    model.set_parameters(model.total_parameters(parameters(BASE), parameters(TARGET)))
+    assert model.mass_matrix(q)[0, 0] == pytest.approx(light + TARGET.mass_kg)
+
+
+def test_joints_are_named_from_base_to_tool(model: RobotModel) -> None:
+    names = {7: [f"joint{k}" for k in range(1, 8)], 3: ["axis1", "axis2", "axis3"]}
+    assert list(model.joint_names) == names[model.n]
+
+
+BRANCH = (
+    '<joint name="side" type="revolute"><parent link="bus"/><child link="panel"/>'
+    '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    '<link name="panel"><inertial><mass value="1"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "frame", "word"),
+    [
+        (
+            arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="prismatic"'),
+            "gripper",
+            "axis2",
+        ),
+        (
+            arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="continuous"'),
+            "gripper",
+            "axis2",
+        ),
+        (arm_urdf(3).replace("</robot>", BRANCH + "</robot>"), "gripper", "serial"),
+        (arm_urdf(3), "claw", "claw"),
+        (arm_urdf(3), "link1", "link1"),
+        ("<robot", "gripper", "URDF"),
+    ],
+    ids=["prismatic", "continuous", "branching", "unknown frame", "frame inside the arm", "no XML"],
+)
+def test_unsuitable_robots_are_refused(tmp_path: Path, urdf: str, frame: str, word: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf)
+    with pytest.raises(ConfigError, match=word):
+        RobotModel(path, frame)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.urdf"):
+        RobotModel(tmp_path / "none.urdf", "tool")

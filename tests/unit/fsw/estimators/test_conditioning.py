@@ -1,0 +1,229 @@
+"""From samples to nodes: values, derivatives, covariances, outliers, missing channels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from fsw.estimators.conditioning import Conditioner, build_conditioner, rotation_from_xyzw
+from fsw.messages import Block, ChannelWindow, Window
+from hil.world.history import rotation_matrices
+from tests.support.estimator_cases import (
+    WINDOW_S,
+    N,
+    channel,
+    make_config,
+    motion,
+    robot_model,
+    sampled_window,
+    true_block,
+)
+
+START_S = 20.0
+
+
+def conditioner() -> Conditioner:
+    return Conditioner(make_config(), tuple(range(N)))
+
+
+def condition(window: Window) -> Block:
+    block = conditioner().condition(window)
+    assert block is not None
+    return block
+
+
+def window(seed: int = 0) -> Window:
+    return sampled_window(motion("target"), np.random.default_rng(seed), START_S)
+
+
+def without(old: ChannelWindow, drop: list[int]) -> ChannelWindow:
+    keep = np.setdiff1d(np.arange(len(old.t_ns)), drop)
+    return replace(old, t_ns=old.t_ns[keep], values=old.values[keep])
+
+
+def spiked(old: ChannelWindow, at: list[int], size: float, column: int) -> ChannelWindow:
+    values = old.values.copy()
+    values[at, column] += size
+    return replace(old, values=values)
+
+
+def with_joint(old: Window, joint: int, new: ChannelWindow) -> Window:
+    return replace(old, joints=(*old.joints[:joint], new, *old.joints[joint + 1 :]))
+
+
+def assert_equal(a: Block, b: Block, rtol: float = 1e-12) -> None:
+    for field in fields(Block):
+        left, right = np.asarray(getattr(a, field.name)), np.asarray(getattr(b, field.name))
+        np.testing.assert_allclose(left, right, rtol=rtol, atol=1e-14, err_msg=field.name)
+
+
+def test_errors_at_the_nodes_have_the_stated_covariance() -> None:
+    """Chi-square of every channel over 150 windows of one true motion, 99.99 % band."""
+    history = motion("target")
+    rng = np.random.default_rng(1)
+    sums: dict[str, float] = {}
+    dofs: dict[str, int] = {}
+
+    def add(name: str, error: np.ndarray, covariance: np.ndarray) -> None:
+        values, vectors = np.linalg.eigh(covariance)
+        # 2 m derivative values of m + 3 coefficients: the rest of the directions is exact
+        keep = values > 1e-10 * values[-1]
+        white = (vectors[:, keep] / np.sqrt(values[keep])).T @ error
+        sums[name] = sums.get(name, 0.0) + float(white @ white)
+        dofs[name] = dofs.get(name, 0) + len(white)
+
+    for k in range(150):
+        start = 0.5 + 0.37 * k
+        block = condition(sampled_window(history, rng, start))
+        true = true_block(history, start)
+        for j in range(N):
+            tau = block.tau_nm[:, j] - true.tau_nm[:, j]
+            speed = block.qd_rad_s[:, j] - true.qd_rad_s[:, j]
+            acceleration = block.qdd_rad_s2[:, j] - true.qdd_rad_s2[:, j]
+            add("tau", tau, block.cov_tau[j])
+            add("joint", np.concatenate([speed, acceleration]), block.cov_joint[j])
+        for axis in range(3):
+            w = block.w_NB_B_rad_s[:, axis] - true.w_NB_B_rad_s[:, axis]
+            wd = block.wd_NB_B_rad_s2[:, axis] - true.wd_NB_B_rad_s2[:, axis]
+            f = block.f_NS_B_m_s2[:, axis] - true.f_NS_B_m_s2[:, axis]
+            add("acc", f, block.cov_acc)
+            add("gyro", np.concatenate([w, wd]), block.cov_gyro)
+    for name, total in sums.items():
+        low, high = chi2.ppf([5e-5, 1 - 5e-5], dofs[name])
+        assert low < total < high, (name, total / dofs[name])
+
+
+def test_positions_at_the_nodes_are_those_of_the_motion() -> None:
+    true = true_block(motion("target"), START_S)
+    block = condition(window())
+    assert np.array_equal(block.t_ns, true.t_ns)
+    assert np.abs(block.q_rad - true.q_rad).max() < 1e-6
+
+
+def test_sensor_axes_are_turned_to_the_base() -> None:
+    config = make_config()
+    half = 0.5**0.5
+    mounting = config.imu.mounting.model_copy(update={"q_BS_xyzw": (0.0, 0.0, half, half)})
+    turned = config.model_copy(update={"imu": config.imu.model_copy(update={"mounting": mounting})})
+    block = Conditioner(turned, tuple(range(N))).condition(window())
+    plain = condition(window())
+    assert block is not None
+    R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for name in ("w_NB_B_rad_s", "wd_NB_B_rad_s2", "f_NS_B_m_s2"):
+        np.testing.assert_allclose(getattr(block, name), getattr(plain, name) @ R.T, atol=1e-14)
+
+
+def test_joints_are_put_in_the_order_of_the_model() -> None:
+    config = make_config()
+    shuffled = config.model_copy(update={"joints": config.joints[::-1]})
+    w = window()
+    built = build_conditioner(shuffled, robot_model())
+    block = built.condition(replace(w, joints=w.joints[::-1]))
+    assert block is not None
+    assert_equal(block, condition(w))
+
+
+@pytest.mark.parametrize("channel_name", ["torque", "position", "gyro", "accelerometer"])
+def test_spikes_are_counted_and_leave_the_result_of_a_window_lacking_them(
+    channel_name: str,
+) -> None:
+    at = [17, 90, 160]
+    w = window()
+    if channel_name in ("torque", "position"):
+        size, column = (15.0, 1) if channel_name == "torque" else (1e-3, 0)
+        bad = with_joint(w, 2, spiked(w.joints[2], at, size, column))
+        if channel_name == "torque":  # the positions of those samples are as good as any
+            good = with_joint(w, 2, spiked(w.joints[2], at, math.nan, 1))
+        else:
+            good = with_joint(w, 2, without(w.joints[2], at))
+    else:
+        old = getattr(w, channel_name)
+        bad = replace(w, **{channel_name: spiked(old, at, 2.0, 1)})
+        good = replace(w, **{channel_name: without(old, at)})
+    tested = conditioner()
+    block = tested.condition(bad)
+    assert block is not None
+    assert tested.outliers == len(at)
+    code = {"gyro": "GYRO_SPIKE", "accelerometer": "ACC_SPIKE", "torque": "TORQUE_SPIKE"}
+    (found,) = tested.findings()
+    assert found.fault == code.get(channel_name, "ENCODER_SPIKE")
+    expected = condition(good)
+    if channel_name == "position":  # the reference lacks three torques too
+        expected = replace(expected, tau_nm=block.tau_nm, cov_tau=block.cov_tau)
+    assert_equal(block, expected)
+
+
+def test_clean_windows_have_no_outliers() -> None:
+    tested = conditioner()
+    rng = np.random.default_rng(5)
+    for k in range(20):
+        tested.condition(sampled_window(motion("target"), rng, 1.0 + 2.5 * k))
+    assert tested.outliers == 0
+    assert tested.unusable_windows == 0
+
+
+def test_a_sensor_noisier_than_declared_degrades_but_keeps_its_samples() -> None:
+    w = window()
+    noise = 20 * 0.05 * np.random.default_rng(2).normal(size=len(w.joints[0].t_ns))
+    values = w.joints[0].values.copy()
+    values[:, 1] += noise
+    tested = conditioner()
+    assert tested.condition(with_joint(w, 0, replace(w.joints[0], values=values))) is not None
+    assert tested.outliers == 0
+
+
+def test_a_window_without_one_joint_is_unusable() -> None:
+    w = window()
+    tested = conditioner()
+    assert tested.condition(with_joint(w, 3, replace(w.joints[3], missing=True))) is None
+    assert tested.unusable_windows == 1
+
+
+@pytest.mark.parametrize("name", ["gyro", "accelerometer"])
+def test_a_missing_inertial_channel_is_marked_and_finite(name: str) -> None:
+    w = window()
+    empty = channel(np.empty(0), np.empty((0, 3)), missing=True)
+    block = condition(replace(w, **{name: empty}))
+    assert block.has_gyro == (name != "gyro")
+    assert block.has_accelerometer == (name != "accelerometer")
+    for field in fields(Block):
+        assert np.all(np.isfinite(np.asarray(getattr(block, field.name), dtype=float)))
+
+
+def test_a_window_of_nothing_but_junk_is_unusable_not_wrong() -> None:
+    """Alternating huge values: whatever is decided, the block must not be silently precise."""
+    w = window()
+    values = w.gyro.values * 0 + 1e3 * np.random.default_rng(0).choice([-1, 1], w.gyro.values.shape)
+    block = conditioner().condition(replace(w, gyro=replace(w.gyro, values=values)))
+    assert block is not None
+    assert np.all(np.isfinite(block.w_NB_B_rad_s))
+
+
+def test_attitude_is_the_nearest_solution_turned_on_by_the_gyro() -> None:
+    """One solution at the window's start, the truth's motion after it; then none in a window."""
+    history = motion("target")
+    unit = conditioner()
+    first = window()
+    solution_s = START_S + 0.02
+    R = history.at(solution_s).R_NB
+    q = Rotation.from_matrix(R).as_quat()[None]
+    assert not unit.condition(first).has_attitude  # none has come yet
+    seen = unit.condition(replace(first, attitude=channel(np.array([solution_s]), q)))
+    rng = np.random.default_rng(1)
+    after = unit.condition(sampled_window(history, rng, START_S + WINDOW_S, 1))
+    for block in (seen, after):
+        assert block.has_attitude
+        true = history.at(block.t_ns * 1e-9).R_NB
+        turn = Rotation.from_matrix(np.swapaxes(true, 1, 2) @ block.R_NB).magnitude()
+        assert turn.max() <= 1e-3  # the rate changes by 1e-3 rad/s within a window
+
+
+def test_rotation_is_that_of_the_quaternion() -> None:
+    q = np.random.default_rng(0).normal(size=(6, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    np.testing.assert_allclose(rotation_from_xyzw(q), rotation_matrices(q[:, [3, 0, 1, 2]]))

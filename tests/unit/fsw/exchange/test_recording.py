@@ -1,0 +1,128 @@
+import json
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from fsw.drivers.wire import CanFrame
+from fsw.exchange.recording import RecordingWriter, contents, messages, pack_frame, unpack_frame
+from fsw.messages.errors import ConfigError
+
+# struct can_frame / canfd_frame of <linux/can.h>: id with flag bits, length, flags, padding, data
+CLASSIC = bytes.fromhex("91010000 08 000000 0712cdff2efb092a")
+CLASSIC_FRAME = CanFrame(5, 0x191, bytes.fromhex("0712cdff2efb092a"))
+FRAMES = [
+    CanFrame(1, 0x80, b"\x01"),
+    CanFrame(2, 0x1ABCDEF0, b"xy", is_extended=True),
+    CanFrame(3, 0x7FF, b"", is_remote=True),
+    CanFrame(4, 0x20, b"\x00" * 8, is_error=True),
+    CanFrame(5, 0x191, bytes(range(20)), is_fd=True, bitrate_switch=True),
+    CanFrame(6, 0x191, bytes(64), is_fd=True),
+]
+
+
+def test_a_classic_frame_is_the_linux_structure():
+    assert pack_frame(CLASSIC_FRAME) == CLASSIC
+    assert unpack_frame(5, CLASSIC) == CLASSIC_FRAME
+
+
+def test_flag_bits_are_those_of_linux():
+    assert pack_frame(FRAMES[1])[:4] == bytes.fromhex("f0debc9a")
+    assert pack_frame(FRAMES[2])[3] == 0x40
+    assert pack_frame(FRAMES[3])[3] == 0x20
+    fd = pack_frame(FRAMES[4])
+    assert (len(fd), fd[4], fd[5]) == (72, 20, 0x05)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_every_kind_of_frame_comes_back_equal(frame: CanFrame):
+    assert unpack_frame(frame.t_ns, pack_frame(frame)) == frame
+
+
+@pytest.mark.parametrize("data", [b"", bytes(15), bytes(17), b"\0\0\0\0\x09" + bytes(11)])
+def test_what_is_no_linux_frame_is_none(data: bytes):
+    assert unpack_frame(0, data) is None
+
+
+def write(path: Path, seconds: int = 3, **more) -> RecordingWriter:
+    writer = RecordingWriter(path, chunk_bytes=4096, **more)
+    writer.attach("configuration.yaml", "application/yaml", b"a: 1\n")
+    for k in range(seconds * 100):
+        writer.can("arm", [CanFrame(k * 10, 0x80, bytes([k % 256]))])
+        writer.serial("imu", k * 10 + 5, bytes([k % 256]) * 40)
+    writer.json("/events", 7, {"t_ns": 7, "code": "X"})
+    return writer
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_messages_come_back_in_log_time_order_and_by_topic(tmp_path: Path, compression: str):
+    write(tmp_path / "a.mcap", compression=compression).close()
+    records = list(messages(tmp_path / "a.mcap", ["/can/arm", "/serial/imu"]))
+    assert [r.t_ns for r in records] == list(range(0, 3000, 5))
+    assert records[1].data == bytes(40)
+    (event,) = messages(tmp_path / "a.mcap", ["/events"])
+    assert json.loads(event.data)["code"] == "X"
+
+
+def test_contents_list_topics_attachments_and_metadata(tmp_path: Path):
+    writer = write(tmp_path / "a.mcap")
+    writer.metadata("recorder", {"dropped": "3"})
+    writer.close()
+    held = contents(tmp_path / "a.mcap")
+    assert set(held.topics) == {"/can/arm", "/serial/imu", "/events"}
+    assert held.attachments == {"configuration.yaml": b"a: 1\n"}
+    assert held.metadata == {"recorder": {"dropped": "3"}}
+    assert not held.truncated
+
+
+def test_encodings_and_schemas_are_those_of_the_interface(tmp_path: Path):
+    write(tmp_path / "a.mcap").close()
+    with (tmp_path / "a.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    encodings = {c.topic: c.message_encoding for c in summary.channels.values()}
+    assert encodings == {"/can/arm": "socketcan", "/serial/imu": "raw", "/events": "json"}
+    (schema,) = summary.schemas.values()
+    assert (schema.name, schema.encoding) == ("events", "jsonschema")
+    assert json.loads(schema.data)["type"] == "object"
+
+
+def test_a_killed_writer_loses_at_most_its_last_chunk(tmp_path: Path):
+    writer = write(tmp_path / "a.mcap")
+    writer.sync()
+    data = (tmp_path / "a.mcap").read_bytes()  # no footer, no index
+    (tmp_path / "b.mcap").write_bytes(data)
+    writer.close()
+    assert contents(tmp_path / "b.mcap").truncated
+    whole = list(messages(tmp_path / "a.mcap", ["/can/arm", "/serial/imu"]))
+    found = list(messages(tmp_path / "b.mcap", ["/can/arm", "/serial/imu"]))
+    assert found == whole[: len(found)]
+    assert (len(whole) - len(found)) * 40 < 2 * 4096
+
+
+def test_a_file_cut_anywhere_gives_a_sorted_part_and_never_raises(tmp_path: Path):
+    write(tmp_path / "a.mcap").close()
+    data = (tmp_path / "a.mcap").read_bytes()
+    whole = list(messages(tmp_path / "a.mcap", ["/can/arm"]))
+    cut = tmp_path / "cut.mcap"
+    for size in range(200, len(data) - 1, 97):
+        cut.write_bytes(data[:size])
+        found = list(messages(cut, ["/can/arm"]))
+        assert found == whole[: len(found)]
+        assert contents(cut).truncated
+
+
+def test_what_is_no_recording_is_a_configuration_error(tmp_path: Path):
+    (tmp_path / "x").write_bytes(b"hello, world, this is text")
+    with pytest.raises(ConfigError, match="not an MCAP recording"):
+        contents(tmp_path / "x")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        contents(tmp_path / "absent")
+
+
+def test_numbers_json_has_not_are_null(tmp_path: Path):
+    writer = RecordingWriter(tmp_path / "a.mcap")
+    writer.json("/tm", 1, {"t_ns": 1, "samples": {"x": float("nan")}})
+    writer.close()
+    (record,) = messages(tmp_path / "a.mcap", ["/tm"])
+    assert json.loads(record.data) == {"t_ns": 1, "samples": {"x": None}}

@@ -1,0 +1,151 @@
+"""Planning: what passes keeps every limit, what cannot pass says why."""
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from fsw.excitation import criteria
+from fsw.excitation.assess import information_root
+from fsw.excitation.collision import build_collisions
+from fsw.excitation.plan import InfeasibleError, Planner, Request
+from fsw.excitation.subject import build_subject
+from fsw.excitation.verify import every_limit
+from hil.evidence.excitation import cases
+from hil.world.limits import check
+from hil.world.truth import simulate
+from tests.support.excitation_cases import limits, subject
+from tests.unit.fsw.excitation.test_collision import BOX, with_geometry
+
+SHORT = Request(duration_s=20.0, iterations=25, candidates=5)
+
+TINY = replace(SHORT, duration_s=10.0, iterations=10, candidates=2)
+
+
+@lru_cache(maxsize=1)
+def planned():
+    planner = Planner(subject(), limits(), None, SHORT)
+    return planner, planner.plan()
+
+
+def test_a_success_keeps_every_limit_ten_times_denser_and_in_the_truth():
+    planner, plan = planned()
+    dense = every_limit(planner.subject, limits(), None, plan.trajectory, 25.0, [subject().x])
+    assert dense[0].excess < 0
+    spline = cases.joint_spline(plan.trajectory)
+    checks = check(cases.truth("target"), simulate(cases.truth("target"), spline, 0.0, 20.0, 0.01))
+    assert all(found.ok for found in checks.values())
+
+
+def test_it_tells_much_more_than_a_random_feasible_motion():
+    planner, plan = planned()
+    rng = np.random.default_rng(5)
+    randoms = [planner.criterion.value(planner.random_feasible(rng)) for _ in range(20)]
+    assert np.exp(np.median(randoms) - plan.value) > 2.0
+
+
+def test_the_same_request_gives_the_same_trajectory():
+    again = Planner(subject(), limits(), None, SHORT).plan()
+    np.testing.assert_array_equal(again.trajectory.points_rad, planned()[1].trajectory.points_rad)
+
+
+def test_a_random_feasible_motion_touches_a_limit():
+    planner, _ = planned()
+    z = planner.random_feasible(np.random.default_rng(1))
+    rows = planner.rows.rows(z, [planner.subject.x])
+    room = min(float(np.min([r.value - r.lower, r.upper - r.value])) for r in rows)
+    assert 0 <= room < 0.01
+
+
+def test_progress_names_criterion_and_worst_limit():
+    told = []
+    Planner(subject(), limits(), None, replace(SHORT, iterations=3), told.append).plan()
+    assert any("iteration 2: sigma" in line and "worst" in line for line in told)
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind"),
+    [
+        ({"tool_box_m": ((None, None), (None, None), (3.0, None))}, "tool_box_z"),
+        ({"start_rad": (0.0, 0.3, 0.0, -2.09, 0.0, 0.0, 0.0)}, "tool_distance"),
+        (
+            {
+                "torque_nm": 1.0,
+                "start_rad": (0.0, 0.5, 0.0, -1.0, 0.0, 0.5, 0.0),
+                "end_rad": (0.5, 0.8, 0.0, -1.0, 0.0, 0.5, 0.0),
+            },
+            "torque",
+        ),
+    ],
+)
+def test_an_infeasible_request_names_limit_amount_and_time(changes, kind):
+    with pytest.raises(InfeasibleError, match=rf"{kind}.* beyond the bound .*, at [0-9.]+ s") as e:
+        Planner(subject(), limits(**changes), None, TINY).plan()
+    assert e.value.uses[0].excess > 0
+
+
+def test_a_motion_that_teaches_nothing_is_no_success():
+    with pytest.raises(InfeasibleError, match=r"nothing is learnt(.|\n)*torque.* beyond"):
+        Planner(subject(), limits(torque_nm=1e-6), None, TINY).plan()
+
+
+def test_a_start_pose_in_collision_is_named(tmp_path):
+    urdf = with_geometry(tmp_path)
+    own = subject()
+    touching = limits(
+        clearance_m=0.05,
+        start_rad=(0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        tool_distance_m=0.0,
+        tool_box_m=((None, None), (None, None), (None, None)),
+    )
+    found = build_collisions(own.model, urdf, "tool", BOX)
+    with pytest.raises(InfeasibleError, match=r"start_rad breaks\n  clearance .* at 0.00 s"):
+        Planner(own, touching, found, SHORT).plan()
+
+
+def test_bodies_are_kept_apart_by_the_clearance(tmp_path):
+    urdf = with_geometry(tmp_path)
+    own = subject()
+    apart = limits(clearance_m=0.1, tool_distance_m=0.0)
+    found = build_collisions(own.model, urdf, "tool", BOX)
+    plan = Planner(own, apart, found, replace(SHORT, duration_s=10.0, iterations=15)).plan()
+    clearances = [use for use in plan.uses if use.kind.startswith("clearance")]
+    assert clearances
+    assert all(use.value > 0.1 for use in clearances)
+
+
+def test_the_limits_hold_for_the_whole_prior_set():
+    own = build_subject(cases.config("target", 1.3), spread=0.4, draws=4)
+    assert len(own.draws) == 4
+    plan = Planner(own, limits(), None, SHORT).plan()
+    dense = every_limit(own, limits(), None, plan.trajectory, 25.0, [own.x, *own.draws])
+    assert dense[0].excess < 0
+
+
+def test_a_closed_trajectory_returns_and_a_given_pose_is_kept():
+    start = (0.3, 0.8, -0.2, -1.0, 0.4, 0.6, 0.1)
+    request = replace(SHORT, closed=True, iterations=10)
+    plan = Planner(subject(), limits(start_rad=start), None, request).plan()
+    q = plan.trajectory.evaluate(np.array([0.0, 20.0]))[0]
+    np.testing.assert_allclose(q, [start, start], atol=1e-9)
+
+
+def test_a_second_trajectory_complements_the_first(tmp_path):
+    planner, plan = planned()
+    own = planner.subject
+    root = information_root(own, plan.trajectory, SHORT.rate_hz)
+    covariance = criteria.covariance(root, len(own.x))[: len(own.x)]
+    path = tmp_path / "result.json"
+    names = list(own.problem.names[: len(own.x)])
+    path.write_text(
+        json.dumps({"names": names, "mean": own.x.tolist(), "covariance": covariance.tolist()})
+    )
+    later = build_subject(own.config, after=path)
+    np.testing.assert_allclose(later.x, own.x)
+    again = Planner(later, limits(), None, SHORT)
+    z = again._from(plan.trajectory)
+    second = again.plan(plan.trajectory)
+    # judged by what both give together: better than flying the first one again
+    assert second.value < again.criterion.value(z)

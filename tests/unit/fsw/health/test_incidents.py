@@ -1,0 +1,89 @@
+"""One event when a fault begins, one when it is over, none for what another fault explains."""
+
+from __future__ import annotations
+
+from fsw.health.incidents import RECOVERED, Incidents
+from fsw.messages.findings import HIGH, LOW, Fault, Finding, severity
+
+MS = 1_000_000
+RECOVER_NS = 500 * MS
+WINDOW_NS = 550 * MS
+
+
+def incidents() -> Incidents:
+    return Incidents(RECOVER_NS, {"j1": "arm", "j2": "arm"}, WINDOW_NS)
+
+
+def take(tested: Incidents, t_ns: int, fault: Fault, subject: str) -> list[str]:
+    event = tested.take(Finding(t_ns, fault, subject), t_ns)
+    return [] if event is None else [event.code]
+
+
+def test_a_fault_that_goes_on_is_one_incident_and_ends_after_the_recovery_time() -> None:
+    tested = incidents()
+    told = []
+    for k in range(100):
+        told += take(tested, 10 * MS * k, Fault.IMU_CRC, "imu")
+        told += [e.code for e in tested.advance(10 * MS * k)]
+    assert told == ["IMU_CRC"]
+    last_ns = 990 * MS
+    assert tested.advance(last_ns + RECOVER_NS - 1) == []
+    (over,) = tested.advance(last_ns + RECOVER_NS)
+    assert (over.code, over.severity) == (RECOVERED, "info")
+    assert "IMU_CRC over after 0.99 s, 100 findings" in over.text
+    assert tested.status()["incidents"] == {"IMU_CRC": 1}
+    assert tested.status()["findings"] == {"IMU_CRC": 100}
+    assert tested.status()["faulty"] == {}
+
+
+def test_a_flickering_fault_is_one_incident() -> None:
+    tested = incidents()
+    told = []
+    for k in range(20):
+        told += take(tested, 400 * MS * k, Fault.GYRO_FAULT, "gyro")
+        told += [e.code for e in tested.advance(400 * MS * k + 399 * MS)]
+    assert told == ["GYRO_FAULT"]
+
+
+def test_what_every_window_shows_is_one_incident_until_a_window_is_without_it() -> None:
+    """Windows of 0.4 s, judged 0.15 s behind: between two findings is more than the recovery."""
+    tested = incidents()
+    told = []
+    for k in range(5):
+        known_ns = 400 * MS * k + 190 * MS
+        event = tested.take(Finding(400 * MS * k, Fault.ACC_INCONSISTENT, "acc"), known_ns)
+        told += [] if event is None else [event.code]
+        told += [e.code for e in tested.advance(known_ns + 399 * MS)]
+    assert told == ["ACC_INCONSISTENT"]
+    assert tested.advance(1600 * MS + WINDOW_NS + RECOVER_NS - 1) == []
+    assert [e.code for e in tested.advance(1600 * MS + WINDOW_NS + RECOVER_NS)] == [RECOVERED]
+
+
+def test_two_subjects_are_two_incidents() -> None:
+    tested = incidents()
+    assert take(tested, 0, Fault.TORQUE_STUCK, "j1") == ["TORQUE_STUCK"]
+    assert take(tested, 0, Fault.TORQUE_STUCK, "j2") == ["TORQUE_STUCK"]
+    assert tested.status()["faulty"] == {"j1": ["TORQUE_STUCK"], "j2": ["TORQUE_STUCK"]}
+
+
+def test_a_bus_explains_its_joints_and_consequences_keep_it_open() -> None:
+    tested = incidents()
+    assert take(tested, 0, Fault.BUS_OFF, "arm") == ["BUS_OFF"]
+    for k in range(1, 10):
+        assert take(tested, 300 * MS * k, Fault.JOINT_SILENT, "j1") == []
+        assert tested.advance(300 * MS * k) == []
+    assert tested.status()["incidents"] == {"BUS_OFF": 1}
+    assert tested.status()["consequences"] == 9
+    assert take(tested, 2700 * MS, Fault.IMU_CRC, "imu") == ["IMU_CRC"]
+
+
+def test_a_joint_explains_nothing_of_another() -> None:
+    tested = incidents()
+    take(tested, 0, Fault.JOINT_SILENT, "j1")
+    assert take(tested, 0, Fault.JOINT_LOST, "j1") == []
+    assert take(tested, 0, Fault.JOINT_LOST, "j2") == ["JOINT_LOST"]
+
+
+def test_every_fault_has_one_severity() -> None:
+    assert not HIGH & LOW
+    assert {severity(fault) for fault in Fault} == {"high", "medium", "low"}

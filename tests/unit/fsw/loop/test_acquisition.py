@@ -1,0 +1,155 @@
+"""Sent and received frames of a bus in one order, SYNC stamped where the bus handed it back."""
+
+from __future__ import annotations
+
+import pytest
+
+from fsw.drivers.wire import CanFrame
+from fsw.loop.acquisition import BusInput
+from fsw.loop.link import Link
+from tests.support.loop_cases import MS, FakeCan, FakeClock, KeepSink
+
+US = 1000
+
+
+class Counting:
+    """A source that numbers SYNCs and keeps what it is fed."""
+
+    counters: dict[str, int] = {}  # noqa: RUF012
+
+    def __init__(self) -> None:
+        self.number = 0
+        self.fed: list[CanFrame] = []
+
+    def feed(self, frames):
+        self.fed += frames
+        return []
+
+    def next_sync(self):
+        return 0x080, bytes([self.number + 1])
+
+    def sync_sent(self):
+        self.number += 1
+
+
+class Line:
+    """One bus input on a fake port; a send takes 40 us of the clock, and `late_ns` after it."""
+
+    def __init__(self) -> None:
+        self.clock = FakeClock(10**9)
+        self.can, self.sink, self.source = FakeCan(self.clock), KeepSink(), Counting()
+        self.late_ns = 0
+        write = self.can.write
+
+        def slow(can_id, data):
+            self.clock.now += 40 * US + self.late_ns
+            return write(can_id, data)
+
+        self.can.write = slow  # type: ignore[method-assign]
+        link = Link("arm", self.can, None)
+        self.bus = BusInput("arm", {}, [link], self.source, self.clock, (0x70A, b"\x05"))
+
+    def sync(self, back_after_ns: int | None) -> int:
+        """Send a SYNC that comes back stamped so long after its sending began; return that time."""
+        before_ns = self.clock.now
+        payload = self.source.next_sync()[1]
+        self.bus.send_sync()
+        if back_after_ns is not None:
+            self.can.queue.append(CanFrame(before_ns + back_after_ns, 0x080, payload))
+        return before_ns
+
+    def answer(self, t_ns: int) -> None:
+        self.can.queue.append(CanFrame(t_ns, 0x191, bytes(8)))
+
+    def drained(self) -> list[tuple[int, int]]:
+        self.sink.frames.clear()
+        self.bus.drain(self.sink)
+        return [(frame.t_ns, frame.can_id) for frame in self.sink.frames]
+
+
+@pytest.fixture
+def line() -> Line:
+    return Line()
+
+
+def test_a_sync_that_comes_back_has_the_stamp_of_the_bus_once(line: Line):
+    line.late_ns = 7 * MS  # somebody else had the processor before our own stamp was taken
+    before_ns = line.sync(back_after_ns=25 * US)
+    line.answer(before_ns + 300 * US)
+    assert line.drained() == [(before_ns + 25 * US, 0x080), (before_ns + 300 * US, 0x191)]
+
+
+def test_a_sync_that_does_not_come_back_has_our_own_stamp_in_its_place(line: Line):
+    line.answer(line.clock.now - 100 * US)
+    before_ns = line.sync(back_after_ns=None)
+    line.answer(before_ns + 300 * US)
+    assert line.drained() == [
+        (before_ns - 100 * US, 0x191),
+        (before_ns + 40 * US, 0x080),
+        (before_ns + 300 * US, 0x191),
+    ]
+
+
+def test_each_of_several_finds_its_own_and_nothing_is_lost_or_doubled(line: Line):
+    first_ns = line.sync(back_after_ns=20 * US)
+    line.answer(first_ns + 30 * US)
+    second_ns = line.sync(back_after_ns=None)
+    third_ns = line.sync(back_after_ns=35 * US)
+    assert line.drained() == [
+        (first_ns + 20 * US, 0x080),
+        (first_ns + 30 * US, 0x191),
+        (second_ns + 40 * US, 0x080),
+        (third_ns + 35 * US, 0x080),
+    ]
+    assert line.drained() == []
+
+
+def test_a_sync_that_comes_back_after_its_answers_stands_before_them(line: Line):
+    line.late_ns = MS
+    before_ns = line.sync(back_after_ns=None)
+    line.answer(before_ns + 300 * US)
+    line.can.queue.append(CanFrame(before_ns + 25 * US, 0x080, b"\x01"))
+    assert line.drained() == [(before_ns + 25 * US, 0x080), (before_ns + 300 * US, 0x191)]
+
+
+def test_a_sync_that_comes_back_in_a_later_read_is_not_another_one(line: Line):
+    line.can.hands_back = True
+    before_ns = line.sync(back_after_ns=None)
+    assert line.drained() == [(before_ns + 40 * US, 0x080)]
+    line.can.queue.append(CanFrame(before_ns + 25 * US, 0x080, b"\x01"))
+    assert line.drained() == []
+    line.can.queue.append(CanFrame(before_ns + 30 * US, 0x080, b"\x01"))  # this one is foreign
+    assert len(line.drained()) == 1
+
+
+def test_a_late_one_does_not_stand_for_the_next(line: Line):
+    line.can.hands_back = True
+    line.source.next_sync = lambda: (0x080, b"")  # no counter: all alike
+    first_ns = line.sync(back_after_ns=None)
+    assert len(line.drained()) == 1
+    line.clock.now += 2 * MS
+    line.can.queue.append(CanFrame(first_ns + 25 * US, 0x080, b""))
+    second_ns = line.sync(back_after_ns=20 * US)
+    assert line.drained() == [(second_ns + 20 * US, 0x080)]
+
+
+@pytest.mark.parametrize(("hands_back", "after_ns"), [(False, 25 * US), (True, 200 * MS)])
+def test_a_foreign_sync_is_kept_where_nothing_is_awaited(line: Line, hands_back, after_ns):
+    line.can.hands_back = hands_back
+    before_ns = line.sync(back_after_ns=None)
+    line.drained()
+    line.clock.now = before_ns + max(after_ns, 300 * US)
+    line.drained()
+    line.can.queue.append(CanFrame(line.clock.now, 0x080, b"\x01"))
+    assert len(line.drained()) == 1
+
+
+def test_an_old_frame_alike_is_not_taken_for_what_was_sent(line: Line):
+    line.can.queue.append(CanFrame(line.clock.now - 5 * MS, 0x080, b"\x01"))
+    before_ns = line.sync(back_after_ns=None)
+    assert line.drained() == [(before_ns - 5 * MS, 0x080), (before_ns + 40 * US, 0x080)]
+
+
+def test_a_stamp_before_the_sending_began_is_that_of_another_clock(line: Line):
+    before_ns = line.sync(back_after_ns=-60 * US)
+    assert line.drained() == [(before_ns, 0x080)]

@@ -1,0 +1,143 @@
+import pytest
+
+from fsw.loop.command_queue import QUEUE_LIMIT, Dispatcher
+from fsw.messages.commands import Code, Command, CommandName, JobReport
+from tests.support.loop_cases import FakeEstimator, KeepSink
+
+BATCH = {"method": "mrnea", "unknown": ["target"], "last_s": None}
+
+
+class FakeJobs:
+    def __init__(self) -> None:
+        self.submitted: list = []
+        self.aborted = 0
+        self.reports: list[JobReport] = []
+
+    def store(self, block) -> None:
+        self.submitted.append(block)
+
+    def submit(self, request, now_ns) -> None:  # noqa: ARG002
+        self.submitted.append(request)
+
+    def abort(self) -> None:
+        self.aborted += 1
+
+    def poll(self, now_ns) -> list[JobReport]:  # noqa: ARG002
+        taken, self.reports = self.reports, []
+        return taken
+
+
+class Bench:
+    def __init__(self, jobs: FakeJobs | None = None) -> None:
+        self.estimator, self.sink, self.jobs = FakeEstimator(), KeepSink(), jobs
+        self.dispatcher = Dispatcher(self.estimator, self.sink, jobs)
+
+    def tell(self, name: CommandName, number: int = 1, **args) -> Code:
+        self.dispatcher.submit(Command(name=name, id=number, args=args))
+        self.estimates = self.dispatcher.run(1000, 5, 7)
+        return self.sink.replies[-1].code
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench(FakeJobs())
+
+
+def test_nothing_happens_before_the_tick_boundary(bench: Bench):
+    bench.dispatcher.submit(Command(name=CommandName.RESET))
+    assert bench.estimator.calls == []
+    bench.dispatcher.run(0, 0)
+    assert bench.estimator.calls == ["reset"]
+
+
+def test_finish_ends_due_work_first_and_gives_an_estimate(bench: Bench):
+    assert bench.tell(CommandName.FINISH) is Code.ACCEPTED
+    assert bench.estimator.calls == ["work", "finish"]
+    assert len(bench.estimates) == 1
+
+
+def test_what_a_checkpoint_carries_is_the_choice_of_unknowns_and_no_table(bench: Bench):
+    given: list = []
+    sink = KeepSink()
+    dispatcher = Dispatcher(
+        bench.estimator, sink, None, reconfigure=lambda c: given.append(dict(c)) or bench.estimator
+    )
+    orders = ({"noise": {"joints": {}}}, {"unknown": ["base"]}, {"estimator": {"settle_blocks": 3}})
+    for changes in orders:
+        dispatcher.submit(Command(name=CommandName.CONFIGURE, args=changes))
+    dispatcher.run(0, 0)
+    assert given == list(orders)
+    assert dispatcher.changes == [{"unknown": ["base"]}]
+
+
+def test_an_applied_command_is_recorded_with_its_place(bench: Bench):
+    bench.tell(CommandName.RESET, 9)
+    place = {"next_window": 5, "clean_window": 7}
+    assert bench.sink.commands == [{"command": "reset", "id": 9, "args": {}} | place]
+
+
+@pytest.mark.parametrize("name", [CommandName.RESET, CommandName.RESUME, CommandName.REST])
+def test_windows_of_before_a_new_beginning_are_left_out(bench: Bench, name: CommandName):
+    bench.tell(name)
+    assert bench.dispatcher.first_window == (0 if name is CommandName.REST else 7)
+
+
+def test_a_refused_command_is_not_recorded(bench: Bench):
+    assert bench.tell(CommandName.ABORT_BATCH) is Code.NO_JOB
+    assert bench.sink.commands == []
+
+
+def test_a_full_queue_refuses_at_once(bench: Bench):
+    for k in range(QUEUE_LIMIT + 1):
+        bench.dispatcher.submit(Command(name=CommandName.RESET, id=k))
+    assert [r.code for r in bench.sink.replies] == [Code.QUEUE_FULL]
+
+
+def test_stop_is_a_request_to_the_loop(bench: Bench):
+    assert bench.tell(CommandName.STOP) is Code.ACCEPTED
+    assert bench.dispatcher.stop_requested
+
+
+def test_one_job_runs_at_a_time_and_its_end_is_an_event(bench: Bench):
+    assert bench.tell(CommandName.RUN_BATCH, 3, **BATCH) is Code.ACCEPTED
+    assert bench.tell(CommandName.RUN_BATCH, 4, **BATCH) is Code.JOB_RUNNING
+    bench.jobs.reports = [JobReport(id=3, state="running", progress=0.5, text="half")]
+    bench.dispatcher.run(0, 0)
+    assert bench.dispatcher.job_summary()["progress"] == 0.5
+    bench.jobs.reports = [JobReport(id=3, state="done", progress=1.0, result={"mean": [1.0]})]
+    bench.dispatcher.run(0, 0)
+    assert bench.sink.codes == ["BATCH_DONE"]
+    assert bench.tell(CommandName.RUN_BATCH, 5, **BATCH) is Code.ACCEPTED
+
+
+def test_adopt_takes_the_last_result_and_records_it_for_a_replay(bench: Bench):
+    assert bench.tell(CommandName.ADOPT) is Code.NO_RESULT
+    bench.tell(CommandName.RUN_BATCH, 3, **BATCH)
+    bench.jobs.reports = [JobReport(id=3, state="done", progress=1.0, result={"mean": [1.0]})]
+    assert bench.tell(CommandName.ADOPT) is Code.ACCEPTED
+    assert bench.estimator.adopted == [{"mean": [1.0]}]
+    again = Bench()
+    assert again.tell(CommandName.ADOPT, **bench.sink.commands[-1]["args"]) is Code.ACCEPTED
+    assert again.estimator.adopted == [{"mean": [1.0]}]
+
+
+def test_abort_reaches_the_worker_and_ends_the_job(bench: Bench):
+    bench.tell(CommandName.RUN_BATCH, 3, **BATCH)
+    assert bench.tell(CommandName.ABORT_BATCH) is Code.ACCEPTED
+    assert bench.jobs.aborted == 1
+    bench.jobs.reports = [JobReport(id=3, state="aborted", progress=0.2)]
+    bench.dispatcher.run(0, 0)
+    assert bench.dispatcher.job_summary()["state"] == "aborted"
+    assert bench.tell(CommandName.ADOPT) is Code.NO_RESULT
+
+
+def test_without_a_worker_batches_are_refused():
+    assert Bench().tell(CommandName.RUN_BATCH, **BATCH) is Code.NOT_SUPPORTED
+
+
+def test_planned_commands_apply_right_before_their_window(bench: Bench):
+    bench.dispatcher.plan(3, Command(name=CommandName.RESET))
+    bench.dispatcher.before_window(2, 0)
+    assert bench.estimator.calls == []
+    bench.dispatcher.before_window(3, 0)
+    assert bench.estimator.calls == ["reset"]

@@ -1,0 +1,48 @@
+import pytest
+
+from fsw.messages.commands import Code, CommandName, parse_command
+from fsw.messages.errors import CommandError
+
+
+def refusal(line: bytes) -> str:
+    with pytest.raises(CommandError) as caught:
+        parse_command(line, 1)
+    return caught.value.code
+
+
+def test_a_command_is_a_json_object_with_its_name():
+    command = parse_command(b'{"command": "reset"}', 7)
+    assert (command.name, command.id, command.args) == (CommandName.RESET, 7, {})
+
+
+def test_a_batch_names_method_bodies_and_span():
+    line = b'{"command": "run-batch", "method": "rda", "unknown": "both", "last_s": 30}'
+    command = parse_command(line, 1)
+    assert command.args == {"method": "rda", "unknown": ["base", "target"], "last_s": 30}
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        (b"", Code.MALFORMED),
+        (b"\xff\xfe", Code.MALFORMED),
+        (b"[1]", Code.MALFORMED),
+        (b"{}", Code.MALFORMED),
+        (b'{"command": 3}', Code.MALFORMED),
+        (b'{"command": "explode"}', Code.UNKNOWN_COMMAND),
+        (b'{"command": "reset", "now": true}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch"}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "magic"}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "unknown": "arm"}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "last_s": -1}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "last_s": true}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "last_s": Infinity}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "last_s": 1e999}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "last_s": NaN}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "last_s": 1000001}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "colour": 1}', Code.BAD_ARGUMENT),
+        (b" " * 70_000, Code.MALFORMED),
+    ],
+)
+def test_what_is_not_understood_is_refused_with_a_reason(line: bytes, code: Code):
+    assert refusal(line) == code

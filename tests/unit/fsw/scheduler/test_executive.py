@@ -1,0 +1,103 @@
+import pytest
+
+from fsw.scheduler.executive import MAX_EARLY_WAKES, Executive
+from fsw.scheduler.tasks import Task, Tick, is_due
+from tests.support.loop_cases import MS, FakeClock
+
+
+def run(clock: FakeClock, tasks: list[Task], ticks: int, **more) -> tuple[Executive, list[Tick]]:
+    executive = Executive(clock, 2 * MS, tasks, **more)
+    return executive, [executive.step() for _ in range(ticks)]
+
+
+def test_ticks_lie_on_the_absolute_grid_from_the_first_step_on():
+    clock = FakeClock(1000)
+    executive, ticks = run(clock, [], 4)
+    assert [t.due_ns for t in ticks] == [1000 + 2 * MS * k for k in range(4)]
+    assert (executive.slips.ticks, executive.slips.slips) == (4, 0)
+    assert executive.next_due_ns == 1000 + 8 * MS
+
+
+def test_a_late_tick_runs_once_skips_what_was_missed_and_keeps_the_grid():
+    clock = FakeClock()
+
+    def stall(tick: Tick) -> None:
+        if tick.index == 1:
+            clock.now += 7 * MS
+
+    executive, ticks = run(clock, [Task("stall", 1, stall)], 4)
+    assert [t.index for t in ticks] == [0, 1, 4, 5]
+    assert [t.due_ns for t in ticks] == [0, 2 * MS, 8 * MS, 10 * MS]
+    assert executive.slips.slips == 2
+    assert executive.slips.max_late_ns == 5 * MS
+
+
+def test_a_tick_late_by_less_than_a_period_is_no_slip():
+    clock = FakeClock()
+
+    def stall(tick: Tick) -> None:
+        clock.now += 3 * MS if tick.index == 0 else 0
+
+    executive, ticks = run(clock, [Task("stall", 1, stall)], 3)
+    assert [t.index for t in ticks] == [0, 1, 2]
+    assert executive.slips.slips == 0
+
+
+def test_rate_groups_run_in_table_order_at_their_divisor():
+    log: list[tuple[int, str]] = []
+    tasks = [
+        Task("slow", 3, lambda t: log.append((t.index, "slow"))),
+        Task("fast", 1, lambda t: log.append((t.index, "fast"))),
+    ]
+    run(FakeClock(), tasks, 4)
+    assert log == [
+        (0, "slow"), (0, "fast"), (1, "fast"), (2, "fast"), (3, "slow"), (3, "fast"),
+    ]  # fmt: skip
+
+
+def test_a_rate_group_whose_tick_was_skipped_runs_at_the_next_one():
+    assert is_due(4, 9, 7)
+    assert not is_due(4, 7, 5)
+    assert is_due(4, 0, -1)
+
+
+def test_an_early_wake_only_drains_and_the_tick_stays_on_the_grid():
+    clock = FakeClock()
+    clock.wakes = [MS // 2, MS, 3 * MS]
+    drained: list[int] = []
+    ran: list[int] = []
+    executive, _ = run(
+        clock,
+        [Task("tick", 1, lambda _: ran.append(clock.now))],
+        3,
+        wake_fds=lambda: (1,),
+        drain=lambda: drained.append(clock.now),
+    )
+    assert ran == [0, 2 * MS, 4 * MS]
+    assert drained == [MS // 2, MS, 3 * MS]
+    assert executive.slips.early_wakes == 3
+
+
+def test_a_descriptor_that_stays_readable_cannot_spin_the_loop():
+    clock = FakeClock()
+    clock.wakes = [1] * 1000
+    executive, _ = run(clock, [], 2, wake_fds=lambda: (1,))
+    assert executive.slips.early_wakes == MAX_EARLY_WAKES
+    assert clock.now == 2 * MS
+
+
+def test_times_per_task_are_last_mean_and_max():
+    clock = FakeClock()
+    costs = iter([10, 30, 20])
+
+    def work(_tick: Tick) -> None:
+        clock.now += next(costs)
+
+    executive, _ = run(clock, [Task("work", 1, work)], 3)
+    times = executive.slips.times["work"]
+    assert (times.count, times.last_ns, times.mean_ns, times.max_ns) == (3, 20, 20.0, 30)
+
+
+def test_a_divisor_below_one_is_refused():
+    with pytest.raises(ValueError, match="divisor 0"):
+        Task("x", 0, lambda _: None)

@@ -1,0 +1,119 @@
+"""The checked-in exports: as the dictionary is, and read by tools nobody here wrote."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fsw.telemetry.dictionary import DICTIONARY, Type
+from tests.support.packing import pack, random_values
+
+pytest.importorskip("yamcs.pymdb", reason="needs yamcs-pymdb: pip install '.[test]'")
+spp = pytest.importorskip(
+    "space_packet_parser", reason="needs space_packet_parser: pip install '.[test]'"
+)
+
+from fsw.telemetry.export import FOLDER, PAGE, XTCE, documents  # noqa: E402
+from fsw.telemetry.export.xtce import system  # noqa: E402
+
+ROOT = Path(__file__).parents[5]
+PACKETS = [pytest.param(packet, id=packet.name) for packet in DICTIONARY.packets]
+
+
+@pytest.fixture(scope="module")
+def exports() -> dict[str, str]:
+    return documents()
+
+
+@pytest.fixture(scope="module")
+def definition():
+    return spp.load_xtce(ROOT / XTCE)
+
+
+def test_the_checked_in_files_are_what_the_dictionary_gives(exports):
+    for name, text in exports.items():
+        assert (ROOT / name).read_text(encoding="utf-8") == text, (
+            f"{name} is not up to date: python -m fsw.telemetry.export"
+        )
+
+
+def test_no_file_is_left_of_a_packet_that_is_no_more(exports):
+    kept = {str(path.relative_to(ROOT)) for path in (ROOT / FOLDER).rglob("*.[xct]*")}
+    assert kept | {PAGE} == set(exports)
+
+
+def test_the_telemetry_part_is_valid_at_every_level(tmp_path):
+    path = tmp_path / "telemetry.xml"
+    path.write_text(system(DICTIONARY).dumps(), encoding="utf-8")
+    result = spp.validate_xtce(path, level="all", allow_schema_download=False)
+    assert result.valid, result.errors
+
+
+def test_the_whole_document_is_valid_by_the_schema():
+    result = spp.validate_xtce(ROOT / XTCE, level="schema", allow_schema_download=False)
+    assert result.valid, result.errors
+
+
+@pytest.mark.parametrize("packet", PACKETS)
+def test_space_packet_parser_gives_every_value_back_bit_by_bit(definition, packet):
+    rng = np.random.default_rng(5)
+    values = random_values(packet, rng)
+    raw = pack(packet, values, count=77)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        parsed = definition.parse_bytes(raw)
+    assert parsed["header_sequence_count"] == 77
+    if packet.secondary_header:
+        seconds = parsed["header_time_coarse_s"] + parsed["header_time_fine"] / 2**24
+        assert seconds == 1.5
+    shared = f"service_{packet.service}_{packet.subtype}"
+    for item in packet.fields:
+        first = packet.match and item is packet.fields[0]
+        found = parsed[f"{shared if first else packet.name}_{item.name}"]
+        if item.enumeration is not None and not first:
+            assert found == item.enumeration.labels[values[item.name]]
+            assert found.raw_value == values[item.name]
+        elif item.type is Type.TEXT:
+            assert found.rstrip("\0") == values[item.name]
+        else:
+            assert found == values[item.name]
+    assert parsed["crc16"] == int.from_bytes(raw[-2:], "big")
+
+
+@pytest.mark.parametrize("packet", PACKETS)
+def test_ccsdspy_reads_a_stream_of_every_packet_by_its_table(packet):
+    ccsdspy = pytest.importorskip("ccsdspy", reason="needs ccsdspy: pip install '.[test]'")
+    rng = np.random.default_rng(6)
+    rows = [random_values(packet, rng) for _ in range(3)]
+    stream = io.BytesIO(b"".join(pack(packet, row, k) for k, row in enumerate(rows)))
+    table = ccsdspy.FixedLength.from_file(str(ROOT / FOLDER / "ccsdspy" / f"{packet.name}.csv"))
+    found = table.load(stream, include_primary_header=True)
+    assert list(found["CCSDS_SEQUENCE_COUNT"]) == [0, 1, 2]
+    for item in packet.fields:
+        for k, row in enumerate(rows):
+            value = found[item.name][k]
+            if item.type is Type.TEXT:
+                value = bytes(value).rstrip(b"\0").decode()
+            assert value == row[item.name], item.name
+
+
+def test_cosmos_items_have_the_sizes_of_the_dictionary():
+    text = (ROOT / FOLDER / "cosmos" / "tlm.txt").read_text()
+    found: dict[str, int] = {}
+    name = ""
+    for line in text.splitlines():
+        words = line.split()
+        if words and words[0] == "TELEMETRY":
+            name = words[2]
+            found[name] = 0
+        elif words and words[0] in ("APPEND_ITEM", "APPEND_ID_ITEM"):
+            found[name] += int(words[2])
+    headers = {True: 6 + 15 + 2, False: 6 + 2}
+    assert found == {
+        packet.name.upper(): 8 * (packet.size_bytes + headers[packet.secondary_header])
+        for packet in DICTIONARY.packets
+    }

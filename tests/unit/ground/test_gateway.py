@@ -1,0 +1,282 @@
+"""The gateway's requests and its stream, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from contextlib import asynccontextmanager
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from aiohttp.test_utils import TestClient, TestServer
+
+from fsw.exchange.recording import RecordingWriter
+from ground.errors import UsageError
+from ground.gateway.feed import Feed
+from ground.gateway.guard import Guard
+from ground.gateway.history import MAX_ROWS, Ring, thinned
+from ground.gateway.server import KEPT, PERIOD_S, Client, application
+from tests.support.fake_daemon import OUTSIDE, FakeDaemon, packet, run_of_estimates
+
+MASS = "estimate.target_mass_kg"
+
+
+@pytest.fixture
+def assets(tmp_path):
+    folder = tmp_path / "openmct"
+    folder.mkdir()
+    (folder / "openmct.js").write_text("// Open MCT")
+    return folder
+
+
+@asynccontextmanager
+async def gateway(port, assets, recordings=None):
+    app = application("127.0.0.1", port, assets, recordings, Guard("127.0.0.1"))
+    async with TestClient(TestServer(app)) as client:
+        yield client
+
+
+async def received(socket, until, timeout_s=20.0):
+    """Return messages up to the first that fits."""
+    found = []
+    async with asyncio.timeout(timeout_s):
+        async for message in socket:
+            found.append(json.loads(message.data))
+            if until(found[-1]):
+                return found
+    raise AssertionError(found)
+
+
+def test_without_open_mct_it_says_what_to_do(tmp_path):
+    with pytest.raises(UsageError, match="fetch-assets"):
+        application("127.0.0.1", 1, tmp_path, None, Guard("127.0.0.1"))
+
+
+def test_the_page_and_its_files_are_served(assets):
+    async def check():
+        async with gateway(1, assets) as client:
+            page = await (await client.get("/")).text()
+            assert 'src="static/start.js"' in page
+            start = await (await client.get("/static/start.js")).text()
+            assert "openmct.start(document.getElementById" in start
+            assert await (await client.get("/openmct/openmct.js")).text() == "// Open MCT"
+            assert (await client.get("/static/plugin.js")).status == 200
+            tree = await (await client.get("/objects")).json()
+            for item in tree["objects"].values():
+                for member in item.get("composition", []):
+                    assert member["key"] in tree["objects"], item["name"]
+            assert tree["objects"][MASS]["telemetry"]["values"][0]["unit"] == "kg"
+            assert (await client.get("/history/nothing.at_all?start=0&end=1")).status == 404
+            assert (await client.get(f"/history/{MASS}?start=now")).status == 400
+
+    asyncio.run(check())
+
+
+def test_live_values_come_at_most_ten_times_a_second(assets):
+    async def check(port):
+        async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
+            await socket.send_str(json.dumps({"subscribe": [MASS, f"{MASS}_low"]}))
+            times, values, bands = [], [], []
+            while len(values) < 60:
+                message = json.loads((await socket.receive()).data)
+                got = message["points"]
+                if MASS in got:
+                    times.append(asyncio.get_running_loop().time())
+                    values += got[MASS]
+                    bands += got[f"{MASS}_low"]
+                assert set(got) <= {MASS, f"{MASS}_low"}, "only what was asked for"
+            assert times[-1] - times[0] >= PERIOD_S * (len(times) - 2)
+            assert all(b[0] > a[0] for a, b in pairwise(values))
+            assert abs(values[-1][0] / 1e3 - time.time()) < 2.0, "time of day"
+            assert all(low[1] < value[1] for low, value in zip(bands, values, strict=True))
+
+    with FakeDaemon(stream=run_of_estimates()) as daemon:
+        asyncio.run(check(daemon.port))
+
+
+def test_a_slow_page_loses_the_oldest_values():
+    client = Client()
+    client.wanted = {MASS}
+    for k in range(KEPT + 7):
+        client.offer("estimate", float(k), {"target_mass_kg": float(k), "nis": 1.0})
+    message = client.take()
+    assert message["points"] == {MASS: [[float(k), float(k)] for k in range(7, KEPT + 7)]}
+    assert client.dropped == 7
+    assert client.take()["points"] == {}
+
+
+def test_staleness_is_told_when_packets_are_overdue_and_when_the_link_is_lost(assets):
+    async def check(daemon):
+        async with gateway(daemon.port, assets) as client, client.ws_connect("/stream") as socket:
+            live = await received(socket, lambda m: m.get("stale") == [])
+            assert live[-1]["link"]["connected"]
+            async with asyncio.timeout(20.0):
+                while len(await (await client.get(f"/history/{MASS}?start=0&end=1e15")).json()) < 9:
+                    await asyncio.sleep(0.05)
+            daemon.pause.set()
+            overdue = await received(socket, lambda m: "estimate" in m.get("stale", []))
+            assert overdue[-1]["link"]["connected"]
+            assert "batch" not in overdue[-1]["stale"], "never came, so not overdue"
+            daemon.pause.clear()
+            await received(socket, lambda m: m.get("stale") == [])
+            daemon.stop()
+            lost = await received(socket, lambda m: "link" in m and not m["link"]["connected"])
+            assert "batch" in lost[-1]["stale"], "without a link everything is stale"
+
+    with FakeDaemon(stream=run_of_estimates()) as daemon:
+        asyncio.run(check(daemon))
+
+
+def test_events_are_streamed_and_kept(assets):
+    event = packet("event_high", met_s=5.0, event=10, occurrence=1, text="imu: gone")
+
+    async def check(port):
+        async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
+            messages = await received(socket, lambda m: m["events"])
+            found = messages[-1]["events"][0]
+            assert (found["severity"], found["code"], found["text"]) == (
+                "high",
+                "PORT_LOST",
+                "imu: gone",
+            )
+            old = await (await client.get("/history/events?start=0&end=1e15")).json()
+            assert old[0]["code"] == "PORT_LOST"
+
+    with FakeDaemon(stream=lambda: event) as daemon:
+        asyncio.run(check(daemon.port))
+
+
+def recorded(path, first_s: float, masses) -> None:
+    """Write estimates, one a second on the machine's clock."""
+    writer = RecordingWriter(path)
+    for k, mass_kg in enumerate(masses):
+        t_ns = round((first_s + k) * 1e9)
+        body = {"mass_kg": mass_kg, "com_m": [0.0, 0.0, 0.5], "inertia_kg_m2": [1.0] * 6}
+        sigma = {"mass_kg": 2.0, "com_m": [0.0] * 3, "inertia_kg_m2": [0.0] * 6}
+        values = {"t_ns": t_ns, "valid": True, "nis": 70.0, "blocks": k}
+        values |= {"estimate": {"target": body}, "sigma": {"target": sigma}}
+        writer.json("/estimate", t_ns, values)
+        writer.json("/events", t_ns, {"severity": "low", "code": "OLD", "text": str(k)})
+    writer.close()
+
+
+def test_history_comes_from_recordings_and_then_from_memory(assets, tmp_path):
+    now_s = time.monotonic()
+    recorded(tmp_path / "run.mcap", now_s - 60.0, range(300, 355))
+
+    async def check(port):
+        async with gateway(port, assets, tmp_path) as client:
+            async with asyncio.timeout(20.0):
+                while len(await (await client.get(f"/latest/{MASS}")).json()) == 0:
+                    await asyncio.sleep(0.05)
+            query = f"start={(time.time() - 300) * 1e3}&end={(time.time() + 5) * 1e3}"
+            rows = await (await client.get(f"/history/{MASS}?{query}&size=5000")).json()
+            old = [row for row in rows if row[1] == int(row[1])]
+            assert [value for _, value in old] == list(range(300, 355))
+            assert len(rows) > len(old), "and what came since"
+            assert old[0][0] == pytest.approx(
+                1e3 * (time.time() - time.monotonic() + now_s - 60.0), abs=50.0
+            )
+            assert rows == sorted(rows, key=lambda row: row[0])
+            low = await (await client.get(f"/history/{MASS}_low?{query}")).json()
+            assert low[0][1] == 298.0
+            few = await (await client.get(f"/history/{MASS}?{query}&size=10")).json()
+            assert 2 <= len(few) <= 12
+            events = await (await client.get(f"/history/events?{query}")).json()
+            assert [event["text"] for event in events if event["code"] == "OLD"] == list(
+                map(str, range(55))
+            )
+
+    with FakeDaemon(stream=run_of_estimates()) as daemon:
+        asyncio.run(check(daemon.port))
+
+
+def test_a_recording_that_is_being_written_or_broken_is_read_as_far_as_it_goes(tmp_path):
+    from ground.gateway.history import read_recording
+
+    recorded(tmp_path / "run.mcap", 100.0, range(300, 3300))
+    whole = (tmp_path / "run.mcap").read_bytes()
+    for size in (0, 5, 100, len(whole) // 2, len(whole) - 1):
+        (tmp_path / "cut.mcap").write_bytes(whole[:size])
+        found = read_recording(tmp_path / "cut.mcap")
+        masses = found.columns.get("target_mass_kg", np.array([]))
+        assert list(masses) == list(range(300, 300 + len(masses)))
+        if size > len(whole) // 3:
+            assert len(masses) > 500
+
+
+def test_memory_is_bounded_and_keeps_the_newest():
+    ring = Ring(["a", "b"])
+    for k in range(3 * MAX_ROWS):
+        ring.add(float(k), {"a": float(k)})
+    rows = ring.between("a", 0.0, 1e9)
+    assert MAX_ROWS // 2 <= len(rows) <= 2 * MAX_ROWS
+    assert rows[-1].tolist() == [3 * MAX_ROWS - 1.0] * 2
+    assert np.all(np.isnan(ring.between("b", 0.0, 1e9)[:, 1]))
+
+
+def test_thinning_keeps_the_extremes():
+    t = np.arange(10_000.0)
+    values = np.sin(t / 300.0)
+    values[7777], values[1234] = 50.0, -50.0
+    rows = thinned(np.column_stack((t, values)), 200)
+    assert len(rows) <= 202
+    assert max(rows, key=lambda row: row[1]) == (7777.0, 50.0)
+    assert min(rows, key=lambda row: row[1]) == (1234.0, -50.0)
+    assert rows == sorted(rows)
+
+
+def test_what_a_page_says_wrongly_changes_nothing(assets):
+    async def check(port):
+        async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
+            for text in ("{", "[]", '{"subscribe": 5}', '"x"', "{}"):
+                await socket.send_str(text)
+            await socket.send_bytes(b"\0")
+            await socket.send_str(json.dumps({"subscribe": [MASS]}))
+            await received(socket, lambda m: MASS in m["points"])
+            assert socket.closed is False
+
+    with FakeDaemon(stream=run_of_estimates()) as daemon:
+        asyncio.run(check(daemon.port))
+
+
+def test_packets_outside_the_dictionary_are_counted_and_the_reader_goes_on(assets):
+    make = run_of_estimates()
+
+    async def check(port):
+        async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
+            await socket.send_str(json.dumps({"subscribe": [MASS]}))
+            await received(socket, lambda m: m.get("unknown", 0) > len(OUTSIDE))
+            await received(socket, lambda m: MASS in m["points"])
+            old = await (await client.get("/history/events?start=0&end=1e15")).json()
+            told = [event["text"] for event in old if event["code"] == "UNKNOWN_PACKET"]
+            assert len(told) == 4, "one of each kind; the set and the mode are of one kind"
+            assert "apid 77" in told[0]
+            assert OUTSIDE[0][:64].hex() in told[0]
+
+    with FakeDaemon(stream=lambda: b"".join(OUTSIDE) + make()) as daemon:
+        asyncio.run(check(daemon.port))
+
+
+def test_a_reader_that_fails_says_so_and_connects_again(assets, monkeypatch):
+    take, calls = Feed._take, []
+
+    def failing(feed, raw):
+        calls.append(raw)
+        if len(calls) == 1:
+            raise RuntimeError("a fault of the reader")
+        take(feed, raw)
+
+    monkeypatch.setattr(Feed, "_take", failing)
+
+    async def check(port):
+        async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
+            await socket.send_str(json.dumps({"subscribe": [MASS]}))
+            await received(socket, lambda m: MASS in m["points"])
+            old = await (await client.get("/history/events?start=0&end=1e15")).json()
+            assert "a fault of the reader" in str([e for e in old if e["code"] == "READER_FAILED"])
+
+    with FakeDaemon(stream=run_of_estimates()) as daemon:
+        asyncio.run(check(daemon.port))

@@ -1,0 +1,102 @@
+"""The files of a run: no truth of an unknown body on the flight side, conventions translated."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from fsw.config import load as load_config
+from hil.run.flight import (
+    flight_document,
+    joint_names,
+    plant_document,
+    position_noise_rad,
+    torque_noise_nm,
+    write_flight,
+    write_yaml,
+)
+from hil.world.scenario import draw_prior, load
+from hil.world.sensors import NodeConfig, SensorConfig
+
+
+def flight_of(name, seed, folder):
+    scenario = load(name)
+    priors = {b: draw_prior(scenario.truth[b], seed, b) for b in scenario.unknown}
+    document = flight_document(scenario, priors, joint_names(scenario), folder, 43113, {})
+    return scenario, priors, write_flight(folder, scenario, priors, document)
+
+
+@pytest.mark.parametrize("name", ["target_leo", "target_geo", "base", "both"])
+def test_every_scenario_makes_a_valid_configuration(name, tmp_path):
+    scenario, priors, path = flight_of(name, 3, tmp_path)
+    config = load_config(path)
+    assert config.unknown == scenario.unknown
+    for body, prior in priors.items():
+        assert config.bodies[body].mass_kg == prior.report[0]
+        assert config.bodies[body].sigma.mass_kg == prior.sigma[0]
+
+
+@pytest.mark.parametrize("name", ["target_leo", "base", "both"])
+def test_no_true_value_of_an_unknown_body_is_in_the_flight_files(name, tmp_path):
+    scenario, _, path = flight_of(name, 3, tmp_path)
+    written = yaml.safe_load(path.read_text())
+    robot = (tmp_path / "robot.urdf").read_text()
+    for body in scenario.unknown:
+        told = written["bodies"][body]
+        values = np.array([told["mass_kg"], *told["com_m"], *told["inertia_kg_m2"]])
+        assert not np.any(np.isclose(values, scenario.truth[body], rtol=1e-3))
+    if "base" in scenario.unknown:
+        assert 'value="1000' not in robot
+        assert "0.855" not in robot
+        assert "937.5" not in robot
+
+
+def test_a_known_body_is_given_as_it_is(tmp_path):
+    scenario, _, path = flight_of("target_leo", 0, tmp_path)
+    base = load_config(path).bodies["base"]
+    assert base.sigma is None
+    assert base.mass_kg == scenario.truth["base"][0]
+
+
+def test_the_joint_offset_is_translated(tmp_path):
+    scenario, _, path = flight_of("target_leo", 0, tmp_path)
+    nodes = SensorConfig.from_dict(scenario.sensors).joints.nodes
+    for joint, node in zip(load_config(path).joints, nodes, strict=True):
+        q = 0.7
+        reading = node.sign * (q - node.zero_offset_rad)
+        assert joint.sign * reading - joint.zero_offset_rad == pytest.approx(q)
+
+
+def test_rounding_on_the_wire_is_part_of_the_noise():
+    joints = SensorConfig.from_dict(load("target_leo").sensors).joints
+    classic = torque_noise_nm(joints, NodeConfig(node_id=0x11), 500.0)
+    assert classic == pytest.approx(math.sqrt(0.05**2 + 0.01**2 / 12))
+    step = 2 * math.pi / 2**24
+    assert position_noise_rad(joints) == pytest.approx(step * math.sqrt(2 / 12))
+
+
+def test_overrides_reach_the_estimator(tmp_path):
+    scenario = load("target_leo")
+    priors = {"target": draw_prior(scenario.truth["target"], 0, "target")}
+    document = flight_document(
+        scenario, priors, joint_names(scenario), tmp_path, 43113, {"weighting": "ols"}
+    )
+    path = write_flight(tmp_path, scenario, priors, document)
+    assert load_config(path).estimator.weighting == "ols"
+
+
+def test_the_plant_file_is_accepted_by_the_plant(tmp_path):
+    from hil.devices.plant_file import load as load_plant
+
+    path = write_yaml(tmp_path / "plant.yaml", plant_document(load("both"), 5, tmp_path, 43113))
+    file = load_plant(path)
+    assert file.seed == 5
+    assert (tmp_path / file.trajectory).is_file()
+    assert file.bodies.target is not None
+
+
+def test_an_uncertain_stamp_adds_to_the_position_noise():
+    joints = SensorConfig.from_dict(load("target_leo").sensors).joints
+    plain = position_noise_rad(joints)
+    assert position_noise_rad(joints, 1e-6) == pytest.approx(math.hypot(plain, 1e-6))

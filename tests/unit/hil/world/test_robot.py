@@ -1,0 +1,84 @@
+"""A URDF becomes the model it describes, or a clear error."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from hil.world.robot import Body, Robot
+from tests.support.truth_cases import BODIES, URDF, random_arm, random_urdf
+
+
+def test_stand_in_has_the_published_masses_and_limits() -> None:
+    robot = Robot.load(URDF, "tool")
+    assert robot.joint_names == tuple(f"joint{i}" for i in range(1, 8))
+    masses = robot.model.body_mass[1:]
+    assert masses[0] == 1000.0
+    assert masses[1:].sum() == pytest.approx(28.3, abs=1e-9)
+    assert np.allclose(np.rad2deg(robot.upper_rad), [170, 120] * 3 + [170])
+    assert np.allclose(robot.lower_rad, -robot.upper_rad)
+    assert np.allclose(robot.effort_nm, 40.0)
+    assert np.allclose(np.rad2deg(robot.speed_rad_s), 10.0)
+    p, R = robot.tool_poses(np.zeros((1, 7)))
+    assert np.allclose(p[0], [0.0, 0.0, 2.97])
+    assert np.allclose(R[0], np.eye(3))
+
+
+def test_tool_pose_agrees_with_another_engine(tmp_path: Path) -> None:
+    case = random_arm(tmp_path)
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (20, 3))
+    p, R = case.robot.tool_poses(q)
+    data = case.model.createData()
+    for k in range(len(q)):
+        pose = np.concatenate([np.zeros(6), [1.0], q[k]])
+        pin.forwardKinematics(case.model, data, pose)
+        frame = pin.updateFramePlacement(case.model, data, case.model.getFrameId("tool"))
+        assert np.abs(p[k] - frame.translation).max() <= 1e-12
+        assert np.abs(R[k] - frame.rotation).max() <= 1e-12
+
+
+def test_target_and_base_override_enter_the_model() -> None:
+    other = Body(310.0, (0.1, 0.2, 0.3), (50.0, 1.0, 2.0, 60.0, -1.0, 40.0))
+    robot = Robot.load(URDF, "tool", base=other, target=BODIES["target_leo"])
+    assert robot.model.body("base").mass[0] == 310.0
+    assert np.allclose(robot.model.body("base").ipos, other.com_m)
+    assert robot.model.body("grasped target").mass[0] == 400.0
+    assert robot.model.body_mass.sum() == pytest.approx(310.0 + 28.3 + 400.0)
+
+
+def test_base_without_inertial_data_needs_an_override(tmp_path: Path) -> None:
+    path = tmp_path / "bare.urdf"
+    text = random_urdf(np.random.default_rng(0))
+    start = text.index("<inertial>", text.index('<link name="bus">'))
+    stop = text.index("</inertial>", start) + len("</inertial>")
+    path.write_text(text[:start] + text[stop:], encoding="utf-8")
+    with pytest.raises(ValueError, match="'bus' has no inertial data"):
+        Robot.load(path, "tool")
+    robot = Robot.load(path, "tool", base=BODIES["base"])
+    assert robot.model.body("bus").mass[0] == 1000.0
+
+
+def test_continuous_joint_has_no_range(tmp_path: Path) -> None:
+    robot = random_arm(tmp_path).robot
+    assert np.array_equal(np.isinf(robot.upper_rad), [False, True, False])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('type="continuous"', 'type="prismatic"', "elbow.*prismatic"),
+        ('type="fixed"><parent link="hand"', 'type="revolute"><parent link="bus"', "serial"),
+        ('<link name="tool"/>', '<link name="tool"/><link name="lost"/>', "one root link"),
+        ('<joint name="grip"', '<joint name="hold"', "no frame 'grip'"),
+    ],
+)
+def test_a_urdf_that_is_no_serial_arm_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    text = random_urdf(np.random.default_rng(0))
+    assert old in text
+    path = tmp_path / "wrong.urdf"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        Robot.load(path, "grip" if "hold" in new else "tool")

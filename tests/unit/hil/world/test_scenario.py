@@ -1,0 +1,120 @@
+"""Scenarios: what the flight side is told holds no truth, and is possible."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from hil.world.inertia import is_physical
+from hil.world.scenario import (
+    ScenarioError,
+    draw_prior,
+    load,
+    mapping_from,
+    names,
+    replace_base,
+    report_from,
+)
+
+DIAGONAL = [0, 4, 7, 9]
+
+
+def test_the_four_scenarios_load():
+    assert set(names()) >= {"target_leo", "target_geo", "base", "both"}
+    for name in names():
+        scenario = load(name)
+        assert scenario.urdf.is_file()
+        assert scenario.identification.is_file(), scenario.identification
+        assert scenario.verification.is_file(), scenario.verification
+        assert scenario.identification != scenario.verification
+        assert set(scenario.unknown) <= set(scenario.truth)
+
+
+@pytest.mark.parametrize("name", ["target_leo", "target_geo", "base"])
+def test_priors_are_off_by_thirty_to_fifty_percent_and_physical(name):
+    scenario = load(name)
+    body = scenario.unknown[0]
+    truth = scenario.truth[body]
+    for seed in range(50):
+        prior = draw_prior(truth, seed, body)
+        off = np.abs(prior.report / truth - 1)[DIAGONAL]
+        assert np.all((off >= 0.3 - 1e-12) & (off <= 0.5 + 1e-12))
+        com = np.linalg.norm(prior.report[1:4] - truth[1:4]) / np.linalg.norm(truth[1:4])
+        assert 0.3 <= com <= 0.6  # each component by 30-50 % of itself or of 0.3 |c|
+        assert is_physical(prior.report)
+
+
+def test_prior_errors_are_as_large_as_their_sigma_says():
+    truth = load("base").truth["base"]
+    z = []
+    for seed in range(300):
+        prior = draw_prior(truth, seed, "base")
+        z.append((prior.report - truth) / prior.sigma)
+    rms = np.sqrt(np.mean(np.square(z), axis=0))
+    # 0.4/(1 +- 0.4) over 0.5 is 0.57 or 1.33, about 1 together; rejection prefers one sign
+    assert np.all((rms > 0.5) & (rms < 1.6)), rms
+
+
+def test_sigma_is_a_function_of_the_prior_alone():
+    truth = load("target_leo").truth["target"]
+    prior = draw_prior(truth, 3, "target")
+    assert prior.sigma[0] == pytest.approx(0.5 * prior.report[0])
+
+
+def test_seeds_and_bodies_draw_differently_and_repeatably():
+    truth = load("target_leo").truth["target"]
+    first = draw_prior(truth, 1, "target").report
+    assert np.array_equal(first, draw_prior(truth, 1, "target").report)
+    assert not np.array_equal(first, draw_prior(truth, 2, "target").report)
+    assert not np.array_equal(first, draw_prior(truth, 1, "base").report)
+
+
+def test_the_flight_robot_file_has_the_given_base():
+    scenario = load("base")
+    report = draw_prior(scenario.truth["base"], 0, "base").report
+    root = ElementTree.fromstring(replace_base(scenario.urdf, report))
+    link = root.find("link[@name='base']")
+    assert len(link.findall("inertial")) == 1
+    assert float(link.find("inertial/mass").get("value")) == report[0]
+    assert float(link.find("inertial/inertia").get("iyz")) == report[8]
+    original = ElementTree.parse(scenario.urdf).getroot()
+    assert len(root.findall("link")) == len(original.findall("link"))
+
+
+def test_report_and_mapping_are_inverse():
+    report = np.arange(1.0, 11.0)
+    np.testing.assert_array_equal(report_from(mapping_from(report)), report)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"surprise": 1}, "surprise"),
+        ({"unknown": []}, "unknown"),
+        ({"unknown": ["moon"]}, "unknown"),
+        ({"bodies": {"base": "nowhere"}}, "nowhere"),
+    ],
+)
+def test_a_wrong_scenario_is_refused_by_name(tmp_path, change, named):
+    scenario = load("target_leo")
+    document = {
+        "title": "t",
+        "robot": {"urdf": str(scenario.urdf), "tool_frame": "tool"},
+        "bodies_file": str(scenario.urdf.parent / "bodies.yaml"),
+        "bodies": {"base": "base", "target": "target_leo"},
+        "unknown": ["target"],
+        "trajectories": {"identification": "a.yaml", "verification": "b.yaml"},
+        "timing": {"before_s": 0, "after_s": 0},
+        "sensors": {},
+        "flight": {},
+    }
+    path = tmp_path / "wrong.yaml"
+    path.write_text(yaml.safe_dump(document | change), encoding="utf-8")
+    with pytest.raises(ScenarioError, match=named):
+        load(str(path))
+
+
+def test_an_unknown_name_lists_what_there_is():
+    with pytest.raises(ScenarioError, match="target_leo"):
+        load("nothing")

@@ -1,0 +1,435 @@
+"""Malformed input through the whole daemon: rejected, counted, and without any trace."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fsw.config import load
+from fsw.drivers.codecs import canopen as flight_canopen
+from fsw.drivers.codecs import sagitta as flight_sagitta
+from fsw.drivers.codecs import stim300 as flight_stim300
+from fsw.drivers.codecs.sagitta import SagittaCodec
+from fsw.drivers.codecs.stim300 import Stim300Codec, StimDatagram
+from fsw.drivers.sources import StarTrackerSource
+from fsw.drivers.wire import ByteChunk
+from fsw.exchange.recording import Record, unpack_frame
+from hil.devices import canopen, sagitta, stim300
+from hil.faults import taps as faults
+from hil.faults.taps import (
+    Regrouped,
+    Struck,
+    as_node,
+    chain,
+    change_frame,
+    forge,
+    is_tpdo1,
+    rewrite,
+    sagitta_fields,
+    stim_fields,
+)
+from hil.links.virtual import VirtualBench
+from hil.run.bench import Recorded, Setup
+from tests.support import malformed_cases as cases
+from tests.support.malformed_cases import ARM, CHI2_10_999, IMU, TRACKER, Replayed
+
+SAME = 1e-12  # of its own value or sigma: the issue's bound
+LINKS = {IMU: "imu", TRACKER: "star_tracker", ARM: "arm"}
+REJECTS = ("sync", "length", "crc", "sequence", "range", "status", "node", "stale")
+FRAMING = {"sync", "crc"}  # which of the two depends on what the junk looks like
+RAW_MAX = 2**23 - 1
+
+# kind: fault and reasons of inertial unit, star tracker, joint nodes
+KINDS: dict[str, tuple[tuple[Any, set[str]], ...]] = {
+    "noise between frames, node not configured": (
+        (faults.noise(40), FRAMING),
+        (faults.noise(40), FRAMING),
+        (as_node(0x33), {"node"}),
+    ),
+    "end missing, short frame": (
+        (faults.truncate, FRAMING),
+        (faults.truncate, FRAMING),
+        (change_frame(length=5), {"length"}),
+    ),
+    "beginning missing, empty frame": (
+        (faults.behead, FRAMING),
+        (faults.behead, FRAMING),
+        (change_frame(length=0), {"length"}),
+    ),
+    "duplicated": (
+        (faults.duplicate, {"sequence"}),
+        (faults.duplicate, {"sequence"}),
+        (faults.duplicate, {"sequence"}),
+    ),
+    "counter behind": (
+        (rewrite(stim_fields(counter_step=-40)), {"sequence"}),
+        (rewrite(sagitta_fields(time_step_us=-300_000)), {"sequence"}),
+        (change_frame(counter_step=-7), {"sequence"}),
+    ),
+    "counter ahead": (
+        (rewrite(stim_fields(counter_step=4)), {"sequence"}),
+        (rewrite(sagitta_fields(time_step_us=300_000)), {"sequence"}),
+        (change_frame(counter_step=7), {"stale"}),
+    ),
+    "bits flipped, encoder at fault": (
+        (faults.flip, FRAMING),
+        (faults.flip, FRAMING),
+        (change_frame(status=0x19), {"status"}),
+    ),
+    "forged behind the true one, another node's identifier": (
+        (forge(stim_fields(counter_step=1)), {"sequence"}),
+        (forge(sagitta_fields(time_step_us=100)), {"sequence"}),
+        (as_node(0x13), {"sequence", "range"}),
+    ),
+    "absurd rate, quaternion, position": (
+        (rewrite(stim_fields(gyro=(RAW_MAX, 0, 0))), {"range"}),
+        (rewrite(sagitta_fields(q_wxyz=(1.0, 1.0, 0.0, 0.0))), {"range"}),
+        (change_frame(position=2**31 - 1), {"range"}),
+    ),
+    "absurd force, wrong address, absurd torque": (
+        (rewrite(stim_fields(acc=(0, -RAW_MAX, 5))), {"range"}),
+        (rewrite(sagitta_fields(address=0x22)), {"node"}),
+        (change_frame(torque=32000), {"range"}),
+    ),
+    "latency that moves time by 8 ms, wrong length, half a turn": (
+        (rewrite(stim_fields(latency_us=9000)), {"range"}),
+        (rewrite(sagitta_fields(cut=3)), {"length"}),
+        (change_frame(position=2**23), {"range"}),
+    ),
+}
+# with one or two datagrams to a chunk. Not those whose counter is a whole sample ahead: a chunk
+# that late could as well hold the datagram after a lost one.
+GROUPED = {
+    "end missing, short frame",
+    "duplicated",
+    "bits flipped, encoder at fault",
+    "absurd rate, quaternion, position",
+    "latency that moves time by 8 ms, wrong length, half a turn",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Clean:
+    """An undisturbed run."""
+
+    setup: Setup
+    recorded: Recorded
+    records: list[Record]
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Clean:
+    setup = cases.short(tmp_path_factory.mktemp("clean"))
+    recorded = cases.fly(setup)
+    return Clean(setup, recorded, cases.read(setup.folder / "recording.mcap"))
+
+
+def strikes(kind: str) -> dict[str, Struck[Any]]:
+    imu, tracker, arm = (action for action, _ in KINDS[kind])
+    return {
+        IMU: Struck(imu, 0.03, 1, rest=3),
+        TRACKER: Struck(tracker, 0.3, 2, rest=1),
+        ARM: Struck(arm, 0.01, 3, only=is_tpdo1, rest=30),
+    }
+
+
+def with_and_without(
+    clean: Clean, taps: Mapping[str, Any], folder: Path
+) -> tuple[Replayed, Replayed]:
+    """Replay the disturbed recording, and the one without what no device sent."""
+    disturbed = cases.tapped(clean.records, taps)
+    reference = cases.lacking(disturbed, clean.records)
+    config = clean.setup.config
+    return (
+        cases.run(cases.write(folder / "disturbed.mcap", disturbed), config),
+        cases.run(cases.write(folder / "reference.mcap", reference), config),
+    )
+
+
+def conserved(counters: Mapping[str, int]) -> bool:
+    held = counters["accepted_bytes"] + counters["rejected_bytes"] + counters["skipped_bytes"]
+    return held + counters.get("pending_bytes", 0) == counters["received_bytes"]
+
+
+def assert_same(a: Replayed, b: Replayed) -> None:
+    found = cases.differences(a, b)
+    assert max(found.values()) <= SAME, found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_malformed_input_is_rejected_counted_and_leaves_no_trace(
+    clean: Clean, tmp_path: Path, kind: str
+) -> None:
+    struck = strikes(kind)
+    taps: dict[str, Any] = dict(struck)
+    if kind in GROUPED:
+        taps[IMU] = chain(struck[IMU], Regrouped(3_300_000))
+    disturbed, reference = with_and_without(clean, taps, tmp_path)
+    assert_same(disturbed, reference)
+    for topic, (_, reasons) in zip((IMU, TRACKER, ARM), KINDS[kind], strict=True):
+        counters = disturbed.samples[LINKS[topic]]
+        rejected = {r for r in REJECTS if counters[f"reject_{r}"]}
+        assert struck[topic].count >= 5
+        assert rejected <= reasons
+        # a last item may still be pending, or not have been handed over
+        assert struck[topic].count - counters["rejected"] in (0, 1), topic
+        assert conserved(counters)
+        assert counters["late"] == 0
+        assert reference.samples[LINKS[topic]]["rejected"] == 0
+        assert reference.samples[LINKS[topic]]["accepted"] == counters["accepted"]
+
+
+def test_every_flipped_bit_of_a_datagram_in_mid_stream_is_rejected(
+    clean: Clean, tmp_path: Path
+) -> None:
+    struck = {
+        IMU: Struck(faults.FlipEveryBit(), 1.0, 1, rest=7),
+        TRACKER: Struck(faults.FlipEveryBit(), 1.0, 1, rest=1),
+    }
+    disturbed, reference = with_and_without(clean, struck, tmp_path)
+    assert_same(disturbed, reference)
+    assert struck[IMU].count >= 8 * 42
+    for topic, tap in struck.items():
+        sent = sum(record.topic == topic for record in clean.records)
+        counters = disturbed.samples[LINKS[topic]]
+        assert sent - counters["accepted"] == tap.count
+        assert conserved(counters)
+
+
+def test_every_flipped_bit_of_a_solution_in_mid_stream_is_rejected(clean: Clean) -> None:
+    assert clean.setup.config.star_tracker is not None
+    source = StarTrackerSource(clean.setup.config.star_tracker)
+    flip = faults.FlipEveryBit()
+    rng = np.random.default_rng(0)
+    frames = [
+        sagitta.frame(
+            sagitta.solution_payload(
+                sagitta.Solution(
+                    q_wxyz=(0.5, 0.5, -0.5, 0.5), unix_us=10**15 + 200_000 * k, ticks=k
+                )
+            )
+        )
+        for k in range(1500)
+    ]
+    bits = 8 * max(map(len, frames))
+    kept = []
+    for k, frame in enumerate(frames):
+        item = (10**9 + 200_000_000 * k, frame)
+        if k % 2 and flip.bit < bits:
+            (item,) = flip(item, rng)
+        kept += [sample.seq for sample in source.feed([ByteChunk(*item)])]
+    assert flip.bit == bits
+    flipped = set(range(1, 2 * bits, 2))
+    # the last frame may be what a flipped delimiter holds back; none of these is the last
+    assert kept == [k for k in range(1500) if k not in flipped]
+    assert conserved(source.counters)
+
+
+def test_bytes_are_conserved_and_accepted_frames_encode_to_themselves(clean: Clean) -> None:
+    struck = strikes("bits flipped, encoder at fault")
+    records = cases.tapped(clean.records, struck)
+    stim, star = Stim300Codec(10, crlf=False), SagittaCodec()
+    done = {IMU: 0, TRACKER: 0, ARM: 0}
+    for record in records:
+        chunk = ByteChunk(record.t_ns, record.data)
+        if record.topic == IMU:
+            for frame in stim.framer.feed(chunk):
+                assert encoded_stim(frame.data) == frame.data
+                done[IMU] += 1
+        elif record.topic == TRACKER:
+            for frame in star.framer.feed(chunk):
+                if len(frame.data) > 80:  # shorter: the answer to the subscription
+                    assert encoded_sagitta(frame.data) == frame.data
+                    done[TRACKER] += 1
+        elif record.topic == ARM:
+            can = unpack_frame(record.t_ns, record.data)
+            assert can is not None
+            if is_tpdo1((can.t_ns, can.can_id, can.data, can.is_fd)):
+                assert encoded_tpdo1(can.data) == can.data
+                done[ARM] += 1
+    sent = {topic: sum(record.topic == topic for record in clean.records) for topic in done}
+    assert done[IMU] == sent[IMU] - struck[IMU].count
+    # one of those sent is the answer
+    assert done[TRACKER] in (sent[TRACKER] - struck[TRACKER].count - k for k in (0, 1))
+    assert done[ARM] > 30_000
+
+
+def encoded_stim(data: bytes) -> bytes:
+    d = flight_stim300.decode_datagram(data, 10)
+    assert isinstance(d, StimDatagram)
+    zeros = np.zeros((1, 3))
+    measured = stim300.Measurements(
+        w_NS_S_rad_s=np.array([d.gyro_rad_s]),
+        f_NS_S_m_s2=np.array([d.acc_m_s2]),
+        inclination_g=zeros,
+        gyro_temperature_degc=np.array([d.gyro_temperature_c]),
+        acc_temperature_degc=np.array([d.acc_temperature_c]),
+        incl_temperature_degc=zeros,
+        counter=np.array([d.counter]),
+        latency_us=np.array([d.latency_us]),
+        status=np.array([d.gyro_status]),
+    )
+    (again,) = stim300.encode(d.identifier, measured, 10)
+    return again
+
+
+def encoded_sagitta(data: bytes) -> bytes:
+    payload = flight_sagitta.decode_payload(data)
+    assert isinstance(payload, bytes)
+    telemetry = flight_sagitta.decode_telemetry(payload)
+    assert isinstance(telemetry, flight_sagitta.Telemetry)
+    s = flight_sagitta.decode_solution(telemetry)
+    assert isinstance(s, flight_sagitta.Solution)
+    again = sagitta.Solution(
+        q_wxyz=s.q_wxyz,
+        unix_us=s.unix_us,
+        ticks=s.ticks,
+        confidence=s.confidence,
+        matched_count=s.stars_matched,
+        mode=s.mode,
+        valid=s.valid,
+        stable_count=s.stable_count,
+        strategy=s.strategy,
+    )
+    return sagitta.frame(sagitta.solution_payload(again))
+
+
+def encoded_tpdo1(data: bytes) -> bytes:
+    pdo = flight_canopen.decode_tpdo1(data)
+    assert isinstance(pdo, flight_canopen.Tpdo1)
+    reading = canopen.Reading(pdo.position_rad, 0.0, pdo.torque_nm, 0.0, 0.0)
+    return canopen.encode_tpdo1(reading, pdo.status, pdo.sync_counter)
+
+
+def test_a_possible_but_implausible_reading_is_gated_like_a_missing_one(
+    clean: Clean, tmp_path: Path
+) -> None:
+    """Forces of 9 g pass every check of the datagram; only the window shows they cannot be."""
+    config = clean.setup.config
+    results = []
+    for name, edit in (
+        ("absurd", stim_fields(acc=(0, 9 << 19, 5))),
+        ("flagged", stim_fields(acc_status=0x10)),
+    ):
+        tap = Struck(rewrite(edit), 0.01, 1, rest=3)
+        records = cases.tapped(clean.records, {IMU: tap})
+        results.append(cases.run(cases.write(tmp_path / f"{name}.mcap", records), config))
+    absurd, flagged = results
+    assert_same(absurd, flagged)
+    assert tap.count > 20
+    # readings behind the last closed window are not judged
+    assert 0 <= tap.count - absurd.windows["outliers"] < 5
+    assert flagged.windows["outliers"] == 0
+
+
+def flip_payloads(world: VirtualBench) -> None:
+    world.can.tap = Struck(faults.flip_payload, 1e-3, 7, only=is_tpdo1)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_flipped_bits_of_can_payloads_leave_the_estimate_consistent(
+    tmp_path: Path, seed: int
+) -> None:
+    setup = cases.short(tmp_path, seed)
+    recorded = cases.fly(setup, flip_payloads)
+    final, status = recorded.final, recorded.status
+    assert final.valid, final.reason
+    assert cases.normalised_error(setup, final.x, final.covariance) < CHI2_10_999
+    arm = status["samples"]["arm"]
+    assert arm["rejected"] > 5  # status, counter and high position bits
+    assert status["windows"]["outliers"] > 5  # what moves a value less
+    assert status["windows"]["unusable"] == 0
+    replayed = cases.run(setup.folder / "recording.mcap", load(setup.config_path))
+    scale = np.sqrt(np.diag(final.covariance))
+    assert np.max(np.abs(replayed.estimate.mean[:10] - final.x) / scale) <= SAME
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_other_flips_on_the_same_noise_leave_it_consistent(
+    clean: Clean, tmp_path: Path, seed: int
+) -> None:
+    tap = Struck(faults.flip_payload, 1e-3, 100 + seed, only=is_tpdo1)
+    records = cases.tapped(clean.records, {ARM: tap})
+    estimate = cases.run(cases.write(tmp_path / "flips.mcap", records), clean.setup.config).estimate
+    assert tap.count > 10
+    assert estimate.valid
+    error = cases.normalised_error(clean.setup, estimate.mean, estimate.covariance)
+    assert error < CHI2_10_999
+
+
+def test_devices_silent_for_two_seconds_come_back_and_nothing_stops(tmp_path: Path) -> None:
+    """Inertial unit, then joint 3, then the star tracker."""
+    setup = cases.short(tmp_path, seed=5, total_s=14.0)
+
+    def disturb(world: VirtualBench) -> None:
+        assert world.imu is not None
+        assert world.star_tracker is not None
+        start_ns = world.clock.now_ns()
+
+        def window(first_s: float) -> tuple[int, int]:
+            return start_ns + round(first_s * 1e9), start_ns + round((first_s + 2.0) * 1e9)
+
+        world.imu.tap = Struck(faults.drop, 1.0, 1, window_ns=window(3.0))
+        world.can.tap = Struck(
+            faults.drop, 1.0, 1, only=faults.is_node(0x13), window_ns=window(5.5)
+        )
+        world.star_tracker.tap = Struck(faults.drop, 1.0, 1, window_ns=window(8.0))
+
+    recorded = cases.fly(setup, disturb)
+    samples, windows = recorded.status["samples"], recorded.status["windows"]
+    # 2 s at 500, 500 and 5 Hz; one more or less by phase
+    for source, lost in (("imu", 1000), ("arm", 1000), ("star_tracker", 10)):
+        assert abs(samples[source]["lost"] - lost) <= 1, source
+        assert samples[source]["rejected"] == samples[source]["late"] == 0, source
+        assert samples[source]["received"] > 40
+    codes = [event.code for event in recorded.events]
+    for code in ("JOINT_SILENT", "IMU_SILENT", "TRACKER_SILENT"):
+        assert codes.count(code) == 1
+    assert codes.count("RECOVERED") == 3
+    assert 4 <= windows["unusable"] <= 6  # those without joint 3
+    assert windows["closed"] == 34
+    final = recorded.final
+    assert final.valid, final.reason
+    assert cases.normalised_error(setup, final.x, final.covariance) < CHI2_10_999
+    replayed = cases.run(setup.folder / "recording.mcap", setup.config)
+    scale = np.sqrt(np.diag(final.covariance))
+    assert np.max(np.abs(replayed.estimate.mean[:10] - final.x) / scale) <= SAME
+    assert replayed.samples == samples
+
+
+def test_live_and_replay_agree_with_every_fault_at_once(tmp_path: Path) -> None:
+    setup = cases.short(tmp_path, seed=6)
+
+    def disturb(world: VirtualBench) -> None:
+        assert world.imu is not None
+        assert world.star_tracker is not None
+        byte_faults = (faults.noise(30), faults.truncate, faults.duplicate, faults.flip)
+        for k, port in enumerate((world.imu, world.star_tracker)):
+            port.tap = chain(*(Struck(a, 0.01, 10 * k + i) for i, a in enumerate(byte_faults)))
+        world.can.tap = chain(
+            Struck(faults.flip_payload, 1e-3, 30, only=is_tpdo1),
+            Struck(change_frame(length=6), 1e-3, 31, only=is_tpdo1),
+            Struck(faults.duplicate, 1e-3, 32, only=is_tpdo1),
+            Struck(faults.drop, 1e-3, 33),
+            Struck(faults.delay(7_000_000), 1e-3, 34, only=is_tpdo1),
+        )
+
+    recorded = cases.fly(setup, disturb)
+    final = recorded.final
+    assert final.valid, final.reason
+    assert cases.normalised_error(setup, final.x, final.covariance) < CHI2_10_999
+    assert recorded.status["slips"] == 0
+    replayed = cases.run(setup.folder / "recording.mcap", setup.config)
+    scale = np.sqrt(np.diag(final.covariance))
+    assert np.max(np.abs(replayed.estimate.mean[:10] - final.x) / scale) <= SAME
+    sigma = np.sqrt(np.diag(replayed.estimate.covariance)[:10])
+    np.testing.assert_allclose(sigma, scale, rtol=SAME)
+    assert replayed.samples == recorded.status["samples"]
+    for source in ("imu", "star_tracker", "arm"):
+        assert conserved(replayed.samples[source])
+        assert replayed.samples[source]["rejected"] > 0
