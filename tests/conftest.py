@@ -12,9 +12,12 @@ from hypothesis import settings
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: ten times as fast on small ones
 
+pytest_plugins = ["tests.support.bench_fixtures", "tests.support.telemetry_fixtures"]
+
 settings.register_profile("project", deadline=None, derandomize=True, max_examples=200)
 settings.load_profile("project")
 
+HERE = Path(__file__).parent
 AXES = ("0 0 1", "0 1 0")
 
 
@@ -130,3 +133,11 @@ class ArmProject:
 @pytest.fixture
 def arm(tmp_path: Path) -> ArmProject:
     return ArmProject(tmp_path)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test with the lane of its folder."""
+    for item in items:
+        lane = item.path.relative_to(HERE).parts[0]
+        if lane in {"unit", "virtual", "live"}:
+            item.add_marker(lane)

@@ -3,7 +3,7 @@
 Every vector is taken in base axes about the base origin (spatial notation, linear part first), so
 composite inertias add without transforms, a base acceleration adds to every body's alike, and a
 row of any regressor is one projection of a vector u on a body's motion: the 6+n rows by 10 (n+1)
-columns of the whole regressor are never formed. v_b = 0 throughout (see fsw.estimators.model.robot).
+columns of the whole regressor are never formed. v_b = 0 throughout (see model/robot.py).
 
 Needs numba; for worker and study, never for the loop process. Pinocchio is the oracle of the tests.
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 2, 5, 6.

@@ -1,6 +1,6 @@
 """Per-sample CasADi functions of joint motion: limits, whitened information rows, torque regressor.
 
-At zero momentum the base's motion is algebraic in (q, qd, qdd), as in `fsw.estimators.measurement.fused`:
+At zero momentum the base's motion is algebraic in (q, qd, qdd), as in `measurement/fused.py`:
 
     nu  = -H_bb^-1 H_bm qd,   a_b = -H_bb^-1 (c_b + H_bm qdd),   tau = c_m + H_bm^T a_b + H_m qdd
     J_nu = -H_bb^-1 Y_h,      J_a = -H_bb^-1 (Y_b + C_b J_w),     J_tau = Y_m + H_bm^T J_a + C_m J_w

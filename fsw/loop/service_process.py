@@ -14,10 +14,9 @@ from fsw.config import Config
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import DOWN_BYTES, UP_BYTES, RingJobs, RingSink
 from fsw.messages import Event
-from fsw.messages.errors import PortError
+from fsw.messages.errors import MEMORY_EXIT, PortError
 
 LOCK_NAME = "loop.lock"
-MEMORY_EXIT = 76  # of a service that the system gave no memory
 LOCK_WAIT_NS = 1_000_000_000  # for the kernel to be done with a loop that was killed
 LOCK_POLL_NS = 20_000_000
 MOST_RESTARTS = 5  # within RESTARTS_NS

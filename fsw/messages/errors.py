@@ -1,5 +1,7 @@
 """The errors of the flight software; anything else is a programmer's mistake."""
 
+MEMORY_EXIT = 76  # exit status of a service process that the system refused memory
+
 
 class FswError(Exception):
     """Base of every error the flight software raises on purpose."""

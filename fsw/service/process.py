@@ -1,6 +1,6 @@
 """The service process: recorder, status file, event log, control socket, batch worker.
 
-`python -m fsw.service.process --down FD --up FD` is started by the loop process on two inherited rings.
+The loop process starts `python -m fsw.service.process --down FD --up FD` on two inherited rings.
 When the loop ends, however it ends, what is left in the ring is written and the recording closed.
 """
 
@@ -23,10 +23,9 @@ from fsw.config import Config
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import Kind, deliver, load
 from fsw.exchange.sinks import NullSink, Record
-from fsw.loop.service_process import MEMORY_EXIT
 from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.commands import BatchRequest, Command, JobReport, Reply
-from fsw.messages.errors import ConfigError, PortError
+from fsw.messages.errors import MEMORY_EXIT, ConfigError, PortError
 from fsw.service.blockstore import BlockStoreError, BlockWriter, read_blocks
 from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.control import SOCKET_NAME, ControlServer

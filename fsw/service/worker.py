@@ -1,7 +1,7 @@
 """The batch worker: one job in a process of its own at nice 19, and its inline twin.
 
-`python -m fsw.service.worker` reads one pickled `Job` from standard input and writes JSON lines: progress,
-then the result or the failure. SIGTERM ends it.
+`python -m fsw.service.worker` reads one pickled `Job` from standard input and writes JSON lines:
+progress, then the result or the failure. SIGTERM ends it.
 """
 
 from __future__ import annotations

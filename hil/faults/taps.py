@@ -1,4 +1,4 @@
-"""Faults of the links: seeded, composable taps for `hil.links.virtual`, and edits of recorded traffic.
+"""Faults of the links: seeded, composable taps for virtual links, and edits of recorded traffic.
 
 An action takes one item on its way to the host (one transmission of a serial device, or one CAN
 frame) and returns the items that come instead. `Struck` applies an action to randomly chosen items;

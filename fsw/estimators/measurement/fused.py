@@ -306,7 +306,7 @@ def _smoothed(
     """Return the block with the joint motion that residuals S^-1 r (m, rows) make more likely.
 
     At the measured motion the Jacobian is correlated with the residuals by the motion's noise,
-    which shrinks the estimate; at z + Sigma D^T S^-1 r it is not. Source: as fsw.estimators.measurement.mrnea.
+    which shrinks the estimate; at z + Sigma D^T S^-1 r it is not. Source: as mrnea.py.
     """
     m, n = block.q_rad.shape
     D = _by_motion(prediction)[:, :, use]

@@ -1,7 +1,7 @@
 """One pass over the samples predicting torque, accelerometer, gyro and base velocity.
 
 The fused model and its projections: RDA is the torque channel at the measured base rate, CM the
-gyro (and, in the study, velocity) channel. Equations as in fsw.estimators.measurement.fused; here with the
+gyro (and, in the study, velocity) channel. Equations as in measurement/fused.py; here with the
 accelerometer at the base origin, joint accelerations noisy, rates exact.
 """
 

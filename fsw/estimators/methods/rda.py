@@ -1,7 +1,7 @@
 """RDA: the reduced dynamics algorithm (paper eqs. 22-27) without translational base velocity.
 
 The base acceleration is eliminated, tau = H^ qdd + C^ with H^ = H_m - H_bm^T H_bb^-1 H_bm; v_b
-cancels exactly (see fsw.estimators.model.robot). Noise of the joint accelerations and of the measured
+cancels exactly (see model/robot.py). Noise of the joint accelerations and of the measured
 rate is weighed in, (Sigma_tau + H^ Sigma_qdd H^^T + D Sigma_w D^T)^-1.
 """
 

@@ -93,7 +93,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
 )
 
 FINDINGS_FROM = 200
-# what the health monitor finds on devices and buses (`fsw.messages.findings`); append only, a place is an id
+# what the health monitor finds on devices and buses (`messages/findings.py`); append only
 FINDINGS = (
     "SYNC_LOST",
     "SYNC_DOUBLED",

@@ -1,4 +1,4 @@
-"""Telecommands that are none: `python -m hil.evidence.fuzz.telemetry [--bytes N] [--mutants N] [--seed N]`.
+"""Fuzzing of the telecommand path with damaged packets: `python -m hil.evidence.fuzz.telemetry`.
 
 Random bytes, then valid telecommands of every kind changed: bits flipped, ends cut off; and bytes
 changed, taken out, put in or repeated with the check value made right again. What must hold:

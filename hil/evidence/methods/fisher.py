@@ -1,9 +1,9 @@
 """Fisher information of white noise on the samples, at the truth, channel by channel.
 
 Independent of the flight software: the bench's own model (Pinocchio regressors, derivatives of the
-recursive Newton-Euler algorithm). Equations as in `hil.judge.bound`; here with angular acceleration as a
-channel of its own and with noisy joint accelerations or a measured rate as latent variables, which
-add their image D Sigma D^T to the covariance of what is predicted from them.
+recursive Newton-Euler algorithm). Equations as in judge/bound.py; here with angular acceleration as
+a channel of its own and with noisy joint accelerations or a measured rate as latent variables,
+which add their image D Sigma D^T to the covariance of what is predicted from them.
 """
 
 from __future__ import annotations

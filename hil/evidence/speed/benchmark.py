@@ -1,4 +1,4 @@
-"""Speed of the batch methods beside peers on the same data, as ratios: `python -m hil.evidence.speed.benchmark`.
+"""Speed of the batch methods beside peers on the same data, as ratios.
 
 Bounds, fixed before measuring: OLS MRNEA of 20 000 samples at most 0.10 of a Pinocchio loop with
 `lstsq`; RDA of 30 000 samples, both bodies, from 30 % off, at most 12 Pinocchio regressor loops;

@@ -1,6 +1,7 @@
 """How long the daemon takes from exec to its first SYNC, beside a bare import of its libraries.
 
-`python -m hil.evidence.speed.startup [N]` starts `fsw run` and the import in turn, N times each, and prints both
+`python -m hil.evidence.speed.startup [N]` starts `fsw run` and the import in turn, N times each,
+and prints both
 times and their ratio. The SYNC is seen on the bus, by another process than the daemon's.
 """
 

@@ -1,4 +1,4 @@
-"""What telemetry costs, on and off in turn in one real-time run: `python -m hil.evidence.speed.telemetry_cost`.
+"""The cost of telemetry, on and off in turn in one real-time run.
 
 The plant is a process of its own, the daemon's loop runs here, its service is the flight one. A
 client asks for all housekeeping sets at 10 Hz and science at 100 Hz in even seconds of the

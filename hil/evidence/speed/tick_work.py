@@ -1,4 +1,4 @@
-"""Processor time of the daemon's ticks in a virtual flight: `python -m hil.evidence.speed.tick_work`.
+"""Processor time of the daemon's ticks in a virtual flight.
 
 The loop itself runs, with its own tasks; simulated devices do their work in the wait, outside of
 what is measured. Printed: how the work of a tick is distributed, and how many ticks exceed theirs.

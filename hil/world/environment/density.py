@@ -1,7 +1,8 @@
 """Air density by JB2006 at three levels of solar activity, from a table that comes with the bench.
 
 The table holds the logarithm of the density over altitude, geodetic latitude and local solar time,
-with the Sun on the equator; `python -m hil.world.environment.jb2006` makes it. Interpolated by splines.
+with the Sun on the equator; `python -m hil.world.environment.jb2006` makes it.
+Interpolated by splines.
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ def test_the_live_page_sees_the_targets_mass_change(live, page):
 def test_tmtccmd_pings_and_sees_the_whole_verification_chain(live):
     if not TMTCCMD.exists():
         pytest.skip("needs tmtccmd in an environment of its own: sh tests/setup")
-    script = Path(__file__).with_name("tmtccmd_ping.py")
+    script = Path(__file__).parents[2] / "support" / "tmtccmd_ping.py"
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(
         [TMTCCMD, script, str(live.port)],

@@ -1,4 +1,4 @@
-"""`fsw.checks.configuration`: one spoiled configuration per rule, and what the daemon would do in words."""
+"""Checks: one spoiled configuration per rule, and what the daemon would do in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A short form of `python -m hil.evidence.speed.endurance`: bounded memory, finite factor, batch covariance."""
+"""The endurance run in short: bounded memory, finite factor, batch covariance."""
 
 from __future__ import annotations
 
