@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 
 from spacepackets.ccsds.spacepacket import PacketType, SpacePacket, SpacePacketHeader
 
-from fsw.telemetry.files.delivery import FileEntity
-from fsw.telemetry.files.library import DAEMON, GROUND, Pair
+from file_delivery.entity import FileEntity
+from file_delivery.library import DAEMON, GROUND, Pair
 from ground.commands import Catalogue
 from ground.errors import FAILED, NO_ANSWER, GroundError, UsageError
 from ground.link import COUNT_14, Link

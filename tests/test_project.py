@@ -69,7 +69,7 @@ def test_every_file_of_the_packages_is_installed():
     patterns = settings["package-data"]["*"]
     left_out = [
         str(path.relative_to(ROOT))
-        for package in ("fsw", "ground", "hil")
+        for package in ("file_delivery", "fsw", "ground", "hil")
         for path in (ROOT / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".py"
         if not any(path.match(pattern) for pattern in patterns)

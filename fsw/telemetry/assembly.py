@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 
+from file_delivery.entity import FileEntity
 from fsw.config import Config, TelemetryConfig
 from fsw.messages.errors import ConfigError
 from fsw.telemetry.application import TelemetryApplication
-from fsw.telemetry.files.delivery import FileEntity
 from fsw.telemetry.link.sdls import FrameReceiver
 from fsw.telemetry.link.sdls_keys import load_associations
 from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore

@@ -19,7 +19,7 @@ class FileDelivery(Protocol):
 
         Raises
         ------
-        CommandError when it cannot begin; its code is a name of the dictionary's errors.
+        DeliveryError when it cannot begin; its code is a name of the dictionary's errors.
         """
         ...
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path, PurePosixPath
 
+from file_delivery.errors import DeliveryError
 from fsw.config import Config
-from fsw.messages.errors import CommandError
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.ports import FileDelivery, Recording
@@ -172,7 +172,7 @@ class Filing:
             try:
                 here = self._within_delivery(path)
                 number = delivery.send(here, remove=remove or here != path)
-            except CommandError as error:
+            except DeliveryError as error:
                 known = error.code in Error.__members__
                 code = Error[error.code] if known else Error.FAILED
                 raise TcError(code, text=str(error)) from error

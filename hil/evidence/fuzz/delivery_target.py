@@ -13,9 +13,9 @@ from spacepackets.cfdp import ChecksumType
 from spacepackets.cfdp.pdu import EofPdu, FileDataPdu, MetadataPdu
 from spacepackets.cfdp.pdu.helper import PduHolder
 
-from fsw.telemetry.files.delivery import FileEntity
-from fsw.telemetry.files.receiver import PARTIAL
-from fsw.telemetry.files.units import UnitError, packed, parse, transaction_of
+from file_delivery.entity import FileEntity
+from file_delivery.receiver import PARTIAL
+from file_delivery.units import UnitError, packed, parse, transaction_of
 from hil.evidence.fuzz.oracle import SEALED, OracleError, Target, require, segments
 
 MAX_FILE_BYTES = 4096

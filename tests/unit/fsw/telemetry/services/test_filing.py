@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fsw.messages.errors import CommandError
+from file_delivery.errors import DeliveryError
 from fsw.telemetry.dictionary.codes import Error
 from tests.support.application_cases import BEGUN, DONE, Flight
 
@@ -18,7 +18,7 @@ class FakeDelivery:
 
     def send(self, path: Path, *, remove: bool) -> int:
         if self.error:
-            raise CommandError(self.error, "no")
+            raise DeliveryError(self.error, "no")
         self.sent.append((path, remove))
         return len(self.sent)
 

@@ -15,8 +15,8 @@ from spacepackets.cfdp.pdu.helper import GenericPduPacket
 from spacepackets.seqcount import SeqCountProvider
 from spacepackets.util import ByteFieldU8
 
-from fsw.messages.errors import CommandError
-from fsw.telemetry.files.library import (
+from file_delivery.errors import DeliveryError
+from file_delivery.library import (
     REFUSALS,
     TIMEOUT_S,
     CheckTimers,
@@ -26,8 +26,8 @@ from fsw.telemetry.files.library import (
     local_entity,
     remote_entity,
 )
-from fsw.telemetry.files.paths import confined
-from fsw.telemetry.files.units import (
+from file_delivery.paths import confined
+from file_delivery.units import (
     UnitError,
     acknowledgement,
     checked_request,
@@ -75,13 +75,13 @@ class FileSender:
 
         Raises
         ------
-        CommandError FILE_NOT_FOUND or BUSY.
+        DeliveryError FILE_NOT_FOUND or BUSY.
         """
         file = confined(self._directory, str(path))
         if not file.is_file():
-            raise CommandError("FILE_NOT_FOUND", str(path))
+            raise DeliveryError("FILE_NOT_FOUND", str(path))
         if len(self._waiting) >= WAITING_LIMIT:
-            raise CommandError("BUSY", f"{WAITING_LIMIT} files wait to be sent")
+            raise DeliveryError("BUSY", f"{WAITING_LIMIT} files wait to be sent")
         self._number = number = self._number % ((1 << NUMBER_BITS) - 1) + 1
         numbers = SeqCountProvider(NUMBER_BITS)
         numbers.count = number

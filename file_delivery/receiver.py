@@ -21,7 +21,7 @@ from spacepackets.cfdp.pdu import (
 from spacepackets.cfdp.pdu.finished import DeliveryCode, FinishedParams
 from spacepackets.cfdp.pdu.helper import GenericPduPacket, PduHolder
 
-from fsw.telemetry.files.library import (
+from file_delivery.library import (
     REFUSALS,
     TIMEOUT_S,
     TIMER_S,
@@ -32,8 +32,8 @@ from fsw.telemetry.files.library import (
     local_entity,
     remote_entity,
 )
-from fsw.telemetry.files.paths import confined
-from fsw.telemetry.files.units import (
+from file_delivery.paths import confined
+from file_delivery.units import (
     UnitError,
     acknowledgement,
     packed,
@@ -89,7 +89,7 @@ class FileReceiver:
 
         Raises
         ------
-        UnitError or CommandError when it is not used.
+        UnitError or DeliveryError when it is not used.
         """
         file = self._file
         if file is not None and file.over and transaction_of(unit) != file.key:

@@ -14,11 +14,11 @@ from pathlib import Path
 from spacepackets.cfdp import ConditionCode
 from spacepackets.cfdp.pdu.helper import GenericPduPacket, PduHolder
 
-from fsw.messages.errors import CommandError
-from fsw.telemetry.files.library import DAEMON, GROUND, Pair
-from fsw.telemetry.files.receiver import FileReceiver
-from fsw.telemetry.files.sender import FileSender
-from fsw.telemetry.files.units import (
+from file_delivery.errors import DeliveryError
+from file_delivery.library import DAEMON, GROUND, Pair
+from file_delivery.receiver import FileReceiver
+from file_delivery.sender import FileSender
+from file_delivery.units import (
     UnitError,
     is_for_sender,
     late_acknowledgement,
@@ -81,7 +81,7 @@ class FileEntity:
 
         Raises
         ------
-        CommandError FILE_NOT_FOUND or BUSY.
+        DeliveryError FILE_NOT_FOUND or BUSY.
         """
         if path.is_absolute() and path.is_relative_to(self._directory):
             path = path.relative_to(self._directory)
@@ -100,7 +100,7 @@ class FileEntity:
                 self._sender.answer(unit, now_ns)
             else:
                 self._receiver.take(unit, now_ns)
-        except (UnitError, CommandError):
+        except (UnitError, DeliveryError):
             self._counters["pdus_rejected"] += 1
         self._collect()
 

@@ -33,12 +33,12 @@ from spacepackets.cfdp.pdu.file_data import FileDataParams
 from spacepackets.cfdp.pdu.helper import PduFactory
 from spacepackets.util import ByteFieldU8, ByteFieldU16
 
-from fsw.messages.errors import CommandError
-from fsw.telemetry.files import library as files_library
-from fsw.telemetry.files.delivery import FileEntity
-from fsw.telemetry.files.library import DAEMON, GROUND, Pair
-from fsw.telemetry.files.paths import confined
-from fsw.telemetry.files.units import UnitError, parse
+from file_delivery import library
+from file_delivery.entity import FileEntity
+from file_delivery.errors import DeliveryError
+from file_delivery.library import DAEMON, GROUND, Pair
+from file_delivery.paths import confined
+from file_delivery.units import UnitError, parse
 
 S = 1_000_000_000
 CANCELS = (ConditionCode.CANCEL_REQUEST_RECEIVED, ConditionCode.FILE_CHECKSUM_FAILURE)
@@ -150,7 +150,7 @@ def test_a_wrong_checksum_leaves_the_old_file(entity, folder, kind):
 def test_no_name_leads_out_of_the_directory(folder, tmp_path, name):
     (tmp_path / "elsewhere").mkdir()
     (folder / "link").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(CommandError):
+    with pytest.raises(DeliveryError):
         confined(folder, name)
 
 
@@ -279,7 +279,7 @@ def test_a_piece_of_a_file_with_bytes_behind_it_is_refused(behind):
 
 def test_a_file_that_is_not_there_is_refused(entity):
     for name in ("missing", "../files", "."):
-        with pytest.raises(CommandError):
+        with pytest.raises(DeliveryError):
             entity.send(Path(name), remove=False)
 
 
@@ -288,7 +288,7 @@ def test_a_file_may_be_named_by_its_whole_path(entity, folder, tmp_path):
     (folder / "sub" / "a").write_bytes(b"a")
     assert entity.send(folder / "sub" / "a", remove=False) == 1
     (tmp_path / "b").write_bytes(b"b")
-    with pytest.raises(CommandError):
+    with pytest.raises(DeliveryError):
         entity.send(tmp_path / "b", remove=False)
 
 
@@ -296,7 +296,7 @@ def test_no_more_files_wait_than_may(entity, folder):
     (folder / "a").write_bytes(b"a")
     for _ in range(8):
         entity.send(Path("a"), remove=False)
-    with pytest.raises(CommandError, match="BUSY"):
+    with pytest.raises(DeliveryError, match="BUSY"):
         entity.send(Path("a"), remove=False)
 
 
@@ -336,8 +336,8 @@ def lossy(rng: np.random.Generator, ratio: float) -> Callable[[list[bytes]], lis
 
 @pytest.fixture
 def quick_timers(monkeypatch):
-    monkeypatch.setattr(files_library, "TIMER_S", 0.02)
-    monkeypatch.setattr(files_library, "TIMER_LIMIT", 500)
+    monkeypatch.setattr(library, "TIMER_S", 0.02)
+    monkeypatch.setattr(library, "TIMER_LIMIT", 500)
 
 
 @pytest.fixture

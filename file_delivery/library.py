@@ -23,7 +23,7 @@ from spacepackets.cfdp.pdu.finished import DeliveryCode, FileStatus, FinishedPar
 from spacepackets.countdown import Countdown
 from spacepackets.util import ByteFieldU8, UnsignedByteField
 
-from fsw.telemetry.files.units import UNPARSABLE
+from file_delivery.units import UNPARSABLE
 
 DAEMON, GROUND = 1, 2  # entity identifiers
 UNIT_BYTES = 1000  # longest unit sent

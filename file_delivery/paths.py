@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path, PurePosixPath
 
-from fsw.messages.errors import CommandError
+from file_delivery.errors import DeliveryError
 
 UNKNOWN = "FILE_NOT_FOUND"
 HIDDEN = "."  # names that begin so are the daemon's own
@@ -15,15 +15,15 @@ def confined(directory: Path, name: str) -> Path:
 
     Raises
     ------
-    CommandError FILE_NOT_FOUND: what cannot be named is treated as what is not there.
+    DeliveryError FILE_NOT_FOUND: what cannot be named is treated as what is not there.
     """
     parts = PurePosixPath(name).parts
     if not parts or parts[0] == "/" or any(part.startswith(HIDDEN) for part in parts):
-        raise CommandError(UNKNOWN, f"{name!r} is no name below the file directory")
+        raise DeliveryError(UNKNOWN, f"{name!r} is no name below the file directory")
     try:
         path = (directory / PurePosixPath(name)).resolve()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a loop of links
-        raise CommandError(UNKNOWN, f"{name!r}: {error}") from error
+        raise DeliveryError(UNKNOWN, f"{name!r}: {error}") from error
     if not path.is_relative_to(directory.resolve()):
-        raise CommandError(UNKNOWN, f"{name!r} is not below the file directory")
+        raise DeliveryError(UNKNOWN, f"{name!r} is not below the file directory")
     return path

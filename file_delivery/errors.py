@@ -1,0 +1,16 @@
+"""The error of file delivery."""
+
+from __future__ import annotations
+
+
+class DeliveryError(Exception):
+    """A file that cannot be sent or received.
+
+    Parameters
+    ----------
+    code : FILE_NOT_FOUND or BUSY
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(f"{code}: {message}")
+        self.code = code

@@ -1,1 +1,0 @@
-"""Files: CFDP class 2 in both directions."""
