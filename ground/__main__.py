@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ground.downlink import ClearStream, FrameStream
 from ground.errors import LINK, USAGE, GroundError
 from ground.sdls import Sealer
 
@@ -46,10 +47,17 @@ def _parser() -> argparse.ArgumentParser:
     sealing.add_argument("--spacecraft-id", type=int, default=42, metavar="N", help="42")
     sealing.add_argument("--virtual-channel", type=int, default=0, metavar="N", help="0")
     sealing.add_argument(
+        "--tm-key", type=Path, metavar="FILE", help="of authenticated telemetry (tm_security: sdls)"
+    )
+    sealing.add_argument("--tm-spi", type=int, default=2, help="its security parameter index, 2")
+    sealing.add_argument(
         "--state", type=Path, default=STATE, metavar="DIR", help="numbers used so far"
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _tc_parser(commands)
+    number = commands.add_parser("number", help="show or set the next number of --key")
+    number.add_argument("number", nargs="?", type=int, metavar="N", help="set it")
+    number.set_defaults(command=_number)
     _tm_parser(commands)
     _file_parser(commands)
     _serve_parser(commands)
@@ -149,31 +157,37 @@ def _list(arguments: argparse.Namespace) -> int:
 def _tc(arguments: argparse.Namespace) -> int:
     from ground.show import send
 
-    return send(arguments, _sealer(arguments))
+    return send(arguments, _sealer(arguments), _stream(arguments))
+
+
+def _number(arguments: argparse.Namespace) -> int:
+    from ground.show import show_number
+
+    return show_number(arguments, _sealer(arguments))
 
 
 def _tm(arguments: argparse.Namespace) -> int:
     from ground.show import watch
 
-    return watch(arguments)
+    return watch(arguments, _stream(arguments))
 
 
 def _file_get(arguments: argparse.Namespace) -> int:
     from ground.show import get_file
 
-    return get_file(arguments, _sealer(arguments))
+    return get_file(arguments, _sealer(arguments), _stream(arguments))
 
 
 def _file_put(arguments: argparse.Namespace) -> int:
     from ground.show import put_file
 
-    return put_file(arguments, _sealer(arguments))
+    return put_file(arguments, _sealer(arguments), _stream(arguments))
 
 
 def _file_list(arguments: argparse.Namespace) -> int:
     from ground.show import list_files
 
-    return list_files(arguments, _sealer(arguments))
+    return list_files(arguments, _sealer(arguments), _stream(arguments))
 
 
 def _fetch(arguments: argparse.Namespace) -> int:
@@ -186,7 +200,7 @@ def _fetch(arguments: argparse.Namespace) -> int:
 def _serve(arguments: argparse.Namespace) -> int:
     from ground.gateway.server import serve
 
-    return serve(arguments)
+    return serve(arguments, lambda: _stream(arguments) or ClearStream())
 
 
 def _sealer(arguments: argparse.Namespace) -> Sealer | None:
@@ -196,6 +210,18 @@ def _sealer(arguments: argparse.Namespace) -> Sealer | None:
         arguments.key,
         arguments.state.expanduser(),
         spi=arguments.spi,
+        spacecraft_id=arguments.spacecraft_id,
+        virtual_channel=arguments.virtual_channel,
+    )
+
+
+def _stream(arguments: argparse.Namespace) -> FrameStream | None:
+    if arguments.tm_key is None:
+        return None
+    return FrameStream(
+        arguments.tm_key,
+        arguments.state.expanduser(),
+        spi=arguments.tm_spi,
         spacecraft_id=arguments.spacecraft_id,
         virtual_channel=arguments.virtual_channel,
     )

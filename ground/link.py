@@ -7,9 +7,9 @@ import socket
 import time
 from collections.abc import Iterator
 
+from ground.downlink import ClearStream, PacketStream
 from ground.errors import LinkError
 from ground.sdls import Sealer
-from ground.telemetry import split
 
 CONNECT_TIMEOUT_S = 5.0
 READ_BYTES = 65536
@@ -21,16 +21,19 @@ class Link:
 
     Parameters
     ----------
-    sealer : seals what goes up; None: it goes in clear, which the daemon takes on loopback only
+    sealer : seals telecommands; None: they go in clear, which the daemon accepts on loopback only
+    stream : cuts what comes down; None: it is in clear
 
     Raises
     ------
     LinkError when the daemon cannot be reached.
     """
 
-    def __init__(self, host: str, port: int, sealer: Sealer | None) -> None:
-        self._sealer = sealer
-        self._buffer = bytearray()
+    def __init__(
+        self, host: str, port: int, sealer: Sealer | None, stream: PacketStream | None = None
+    ) -> None:
+        self.sealer = sealer
+        self.stream = stream or ClearStream()
         self._sequence = secrets.randbelow(COUNT_14)
         try:
             self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT_S)
@@ -44,7 +47,7 @@ class Link:
 
     def send(self, packet: bytes) -> None:
         """Send one packet. Raises LinkError."""
-        data = packet if self._sealer is None else self._sealer.seal(packet)
+        data = packet if self.sealer is None else self.sealer.seal(packet)
         try:
             self._socket.sendall(data)
         except OSError as error:
@@ -53,7 +56,7 @@ class Link:
     def packets(self, until_s: float) -> Iterator[bytes]:
         """Yield packets until a time of the monotonic clock. Raises LinkError when it is lost."""
         while True:
-            yield from split(self._buffer)
+            yield from self.stream.packets()
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:
                 return
@@ -66,8 +69,9 @@ class Link:
                 raise LinkError(f"lost: {error.strerror or error}") from error
             if not data:
                 raise LinkError("the daemon has closed the connection")
-            self._buffer += data
+            self.stream.add(data)
 
     def close(self) -> None:
         """Close."""
+        self.stream.close()
         self._socket.close()

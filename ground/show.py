@@ -14,23 +14,40 @@ from typing import Any
 
 from ground.commands import Argument, Catalogue, given_arguments
 from ground.delivery import Delivery
-from ground.errors import LinkError
+from ground.downlink import PacketStream
+from ground.errors import LinkError, UsageError
 from ground.link import Link
 from ground.sdls import Sealer
 from ground.telemetry import UNKNOWN, Decoder, Sample, check_names
 from ground.verification import EXIT_CODES, Outcome, Verification, follow
 
 ASKED_FOR_SET = "REPORT_SET"
+PING = "PING"
+SYNCHRONISE_S = 10.0
 
 
 @contextmanager
-def connected(arguments: argparse.Namespace, sealer: Sealer | None) -> Iterator[Link]:
+def connected(
+    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
+) -> Iterator[Link]:
     """Give a link for a block."""
-    link = Link(arguments.host, arguments.port, sealer)
+    link = Link(arguments.host, arguments.port, sealer, stream)
     try:
+        if sealer is not None and sealer.is_new and link.stream.is_authenticated:
+            _synchronise(link)
         yield link
+        if link.stream.rejected:
+            text = f"{link.stream.rejected} frames were not authentic, or repeated"
+            print(f"ground: {text}", file=sys.stderr)
     finally:
         link.close()
+
+
+def _synchronise(link: Link) -> None:
+    """Find the next number of a key that is new here, by a command that changes nothing."""
+    ping = Catalogue().build(PING, {}, link.next_sequence())
+    for _ in follow(link, Decoder(), ping, SYNCHRONISE_S):
+        pass
 
 
 def list_commands(name: str | None) -> int:
@@ -47,36 +64,57 @@ def list_commands(name: str | None) -> int:
     return 0
 
 
-def send(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
-    """Send a telecommand, show its reports and answers, return the exit code."""
+def send(arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None) -> int:
+    """Send a telecommand once, show its reports and answers, return the exit code."""
     catalogue, decoder = Catalogue(), Decoder()
     given = given_arguments(arguments.arguments)
     wanted = given.get("sid", "").lower() if arguments.name.upper() == ASKED_FOR_SET else ""
-    with connected(arguments, sealer) as link:
-        while True:
-            packet = catalogue.build(
-                arguments.name, given, link.next_sequence(), checked=not arguments.force
-            )
-            if arguments.at is not None:
-                packet = catalogue.at(packet, arguments.at, link.next_sequence())
-            verification = _follow(link, decoder, packet, arguments, wanted)
-            number = verification.expected_number
-            if sealer is None or number is None or not sealer.is_behind(number):
-                break
-            sealer.skip_to(number)  # refused, so without effect: once more under a fresh number
+    checked = not arguments.force
+    catalogue.build(arguments.name, given, 0, checked=checked)  # a wrong one opens no link
+    with connected(arguments, sealer, stream) as link:
+        packet = catalogue.build(arguments.name, given, link.next_sequence(), checked=checked)
+        if arguments.at is not None:
+            packet = catalogue.at(packet, arguments.at, link.next_sequence())
+        verification = _follow(link, decoder, packet, arguments, wanted)
     if arguments.json:
         print(json.dumps(_as_json(verification)))
     else:
         print(verification.outcome)
+    if sealer is not None and verification.outcome is Outcome.REPEATED:
+        print(f"ground: {_numbers_words(sealer, verification)}", file=sys.stderr)
     return EXIT_CODES[verification.outcome]
 
 
-def watch(arguments: argparse.Namespace) -> int:
+def show_number(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+    """Show the next number of a key, or set it."""
+    if sealer is None:
+        raise UsageError("number: needs --key")
+    if arguments.number is not None:
+        sealer.set_next(arguments.number)
+    print(sealer.next_number)
+    return 0
+
+
+def _numbers_words(sealer: Sealer, verification: Verification) -> str:
+    """Return what an operator has to do about a command that was refused as repeated."""
+    if verification.is_authenticated:
+        return (
+            f"the next number is {sealer.next_number} now, as the daemon says; it was not sent "
+            "again: look at what the daemon has done first"
+        )
+    return (
+        f"a report that nothing authenticates says that number {verification.expected_number} "
+        "comes next; it was not sent again and the numbers were left as they are. If you trust "
+        f"it: ground --key FILE number {verification.expected_number}"
+    )
+
+
+def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
     """Show telemetry until the end that was given. Unknown packets are shown raw and counted."""
     decoder = Decoder()
     check_names(decoder.fields, arguments.packets, arguments.field)
     shown = unknown = 0
-    with connected(arguments, None) as link:
+    with connected(arguments, None, stream) as link:
         raw_file = arguments.raw.open("wb") if arguments.raw is not None else None
         try:
             for raw in link.packets(time.monotonic() + arguments.seconds):
@@ -102,27 +140,33 @@ def watch(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def get_file(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+def get_file(
+    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
+) -> int:
     """Fetch a file."""
     local = arguments.local or Path(PurePosixPath(arguments.remote).name)
-    with connected(arguments, sealer) as link:
+    with connected(arguments, sealer, stream) as link:
         size = _delivery(arguments, link).get(arguments.remote, local.absolute())
     print(f"{local}: {size} bytes")
     return 0
 
 
-def put_file(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+def put_file(
+    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
+) -> int:
     """Send a file."""
     remote = arguments.remote or arguments.local.name
-    with connected(arguments, sealer) as link:
+    with connected(arguments, sealer, stream) as link:
         size = _delivery(arguments, link).put(arguments.local, remote)
     print(f"{remote}: {size} bytes")
     return 0
 
 
-def list_files(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
+def list_files(
+    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
+) -> int:
     """List a folder."""
-    with connected(arguments, sealer) as link:
+    with connected(arguments, sealer, stream) as link:
         for sample in _delivery(arguments, link).ask("LIST_FILES", path=arguments.remote):
             if sample.values["entry"]:
                 print(f"{sample.values['size_bytes']:12d}  {sample.values['path']}")

@@ -14,6 +14,7 @@ from ground.telemetry import NO_PACKETS, Decoder, Sample
 SUCCESS = "_success"
 FAILURE = "_failure"
 END = "completion"
+REPLAY = "REPLAY"
 REFUSED = ("acceptance", "routing")
 UNASKED = ("time", "science", *NO_PACKETS)  # packets that come anyhow
 HOUSEKEEPING = (3, 25)
@@ -27,6 +28,7 @@ class Outcome(StrEnum):
     FAILED = "failed"
     NO_ANSWER = "no answer"
     UNFINISHED = "accepted, not finished in time"
+    REPEATED = "refused as repeated; whether a copy of it had its effect is not known"
 
 
 EXIT_CODES = {
@@ -35,6 +37,7 @@ EXIT_CODES = {
     Outcome.FAILED: FAILED,
     Outcome.NO_ANSWER: NO_ANSWER,
     Outcome.UNFINISHED: NO_ANSWER,
+    Outcome.REPEATED: NO_ANSWER,
 }
 
 
@@ -43,6 +46,7 @@ class Verification:
     """Reports about one telecommand, and what it made the daemon send."""
 
     request: tuple[int, int]  # first two words of the telecommand
+    is_authenticated: bool = False  # only the daemon can have made these reports
     wanted: str = ""  # a housekeeping packet that was asked for
     reports: list[Sample] = field(default_factory=list)
     answers: list[Sample] = field(default_factory=list)
@@ -59,6 +63,10 @@ class Verification:
         if named != self.request:
             return False
         self.reports.append(sample)
+        if sample.values.get("error") == REPLAY:
+            if self.outcome is Outcome.NO_ANSWER:
+                self.outcome = Outcome.REPEATED
+            return True
         stage, _, word = sample.packet.rpartition("_")
         if word == FAILURE.strip("_"):
             self.outcome = Outcome.REJECTED if stage in REFUSED else Outcome.FAILED
@@ -70,16 +78,15 @@ class Verification:
 
     @property
     def over(self) -> bool:
-        """Whether nothing more will come."""
-        return self.outcome in (Outcome.COMPLETED, Outcome.REJECTED, Outcome.FAILED)
+        """Whether nothing more will come; a REPLAY that anybody can have made ends nothing."""
+        ends = (Outcome.COMPLETED, Outcome.REJECTED, Outcome.FAILED)
+        return self.outcome in ends or (self.is_authenticated and self.outcome is Outcome.REPEATED)
 
     @property
     def expected_number(self) -> int | None:
-        """The next number of the key the daemon takes, when this one was refused as used."""
-        last = self.reports[-1].values if self.reports else {}
-        if last.get("error") != "REPLAY":
-            return None
-        return int(last["error_value"])
+        """The next number of the key that the daemon accepts, when it has refused this one."""
+        refusals = [s.values for s in self.reports if s.values.get("error") == REPLAY]
+        return int(refusals[-1]["error_value"]) if refusals else None
 
 
 def _is_answer(sample: Sample) -> bool:
@@ -89,9 +96,15 @@ def _is_answer(sample: Sample) -> bool:
 def follow(
     link: Link, decoder: Decoder, packet: bytes, timeout_s: float, wanted: str = ""
 ) -> Iterator[tuple[Verification, Sample | None]]:
-    """Send a telecommand; yield what comes of it, and once more at the end with None."""
+    """Send a telecommand; yield what comes of it, and once more at the end with None.
+
+    A command is sent once. When an authenticated report says that its number was refused, the
+    numbers continue where the daemon expects them; a report that anybody can have made changes
+    nothing.
+    """
     words = int.from_bytes(packet[:2], "big"), int.from_bytes(packet[2:4], "big")
-    verification = Verification(request=words, wanted=wanted)
+    is_authenticated = link.stream.is_authenticated
+    verification = Verification(request=words, wanted=wanted, is_authenticated=is_authenticated)
     until_s = time.monotonic() + timeout_s
     link.send(packet)
     for raw in link.packets(until_s):
@@ -100,4 +113,7 @@ def follow(
             yield verification, sample
         if verification.over:
             break
+    number = verification.expected_number
+    if number is not None and verification.is_authenticated and link.sealer is not None:
+        link.sealer.set_next(number)
     yield verification, None

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ground.errors import LinkError
+from ground.downlink import ClearStream, PacketStream
+from ground.errors import GroundError
 from ground.gateway.history import Ring
 from ground.gateway.points import EVENTS, Points, event_of
-from ground.telemetry import FILE_UNIT, UNKNOWN, Decoder, Sample, split
+from ground.telemetry import FILE_UNIT, UNKNOWN, Decoder, Sample
 
 RETRY_S = 1.0
 READ_BYTES = 65536
@@ -55,10 +56,18 @@ class Feed:
     Parameters
     ----------
     listener : told the packet, its time [ms since 1970] and its numbers by field
+    make_stream : makes the cutter of a new connection's bytes
     """
 
-    def __init__(self, host: str, port: int, points: Points, listener: Listener) -> None:
-        self._host, self._port = host, port
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        points: Points,
+        listener: Listener,
+        make_stream: Callable[[], PacketStream] = ClearStream,
+    ) -> None:
+        self._host, self._port, self._make_stream = host, port, make_stream
         self._points, self._listener = points, listener
         self._decoder = Decoder()
         self._rings: dict[str, Ring] = {}
@@ -82,7 +91,7 @@ class Feed:
                 self.connected = True
                 try:
                     await self._read(reader)
-                except (OSError, LinkError) as error:
+                except (OSError, GroundError) as error:
                     self.reason = str(error)
                 except Exception as error:  # noqa: BLE001  the reader never ends silently
                     self.reason = f"the reader failed: {type(error).__name__}: {error}"
@@ -107,11 +116,14 @@ class Feed:
         return np.empty((0, 2)) if ring is None else ring.between(name, start_ms, end_ms)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:
-        buffer = bytearray()
-        while data := await reader.read(READ_BYTES):
-            buffer += data
-            for packet in split(buffer):
-                self._take(packet)
+        stream = self._make_stream()
+        try:
+            while data := await reader.read(READ_BYTES):
+                stream.add(data)
+                for packet in stream.packets():
+                    self._take(packet)
+        finally:
+            stream.close()
         self.reason = "closed by the daemon"
 
     def _take(self, packet: bytes) -> None:

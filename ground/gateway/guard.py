@@ -7,11 +7,11 @@ read the stream (Origin, Sec-Fetch-Site) nor reach the server under a name of it
 from __future__ import annotations
 
 import hmac
-from collections.abc import Awaitable, Callable
 from ipaddress import ip_address
 from pathlib import Path
 
 from aiohttp import web
+from aiohttp.typedefs import Handler, Middleware
 
 from ground.errors import UsageError
 
@@ -42,7 +42,6 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def is_loopback(host: str) -> bool:
@@ -89,7 +88,7 @@ class Guard:
         """Add the headers that bind a browser; called for every response."""
         response.headers.update(HEADERS)
 
-    def middleware(self) -> Callable[[web.Request, Handler], Awaitable[web.StreamResponse]]:
+    def middleware(self) -> Middleware:
         """Return the check that precedes every handler."""
 
         @web.middleware

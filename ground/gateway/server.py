@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import json
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 from aiohttp import WSMsgType, web
 
 from ground.assets import ENTRY, default_folder
+from ground.downlink import ClearStream, PacketStream
 from ground.errors import UsageError
 from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard, read_token
@@ -59,9 +60,11 @@ class Client:
 class Gateway:
     """Handlers of the page's requests."""
 
-    def __init__(self, host: str, port: int, recordings: Recordings) -> None:
+    def __init__(
+        self, host: str, port: int, recordings: Recordings, make_stream: Callable[[], PacketStream]
+    ) -> None:
         self._points, self._recordings = Points(), recordings
-        self.feed = Feed(host, port, self._points, self.take)
+        self.feed = Feed(host, port, self._points, self.take, make_stream)
         self._clients: set[Client] = set()
         self._objects = page_objects(self._points)
 
@@ -164,12 +167,17 @@ def _change_wanted(client: Client, text: str) -> None:
 
 
 def application(
-    host: str, port: int, assets: Path, recordings: Path | None, guard: Guard
+    host: str,
+    port: int,
+    assets: Path,
+    recordings: Path | None,
+    guard: Guard,
+    make_stream: Callable[[], PacketStream] = ClearStream,
 ) -> web.Application:
     """Return the server. Raises UsageError when Open MCT is not there."""
     if not (assets / ENTRY).exists():
         raise UsageError(f"{assets}: Open MCT is not there; run `ground fetch-assets`")
-    gateway = Gateway(host, port, Recordings(recordings))
+    gateway = Gateway(host, port, Recordings(recordings), make_stream)
     app = web.Application(middlewares=[guard.middleware()])
     app.on_response_prepare.append(guard.add_headers)
     app.add_routes(
@@ -195,12 +203,14 @@ def application(
     return app
 
 
-def serve(arguments: argparse.Namespace) -> int:
+def serve(arguments: argparse.Namespace, make_stream: Callable[[], PacketStream]) -> int:
     """Serve until interrupted; the first line printed is the page's address."""
     assets = arguments.assets or default_folder()
     token = None if arguments.http_token is None else read_token(arguments.http_token)
     guard = Guard(arguments.http_host, token)
-    app = application(arguments.host, arguments.port, assets, arguments.recordings, guard)
+    app = application(
+        arguments.host, arguments.port, assets, arguments.recordings, guard, make_stream
+    )
     asyncio.run(_serve(app, arguments.http_host, arguments.http_port))
     return 0
 

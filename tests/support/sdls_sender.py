@@ -37,7 +37,7 @@ class Sender:
     spare: int = 0
     sequence: int = 0
 
-    def frame(self, packet: bytes, number: int) -> bytes:
+    def frame(self, packet: bytes, number: int, random: int = 0) -> bytes:
         length = 5 + 2 + 12 + len(packet) + 16 + 2
         header = bits(
             (self.version, 2),
@@ -49,7 +49,7 @@ class Sender:
             (length - 1, 10),
             (self.sequence, 8),
         )
-        iv = number.to_bytes(12, "big")
+        iv = bits((number, 48), (random, 48))
         channel_only = bits((0, 16), (self.virtual_channel, 6), (0, 18))
         seal = Cipher(algorithms.AES(self.key), modes.GCM(iv)).encryptor()
         seal.authenticate_additional_data(channel_only + self.spi.to_bytes(2, "big") + bytes(12))

@@ -2,12 +2,14 @@
 
     header 5 | SPI 2 | IV 12 | encrypted data | MAC 16 | FECF 2        [bytes, big-endian]
 
-Type-BD frames of one virtual channel, no segment header. AES-256-GCM; the IV is the sequence
-number. The additional authenticated data are header and security header under the standard's mask:
-virtual channel and SPI, every other bit zero (the IV is authenticated as the nonce). What the mask
-leaves out is compared with its only allowed value. The data are whole telecommand packets.
+Type-BD frames of one virtual channel, no segment header. AES-256-GCM. The IV is a sequence number
+of 6 bytes and 6 random bytes of the sender: as one number of 96 bits it rises from frame to frame,
+and a sender that has lost its numbers still never uses an IV twice. The additional authenticated
+data are header and security header under the standard's mask: virtual channel and SPI, every other
+bit zero (the IV is authenticated as the nonce). Bits outside the mask are compared with their only
+allowed value. The data are whole telecommand packets.
 
-Not certified; no extended procedures (keys are files), no COP-1, telemetry in clear.
+Not certified; no extended procedures (keys are files), no COP-1.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 HEADER_BYTES, SPI_BYTES, IV_BYTES, MAC_BYTES, FECF_BYTES = 5, 2, 12, 16, 2
+RANDOM_BITS = 48  # of the IV: its low half
+RESERVE = 16  # numbers kept ahead: one write in so many commands; a crash skips at most as many
 DATA_AT = HEADER_BYTES + SPI_BYTES + IV_BYTES
 MIN_BYTES = DATA_AT + 1 + MAC_BYTES + FECF_BYTES
 MAX_BYTES = 1024  # 232.0-B 4.1.2: ten bits of length
@@ -48,10 +52,11 @@ class FrameReject(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Association:
-    """One security association: the key a security parameter index stands for."""
+    """One security association: key and role that a security parameter index stands for."""
 
     spi: int
     key: bytes = field(repr=False)
+    may_command: bool = True
 
     @property
     def fingerprint(self) -> str:
@@ -66,11 +71,12 @@ class Accepted:
     packet: bytes
     spi: int
     number: int
+    may_command: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rejected:
-    """A refusal. An authentic but repeated frame names its packet and the next number taken."""
+    """A refusal. Of an authentic but repeated frame: its packet, and the next number accepted."""
 
     reason: FrameReject
     text: str
@@ -79,18 +85,18 @@ class Rejected:
 
 
 class Numbers(Protocol):
-    """Where the lowest acceptable number of each key is kept."""
+    """Where the lowest acceptable IV of each key is kept, as a number of 96 bits."""
 
     def floor(self, fingerprint: str) -> int:
-        """Return the lowest number never used."""
+        """Return the lowest IV never used."""
         ...
 
     def is_retired(self, fingerprint: str) -> bool:
         """Whether the key is never to be accepted again."""
         ...
 
-    def claim(self, fingerprint: str, number: int) -> None:
-        """Make sure, across a crash, that this number is never accepted again. Raises OSError."""
+    def claim(self, fingerprint: str, used: int, kept: int) -> None:
+        """Use all up to `used`; across a crash nothing below `kept` comes back. Raises OSError."""
         ...
 
 
@@ -99,8 +105,8 @@ class FrameReceiver:
 
     Parameters
     ----------
-    associations : one or two keys, each under its own SPI
-    numbers : persisted sequence numbers
+    associations : the keys, each under its own SPI
+    numbers : persisted IVs
     window : accepted are numbers from the lowest never used to `window - 1` above it
     """
 
@@ -113,12 +119,16 @@ class FrameReceiver:
         virtual_channel: int,
         window: int,
     ) -> None:
-        self._associations = {item.spi: item for item in associations}
-        self._ciphers = {item.spi: AESGCM(item.key) for item in associations}
+        self.use(associations)
         self._numbers, self._window = numbers, window
         self._first, self._channel = BYPASS | spacecraft_id, virtual_channel
         self.accepted = 0
         self.rejected: Counter[FrameReject] = Counter()
+
+    def use(self, associations: Sequence[Association]) -> None:
+        """Accept these keys from now on, and no others."""
+        self._associations = {item.spi: item for item in associations}
+        self._ciphers = {item.spi: AESGCM(item.key) for item in associations}
 
     def matches(self, header: bytes) -> int | None:
         """Return the frame's length when these first 5 bytes can begin one of ours [bytes]."""
@@ -145,7 +155,7 @@ class FrameReceiver:
         association = self._associations.get(spi)
         if association is None or self._numbers.is_retired(association.fingerprint):
             return None
-        return self._numbers.floor(association.fingerprint)
+        return _next_number(self._numbers.floor(association.fingerprint))
 
     def _check(self, frame: bytes) -> Accepted | Rejected:
         if not MIN_BYTES <= len(frame) <= MAX_BYTES:
@@ -167,17 +177,24 @@ class FrameReceiver:
             return _forged(f"MAC under SPI {spi}")
         return self._claim(association, int.from_bytes(iv, "big"), packet)
 
-    def _claim(self, association: Association, number: int, packet: bytes) -> Accepted | Rejected:
-        floor = self._numbers.floor(association.fingerprint)
-        text = f"number {number}; taken are {floor} to {floor + self._window - 1}"
-        if floor <= number < floor + self._window:
+    def _claim(self, association: Association, iv: int, packet: bytes) -> Accepted | Rejected:
+        floor, number = self._numbers.floor(association.fingerprint), iv >> RANDOM_BITS
+        following = _next_number(floor)
+        text = f"number {number}; accepted are {following} to {following + self._window - 1}"
+        if floor <= iv and number < following + self._window:
+            # a sender that counts the whole IV by one stays within a number: keep ahead by its step
+            counts_all = number < following
+            kept = iv + 1 + RESERVE if counts_all else (number + 1 + RESERVE) << RANDOM_BITS
             try:
-                self._numbers.claim(association.fingerprint, number)
+                self._numbers.claim(association.fingerprint, iv, kept)
             except OSError as error:  # unkept, it could be replayed after a restart
                 text = f"number {number} cannot be kept: {error.strerror or error}"
             else:
-                return Accepted(packet=packet, spi=association.spi, number=number)
-        return Rejected(reason=FrameReject.REPLAY, text=text, packet=packet, next_number=floor)
+                may_command = association.may_command
+                return Accepted(
+                    packet=packet, spi=association.spi, number=number, may_command=may_command
+                )
+        return Rejected(reason=FrameReject.REPLAY, text=text, packet=packet, next_number=following)
 
 
 class FrameSplitter:
@@ -251,6 +268,11 @@ def masked_header(frame: bytes) -> bytes:
     """
     spi = frame[HEADER_BYTES : HEADER_BYTES + SPI_BYTES]
     return bytes((0, 0, frame[2] & VCID_MASK, 0, 0)) + spi + bytes(IV_BYTES)
+
+
+def _next_number(floor: int) -> int:
+    """Return the lowest number of which every IV is at or above a floor."""
+    return -(-floor >> RANDOM_BITS)
 
 
 def has_good_fecf(frame: bytes) -> bool:

@@ -1,4 +1,4 @@
-"""Sequence numbers of the authenticated uplink, kept so that no crash reopens an old one."""
+"""The IVs used with each key, kept so that no crash reopens an old one."""
 
 from __future__ import annotations
 
@@ -11,21 +11,20 @@ from pathlib import Path
 from fsw.messages.errors import ConfigError
 
 NUMBERS_NAME = "uplink_numbers.json"  # in the state directory
-RESERVE = 16  # numbers kept ahead: one write in so many commands; a crash skips at most as many
 
 
 @dataclass(slots=True)
 class _Key:
-    floor: int = 0  # lowest number never accepted
+    floor: int = 0  # lowest IV never used, as a number of 96 bits
     kept_floor: int = 0  # the same in the file; never below
     retired: bool = False
 
 
 class NumberStore:
-    """The lowest acceptable number of every key ever seen, in one file.
+    """The lowest IV never used of every key ever seen, in one file.
 
-    The file is replaced whole, and holds numbers ahead of those used: what a crash finds there is
-    always above every number that had an effect. Keys are remembered by fingerprint, so that one
+    The file is replaced whole, and holds IVs ahead of those used: what a crash finds there is
+    always above every IV that had an effect. Keys are remembered by fingerprint, so that one
     taken out and put back does not start again at zero.
 
     Raises
@@ -41,19 +40,22 @@ class NumberStore:
             self._keys = _read(path)
 
     def floor(self, fingerprint: str) -> int:
-        """Return the lowest number never used."""
+        """Return the lowest IV never used."""
         return self._key(fingerprint).floor
 
     def is_retired(self, fingerprint: str) -> bool:
         """Whether the key is never to be accepted again."""
         return self._key(fingerprint).retired
 
-    def claim(self, fingerprint: str, number: int) -> None:
-        """Use a number up; when it returns, no restart accepts it again. Raises OSError."""
+    def claim(self, fingerprint: str, used: int, kept: int) -> None:
+        """Use all up to `used`; across a crash nothing below `kept` comes back. Raises OSError.
+
+        The file is written only when `used` is not below what it holds already.
+        """
         key = self._key(fingerprint)
-        if number >= key.kept_floor:
-            self._keep({fingerprint: number + 1 + RESERVE})
-        key.floor = number + 1
+        if used >= key.kept_floor:
+            self._keep({fingerprint: kept})
+        key.floor = used + 1
 
     def retire(self, fingerprint: str) -> None:
         """Never accept this key again, not even after a restart. Raises OSError."""

@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, APID_FILES
 from fsw.telemetry.link.packets import telecommand_packet
-from fsw.telemetry.link.sdls import Accepted, Association, FrameReceiver, FrameSplitter
+from fsw.telemetry.link.sdls import RANDOM_BITS, Accepted, Association, FrameReceiver, FrameSplitter
 from fsw.telemetry.link.splitter import PATIENCE_NS, PacketSplitter
 from fsw.telemetry.link.telecommands import TcError, TelecommandReader
 from hil.evidence.fuzz.oracle import Target, chunks, require
@@ -84,36 +84,37 @@ def check_telecommand(reader: TelecommandReader, packet: bytes) -> None:
 
 
 class Unkept:
-    """Sequence numbers in memory."""
+    """IVs in memory."""
 
     def __init__(self) -> None:
         self.next = 0
 
     def floor(self, fingerprint: str) -> int:  # noqa: ARG002
-        """Return the lowest number never used."""
+        """Return the lowest IV never used."""
         return self.next
 
     def is_retired(self, fingerprint: str) -> bool:  # noqa: ARG002
         """Return False."""
         return False
 
-    def claim(self, fingerprint: str, number: int) -> None:  # noqa: ARG002
-        """Use up all to the number."""
-        self.next = number + 1
+    def claim(self, fingerprint: str, used: int, kept: int) -> None:  # noqa: ARG002
+        """Use up all to an IV."""
+        self.next = used + 1
 
 
 def sealer() -> Callable[[bytes], bytes]:
     """Return a sender of authentic frames; the first byte is added to the number."""
-    numbers = Unkept()
+    following = 0
 
     def seal(payload: bytes) -> bytes:
+        nonlocal following
         data = payload[1:].ljust(1, b"\0")
-        number = max(0, numbers.next + int.from_bytes(payload[:1], "big", signed=True))
-        numbers.next = number + 1
+        number = max(0, following + int.from_bytes(payload[:1], "big", signed=True))
+        following = number + 1
         length = 5 + 2 + 12 + len(data) + 16 + 2
         head = (0x2000 | SPACECRAFT).to_bytes(2, "big")
         head += (CHANNEL << 10 | length - 1).to_bytes(2, "big") + b"\0"
-        iv, spi = number.to_bytes(12, "big"), SPI.to_bytes(2, "big")
+        iv, spi = (number << RANDOM_BITS).to_bytes(12, "big"), SPI.to_bytes(2, "big")
         cipher = Cipher(algorithms.AES(KEY), modes.GCM(iv)).encryptor()
         cipher.authenticate_additional_data(b"\0\0" + bytes((CHANNEL << 2, 0, 0)) + spi + bytes(12))
         sealed = cipher.update(data) + cipher.finalize() + cipher.tag

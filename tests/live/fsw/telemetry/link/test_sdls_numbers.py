@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from fsw.messages.errors import ConfigError
-from fsw.telemetry.link.sdls import Accepted, Association, FrameReceiver, FrameReject
-from fsw.telemetry.link.sdls_numbers import RESERVE, NumberStore
+from fsw.telemetry.link.sdls import RANDOM_BITS, RESERVE, Accepted, Association, FrameReceiver
+from fsw.telemetry.link.sdls import FrameReject as Reason
+from fsw.telemetry.link.sdls_numbers import NumberStore
 from tests.support.sdls_sender import Sender
 
 KEY = bytes(range(32))
@@ -127,7 +128,7 @@ def test_a_number_that_cannot_be_kept_is_not_used(tmp_path, monkeypatch):
     with monkeypatch.context() as broken:
         broken.setattr(os, "fsync", full)
         outcome = uplink(store).receive(Sender(key=KEY).frame(b"\x01", 0))
-        assert outcome.reason is FrameReject.REPLAY
+        assert outcome.reason is Reason.REPLAY
         assert "No space left" in outcome.text
     assert isinstance(uplink(store).receive(Sender(key=KEY).frame(b"\x01", 0)), Accepted)
 
@@ -148,6 +149,6 @@ def test_a_damaged_file_opens_nothing(tmp_path, content):
 def test_a_flipped_digit_is_noticed(tmp_path):
     path = tmp_path / "numbers.json"
     uplink(NumberStore(path)).receive(Sender(key=KEY).frame(b"\x01", 33))
-    path.write_text(path.read_text().replace("50", "10", 1))
+    path.write_text(path.read_text().replace(str(50 << RANDOM_BITS), str(10 << RANDOM_BITS)))
     with pytest.raises(ConfigError, match="CRC"):
         NumberStore(path)

@@ -81,7 +81,7 @@ def test_a_frame_is_taken_once(uplink, sender):
 
 def test_the_window_is_strictly_forward(uplink, sender):
     assert reason(uplink.receive(sender.frame(PING, 10))) is None
-    for number in (0, 9, 10, 11 + WINDOW, 1 << 95):
+    for number in (0, 9, 10, 11 + WINDOW, 1 << 47):
         assert reason(uplink.receive(sender.frame(PING, number))) is FrameReject.REPLAY
     assert reason(uplink.receive(sender.frame(PING, 10 + WINDOW))) is None
     assert reason(uplink.receive(sender.frame(PING, 11))) is FrameReject.REPLAY

@@ -1,0 +1,40 @@
+"""A number kept in a file that several programs change, and that no crash sets back."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+
+class NumberFile:
+    """The next number of something; 0 when there is no file.
+
+    Parameters
+    ----------
+    path : ends in .json; beside it lies a lock
+    """
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._path = path
+
+    @property
+    def is_new(self) -> bool:
+        """Whether nothing was ever kept."""
+        return not self._path.exists()
+
+    def change(self, step: Callable[[int], int]) -> int:
+        """Replace the number by `step` of it, on the disk when this returns; return the old one."""
+        with self._path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            current = 0 if self.is_new else int(json.loads(self._path.read_text())["next"])
+            temporary = self._path.with_suffix(".new")
+            with temporary.open("w") as new:
+                json.dump({"next": step(current)}, new)
+                new.flush()
+                os.fsync(new.fileno())
+            temporary.replace(self._path)
+        return current
