@@ -6,9 +6,7 @@ A fault names the key, the value found and the bound or the choices, one line ea
 from __future__ import annotations
 
 from collections.abc import Hashable
-from contextlib import suppress
 from difflib import get_close_matches
-from reprlib import Repr
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -16,17 +14,12 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from fsw.messages.errors import ConfigError
+from fsw.messages.errors import ConfigError, brief, cut
 
 MAX_TEXT_BYTES = 1 << 16
 MAX_DEPTH = 16  # of values within values
 MAX_NODES = 10_000
 MAX_FAULTS = 20  # that are reported of one text
-MAX_FAULT_CHARACTERS = 400
-_BRIEF = Repr()
-_BRIEF.maxlist = _BRIEF.maxtuple = 8
-_BRIEF.maxdict = _BRIEF.maxlevel = 3
-_BRIEF.maxstring = _BRIEF.maxother = 100
 # what PyYAML raises of texts that are no YAML, or whose values are not what their tags say
 _READING = (yaml.YAMLError, ValueError, ArithmeticError, LookupError, AttributeError, TypeError)
 
@@ -44,7 +37,7 @@ class _StrictLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Compose one node unless it is an alias, lies too deep or is one too many."""
-        event = self.peek_event()
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
         self._nodes += 1
         problem = ""
         if isinstance(event, yaml.AliasEvent):
@@ -54,7 +47,8 @@ class _StrictLoader(yaml.SafeLoader):
         elif self._depth >= MAX_DEPTH:
             problem = f"values nested deeper than {MAX_DEPTH}"
         if problem:
-            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
+            line = event.start_mark.line + 1 if event.start_mark else 0
+            raise yaml.composer.ComposerError(problem=f"{problem}, in line {line}")
         self._depth += 1
         node = super().compose_node(parent, index)
         self._depth -= 1
@@ -89,18 +83,6 @@ def read_yaml(source: bytes) -> object:
     except _READING as error:
         raise TextError(f"not YAML: {cut(str(error) or type(error).__name__)}") from error
     return data
-
-
-def brief(value: object) -> str:
-    """Return the representation of a value, cut to a line's worth."""
-    with suppress(ValueError):  # of a whole number with too many digits
-        return _BRIEF.repr(value)
-    return f"a {type(value).__name__} too long to be shown"
-
-
-def cut(text: str, limit: int = MAX_FAULT_CHARACTERS) -> str:
-    """Return a text cut to a limit, marked where it was cut."""
-    return text if len(text) <= limit else text[: limit - 4] + " ..."
 
 
 def explain(model: type[BaseModel], error: ValidationError) -> list[str]:

@@ -18,7 +18,7 @@ from fsw.messages.commands import (
     JobReport,
     Reply,
 )
-from fsw.messages.errors import CommandError, ConfigError, EstimatorError
+from fsw.messages.errors import CommandError, ConfigError, EstimatorError, unforeseen
 
 QUEUE_LIMIT = 64
 KEPT_AFTER = (
@@ -32,6 +32,8 @@ KEPT_AFTER = (
 )
 # after which the estimator begins anew: windows that began before are of the time before
 ANEW = (CommandName.RESET, CommandName.RESUME, CommandName.CONFIGURE)
+# that may leave the estimator neither as it was nor as it is to be, when they fail
+UNFINISHED = (CommandName.FINISH, CommandName.ADOPT, CommandName.RESTORE_STATE)
 
 
 class Resettable(Protocol):
@@ -172,6 +174,11 @@ class Dispatcher:
         except EstimatorError as error:
             self._answer(command, Code.ESTIMATOR, str(error))
             return None
+        except MemoryError:
+            raise
+        except Exception as error:  # noqa: BLE001 - no command ends the loop
+            self._fail(command, error, now_ns)
+            return None
         if command.name in ANEW:
             self.first_window = clean_window
         record = {"command": str(command.name), "id": command.id, "args": args}
@@ -179,6 +186,16 @@ class Dispatcher:
         self._sink.command(now_ns, record | windows)
         self._answer(command, Code.ACCEPTED, "", data)
         return estimate
+
+    def _fail(self, command: Command, error: Exception, now_ns: int) -> None:
+        """Answer a command that met an error nobody foresaw; what holds is as it was before."""
+        text = unforeseen(error)
+        if command.name in UNFINISHED:
+            self._estimator.reset()
+            text += "; the estimator is back at its prior"
+        event = Event(now_ns, "high", "COMMAND_FAILED", f"{command.name}: {text}")
+        self._sink.event(event)
+        self._answer(command, Code.FAILED, text)
 
     def diagnose(self) -> Mapping[str, Any]:
         """Return the estimator's report on itself.
@@ -251,10 +268,10 @@ class Dispatcher:
             unknown=tuple(command.args["unknown"]),
             last_s=command.args.get("last_s"),
         )
+        self._jobs.submit(request, now_ns)
         self._running = request
         self._result = None
         self._report = JobReport(id=request.id, state="running", progress=0.0)
-        self._jobs.submit(request, now_ns)
 
     def _abort(self) -> None:
         if self._jobs is None or self._running is None:

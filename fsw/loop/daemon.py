@@ -33,7 +33,7 @@ from fsw.loop.science import Science
 from fsw.loop.window_work import WindowWork
 from fsw.messages import Block, Estimate, Event, Window
 from fsw.messages.commands import Command, JobPort
-from fsw.messages.errors import CommandError, EstimatorError
+from fsw.messages.errors import CommandError, EstimatorError, unforeseen
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
@@ -312,10 +312,10 @@ class Daemon:
     def _guarded(self, action: Callable[[], object]) -> None:
         try:
             action()
-        except EstimatorError as error:
+        except (EstimatorError, ArithmeticError, ValueError) as error:  # LinAlgError too
             self._windows.drop()
             self._pipeline.estimator.reset()
-            self._report("high", "ESTIMATOR_RESET", str(error))
+            self._report("high", "ESTIMATOR_RESET", unforeseen(error))
 
     def _publish(self, estimate: Estimate) -> None:
         self.latest = estimate

@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 from fsw.messages import Block
-from fsw.messages.errors import CommandError
+from fsw.messages.errors import CommandError, brief
 
 METHODS = ("mrnea", "rda", "cm", "ce", "fused")
 BODIES = ("base", "target")
@@ -51,6 +51,7 @@ class Code(StrEnum):
     NOT_SUPPORTED = "NOT_SUPPORTED"
     ESTIMATOR = "ESTIMATOR"
     TIMEOUT = "TIMEOUT"
+    FAILED = "FAILED"  # an error nobody foresaw; the event COMMAND_FAILED goes with it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,14 +127,14 @@ def parse_command(line: bytes, command_id: int) -> Command:
         raise CommandError(Code.MALFORMED, f"{len(line)} bytes; at most {MAX_LINE_BYTES}")
     try:
         data = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CommandError(Code.MALFORMED, f"not JSON: {error}") from error
     if not isinstance(data, dict) or not isinstance(data.get("command"), str):
         raise CommandError(Code.MALFORMED, 'must be an object with the key "command"')
     text = data.pop("command").replace("-", "_").lower()
     if text not in set(CommandName):
         raise CommandError(
-            Code.UNKNOWN_COMMAND, f"{text!r} is none of {[str(name) for name in CommandName]}"
+            Code.UNKNOWN_COMMAND, f"{brief(text)} is none of {[str(name) for name in CommandName]}"
         )
     name = CommandName(text)
     if name is CommandName.RUN_BATCH:
@@ -159,11 +160,11 @@ def _batch_args(data: dict[str, Any]) -> dict[str, Any]:
         )
     method = data.get("method")
     if method not in METHODS:
-        raise CommandError(Code.BAD_ARGUMENT, f"method {method!r} is none of {list(METHODS)}")
+        raise CommandError(Code.BAD_ARGUMENT, f"method {brief(method)} is none of {list(METHODS)}")
     unknown = _unknown(data)
     last_s = data.get("last_s")
     if last_s is not None and not _is_duration(last_s):
-        text = f"last_s {last_s!r:.40}: must be a number above 0, at most {MAX_LAST_S:g}"
+        text = f"last_s {brief(last_s)}: must be a number above 0, at most {MAX_LAST_S:g}"
         raise CommandError(Code.BAD_ARGUMENT, text)
     return {"method": method, "unknown": unknown, "last_s": last_s}
 
@@ -187,6 +188,7 @@ def _unknown(data: dict[str, Any]) -> list[str]:
         unknown = list(BODIES) if unknown == "both" else [unknown]
     if not isinstance(unknown, list) or not set(map(str, unknown)) <= set(BODIES):
         raise CommandError(
-            Code.BAD_ARGUMENT, f"unknown {unknown!r}: must be base, target, both or a list of them"
+            Code.BAD_ARGUMENT,
+            f"unknown {brief(unknown)}: must be base, target, both or a list of them",
         )
     return [str(body) for body in unknown]

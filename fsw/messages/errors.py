@@ -1,4 +1,30 @@
-"""The errors of the flight software; anything else is a programmer's mistake."""
+"""The errors of the flight software, and words for them that stay short whatever they quote.
+
+Anything else that is raised is a programmer's mistake.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from reprlib import Repr
+
+MAX_CHARACTERS = 400
+_BRIEF = Repr()
+_BRIEF.maxlist = _BRIEF.maxtuple = 8
+_BRIEF.maxdict = _BRIEF.maxlevel = 3
+_BRIEF.maxstring = _BRIEF.maxother = 100
+
+
+def brief(value: object) -> str:
+    """Return the representation of a value, cut to a line's worth."""
+    with suppress(ValueError):  # of a whole number with too many digits
+        return _BRIEF.repr(value)
+    return f"a {type(value).__name__} too long to be shown"
+
+
+def cut(text: str, limit: int = MAX_CHARACTERS) -> str:
+    """Return a text cut to a limit, marked where it was cut."""
+    return text if len(text) <= limit else text[: limit - 4] + " ..."
 
 MEMORY_EXIT = 76  # exit status of a service process that the system refused memory
 
@@ -19,9 +45,14 @@ class CommandError(FswError):
     """A command was refused; `code` is the reason published to the operator."""
 
     def __init__(self, code: str, message: str) -> None:
-        super().__init__(f"{code}: {message}")
+        super().__init__(cut(f"{code}: {message}"))
         self.code = code
 
 
 class EstimatorError(FswError):
     """An estimate cannot be given: not observable, or diverged."""
+
+
+def unforeseen(error: Exception) -> str:
+    """Return the words for an error that is not one of these."""
+    return cut(f"{type(error).__name__}: {error}")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.messages.commands import MAX_LINE_BYTES, Code, Command, CommandName, Reply, parse_command
-from fsw.messages.errors import CommandError, PortError
+from fsw.messages.errors import CommandError, PortError, unforeseen
 
 SOCKET_NAME = "ctl.sock"
 MAX_CLIENTS = 16
@@ -126,6 +126,18 @@ class ControlServer:
             )
             self._send(client, reply_values(refusal))
             return
+        try:
+            self._carry_out(client, command, now_ns)
+        except MemoryError:
+            raise
+        except Exception as error:  # noqa: BLE001 - no command ends the service
+            name, text = str(command.name), unforeseen(error)
+            self._waiting.pop(number, None)
+            failed = Reply(id=number, command=name, accepted=False, code=Code.FAILED, text=text)
+            self._send(client, reply_values(failed))
+
+    def _carry_out(self, client: _Client, command: Command, now_ns: int) -> None:
+        number = command.id
         if command.name is CommandName.STATUS:
             answer = Reply(
                 id=number,

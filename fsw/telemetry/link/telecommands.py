@@ -10,6 +10,7 @@ from spacepackets.ccsds.spacepacket import SequenceFlags
 from spacepackets.ecss.tc import InvalidTcCrc16Error, PusTc
 from spacepackets.exceptions import BytesTooShortError
 
+from fsw.messages.errors import cut, unforeseen
 from fsw.telemetry.dictionary import DICTIONARY, Field, Parameter, Telecommand, Type
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
 from fsw.telemetry.link.packets import CRC_BYTES, TC_HEADER_BYTES, Layout, Value
@@ -22,8 +23,18 @@ class TcError(Exception):
     """A telecommand was rejected, or failed."""
 
     def __init__(self, error: Error, argument: int = 0, value: float = 0.0, text: str = "") -> None:
-        super().__init__(f"{error.name}{f': {text}' if text else ''}")
+        super().__init__(cut(f"{error.name}{f': {text}' if text else ''}"))
         self.error, self.argument, self.value = error, argument, value
+
+    @classmethod
+    def of(cls, error: Exception) -> TcError:
+        """Return what an error means for a telecommand. Raises MemoryError, which ends a process.
+
+        One that nobody foresaw is FAILED: no telecommand ends the service.
+        """
+        if isinstance(error, MemoryError):
+            raise error
+        return error if isinstance(error, cls) else cls(Error.FAILED, text=unforeseen(error))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -78,8 +78,8 @@ class TcDispatcher:
         try:
             request = self._reader.read(packet)
             action = self._prepare(request)
-        except TcError as error:
-            self._reject(RequestId.of(packet), error)
+        except Exception as error:  # noqa: BLE001 - no telecommand ends the service
+            self._reject(RequestId.of(packet), TcError.of(error))
             return False
         self.counters.tc_accepted += 1
         self._success(request, "acceptance_success", ACK_ACCEPTANCE)
@@ -87,8 +87,8 @@ class TcDispatcher:
         self._waiting[request.id] = request
         try:
             done = action()
-        except TcError as error:
-            self.finish(request, error)
+        except Exception as error:  # noqa: BLE001 - no telecommand ends the service
+            self.finish(request, TcError.of(error))
             return True
         if done is Done.NOW:
             self.finish(request)

@@ -56,7 +56,11 @@ class Filing:
         if root is None or ".." in parts:
             raise TcError(Error.BAD_ARG, 1, text=f"{name!r}: begins with {sorted(self._folders)}")
         path = root.joinpath(*parts[1:])
-        if not path.resolve().is_relative_to(root.resolve()):
+        try:
+            inside = path.resolve().is_relative_to(root.resolve())
+        except (OSError, RuntimeError) as error:  # a loop of links
+            raise TcError(Error.BAD_ARG, 1, text=f"{name!r}: {error}") from error
+        if not inside:
             raise TcError(Error.BAD_ARG, 1, text=f"{name!r} leads outside")
         return path
 

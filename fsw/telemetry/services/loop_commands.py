@@ -106,8 +106,8 @@ class LoopCommands:
                 return
             if waiting.then is not None:
                 waiting.then(reply)
-        except TcError as error:
-            self._fail(waiting, error)
+        except Exception as error:  # noqa: BLE001 - no telecommand ends the service
+            self._fail(waiting, TcError.of(error))
             return
         self._finish(waiting.request, None)
 
@@ -147,7 +147,10 @@ class LoopCommands:
 
     def _fail(self, waiting: _Waiting, error: TcError) -> None:
         if waiting.failed is not None:
-            waiting.failed()
+            try:
+                waiting.failed()
+            except Exception as also:  # noqa: BLE001 - no telecommand ends the service
+                error = TcError.of(also)
         self._finish(waiting.request, error)
 
     def _finish(self, request: Request | None, error: TcError | None) -> None:

@@ -226,11 +226,12 @@ class Tables:
 
         try:
             return self._apply(table, content, request, commit, failed)
-        except (ConfigError, TcError) as error:
+        except ConfigError as error:
             failed()
-            if isinstance(error, TcError):
-                raise
             raise TcError(Error.NOT_VALIDATED, 1, table, str(error)) from error
+        except Exception:
+            failed()
+            raise
 
     def _dump(self, request: Request, table: Table, slot: Slot) -> Action:
         copy = Copy(request.whole("copy"))

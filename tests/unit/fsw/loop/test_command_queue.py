@@ -141,3 +141,67 @@ def test_planned_commands_apply_right_before_their_window(bench: Bench):
     assert bench.estimator.calls == []
     bench.dispatcher.before_window(3, 0)
     assert bench.estimator.calls == ["reset"]
+
+
+class Breaking(FakeEstimator):
+    """Everything a command asks of it raises; nobody foresaw that."""
+
+    def _raise(self, *_arguments) -> None:
+        raise RuntimeError("unforeseen " + "x" * 5000)
+
+    finish = adopt = restore = snapshot = report = estimate = _raise
+    blocks = ()
+
+
+COMMANDS = [
+    (CommandName.FINISH, {}),
+    (CommandName.REPORT, {}),
+    (CommandName.SAVE_STATE, {}),
+    (CommandName.ADOPT, {"result": {}}),
+    (CommandName.CONFIGURE, {"unknown": ["base"]}),
+    (CommandName.RUN_BATCH, {"method": "rda", "unknown": []}),
+]
+
+
+@pytest.mark.parametrize(("name", "args"), COMMANDS)
+def test_an_error_nobody_foresaw_fails_the_command_and_the_loop_continues(name, args):
+    estimator, sink = Breaking(), KeepSink()
+    jobs = FakeJobs()
+    jobs.submit = estimator._raise
+    dispatcher = Dispatcher(estimator, sink, jobs, reconfigure=estimator._raise)
+    dispatcher.submit(Command(name=name, id=7, args=args))
+    assert dispatcher.run(1000, 5, 7) == []
+    (reply,) = sink.replies
+    assert (reply.id, reply.accepted, reply.code) == (7, False, Code.FAILED)
+    assert "unforeseen" in reply.text
+    assert len(reply.text) < 1000
+    assert sink.codes == ["COMMAND_FAILED"]
+    assert sink.commands == []
+    dispatcher.submit(Command(name=CommandName.RESET))
+    dispatcher.run(1000, 5, 7)
+    assert sink.replies[-1].code is Code.ACCEPTED
+
+
+@pytest.mark.parametrize("name", [CommandName.FINISH, CommandName.ADOPT])
+def test_an_estimator_left_in_the_middle_of_a_failed_command_returns_to_its_prior(name):
+    estimator = Breaking()
+    dispatcher = Dispatcher(estimator, KeepSink(), None)
+    dispatcher.submit(Command(name=name, args={"result": {}}))
+    dispatcher.run(0, 0)
+    assert estimator.calls[-1] == "reset"
+
+
+def test_a_job_that_could_not_be_started_does_not_count_as_running(bench: Bench):
+    bench.jobs.submit = Breaking()._raise
+    assert bench.tell(CommandName.RUN_BATCH, 3, **BATCH) is Code.FAILED
+    del bench.jobs.submit
+    assert bench.tell(CommandName.RUN_BATCH, 4, **BATCH) is Code.ACCEPTED
+
+
+def test_no_memory_is_no_failed_command(bench: Bench):
+    def full() -> None:
+        raise MemoryError
+
+    bench.estimator.finish = full
+    with pytest.raises(MemoryError):
+        bench.tell(CommandName.FINISH)

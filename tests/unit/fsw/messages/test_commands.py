@@ -42,7 +42,22 @@ def test_a_batch_names_method_bodies_and_span():
         (b'{"command": "run_batch", "method": "rda", "last_s": 1000001}', Code.BAD_ARGUMENT),
         (b'{"command": "run_batch", "method": "rda", "colour": 1}', Code.BAD_ARGUMENT),
         (b" " * 70_000, Code.MALFORMED),
+        (b"[" * 60_000, Code.MALFORMED),
+        (b'{"command":' * 5_000, Code.MALFORMED),
+        (b'{"command": "reset", "now": ' + b"9" * 5_000 + b"}", Code.MALFORMED),
+        (
+            b'{"command": "configure", "unknown": ' + b"[" * 400 + b"]" * 400 + b"}",
+            Code.BAD_ARGUMENT,
+        ),
     ],
 )
 def test_what_is_not_understood_is_refused_with_a_reason(line: bytes, code: Code):
     assert refusal(line) == code
+
+
+def test_a_refusal_is_short_however_long_the_line():
+    keys = ", ".join(f'"key{k}": 1' for k in range(4000))
+    for line in (f'{{"command": "reset", {keys}}}', f'{{"command": "{"x" * 60_000}"}}'):
+        with pytest.raises(CommandError) as caught:
+            parse_command(line.encode(), 1)
+        assert len(str(caught.value)) < 1000

@@ -85,3 +85,22 @@ def test_a_client_that_floods_or_leaves_is_dropped(bench: Bench):
 def test_no_daemon_is_a_port_error(tmp_path: Path):
     with pytest.raises(PortError, match="no daemon answers"):
         control(tmp_path, {"command": "status"})
+
+
+def test_a_line_nested_without_end_is_refused_and_the_next_is_answered(bench: Bench):
+    bench.send(b"[" * 60_000 + b"\n")
+    assert bench.answer()["code"] == "MALFORMED"
+    bench.send(b'{"command": "status"}\n')
+    assert bench.answer()["accepted"]
+
+
+def test_an_error_nobody_foresaw_is_answered(bench: Bench):
+    def unforeseen(_command: Command) -> bool:
+        raise RuntimeError("no pickle of that")
+
+    bench.server._forward = unforeseen
+    bench.send(b'{"command": "reset"}\n')
+    answer = bench.answer()
+    assert (answer["code"], "no pickle" in answer["text"]) == ("FAILED", True)
+    bench.send(b'{"command": "status"}\n')
+    assert bench.answer()["accepted"]

@@ -8,7 +8,7 @@ import pytest
 from fsw.messages.commands import Code, JobReport
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.link.packets import telecommand_packet
+from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from fsw.telemetry.link.telecommands import TcError, TelecommandReader
 from tests.support.application_cases import BEGUN, Flight
 
@@ -182,3 +182,35 @@ def test_the_same_request_twice_at_once_is_busy(flight: Flight):
     assert flight.app.dispatcher.receive(packet)
     assert not flight.app.dispatcher.receive(packet)
     assert flight.error() is Error.BUSY
+
+
+def unforeseen(*_arguments, **_keywords):
+    raise RuntimeError("nobody foresaw this " + "x" * 5000)
+
+
+def test_an_error_nobody_foresaw_rejects_or_fails_the_telecommand(flight: Flight):
+    dispatcher = flight.app.dispatcher
+    dispatcher.add({"PING": unforeseen, "REPORT_VERSION": lambda _: unforeseen})
+    assert flight.refused("PING") is Error.FAILED
+    assert flight.send("REPORT_VERSION")[-2:] == ["event_medium", "completion_failure"][::-1]
+    assert flight.error() is Error.FAILED
+    assert flight.codes[-2:] == ["TC_REJECTED", "TC_FAILED"]
+    assert all(len(event.text) <= 1000 for event in flight.events)
+    assert "completion_success" in flight.send("REPORT_DISABLED_EVENTS")
+
+
+def test_an_error_nobody_foresaw_after_the_loops_answer_fails_the_telecommand(flight: Flight):
+    flight.app.functions._mode_changed = unforeseen
+    flight.send("SET_MODE", {"mode": "STANDBY"})
+    flight.answer()
+    assert flight.error() is Error.FAILED
+    assert flight.codes[-1] == "TC_FAILED"
+
+
+def test_what_cannot_be_undone_after_a_refusal_fails_the_telecommand(flight: Flight):
+    flight.app.parameters._store.discard = unforeseen
+    flight.up(identifying=False)
+    values = parameters_data({11: 1e6})
+    flight.send("SET_PARAMETERS", {"count": 1, "parameter": 11, "value": values[3:]})
+    flight.answer(Code.BAD_ARGUMENT, "no")
+    assert flight.error() is Error.FAILED

@@ -224,9 +224,13 @@ def test_commands_apply_at_the_tick_boundary_and_stop_ends_the_run(bench: Bench)
     assert bench.daemon.executive.slips.ticks == 1
 
 
-def test_a_failing_estimator_is_reset_and_reported(bench: Bench):
+@pytest.mark.parametrize(
+    "error",
+    [EstimatorError("diverged"), np.linalg.LinAlgError("singular"), OverflowError("too large")],
+)
+def test_a_failing_estimator_is_reset_and_reported(bench: Bench, error: Exception):
     def fail(_block: object) -> None:
-        raise EstimatorError("diverged")
+        raise error
 
     bench.estimator.push = fail
     bench.run(82)

@@ -146,3 +146,12 @@ def test_a_file_that_comes_up_is_told(flight: Flight):
     delivery.ended = [(0, True, "noise.yaml")]
     flight.wait(0.1)
     assert flight.codes[-1] == "FILE_RECEIVED"
+
+
+def test_a_loop_of_links_is_no_file_and_ends_nothing(flight: Flight, files: Path):
+    (files / "a").symlink_to(files / "b")
+    (files / "b").symlink_to(files / "a")
+    for name in ("REPORT_FILE_ATTRIBUTES", "LIST_FILES", "DELETE_FILE"):
+        assert flight.refused(name, {"path": "files/a"}) is Error.BAD_ARG
+    flight.send("LIST_FILES", {"path": "files"})
+    assert [told["path"] for told in flight.all("file_entry")] == ["files/a.txt"]
