@@ -26,6 +26,7 @@ def cut(text: str, limit: int = MAX_CHARACTERS) -> str:
     """Return a text cut to a limit, marked where it was cut."""
     return text if len(text) <= limit else text[: limit - 4] + " ..."
 
+
 MEMORY_EXIT = 76  # exit status of a service process that the system refused memory
 
 
