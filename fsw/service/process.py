@@ -15,11 +15,13 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fsw.clock import Clock, MonotonicClock
+from fsw.clock import Clock, MonotonicClock, monotonic_less_realtime_ns
 from fsw.config import Config
+from fsw.exchange.checkpoint_store import boot_id
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import Kind, deliver, load
 from fsw.exchange.sinks import NullSink, Record
@@ -32,6 +34,7 @@ from fsw.service.control import SOCKET_NAME, ControlServer
 from fsw.service.job_process import JobProcess
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
+from fsw.telemetry.epoch import Epoch
 from fsw.telemetry.ports import Host
 
 if TYPE_CHECKING:
@@ -96,6 +99,7 @@ class Service(NullSink):
 
         host = Host(
             now_ns=self._clock.now_ns,
+            epoch=partial(_epoch, boot_id()),
             forward=self._forward,
             report=self._report,
             configured=self._configured,
@@ -280,6 +284,11 @@ class Service(NullSink):
         self.event(event)
         if self._switch.sink is not None:
             self._switch.sink.event(event)
+
+
+def _epoch(clock_id: str) -> Epoch:
+    """Return the origin of the monotonic clock."""
+    return Epoch(clock_id=clock_id, utc_less_met_ns=-monotonic_less_realtime_ns())
 
 
 def wait_for_turn(directory: Path) -> None:

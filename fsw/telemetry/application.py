@@ -16,6 +16,7 @@ from fsw.config import Config, TelemetryConfig
 from fsw.messages import Block, Estimate, Event
 from fsw.messages.commands import CommandName, JobReport, Reply
 from fsw.messages.errors import PortError
+from fsw.telemetry.context import TelemetryContext
 from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
 from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.packets import HEADER_BYTES
@@ -24,6 +25,7 @@ from fsw.telemetry.link.sdls_numbers import NumberStore
 from fsw.telemetry.link.server import LinkServer
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import ClearUplink, SecureUplink, Uplink
+from fsw.telemetry.onboard import OnBoardServices
 from fsw.telemetry.ports import FileDelivery, Host
 from fsw.telemetry.services.eventing import SEVERITIES, Eventing
 from fsw.telemetry.services.executor import Handler, TcDispatcher
@@ -34,7 +36,6 @@ from fsw.telemetry.services.loop_commands import LoopCommands
 from fsw.telemetry.services.monitors import Monitoring
 from fsw.telemetry.services.own_commands import OwnCommands
 from fsw.telemetry.services.parameters import Parameters
-from fsw.telemetry.services.schedule import Schedule
 from fsw.telemetry.services.tables import Tables
 from fsw.telemetry.services.time_reports import TimeReports
 from fsw.telemetry.state.boot import Boot
@@ -99,14 +100,16 @@ class TelemetryApplication:
         self._wire_reactions(base)
         self._wire_storage(config, base, state)
         self.dispatcher = TcDispatcher(lambda: self.modes.mode, self.down.send, self.report)
-        self.schedule = Schedule(
-            self.dispatcher.check,
-            self.dispatcher.receive,
-            partial(self.parameters.get, "schedule_margin_s"),
-            host.now_ns,
-            self.down.send,
-            self.report,
+        context = TelemetryContext(
+            now_ns=host.now_ns,
+            epoch=host.epoch,
+            state=state,
+            send=self.down.send,
+            report=self.report,
+            parameter=self.parameters.get,
+            dispatcher=self.dispatcher,
         )
+        self.onboard = OnBoardServices(context)
         self.dispatcher.add(self._handlers())
         self.loop.dispatcher = self.filing.dispatcher = self.dispatcher
 
@@ -189,7 +192,7 @@ class TelemetryApplication:
             for item in self.link.serve(now_ns):
                 self.take(item, now_ns)
         self.loop.poll()
-        self.schedule.poll(now_ns)
+        self.onboard.poll(now_ns)
         self.supervision.poll(now_ns)
         self.monitoring.poll(now_ns)
         self.filing.poll()
@@ -301,7 +304,7 @@ class TelemetryApplication:
             self.monitoring,
             self.filing,
             self.tables,
-            self.schedule,
+            self.onboard,
         ):
             found |= part.handlers()
         return found

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from fsw.config import Config
 from fsw.messages.commands import Command
+from fsw.telemetry.epoch import Epoch
 
 
 class FileDelivery(Protocol):
@@ -70,12 +71,14 @@ class Host:
 
     Parameters
     ----------
+    epoch : the origin of `now_ns`
     forward : takes a command to the loop; False when it cannot
     report : an event of our own: severity, code, text
     configured : told the configuration that is in force now
     """
 
     now_ns: Callable[[], int]
+    epoch: Callable[[], Epoch]
     forward: Callable[[Command], bool]
     report: Callable[[str, str, str], None]
     configured: Callable[[Config], None]

@@ -12,12 +12,14 @@ from fsw.messages.errors import CommandError
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.epoch import Epoch
 from fsw.telemetry.link.packets import ACK_ALL, Decoder, Telemetry, telecommand_packet
 from fsw.telemetry.ports import Host
 from tests.conftest import ArmProject
 from tests.support.loop_cases import arm_config
 
 SECOND = 10**9
+EPOCH = Epoch(clock_id="first", utc_less_met_ns=1_700_000_000 * SECOND)
 
 
 class FakeRecording:
@@ -45,8 +47,15 @@ class FakeRecording:
 class Flight:
     """The application, what it sent, and what it told the loop."""
 
-    def __init__(self, config: Config, *, resume: bool = False) -> None:
-        self.now = 1000 * SECOND
+    def __init__(
+        self,
+        config: Config,
+        *,
+        resume: bool = False,
+        now: int = 1000 * SECOND,
+        epoch: Epoch = EPOCH,
+    ) -> None:
+        self.now = now
         self.config = config
         self.packets: list[Telemetry] = []
         self.commands: list[Command] = []
@@ -59,6 +68,7 @@ class Flight:
         self._sequence = 0
         host = Host(
             now_ns=lambda: self.now,
+            epoch=lambda: epoch,
             forward=self._forward,
             report=self._report,
             configured=self.in_force.append,

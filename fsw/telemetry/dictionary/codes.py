@@ -89,6 +89,28 @@ class Table(IntEnum):
     MONITORS = 4
 
 
+class Store(IntEnum):
+    """Packet stores of service 15."""
+
+    EVENTS = 1
+    HOUSEKEEPING = 2
+    SCIENCE = 3
+
+
+class Memory(IntEnum):
+    """Memories of service 6: objects that a check-sum can be taken of."""
+
+    TABLES = 1
+    FILES = 2
+
+
+class SequenceStatus(IntEnum):
+    """Execution status of a request sequence."""
+
+    INACTIVE = 0
+    EXECUTING = 1
+
+
 def _of(name: str, values: type[IntEnum]) -> Enumeration:
     return Enumeration(name=name, labels={int(item): item.name for item in values})
 
@@ -97,6 +119,9 @@ ERROR = _of("error", Error)
 MODE = _of("mode", Mode)
 FUNCTION = _of("function", Function)
 TABLE = _of("table", Table)
+STORE = _of("store", Store)
+MEMORY = _of("memory", Memory)
+SEQUENCE_STATUS = _of("sequence_status", SequenceStatus)
 YES_NO = Enumeration(name="yes_no", labels={0: "NO", 1: "YES"})
 METHOD = Enumeration(
     name="method", labels={0: "NONE", 1: "MRNEA", 2: "RDA", 3: "CM", 4: "CE", 5: "FUSED"}
@@ -145,6 +170,10 @@ SEVERITY = Enumeration(name="severity", labels={1: "INFO", 2: "LOW", 3: "MEDIUM"
 CHECK_STATUS = Enumeration(
     name="check_status",
     labels={0: "UNCHECKED", 1: "WITHIN", 2: "BELOW_LOW", 3: "ABOVE_HIGH", 4: "STALE"},
+)
+MONITOR_ACTION = Enumeration(
+    name="monitor_action",
+    labels={0: "NONE", 1: "SAFE", 2: "STANDBY", 3: "RESET_ESTIMATOR", 4: "ABORT_BATCH"},
 )
 ENTRY_STATUS = Enumeration(name="enabled", labels={0: "DISABLED", 1: "ENABLED"})
 

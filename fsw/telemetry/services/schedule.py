@@ -1,53 +1,55 @@
-"""Service 11: telecommands that wait for their time. A restart forgets them."""
+"""Service 11: telecommands that wait for their time, also over a restart.
+
+Whatever changes the schedule is on the disk before it has an effect. A telecommand is taken from
+the disk before it is released, so that no crash releases it twice. Times are kept with the origin
+of their clock: after a restart of the machine the time of day connects the two.
+"""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
+from fsw.telemetry.context import TelemetryContext
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.link.packets import from_cuc
+from fsw.telemetry.documents import keep_document, read_document
+from fsw.telemetry.epoch import Epoch, carried_over
+from fsw.telemetry.kept_requests import checked_request, packet_of, request_id_of
+from fsw.telemetry.link.packets import FRACTIONS_PER_S, from_cuc
 from fsw.telemetry.link.telecommands import Request, RequestId, TcError
-from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send
+from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.state.store import GenerationStore
 
+FOLDER = "schedule"
 CAPACITY = 64
 OWN_SERVICE = 11
+LATE_NS = 5_000_000_000  # what is later than this after a restart is discarded
+LATEST_NS = (1 << 32) * 1_000_000_000  # that a CUC of 4 bytes of seconds can name
 
 
 @dataclass(frozen=True, slots=True)
-class _Activity:
+class Activity:
+    """One telecommand and its time of release [ns, mission elapsed time]."""
+
     release_ns: int
     request: Request
     packet: bytes
 
 
 class Schedule:
-    """Keeps time-tagged telecommands in order and releases them.
+    """Keeps time-tagged telecommands in order and releases them."""
 
-    Parameters
-    ----------
-    check : reads a telecommand without doing it; raises TcError
-    release : does it
-    margin_s : least time ahead
-    """
-
-    def __init__(
-        self,
-        check: Callable[[bytes], Request],
-        release: Callable[[bytes], bool],
-        margin_s: Callable[[], float],
-        now_ns: Callable[[], int],
-        send: Send,
-        report: Report,
-    ) -> None:
-        self._check, self._release, self._margin_s = check, release, margin_s
-        self._now_ns, self._send, self._report = now_ns, send, report
-        self._waiting: list[_Activity] = []
+    def __init__(self, context: TelemetryContext) -> None:
+        self._context = context
+        self._store = GenerationStore(context.state / FOLDER)
+        self._waiting: list[Activity] = []
         self.enabled = True
         self.released = 0
         self.discarded = 0
+        self._recall()
 
     @property
     def entries(self) -> int:
@@ -56,62 +58,59 @@ class Schedule:
 
     def poll(self, now_ns: int) -> None:
         """Release what is due; discard it while the schedule is disabled."""
-        while self._waiting and self._waiting[0].release_ns <= now_ns:
-            activity = self._waiting.pop(0)
-            name = activity.request.telecommand.name
+        due = [activity for activity in self._waiting if activity.release_ns <= now_ns]
+        if not due:
+            return
+        self._waiting = self._waiting[len(due) :]
+        try:
+            self._keep(self._waiting, enabled=self.enabled)
+        except TcError as error:
+            self._context.report("TC_FAILED", f"schedule: {error}")
+        for activity in due:
             if not self.enabled:
-                self._discard(activity)
+                self._discard(activity, "the schedule is disabled")
                 continue
             self.released += 1
-            self._report("SCHEDULE_RELEASED", name)
-            self._release(activity.packet)
+            self._context.report("SCHEDULE_RELEASED", activity.request.telecommand.name)
+            self._context.dispatcher.receive(activity.packet)
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes this service's telecommands."""
+        """Return the handlers of this service's telecommands."""
         return {
             "ENABLE_SCHEDULE": lambda _: partial(self._switch, enabled=True),
             "DISABLE_SCHEDULE": lambda _: partial(self._switch, enabled=False),
             "RESET_SCHEDULE": lambda _: self._reset,
             "INSERT_ACTIVITY": self._insert,
             "DELETE_ACTIVITY": self._delete,
-            "REPORT_SCHEDULE": lambda _: self._tell,
+            "SHIFT_ACTIVITY": self._shift_one,
+            "SHIFT_SCHEDULE": self._shift_all,
+            "REPORT_SCHEDULE": lambda _: self._report_summary,
+            "REPORT_SCHEDULE_DETAIL": lambda _: self._report_detail,
         }
 
     def _switch(self, *, enabled: bool) -> Done:
+        self._keep(self._waiting, enabled=enabled)
         self.enabled = enabled
         return Done.NOW
 
     def _reset(self) -> Done:
-        for activity in self._waiting:
-            self._discard(activity)
-        self._waiting = []
+        before = self._waiting
+        self._change([])
+        for activity in before:
+            self._discard(activity, "reset")
         return Done.NOW
 
     def _insert(self, request: Request) -> Action:
-        fine = request.whole("release_fine")
-        time = struct.pack(
-            ">BIBH",
-            request.whole("release_p_field"),
-            request.whole("release_coarse_s"),
-            fine >> 16,
-            fine & 0xFFFF,
-        )
-        release_ns = from_cuc(time)
-        inner = self._check(request.data)
-        if inner.telecommand.service == OWN_SERVICE:
-            raise TcError(Error.BAD_ARG, 4, text="the schedule does not command itself")
-        if release_ns < self._now_ns() + round(self._margin_s() * 1e9):
+        release_ns = _release_ns(request)
+        inner = checked_request(self._context.dispatcher, request.data, 4, (OWN_SERVICE,))
+        if release_ns < self._earliest_ns():
             raise TcError(Error.OUT_OF_RANGE, 2, release_ns * 1e-9, "not ahead")
         if len(self._waiting) >= CAPACITY:
             raise TcError(Error.BUSY, value=CAPACITY, text="the schedule is full")
         if any(activity.request.id == inner.id for activity in self._waiting):
             raise TcError(Error.BAD_ARG, 4, text="one of the same request id waits")
-        return partial(self._keep, _Activity(release_ns, inner, request.data))
-
-    def _keep(self, activity: _Activity) -> Done:
-        self._waiting.append(activity)
-        self._waiting.sort(key=lambda item: item.release_ns)
-        return Done.NOW
+        activity = Activity(release_ns, inner, request.data)
+        return partial(self._change_done, lambda: [*self._waiting, activity])
 
     def _delete(self, request: Request) -> Action:
         wanted = RequestId(
@@ -123,21 +122,88 @@ class Schedule:
             raise TcError(Error.BAD_ARG, 2, wanted.sequence, "none like this waits")
 
         def act() -> Done:
-            self._waiting.remove(found[0])
-            self._discard(found[0])
+            self._change([activity for activity in self._waiting if activity not in found])
+            self._discard(found[0], "deleted")
             return Done.NOW
 
         return act
 
-    def _discard(self, activity: _Activity) -> None:
-        self.discarded += 1
-        self._report("SCHEDULE_DISCARDED", activity.request.telecommand.name)
+    def _shift_one(self, request: Request) -> Action:
+        source, apid = request.whole("source"), request.whole("apid")
+        count = request.whole("sequence_count")
+        found = [a for a in self._waiting if request_id_of(source, apid, count, a.packet)]
+        if not found:
+            raise TcError(Error.BAD_ARG, 6, count, "none like this waits")
+        return self._shift(request, found)
 
-    def _tell(self) -> Done:
+    def _shift_all(self, request: Request) -> Action:
+        return self._shift(request, list(self._waiting))
+
+    def _shift(self, request: Request, chosen: list[Activity]) -> Action:
+        """Return the shift of some activities; all or none of them."""
+        offset_ns = _offset_ns(request)
+        moved = {id(a): replace(a, release_ns=a.release_ns + offset_ns) for a in chosen}
+        for activity in moved.values():
+            if not self._earliest_ns() <= activity.release_ns < LATEST_NS:
+                text = f"{activity.request.telecommand.name} would not lie ahead"
+                raise TcError(Error.OUT_OF_RANGE, 1, offset_ns * 1e-9, text)
+        return partial(self._change_done, lambda: [moved.get(id(a), a) for a in self._waiting])
+
+    def _earliest_ns(self) -> int:
+        margin_s = self._context.parameter("schedule_margin_s")
+        return self._context.now_ns() + round(margin_s * 1e9)
+
+    def _change_done(self, change: Callable[[], list[Activity]]) -> Done:
+        self._change(change())
+        return Done.NOW
+
+    def _change(self, waiting: list[Activity]) -> None:
+        """Keep other activities, then let them hold. Raises TcError; then nothing has changed."""
+        ordered = sorted(waiting, key=lambda item: item.release_ns)
+        self._keep(ordered, enabled=self.enabled)
+        self._waiting = ordered
+
+    def _keep(self, waiting: list[Activity], *, enabled: bool) -> None:
+        entries = [{"release_ns": a.release_ns, "packet": a.packet.hex()} for a in waiting]
+        epoch = self._context.epoch().document()
+        keep_document(self._store, {"enabled": enabled, "epoch": epoch, "entries": entries})
+
+    def _recall(self) -> None:
+        """Read what waited when the last run ended; discard what is too late by now."""
+        found, damaged = read_document(self._store, _parse)
+        if damaged:
+            text = f"schedule: {damaged} generations cannot be read"
+            self._context.report("STORED_REQUESTS_CORRUPT", text)
+        if found is None:
+            return
+        self.enabled, then, entries = found
+        now, now_ns = self._context.epoch(), self._context.now_ns()
+        for release_ns, packet in entries:
+            try:
+                request = checked_request(self._context.dispatcher, packet, 4, (OWN_SERVICE,))
+            except TcError as error:
+                self.discarded += 1
+                self._context.report("SCHEDULE_DISCARDED", f"kept telecommand: {error}")
+                continue
+            activity = Activity(carried_over(release_ns, then, now), request, packet)
+            if activity.release_ns < now_ns - LATE_NS:
+                self._discard(activity, "its time passed while the daemon was down")
+            elif len(self._waiting) < CAPACITY:
+                self._waiting.append(activity)
+        self._waiting.sort(key=lambda item: item.release_ns)
+        if self._waiting:
+            self._context.report("SCHEDULE_RESTORED", f"{len(self._waiting)} telecommands wait")
+
+    def _discard(self, activity: Activity, why: str) -> None:
+        self.discarded += 1
+        text = f"{activity.request.telecommand.name}: {why}"
+        self._context.report("SCHEDULE_DISCARDED", text)
+
+    def _report_summary(self) -> Done:
         if not self._waiting:
             empty = {"release_time_s": 0.0, "request_packet_id": 0, "request_sequence": 0}
             empty |= {"entry": 0, "entries": 0, "service": 0, "subtype": 0}
-            self._send("schedule_entry", empty)
+            self._context.send("schedule_entry", empty)
         for place, activity in enumerate(self._waiting, start=1):
             request = activity.request
             values = {
@@ -149,5 +215,43 @@ class Schedule:
                 "service": request.telecommand.service,
                 "subtype": request.telecommand.subtype,
             }
-            self._send("schedule_entry", values)
+            self._context.send("schedule_entry", values)
         return Done.NOW
+
+    def _report_detail(self) -> Done:
+        if not self._waiting:
+            empty = {"n": 0, "release_time_s": 0.0, "request_hex": ""}
+            self._context.send("schedule_detail", empty)
+        for activity in self._waiting:
+            values = {"n": 1, "release_time_s": activity.release_ns / 1e9}
+            self._context.send("schedule_detail", values | {"request_hex": activity.packet.hex()})
+        return Done.NOW
+
+
+def _release_ns(request: Request) -> int:
+    """Return the time of release in a telecommand [ns]."""
+    fine = request.whole("release_fine")
+    time = struct.pack(
+        ">BIBH",
+        request.whole("release_p_field"),
+        request.whole("release_coarse_s"),
+        fine >> 16,
+        fine & 0xFFFF,
+    )
+    return from_cuc(time)
+
+
+def _offset_ns(request: Request) -> int:
+    """Return a relative time of 56 bits in two's complement [ns], as bounded as the argument is."""
+    fractions = request.whole("offset_coarse_s") * FRACTIONS_PER_S + request.whole("offset_fine")
+    return round(fractions * 1_000_000_000 / FRACTIONS_PER_S)
+
+
+def _parse(document: Any) -> tuple[bool, Epoch, list[tuple[int, bytes]]]:  # noqa: ANN401
+    """Return the switch, the epoch of the times, and times with packets."""
+    entries = []
+    for entry in document["entries"]:
+        if not isinstance(entry["release_ns"], int):
+            raise TypeError("release_ns must be a whole number")
+        entries.append((entry["release_ns"], packet_of(entry["packet"])))
+    return bool(document["enabled"]), Epoch.parse(document["epoch"]), entries

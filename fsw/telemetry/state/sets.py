@@ -96,8 +96,8 @@ class Sets:
             **counters,
             **security_counters(app.receiver),
             **{name: files.get(name, 0) for name in FILE_COUNTERS},
-            "schedule_enabled": app.schedule.enabled,
-            "schedule_entries": app.schedule.entries,
-            "schedule_released": app.schedule.released,
-            "schedule_discarded": app.schedule.discarded,
+            "schedule_enabled": app.onboard.schedule.enabled,
+            "schedule_entries": app.onboard.schedule.entries,
+            "schedule_released": app.onboard.schedule.released,
+            "schedule_discarded": app.onboard.schedule.discarded,
         }

@@ -28,6 +28,7 @@ from fsw.messages.commands import Command
 from fsw.telemetry.application import TelemetryApplication
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY, Field, Telecommand, Type
+from fsw.telemetry.epoch import Epoch
 from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from fsw.telemetry.link.splitter import PATIENCE_NS, Uplinked
 from fsw.telemetry.link.uplink import ClearUplink
@@ -73,6 +74,7 @@ class Bench:
     def __post_init__(self) -> None:
         host = Host(
             now_ns=lambda: self.now_ns,
+            epoch=lambda: Epoch(clock_id="fuzz", utc_less_met_ns=0),
             forward=self._forward,
             report=self._report,
             configured=lambda _: None,
@@ -96,7 +98,7 @@ class Bench:
             app.tables.values(),
             app.housekeeping.rates(),
             app.monitoring.table(),
-            (app.schedule.entries, app.schedule.enabled, app.monitoring.enabled),
+            (app.onboard.digest(), app.monitoring.enabled),
             (app.modes.mode, app.supervision.health.latched, app.times.exponent),
             (self.forwarded, app.events.disabled),
         )

@@ -58,7 +58,7 @@ def test_the_services_asked_for_are_there():
     assert {(3, 25), (3, 35), (5, 1), (5, 2), (5, 3), (5, 4), (5, 8), (17, 2), (20, 2)} <= told
     assert {(3, k) for k in (5, 6, 27, 31, 33)} <= asked
     assert {(5, 5), (5, 6), (5, 7), (8, 1), (17, 1)} <= asked
-    assert {s for s, _ in told} == {1, 3, 5, 8, 9, 11, 12, 17, 20, 23}
+    assert {s for s, _ in told} == {1, 3, 5, 6, 8, 9, 11, 12, 15, 17, 19, 20, 21, 23}
     assert [dict(p.match)["sid"] for p in SETS] == [*range(1, 9), 20]
     assert {"BAD_CRC", "REPLAY", "INSUFFICIENT_EXCITATION"} <= {e.name for e in Error}
 

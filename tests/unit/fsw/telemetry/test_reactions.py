@@ -233,7 +233,7 @@ class TestSchedule:
         flight.send("INSERT_ACTIVITY", at(1.0, flight))
         flight.wait(2.0)
         assert flight.all("alive") == []
-        assert flight.app.schedule.discarded == 1
+        assert flight.app.onboard.schedule.discarded == 1
         flight.send("ENABLE_SCHEDULE")
         flight.send("INSERT_ACTIVITY", at(1.0, flight))
         flight.wait(2.0)
@@ -246,7 +246,7 @@ class TestSchedule:
         assert flight.refused("DELETE_ACTIVITY", wanted) is Error.BAD_ARG
         flight.send("INSERT_ACTIVITY", at(5.0, flight))
         flight.send("RESET_SCHEDULE")
-        assert flight.app.schedule.entries == 0
+        assert flight.app.onboard.schedule.entries == 0
 
     def test_what_cannot_be_kept_is_refused(self, flight: Flight):
         assert flight.refused("INSERT_ACTIVITY", at(-1.0, flight)) is Error.OUT_OF_RANGE

@@ -1,0 +1,214 @@
+"""Telecommands of the services that work without the ground: 6, 15, 19, 21 and parts of 11, 12.
+
+The standard repeats a group N times in most of them. Here N is 1: one object per telecommand, so
+that each has an acceptance and a completion of its own. N stays on the wire.
+"""
+
+from __future__ import annotations
+
+from fsw.telemetry.dictionary.codes import MEMORY, MONITOR_ACTION, STORE
+from fsw.telemetry.dictionary.events import EVENT
+from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
+from fsw.telemetry.dictionary.parameters import VALUE
+from fsw.telemetry.dictionary.types import Field, Telecommand, Type
+
+MAX_REQUEST_BYTES = 256  # of a telecommand that is kept on board
+MAX_SEQUENCES = 16
+LARGEST = 1.7976931348623157e308  # as a limit: none
+DAY_S = 86_400
+
+N = Field(name="n", type=Type.U8, minimum=1, maximum=1, doc="number of objects: 1")
+_STORE = Field(name="store", type=Type.U8, enumeration=STORE)
+_EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
+_APID = Field(name="apid", type=Type.U16, minimum=100, maximum=100)
+_SEQUENCE = Field(name="sequence", type=Type.U8, minimum=1, maximum=MAX_SEQUENCES)
+_MONITOR = Field(name="monitor", type=Type.U16, minimum=1)
+_PATH = Field(name="path", type=Type.TEXT, size=PATH_BYTES, doc="below the file directory")
+_REQUEST = Field(
+    name="request",
+    type=Type.BYTES,
+    doc=f"a whole telecommand packet with its CRC, {MAX_REQUEST_BYTES} bytes at most",
+)
+_REQUEST_ID = (
+    Field(name="source", type=Type.U16, doc="source id of the telecommand"),
+    Field(name="apid", type=Type.U16, maximum=0x7FF),
+    Field(name="sequence_count", type=Type.U16, maximum=0x3FFF),
+)
+_OFFSET = (
+    Field(
+        name="offset_coarse_s",
+        type=Type.I32,
+        unit="s",
+        minimum=-366 * DAY_S,
+        maximum=366 * DAY_S,
+        doc="relative CUC 4+3, two's complement: negative is earlier",
+    ),
+    Field(name="offset_fine", type=Type.U24, doc="2^-24 s"),
+)
+_MONITOR_DEFINITION = (
+    _MONITOR,
+    Field(name="value", type=Type.U16, enumeration=VALUE),
+    Field(name="repetitions", type=Type.U16, minimum=1, maximum=1000),
+    Field(name="low", type=Type.F64, doc=f"{-LARGEST!r}: no lower limit"),
+    Field(name="high", type=Type.F64, doc=f"{LARGEST!r}: no upper limit"),
+    Field(
+        name="stale_s",
+        type=Type.F32,
+        unit="s",
+        minimum=0.0,
+        maximum=1e6,
+        doc="older than this it is reported as stale; 0: never",
+    ),
+    Field(name="action", type=Type.U8, enumeration=MONITOR_ACTION),
+)
+
+
+def _time(name: str) -> tuple[Field, ...]:
+    """Return a mission elapsed time as CUC 4+3 with its P-field."""
+    return (
+        Field(name=f"{name}_p_field", type=Type.U8, minimum=0x2F, maximum=0x2F),
+        Field(name=f"{name}_coarse_s", type=Type.U32, unit="s"),
+        Field(name=f"{name}_fine", type=Type.U24, doc="2^-24 s"),
+    )
+
+
+def _tc(service: int, subtype: int, name: str, doc: str, *arguments: Field) -> Telecommand:
+    """Return a telecommand; an N in the first place has its value by itself."""
+    match = (("n", 1),) if arguments[:1] == (N,) else ()
+    return Telecommand(
+        name=name, service=service, subtype=subtype, doc=doc, arguments=arguments, match=match
+    )
+
+
+_MEMORY = (
+    _tc(
+        6,
+        7,
+        "CHECK_OBJECT",
+        "Report the check-sum of a table or file",
+        Field(name="memory", type=Type.U8, enumeration=MEMORY),
+        Field(
+            name="base",
+            type=Type.TEXT,
+            size=PATH_BYTES,
+            doc="of TABLES: NAME/ACTIVE, NAME/STAGED, NAME/PREVIOUS; of FILES: the path",
+        ),
+        N,
+        Field(name="offset", type=Type.U32, unit="B"),
+        Field(name="length", type=Type.U32, unit="B", doc="0: to the end"),
+    ),
+)
+
+_SCHEDULE = (
+    _tc(
+        11,
+        7,
+        "SHIFT_ACTIVITY",
+        "Release one time-tagged command earlier or later",
+        *_OFFSET,
+        N,
+        *_REQUEST_ID,
+    ),
+    _tc(11, 15, "SHIFT_SCHEDULE", "Release all time-tagged commands earlier or later", *_OFFSET),
+    _tc(11, 16, "REPORT_SCHEDULE_DETAIL", "Report what waits, with the telecommands themselves"),
+)
+
+_MONITORS = (
+    _tc(
+        12,
+        5,
+        "ADD_MONITOR",
+        "Add a monitor, disabled; kept as a new generation of the table MONITORS",
+        N,
+        *_MONITOR_DEFINITION,
+    ),
+    _tc(12, 6, "DELETE_MONITOR", "Remove a monitor that is disabled", N, _MONITOR),
+    _tc(
+        12,
+        7,
+        "MODIFY_MONITOR",
+        "Give a monitor another definition; its status begins again",
+        N,
+        *_MONITOR_DEFINITION,
+    ),
+)
+
+_PACKET_STORES = (
+    _tc(15, 1, "ENABLE_STORE", "Store packets in a packet store", N, _STORE),
+    _tc(15, 2, "DISABLE_STORE", "Store none; what is stored stays", N, _STORE),
+    _tc(
+        15,
+        9,
+        "PLAY_BACK",
+        "Send the stored packets of a time range again, as they were",
+        N,
+        _STORE,
+        *_time("from"),
+        *_time("to"),
+    ),
+    _tc(
+        15,
+        11,
+        "DELETE_STORED",
+        "Delete stored packets up to a time, whole segments only",
+        *_time("until"),
+        N,
+        _STORE,
+    ),
+    _tc(15, 12, "REPORT_STORE_CONTENT", "Report times and filling of a packet store", N, _STORE),
+    _tc(15, 17, "ABORT_PLAYBACK", "End the retrieval from a packet store", N, _STORE),
+    _tc(15, 18, "REPORT_STORE_STATUS", "Report the status of every packet store"),
+)
+
+_EVENT_ACTIONS = (
+    _tc(
+        19,
+        1,
+        "ADD_EVENT_ACTION",
+        "Keep a telecommand that an event releases; it is disabled at first",
+        N,
+        _APID,
+        _EVENT,
+        _REQUEST,
+    ),
+    _tc(19, 2, "DELETE_EVENT_ACTION", "Remove an event's action", N, _APID, _EVENT),
+    _tc(19, 3, "DELETE_EVENT_ACTIONS", "Remove all actions of events"),
+    _tc(19, 4, "ENABLE_EVENT_ACTION", "Let an event release its action", N, _APID, _EVENT),
+    _tc(19, 5, "DISABLE_EVENT_ACTION", "Let an event release nothing", N, _APID, _EVENT),
+    _tc(19, 6, "REPORT_EVENT_ACTION_STATUS", "Report the status of every event's action"),
+    _tc(19, 8, "ENABLE_EVENT_ACTIONS", "Let events release actions at all"),
+    _tc(19, 9, "DISABLE_EVENT_ACTIONS", "Let no event release an action"),
+    _tc(19, 10, "REPORT_EVENT_ACTION", "Report an event's action itself", N, _APID, _EVENT),
+)
+
+_SEQUENCES = (
+    _tc(
+        21,
+        1,
+        "LOAD_SEQUENCE",
+        "Keep a sequence of telecommands",
+        _SEQUENCE,
+        Field(
+            name="entries",
+            type=Type.BYTES,
+            doc="each a whole telecommand packet with its CRC, then the delay after it u32 [ms]",
+        ),
+    ),
+    _tc(21, 2, "LOAD_SEQUENCE_FILE", "Keep a sequence from a file", _SEQUENCE, _PATH),
+    _tc(21, 3, "UNLOAD_SEQUENCE", "Remove a sequence that does not execute", _SEQUENCE),
+    _tc(21, 4, "START_SEQUENCE", "Release the telecommands of a sequence", _SEQUENCE),
+    _tc(21, 5, "ABORT_SEQUENCE", "Release no more of a sequence", _SEQUENCE),
+    _tc(21, 6, "REPORT_SEQUENCES", "Report the execution status of every sequence"),
+    _tc(21, 9, "CHECK_SEQUENCE", "Report the check-sum of a sequence", _SEQUENCE),
+    _tc(21, 11, "REPORT_SEQUENCE", "Report the content of a sequence", _SEQUENCE),
+    _tc(21, 13, "ABORT_SEQUENCES", "Release no more of any sequence, and report which"),
+)
+
+ONBOARD_TELECOMMANDS = (
+    *_MEMORY,
+    *_SCHEDULE,
+    *_MONITORS,
+    *_PACKET_STORES,
+    *_EVENT_ACTIONS,
+    *_SEQUENCES,
+)

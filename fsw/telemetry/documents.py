@@ -1,0 +1,37 @@
+"""Small documents of the services that survive a restart: JSON in generations with a CRC."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.link.telecommands import TcError
+from fsw.telemetry.state.store import GenerationStore
+
+T = TypeVar("T")
+
+
+def read_document(store: GenerationStore, parse: Callable[[Any], T]) -> tuple[T | None, int]:
+    """Return the newest document that is good, and how many generations were not.
+
+    Parameters
+    ----------
+    parse : makes a value of the JSON; raises KeyError, TypeError or ValueError
+    """
+    generations, damaged = store.read()
+    for generation in generations:
+        try:
+            return parse(json.loads(generation.content)), damaged
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
+            damaged += 1
+    return None, damaged
+
+
+def keep_document(store: GenerationStore, document: object) -> None:
+    """Bring a document to the disk. Raises TcError FAILED; then the one before stands."""
+    try:
+        store.write(json.dumps(document, sort_keys=True).encode())
+    except OSError as error:
+        raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
