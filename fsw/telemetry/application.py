@@ -18,6 +18,7 @@ from fsw.messages.commands import CommandName, JobReport, Reply
 from fsw.messages.errors import PortError
 from fsw.telemetry.context import TelemetryContext
 from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
+from fsw.telemetry.dumps import Dumps
 from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.packets import HEADER_BYTES
 from fsw.telemetry.link.sdls import FrameReceiver
@@ -44,9 +45,12 @@ from fsw.telemetry.state.modes import ModeMachine
 from fsw.telemetry.state.sets import Sets
 from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.state.supervision import Supervision
+from fsw.telemetry.summaries import Summaries
 from fsw.telemetry.tables.effective import BOOT, PARAMETERS, TABLES
 from fsw.telemetry.tables.effects import TableEffects
 
+MAX_ITEMS = 64  # packets that come up are looked at in one poll,
+MAX_WORK_NS = 20_000_000  # and for no longer than this, one command excepted
 CRASHED = RESET_CAUSE.value("CRASH")
 
 
@@ -95,6 +99,8 @@ class TelemetryApplication:
             self.down.send,
             self.report,
         )
+        self.dumps = Dumps(self.down.send)
+        self.summaries = Summaries()
         self.sets = Sets(self)
         self._wire_reports()
         self._wire_reactions(base)
@@ -111,7 +117,7 @@ class TelemetryApplication:
         )
         self.onboard = OnBoardServices(context)
         self.dispatcher.add(self._handlers())
-        self.loop.dispatcher = self.filing.dispatcher = self.dispatcher
+        self.loop.dispatcher = self.filing.dispatcher = self.dumps.dispatcher = self.dispatcher
 
     def _wire_reports(self) -> None:
         get = self.parameters.get
@@ -119,6 +125,7 @@ class TelemetryApplication:
             self.down.send_at,
             self.down.send,
             lambda: (int(get("event_throttle_count")), get("event_throttle_period_s")),
+            self.dumps,
         )
         self.times = TimeReports(self.down.time, lambda: int(get("time_report_exponent")))
         self.housekeeping = Housekeeping(
@@ -189,8 +196,10 @@ class TelemetryApplication:
     def poll(self, now_ns: int) -> None:
         """Serve the link, timers and transfers; never waits."""
         if self.link is not None:
-            for item in self.link.serve(now_ns):
-                self.take(item, now_ns)
+            self._serve_link(self.link, now_ns)
+        self.dumps.poll()
+        for code, text in self.summaries.poll(now_ns):
+            self.host.report(SEVERITIES[code], code, text)
         self.loop.poll()
         self.onboard.poll(now_ns)
         self.supervision.poll(now_ns)
@@ -204,10 +213,23 @@ class TelemetryApplication:
         if self.link is not None:
             self.link.flush()
 
+    def _serve_link(self, link: LinkServer, now_ns: int) -> None:
+        """Carry out what came up, as much as one look of the service has time for."""
+        link.serve(now_ns)
+        for _ in range(MAX_ITEMS):
+            item = link.next_item()
+            if item is None:
+                return
+            self.take(item, now_ns)
+            if self.host.now_ns() - now_ns > MAX_WORK_NS:
+                return
+
     def close(self) -> None:
         """Close the link; write down that the end was in order."""
         if self.link is not None:
             self.link.close()
+        for code, text in self.summaries.close():
+            self.host.report(SEVERITIES[code], code, text)
         if self._numbers is not None:
             self._numbers.close()
         self.boot.keep(self._boot_store, running=False, commanded=self._restart)
@@ -259,8 +281,12 @@ class TelemetryApplication:
         self.loop.job(report)
 
     def report(self, code: str, text: str) -> None:
-        """Report an event of our own, with the severity the dictionary has for it."""
-        self.host.report(SEVERITIES[code], code, text)
+        """Report an event of our own, with the severity the dictionary has for it.
+
+        Of a burst that the other side of the link causes, only the rate is reported.
+        """
+        if self.summaries.passes(code, text, self.host.now_ns()):
+            self.host.report(SEVERITIES[code], code, text)
 
     def _uplink(self) -> Uplink:
         return ClearUplink() if self.receiver is None else SecureUplink(self.receiver)

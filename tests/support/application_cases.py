@@ -14,6 +14,7 @@ from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.epoch import Epoch
 from fsw.telemetry.link.packets import ACK_ALL, Decoder, Telemetry, telecommand_packet
+from fsw.telemetry.outbox import Priority
 from fsw.telemetry.ports import Host
 from tests.conftest import ArmProject
 from tests.support.loop_cases import arm_config
@@ -64,6 +65,7 @@ class Flight:
         self.recording = FakeRecording()
         self.ring_full = False
         self.raw: list[bytes] = []
+        self.priorities: list[Priority] = []
         self._decoder = Decoder()
         self._sequence = 0
         host = Host(
@@ -94,7 +96,8 @@ class Flight:
         else:
             self.app.event(event)
 
-    def _keep(self, packet: bytes) -> None:
+    def _keep(self, packet: bytes, priority: Priority) -> None:
+        self.priorities.append(priority)
         self.raw.append(packet)
         if packet[1] != 101:
             self.packets.append(self._decoder.decode(packet))

@@ -4,8 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.types import Packet
 from fsw.telemetry.link.packets import Packetizer
+from fsw.telemetry.outbox import Priority
+
+FIRST = ("health", "time")
+DUMPED = (
+    "event_log_entry",
+    "command_log_entry",
+    "file_entry",
+    "schedule_entry",
+    "monitor_definition",
+    "monitor_status",
+)
+
+
+def _priority(packet: Packet) -> Priority:
+    """Return the priority of a packet of the dictionary."""
+    if packet.name in FIRST or packet.service == 1:
+        return Priority.HEALTH
+    if packet.service == 5 or packet.name == "check_transition":
+        return Priority.EVENT
+    if packet.name == "science":
+        return Priority.SCIENCE
+    if packet.name in DUMPED:
+        return Priority.DUMP
+    is_set = (packet.service, packet.subtype) == (3, 25)
+    return Priority.HOUSEKEEPING if is_set else Priority.ANSWER
+
+
+PRIORITIES = {packet.name: _priority(packet) for packet in DICTIONARY.packets}
 
 
 class Downlink:
@@ -14,7 +43,7 @@ class Downlink:
     def __init__(self, now_ns: Callable[[], int]) -> None:
         self._now_ns = now_ns
         self._packetizer = Packetizer()
-        self.out: Callable[[bytes], None] | None = None
+        self.out: Callable[[bytes, Priority], None] | None = None
 
     def send(self, name: str, values: Mapping[str, object]) -> None:
         """Send a packet of the dictionary with the time now."""
@@ -22,15 +51,15 @@ class Downlink:
 
     def send_at(self, name: str, t_ns: int, values: Mapping[str, object]) -> None:
         """Send a packet of the dictionary with a time of its own [ns]."""
-        self._pass(self._packetizer.make(name, t_ns, values))
+        self._pass(self._packetizer.make(name, t_ns, values), PRIORITIES[name])
 
     def wrap(self, packet: Packet, t_ns: int, data: bytes) -> None:
         """Send a packet whose fields are packed already."""
-        self._pass(self._packetizer.wrap(packet, t_ns, data))
+        self._pass(self._packetizer.wrap(packet, t_ns, data), PRIORITIES[packet.name])
 
     def file_unit(self, pdu: bytes) -> None:
         """Send a unit of file delivery."""
-        self._pass(self._packetizer.file_packet(pdu))
+        self._pass(self._packetizer.file_packet(pdu), Priority.DUMP)
 
     def time(self, exponent: int) -> None:
         """Send a time packet."""
@@ -45,6 +74,6 @@ class Downlink:
         }
         self.send_at("time", t_ns, values)
 
-    def _pass(self, packet: bytes) -> None:
+    def _pass(self, packet: bytes, priority: Priority) -> None:
         if self.out is not None:
-            self.out(packet)
+            self.out(packet, priority)

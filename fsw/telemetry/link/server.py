@@ -1,7 +1,8 @@
 """The link to the ground: one duplex TCP port with raw packets, and an optional UDP push.
 
-Nothing here waits. What a slow client does not take stays in a bounded queue; what does not fit
-there is dropped, whole packets only, and counted.
+Nothing here waits. What a slow client does not read stays in a bounded outbox; what does not fit
+there is dropped, whole packets only, and counted. What a client sends stays in its inbox until
+`next_item` is called; while that is full, its bytes stay in the system's buffers.
 """
 
 from __future__ import annotations
@@ -10,16 +11,17 @@ import selectors
 import socket
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fsw.config.telemetry import TelemetryConfig
 from fsw.messages.errors import PortError
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import Uplink
+from fsw.telemetry.outbox import Outbox, Priority
 
-READ_BYTES = 65536
-SEND_BYTES = 65536
-SYSTEM_BYTES = 1 << 18  # the system's own buffer: what waits there is old when it is taken
+READ_BYTES = 16384
+INBOX_ITEMS = 256  # of one client; then its bytes are left where they are
+SYSTEM_BYTES = 1 << 16  # the system's own buffer: nothing overtakes what waits there
 Report = Callable[[str, str], None]  # event code, text
 
 
@@ -42,8 +44,9 @@ class _Client:
     connection: socket.socket
     name: str
     uplink: Uplink
-    queue: deque[bytes] = field(default_factory=deque)
-    queued_bytes: int = 0
+    outbox: Outbox
+    inbox: deque[Uplinked] = field(default_factory=deque)
+    ended: str = ""  # why nothing more comes from it
     dropped: int = 0
     told_drops: int = 0
     is_slow: bool = False  # packets are being dropped
@@ -93,15 +96,12 @@ class LinkServer:
         """Connected clients."""
         return len(self._clients)
 
-    def send(self, packet: bytes) -> None:
+    def send(self, packet: bytes, priority: Priority = Priority.ANSWER) -> None:
         """Queue a packet for every client, push it over UDP."""
         for client in self._clients:
-            if client.queued_bytes + len(packet) > self._config.queue_bytes:
-                client.dropped += 1
-                self.counters.tm_dropped += 1
-                continue
-            client.queue.append(packet)
-            client.queued_bytes += len(packet)
+            dropped = client.outbox.put(packet, priority)
+            client.dropped += dropped
+            self.counters.tm_dropped += dropped
         if self._udp is not None:
             try:
                 self._udp.send(packet)
@@ -109,40 +109,44 @@ class LinkServer:
             except OSError:  # nobody listens, or the buffer is full
                 self.counters.udp_dropped += 1
 
-    def serve(self, now_ns: int) -> list[Uplinked]:
-        """Take new clients and what has come up."""
-        found: list[Uplinked] = []
+    def serve(self, now_ns: int) -> None:
+        """Accept new clients and read what has come up into their inboxes."""
         for key, _ in self._selector.select(0):
             if key.data is None:
                 self._accept()
-            else:
-                found += self._read(key.data, now_ns)
-        for client in self._clients:
-            found += client.uplink.expire(now_ns)
+            elif len(key.data.inbox) < INBOX_ITEMS:
+                self._read(key.data, now_ns)
+        for client in list(self._clients):
+            self._put(client, client.uplink.expire(now_ns))
             self._watch_uplink(client)
-        return found
+            if client.ended and not client.inbox:
+                self._drop(client, client.ended)
+
+    def next_item(self) -> Uplinked | None:
+        """Return the next packet or refusal that came up, of each client in turn."""
+        for client in self._clients:
+            if client.inbox:
+                self._clients.remove(client)
+                self._clients.append(client)
+                return client.inbox.popleft()
+        return None
 
     def flush(self) -> None:
         """Send what the clients take now."""
         for client in list(self._clients):
-            while client.queue:
-                parts, size = [], 0
-                for packet in client.queue:
-                    if size >= SEND_BYTES:
-                        break
-                    parts.append(packet)
-                    size += len(packet)
-                data = b"".join(parts)
+            while data := client.outbox.next_bytes():
                 try:
                     sent = client.connection.send(data)
                 except BlockingIOError:
                     break
                 except OSError as error:
-                    self._drop(client, error.strerror or str(error))
+                    self._end(client, error.strerror or str(error))
                     break
-                self._account(client, sent)
+                self.counters.tm_bytes += sent
+                self.counters.tm_packets += client.outbox.sent(sent)
                 if sent < len(data):
                     break
+            client.outbox.rest()
             self._watch_queue(client)
 
     def close(self) -> None:
@@ -181,23 +185,30 @@ class LinkServer:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         room = min(self._config.queue_bytes, SYSTEM_BYTES)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, room)
-        client = _Client(connection, name, self._make_uplink())
+        outbox = Outbox(self._config.queue_bytes)
+        client = _Client(connection, name, self._make_uplink(), outbox)
         self._clients.append(client)
         self._selector.register(connection, selectors.EVENT_READ, client)
         self._report("LINK_OPENED", name)
 
-    def _read(self, client: _Client, now_ns: int) -> list[Uplinked]:
+    def _read(self, client: _Client, now_ns: int) -> None:
         try:
             data = client.connection.recv(READ_BYTES)
         except BlockingIOError:
-            return []
+            return
         except OSError:
             data = b""
         if not data:
-            self._drop(client, "closed by the ground")
-            return []
+            self._end(client, "closed by the ground")
+            return
         self.counters.tc_bytes += len(data)
-        return client.uplink.feed(data, now_ns)
+        self._put(client, client.uplink.feed(data, now_ns))
+
+    def _put(self, client: _Client, items: list[Uplinked]) -> None:
+        """Put what came up into the client's inbox, with the client's name."""
+        for item in items:
+            source = f"{client.name} {item.source}".strip()
+            client.inbox.append(replace(item, source=source))
 
     def _watch_uplink(self, client: _Client) -> None:
         """Count and tell garbage that is new."""
@@ -213,28 +224,21 @@ class LinkServer:
         if client.dropped > client.told_drops and not client.is_slow:
             client.is_slow = True
             self._report("LINK_DROPS", f"{client.name} is slow: packets are dropped")
-        if client.is_slow and not client.queue:
+        if client.is_slow and not client.outbox:
             count = client.dropped - client.told_drops
             client.is_slow, client.told_drops = False, client.dropped
             self._report("LINK_CAUGHT_UP", f"{client.name}: {count} packets were dropped")
 
-    def _account(self, client: _Client, sent: int) -> None:
-        """Take what was sent out of the queue; a packet cut by the system keeps its rest."""
-        self.counters.tm_bytes += sent
-        client.queued_bytes -= sent
-        while sent:
-            packet = client.queue[0]
-            if len(packet) <= sent:
-                sent -= len(packet)
-                client.queue.popleft()
-                self.counters.tm_packets += 1
-            else:
-                client.queue[0] = packet[sent:]
-                sent = 0
+    def _end(self, client: _Client, why: str) -> None:
+        """Read no more of a client; it is dropped once its inbox is empty."""
+        if not client.ended:
+            self._selector.unregister(client.connection)
+            client.ended = why
 
     def _drop(self, client: _Client, why: str) -> None:
         self._clients.remove(client)
-        self._selector.unregister(client.connection)
+        if not client.ended:
+            self._selector.unregister(client.connection)
         client.connection.close()
         self._watch_uplink(client)
         self._watch_queue(client)

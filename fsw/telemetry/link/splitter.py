@@ -23,6 +23,7 @@ class Uplinked:
     error: Error | None = None
     text: str = ""
     value: float = 0.0  # told with the error
+    source: str = ""  # who sent it
 
     @property
     def is_file(self) -> bool:

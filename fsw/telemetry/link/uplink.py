@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Protocol
 
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
@@ -71,7 +72,8 @@ def _told(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked
     found: list[Uplinked] = []
     for outcome in outcomes:
         if isinstance(outcome, Accepted):
-            found += _packets(outcome.packet, now_ns)
+            source = f"SPI {outcome.spi}"
+            found += [replace(item, source=source) for item in _packets(outcome.packet, now_ns)]
         else:
             refused = Uplinked(
                 packet=outcome.packet or b"",

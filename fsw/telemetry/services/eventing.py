@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,6 +11,8 @@ from fsw.telemetry.dictionary import DICTIONARY, Severity
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.dictionary.events import OTHER_ID
 from fsw.telemetry.dictionary.reports import DISABLED_SLOTS
+from fsw.telemetry.dumps import Dumps, Entries
+from fsw.telemetry.event_log import FairLog
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.executor import Action, Done, Handler, Send
 
@@ -45,10 +46,12 @@ class Eventing:
         send_at: Callable[[str, int, Mapping[str, object]], None],
         send: Send,
         throttle: Callable[[], tuple[int, float]],
+        dumps: Dumps,
     ) -> None:
         self._send_at, self._send, self._throttle = send_at, send, throttle
+        self._dumps = dumps
         self._tracks: dict[int, _Track] = {}
-        self._log: deque[Event] = deque(maxlen=LOG_ENTRIES)
+        self._log: FairLog[Event] = FairLog(LOG_ENTRIES)
         self.total = 0
         self.suppressed = 0
 
@@ -59,7 +62,7 @@ class Eventing:
 
     def take(self, event: Event) -> None:
         """Log an event; report it."""
-        self._log.append(event)
+        self._log.add(event.code, event)
         self.total += 1
         number, text = _identify(event)
         track = self._tracks.setdefault(number, _Track())
@@ -87,23 +90,9 @@ class Eventing:
         for track in self._tracks.values():
             track.count = 0
 
-    def dump(self, entries: int) -> None:
-        """Report the newest entries of the log, oldest first."""
-        newest = list(self._log)[-entries:]
-        if not newest:
-            nothing = {"time_s": 0.0, "severity": 1, "event": 0, "text": ""}
-            self._send("event_log_entry", nothing | {"entry": 0, "entries": 0})
-        for place, event in enumerate(newest, start=1):
-            number, text = _identify(event)
-            values = {
-                "entry": place,
-                "entries": len(newest),
-                "time_s": event.t_ns * 1e-9,
-                "severity": int(Severity[event.severity.upper()]),
-                "event": number,
-                "text": text,
-            }
-            self._send("event_log_entry", values)
+    def dump(self, entries: int) -> Entries:
+        """Return the packets of the newest entries of the log, oldest first."""
+        return _log_packets(self._log.newest(entries))
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommands."""
@@ -111,12 +100,11 @@ class Eventing:
             "ENABLE_EVENT": partial(self._switch, enabled=True),
             "DISABLE_EVENT": partial(self._switch, enabled=False),
             "REPORT_DISABLED_EVENTS": lambda _: self._tell_disabled,
-            "EVENT_LOG_DUMP": lambda request: partial(self._dump, request.whole("entries")),
+            "EVENT_LOG_DUMP": self._dump,
         }
 
-    def _dump(self, entries: int) -> Done:
-        self.dump(entries)
-        return Done.NOW
+    def _dump(self, request: Request) -> Action:
+        return self._dumps.action(request, partial(self.dump, request.whole("entries")))
 
     def _switch(self, request: Request, *, enabled: bool) -> Action:
         number = request.whole("event")
@@ -137,6 +125,25 @@ class Eventing:
             slots = {f"event_{k}": number for k, number in enumerate(part, start=1)}
             self._send("disabled_events", {"total": len(disabled)} | slots)
         return Done.NOW
+
+
+def _log_packets(events: list[Event]) -> Iterator[tuple[str, Mapping[str, object]]]:
+    if not events:
+        nothing = {"time_s": 0.0, "severity": 1, "event": 0, "text": ""}
+        yield "event_log_entry", nothing | {"entry": 0, "entries": 0}
+    for place, event in enumerate(events, start=1):
+        number, text = _identify(event)
+        yield (
+            "event_log_entry",
+            {
+                "entry": place,
+                "entries": len(events),
+                "time_s": event.t_ns * 1e-9,
+                "severity": int(Severity[event.severity.upper()]),
+                "event": number,
+                "text": text,
+            },
+        )
 
 
 def _identify(event: Event) -> tuple[int, str]:

@@ -48,8 +48,13 @@ class Link:
         """Serve until so many items came."""
         found = []
         while len(found) < count:
-            found += self.server.serve(0)
+            found += self.look(0)
         return found
+
+    def look(self, now_ns: int) -> list:
+        """Serve once; return what came up."""
+        self.server.serve(now_ns)
+        return list(iter(self.server.next_item, None))
 
     def close(self) -> None:
         for client in self.clients:
