@@ -34,8 +34,8 @@ from fsw.service.control import SOCKET_NAME, ControlServer
 from fsw.service.job_process import JobProcess
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
-from fsw.telemetry.epoch import Epoch
 from fsw.telemetry.ports import Host
+from fsw.telemetry.state.epoch import Epoch
 
 if TYPE_CHECKING:
     from fsw.telemetry.application import TelemetryApplication

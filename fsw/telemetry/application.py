@@ -16,7 +16,6 @@ from fsw.config import Config, TelemetryConfig
 from fsw.messages import Block, Estimate, Event
 from fsw.messages.commands import CommandName, JobReport, Reply
 from fsw.messages.errors import PortError
-from fsw.telemetry.context import TelemetryContext
 from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
 from fsw.telemetry.dumps import Dumps
 from fsw.telemetry.link.downlink import Downlink
@@ -26,8 +25,8 @@ from fsw.telemetry.link.sdls_numbers import NumberStore
 from fsw.telemetry.link.server import LinkServer
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import ClearUplink, SecureUplink, Uplink
-from fsw.telemetry.onboard import OnBoardServices
 from fsw.telemetry.ports import FileDelivery, Host
+from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.eventing import SEVERITIES, Eventing
 from fsw.telemetry.services.executor import Handler, TcDispatcher
 from fsw.telemetry.services.filing import filing_of
@@ -35,6 +34,7 @@ from fsw.telemetry.services.functions import Functions
 from fsw.telemetry.services.housekeeping import Housekeeping
 from fsw.telemetry.services.loop_commands import LoopCommands
 from fsw.telemetry.services.monitors import Monitoring
+from fsw.telemetry.services.onboard import OnBoardServices
 from fsw.telemetry.services.own_commands import OwnCommands
 from fsw.telemetry.services.parameters import Parameters
 from fsw.telemetry.services.tables import Tables
@@ -115,7 +115,7 @@ class TelemetryApplication:
             parameter=self.parameters.get,
             dispatcher=self.dispatcher,
         )
-        self.onboard = OnBoardServices(context)
+        self.onboard = OnBoardServices(context, self.filing.find, self.tables.content)
         self.dispatcher.add(self._handlers())
         self.loop.dispatcher = self.filing.dispatcher = self.dumps.dispatcher = self.dispatcher
 
@@ -268,6 +268,7 @@ class TelemetryApplication:
         """Take an event, whoever reported it."""
         self.events.take(event)
         self.supervision.event(event.code)
+        self.onboard.event(event.code)
 
     def reply(self, reply: Reply) -> None:
         """Take the loop's answer to a command."""

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from fsw.config import Config
 from fsw.messages.commands import Command
-from fsw.telemetry.epoch import Epoch
+from fsw.telemetry.state.epoch import Epoch
 
 
 class FileDelivery(Protocol):

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from fsw.telemetry.context import TelemetryContext
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.documents import keep_document, read_document
-from fsw.telemetry.epoch import Epoch, carried_over
-from fsw.telemetry.kept_requests import checked_request, packet_of, request_id_of
 from fsw.telemetry.link.packets import FRACTIONS_PER_S, from_cuc
 from fsw.telemetry.link.telecommands import Request, RequestId, TcError
+from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.kept_requests import checked_request, packet_of, request_id_of
+from fsw.telemetry.state.documents import keep_document, read_document
+from fsw.telemetry.state.epoch import Epoch, carried_over
 from fsw.telemetry.state.store import GenerationStore
 
 FOLDER = "schedule"

@@ -81,6 +81,21 @@ class Tables:
             for key, value in slot.values().items()
         }
 
+    def content(self, table: Table, copy: Copy) -> bytes:
+        """Return a copy of a table; the active one as the configuration has it if none came up.
+
+        Raises
+        ------
+        TcError NOT_STAGED when there is no such copy.
+        """
+        slot = self._slots[table]
+        if copy is Copy.ACTIVE:
+            return slot.active or self._dump_content(table)
+        content = bytes(slot.staged) if copy is Copy.STAGED else slot.previous
+        if content is None or (copy is Copy.STAGED and not content):
+            raise TcError(Error.NOT_STAGED, 1, table)
+        return content
+
     def handlers(self) -> dict[str, Handler]:
         """Return what takes the table functions of service 8."""
         steps: Mapping[str, Callable[[Request, Table, Slot], Action]] = {
@@ -235,16 +250,9 @@ class Tables:
 
     def _dump(self, request: Request, table: Table, slot: Slot) -> Action:
         copy = Copy(request.whole("copy"))
-        if copy is Copy.STAGED and not slot.staged:
-            raise TcError(Error.NOT_STAGED, 1, table)
-        if copy is Copy.PREVIOUS and slot.previous is None:
-            raise TcError(Error.NOT_STAGED, 1, table)
-        contents = {Copy.STAGED: bytes(slot.staged), Copy.PREVIOUS: slot.previous or b""}
+        content = self.content(table, copy)
 
         def act() -> Done:
-            content = contents.get(copy, slot.active)
-            if copy is Copy.ACTIVE and not content:
-                content = self._dump_content(table)
             path = self._dumps / f"{table.name.lower()}_{copy.name.lower()}.{SUFFIX[table]}"
             try:
                 self._dumps.mkdir(parents=True, exist_ok=True)
@@ -258,6 +266,7 @@ class Tables:
             self._report("TABLE_DUMPED", f"{table.name} {copy.name}")
             return Done.NOW
 
+        _ = slot
         return act
 
     def _abort(self, request: Request, table: Table, slot: Slot) -> Action:

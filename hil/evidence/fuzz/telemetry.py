@@ -28,11 +28,11 @@ from fsw.messages.commands import Command
 from fsw.telemetry.application import TelemetryApplication
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY, Field, Telecommand, Type
-from fsw.telemetry.epoch import Epoch
 from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from fsw.telemetry.link.splitter import PATIENCE_NS, Uplinked
 from fsw.telemetry.link.uplink import ClearUplink
 from fsw.telemetry.ports import Host
+from fsw.telemetry.state.epoch import Epoch
 from hil.run.bench import prepare
 from hil.world.scenario import load as load_scenario
 

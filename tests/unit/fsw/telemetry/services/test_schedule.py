@@ -7,9 +7,9 @@ import pytest
 
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.epoch import Epoch, carried_over
 from fsw.telemetry.link.packets import telecommand_packet
 from fsw.telemetry.services.schedule import FOLDER
+from fsw.telemetry.state.epoch import Epoch, carried_over
 from tests.support.application_cases import DONE, EPOCH, SECOND, Flight
 from tests.unit.fsw.telemetry.test_reactions import at
 

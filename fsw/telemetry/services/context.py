@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from fsw.telemetry.epoch import Epoch
 from fsw.telemetry.services.executor import Report, Send, TcDispatcher
+from fsw.telemetry.state.epoch import Epoch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,218 @@
+"""Service 19: telecommands that events release.
+
+An event queues its action; `poll` releases it, so that an event which an action causes never calls
+the next one directly. A loop of events and actions ends by itself: a definition that acts more than
+`MOST_RELEASES` times within `WINDOW_NS` is disabled, and stays so over a restart.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
+from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.kept_requests import checked_request, packet_of
+from fsw.telemetry.state.documents import keep_document, read_document
+from fsw.telemetry.state.store import GenerationStore
+
+FOLDER = "event_actions"
+OWN_SERVICE = 19
+CAPACITY = 32
+MOST_QUEUED = 32
+RELEASED_PER_POLL = 4
+MOST_RELEASES = 10  # of one definition within the window
+WINDOW_NS = 60_000_000_000
+NAMES = {event.id: event.code for event in DICTIONARY.events}
+
+
+@dataclass(slots=True)
+class Definition:
+    """The action of one event."""
+
+    packet: bytes
+    enabled: bool = False
+    released: int = 0
+    times_ns: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_RELEASES))
+
+
+class EventActions:
+    """Keeps the actions of events and releases them."""
+
+    def __init__(self, context: TelemetryContext) -> None:
+        self._context = context
+        self._store = GenerationStore(context.state / FOLDER)
+        self._definitions: dict[int, Definition] = {}
+        self._queue: deque[int] = deque()
+        self.enabled = True
+        self._recall()
+
+    def event(self, number: int) -> None:
+        """Queue the action of an event that was reported."""
+        definition = self._definitions.get(number)
+        if not self.enabled or definition is None or not definition.enabled:
+            return
+        now_ns = self._context.now_ns()
+        times_ns = definition.times_ns
+        if len(times_ns) == MOST_RELEASES and now_ns - times_ns[0] < WINDOW_NS:
+            self._limit(number, definition)
+        elif len(self._queue) >= MOST_QUEUED:
+            self._context.report("EVENT_ACTION_LOST", f"{NAMES[number]}: {MOST_QUEUED} wait")
+        else:
+            times_ns.append(now_ns)
+            self._queue.append(number)
+
+    def poll(self) -> None:
+        """Release actions that wait, a few at a time."""
+        for _ in range(min(RELEASED_PER_POLL, len(self._queue))):
+            number = self._queue.popleft()
+            definition = self._definitions.get(number)
+            if definition is None:
+                continue  # deleted in the meantime
+            definition.released += 1
+            self._context.report("EVENT_ACTION", NAMES[number])
+            self._context.dispatcher.receive(definition.packet)
+
+    def digest(self) -> list[object]:
+        """Return everything a telecommand can change, as plain values."""
+        return [self._document(self._definitions, enabled=self.enabled)]
+
+    def handlers(self) -> dict[str, Handler]:
+        """Return the handlers of this service's telecommands."""
+        return {
+            "ADD_EVENT_ACTION": self._add,
+            "DELETE_EVENT_ACTION": self._delete,
+            "DELETE_EVENT_ACTIONS": lambda _: self._delete_all,
+            "ENABLE_EVENT_ACTION": partial(self._switch, enabled=True),
+            "DISABLE_EVENT_ACTION": partial(self._switch, enabled=False),
+            "REPORT_EVENT_ACTION_STATUS": lambda _: self._report_status,
+            "ENABLE_EVENT_ACTIONS": lambda _: partial(self._switch_all, enabled=True),
+            "DISABLE_EVENT_ACTIONS": lambda _: partial(self._switch_all, enabled=False),
+            "REPORT_EVENT_ACTION": self._report_definition,
+        }
+
+    def _add(self, request: Request) -> Action:
+        number = request.whole("event")
+        if number == 0:
+            raise TcError(Error.BAD_ARG, 3, 0, "no event")
+        checked_request(self._context.dispatcher, request.data, 4, (OWN_SERVICE,))
+        before = self._definitions.get(number)
+        if before is not None and before.enabled:
+            raise TcError(Error.BUSY, 3, number, "its action is enabled")
+        if before is None and len(self._definitions) >= CAPACITY:
+            raise TcError(Error.BUSY, 3, CAPACITY, "no place for another action")
+        return partial(self._change, {number: Definition(request.data)})
+
+    def _delete(self, request: Request) -> Action:
+        number, definition = self._find(request)
+        if definition.enabled:
+            raise TcError(Error.BUSY, 3, number, "its action is enabled")
+        return partial(self._change, {number: None})
+
+    def _delete_all(self) -> Done:
+        return self._change(dict.fromkeys(self._definitions))
+
+    def _switch(self, request: Request, *, enabled: bool) -> Action:
+        number, definition = self._find(request)
+        changed = Definition(definition.packet, enabled, definition.released, definition.times_ns)
+        return partial(self._change, {number: changed})
+
+    def _switch_all(self, *, enabled: bool) -> Done:
+        keep_document(self._store, self._document(self._definitions, enabled=enabled))
+        self.enabled = enabled
+        return Done.NOW
+
+    def _find(self, request: Request) -> tuple[int, Definition]:
+        number = request.whole("event")
+        definition = self._definitions.get(number)
+        if definition is None:
+            raise TcError(Error.BAD_ARG, 3, number, "it has no action")
+        return number, definition
+
+    def _change(self, changes: dict[int, Definition | None]) -> Done:
+        """Keep other definitions, then let them hold. Raises TcError; then nothing has changed."""
+        merged = {**self._definitions, **changes}
+        definitions = {number: item for number, item in merged.items() if item is not None}
+        keep_document(self._store, self._document(definitions, enabled=self.enabled))
+        self._definitions = definitions
+        return Done.NOW
+
+    def _limit(self, number: int, definition: Definition) -> None:
+        """Disable an action that comes too often."""
+        definition.enabled = False
+        text = f"{NAMES[number]}: {MOST_RELEASES} actions within {WINDOW_NS / 1e9:.0f} s; disabled"
+        self._context.report("EVENT_ACTION_LIMITED", text)
+        try:
+            keep_document(self._store, self._document(self._definitions, enabled=self.enabled))
+        except TcError as error:
+            self._context.report("TC_FAILED", f"event actions: {error}")
+
+    @staticmethod
+    def _document(definitions: dict[int, Definition], *, enabled: bool) -> dict[str, object]:
+        entries = [
+            {"event": number, "enabled": item.enabled, "packet": item.packet.hex()}
+            for number, item in definitions.items()
+        ]
+        return {"enabled": enabled, "definitions": entries}
+
+    def _recall(self) -> None:
+        """Read the definitions of the last run; leave out what the dictionary no longer has."""
+        found, damaged = read_document(self._store, _parse)
+        faults = [f"{damaged} generations cannot be read"] if damaged else []
+        if found is not None:
+            self.enabled, definitions = found
+            for number, definition in definitions[:CAPACITY]:
+                try:
+                    packet = definition.packet
+                    checked_request(self._context.dispatcher, packet, 4, (OWN_SERVICE,))
+                except TcError as error:
+                    faults.append(f"{NAMES.get(number, number)}: {error}")
+                else:
+                    self._definitions[number] = definition
+        if faults:
+            text = f"event actions: {'; '.join(faults[:3])}"
+            self._context.report("STORED_REQUESTS_CORRUPT", text)
+
+    def _report_status(self) -> Done:
+        empty = {"n": 0, "apid": 0, "event": 0, "enabled": False, "released": 0}
+        rows = [
+            {
+                "n": 1,
+                "apid": APID_ESTIMATOR,
+                "event": number,
+                "enabled": definition.enabled,
+                "released": definition.released,
+            }
+            for number, definition in self._definitions.items()
+        ]
+        for row in rows or [empty]:
+            self._context.send("event_action_status", row | {"function_enabled": self.enabled})
+        return Done.NOW
+
+    def _report_definition(self, request: Request) -> Action:
+        number, definition = self._find(request)
+
+        def act() -> Done:
+            values = {"n": 1, "apid": APID_ESTIMATOR, "event": number}
+            values |= {"enabled": definition.enabled}
+            hexadecimal = definition.packet.hex()
+            self._context.send("event_action", {**values, "request_hex": hexadecimal})
+            return Done.NOW
+
+        return act
+
+
+def _parse(document: Any) -> tuple[bool, list[tuple[int, Definition]]]:  # noqa: ANN401
+    """Return the switch of the function, and events with their actions."""
+    found = []
+    for entry in document["definitions"]:
+        number = entry["event"]
+        if number not in NAMES:
+            raise ValueError(f"event {number} is not in the dictionary")
+        found.append((number, Definition(packet_of(entry["packet"]), bool(entry["enabled"]))))
+    return bool(document["enabled"]), found
