@@ -11,7 +11,7 @@ import numpy as np
 
 from fsw.commands.replay import replay
 from fsw.config import Config
-from fsw.exchange.sinks import NullSink
+from fsw.exchange.sinks import Message, NullSink
 from fsw.excitation import assess, criteria, export, spline
 from fsw.excitation.collision import Collisions, build_collisions
 from fsw.excitation.limits import Limits
@@ -160,9 +160,10 @@ class _Blocks(NullSink):
     def __init__(self) -> None:
         self.blocks: list[Block] = []
 
-    def block(self, block: Block) -> None:
-        """Keep one block."""
-        self.blocks.append(block)
+    def put(self, message: Message) -> None:
+        """Keep a block, discard everything else."""
+        if isinstance(message, Block):
+            self.blocks.append(message)
 
 
 def _recorded(recording: Path, config: Config, subject: Subject) -> int:

@@ -12,7 +12,7 @@ from fsw.clock import MonotonicClock
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
-from fsw.exchange.sinks import NullSink
+from fsw.exchange.sinks import Message, NullSink
 from fsw.messages import Block
 
 Progress = Callable[[float, str], bool]
@@ -24,9 +24,10 @@ class _BlockCollector(NullSink):
     def __init__(self) -> None:
         self.blocks: list[Block] = []
 
-    def block(self, block: Block) -> None:
-        """Keep one block."""
-        self.blocks.append(block)
+    def put(self, message: Message) -> None:
+        """Keep a block, discard everything else."""
+        if isinstance(message, Block):
+            self.blocks.append(message)
 
 
 def identify(

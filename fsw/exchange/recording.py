@@ -26,6 +26,7 @@ from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from fsw.drivers.wire import CanFrame
+from fsw.exchange.sinks import CanTraffic, RawTraffic, SerialTraffic
 from fsw.messages.errors import ConfigError
 
 EFF_FLAG, RTR_FLAG, ERR_FLAG = 0x80000000, 0x40000000, 0x20000000
@@ -102,6 +103,15 @@ def unpack_frame(t_ns: int, data: bytes) -> CanFrame | None:
     )
 
 
+def raw_traffic(message: CanTraffic | SerialTraffic) -> RawTraffic:
+    """Return traffic as a recording holds it: Linux CAN structures, or bytes as they were read."""
+    if isinstance(message, CanTraffic):
+        records = [(frame.t_ns, pack_frame(frame)) for frame in message.frames]
+        return RawTraffic(f"/can/{message.bus}", "socketcan", records)
+    chunks = [(chunk.t_ns, chunk.data) for chunk in message.chunks]
+    return RawTraffic(f"/serial/{message.device}", "raw", chunks)
+
+
 class RecordingWriter:
     """One MCAP file. Finished chunks reach the file, so a kill loses at most the last one.
 
@@ -131,15 +141,12 @@ class RecordingWriter:
         """Add a metadata record."""
         self._writer.add_metadata(name, dict(values))
 
-    def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Add frames of a bus."""
-        topic = f"/can/{bus}"
-        for frame in frames:
-            self._add(topic, "socketcan", frame.t_ns, pack_frame(frame))
-
-    def serial(self, device: str, t_ns: int, data: bytes) -> None:
-        """Add one chunk of a serial device."""
-        self._add(f"/serial/{device}", "raw", t_ns, data)
+    def traffic(self, traffic: CanTraffic | SerialTraffic | RawTraffic) -> None:
+        """Add traffic of a link, one message for every frame or chunk."""
+        if not isinstance(traffic, RawTraffic):
+            traffic = raw_traffic(traffic)
+        for t_ns, data in traffic.records:
+            self._add(traffic.topic, traffic.encoding, t_ns, data)
 
     def json(self, topic: str, t_ns: int, values: Mapping[str, Any]) -> None:
         """Add one JSON message."""

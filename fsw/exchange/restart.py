@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any, Protocol, runtime_checkable
 
 from fsw.exchange.checkpoint import Checkpoint
-from fsw.exchange.sinks import Sink
+from fsw.exchange.sinks import AppliedCommand, Sink, StateRestored
 from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.errors import EstimatorError
 from fsw.scheduler.align import Aligner
@@ -149,12 +149,12 @@ def resume(
         estimate = (put_back if exact else put_back_bodies)(estimator, snapshot)
     except EstimatorError as error:
         estimator.reset()
-        sink.event(Event(now_ns, "medium", "CHECKPOINT_REFUSED", str(error)))
+        sink.put(Event(now_ns, "medium", "CHECKPOINT_REFUSED", str(error)))
         return None
     if exact and snapshot.grid_ns is not None:
         aligner.resume(snapshot.grid_ns)
-    sink.restored(sequence)
+    sink.put(StateRestored(sequence))
     record = {"command": "restart", "mode": str(found.mode), "sequence": sequence}
-    sink.command(now_ns, record)
-    sink.event(Event(now_ns, "info", "STATE_RESTORED", found.text()))
+    sink.put(AppliedCommand(now_ns, record))
+    sink.put(Event(now_ns, "info", "STATE_RESTORED", found.text()))
     return estimate

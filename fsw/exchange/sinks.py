@@ -1,8 +1,9 @@
-"""Where the loop hands what it has: the Sink protocol, the null sink and the fan-out."""
+"""Messages of the loop and where they go: the Sink protocol, the null sink and the fan-out."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from fsw.drivers.wire import ByteChunk, CanFrame
@@ -12,158 +13,110 @@ from fsw.messages.commands import Reply
 Record = Mapping[str, Any]  # plain JSON values only
 
 
+@dataclass(frozen=True, slots=True)
+class CanTraffic:
+    """Frames of a bus, sent and received, in the order the sources saw them."""
+
+    bus: str
+    frames: Sequence[CanFrame]
+
+
+@dataclass(frozen=True, slots=True)
+class SerialTraffic:
+    """Raw bytes of a serial device."""
+
+    device: str
+    chunks: Sequence[ByteChunk]
+
+
+@dataclass(frozen=True, slots=True)
+class RawTraffic:
+    """Traffic of one link as a recording holds it: stamp [ns] and bytes of every message."""
+
+    topic: str
+    encoding: str
+    records: Sequence[tuple[int, bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class StatusReport:
+    """Health and counters at one time."""
+
+    t_ns: int
+    values: Record
+
+
+@dataclass(frozen=True, slots=True)
+class ScienceRecord:
+    """The newest sample of every channel, packed (`fsw.loop.science`)."""
+
+    t_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class AppliedCommand:
+    """One applied command, with the values that a replay needs to apply it again."""
+
+    t_ns: int
+    record: Record
+
+
+@dataclass(frozen=True, slots=True)
+class StateRestored:
+    """The number of the checkpoint this run continues from."""
+
+    sequence: int
+
+
+Message = (
+    CanTraffic
+    | SerialTraffic
+    | RawTraffic
+    | Block
+    | Estimate
+    | Event
+    | Snapshot
+    | Reply
+    | StatusReport
+    | ScienceRecord
+    | AppliedCommand
+    | StateRestored
+)
+
+
 class Sink(Protocol):
-    """Takes everything the loop produces; never blocks and never raises in flight."""
+    """Accepts every message of the loop; never blocks and never raises in flight."""
 
-    def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Take frames of a bus, sent and received, in the order the sources saw them."""
-        ...
-
-    def serial(self, device: str, chunks: Sequence[ByteChunk]) -> None:
-        """Take raw bytes of a serial device."""
-        ...
-
-    def block(self, block: Block) -> None:
-        """Take one conditioned window."""
-        ...
-
-    def estimate(self, estimate: Estimate) -> None:
-        """Take one published estimate."""
-        ...
-
-    def event(self, event: Event) -> None:
-        """Take one event."""
-        ...
-
-    def status(self, t_ns: int, status: Record) -> None:
-        """Take the health and counter summary."""
-        ...
-
-    def science(self, t_ns: int, record: bytes) -> None:
-        """Take the newest sample of every channel, packed (`fsw.loop.science`)."""
-        ...
-
-    def command(self, t_ns: int, record: Record) -> None:
-        """Take one applied command, with what a replay needs to apply it again."""
-        ...
-
-    def reply(self, reply: Reply) -> None:
-        """Take the answer to a command."""
-        ...
-
-    def checkpoint(self, snapshot: Snapshot) -> None:
-        """Take the estimator's state to be kept over a restart."""
-        ...
-
-    def restored(self, sequence: int) -> None:
-        """Take the number of the checkpoint this run continues from."""
+    def put(self, message: Message) -> None:
+        """Accept one message; a sink ignores the types it has no use for."""
         ...
 
     def close(self) -> None:
-        """Nothing more will come."""
+        """Release everything: no message follows."""
         ...
 
 
 class NullSink:
-    """Drops everything; the base of sinks that want only part of it."""
+    """Discards everything; the base of sinks that have nothing to close."""
 
-    def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Drop."""
-
-    def serial(self, device: str, chunks: Sequence[ByteChunk]) -> None:
-        """Drop."""
-
-    def block(self, block: Block) -> None:
-        """Drop."""
-
-    def estimate(self, estimate: Estimate) -> None:
-        """Drop."""
-
-    def event(self, event: Event) -> None:
-        """Drop."""
-
-    def status(self, t_ns: int, status: Record) -> None:
-        """Drop."""
-
-    def science(self, t_ns: int, record: bytes) -> None:
-        """Drop."""
-
-    def command(self, t_ns: int, record: Record) -> None:
-        """Drop."""
-
-    def reply(self, reply: Reply) -> None:
-        """Drop."""
-
-    def checkpoint(self, snapshot: Snapshot) -> None:
-        """Drop."""
-
-    def restored(self, sequence: int) -> None:
-        """Drop."""
+    def put(self, message: Message) -> None:
+        """Discard."""
 
     def close(self) -> None:
         """Nothing to release."""
 
 
 class Fanout:
-    """Hands everything to several sinks, in order."""
+    """Hands every message to several sinks, in order."""
 
     def __init__(self, *sinks: Sink) -> None:
         self._sinks = sinks
 
-    def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Pass on."""
+    def put(self, message: Message) -> None:
+        """Pass the message to all."""
         for sink in self._sinks:
-            sink.can(bus, frames)
-
-    def serial(self, device: str, chunks: Sequence[ByteChunk]) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.serial(device, chunks)
-
-    def block(self, block: Block) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.block(block)
-
-    def estimate(self, estimate: Estimate) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.estimate(estimate)
-
-    def event(self, event: Event) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.event(event)
-
-    def status(self, t_ns: int, status: Record) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.status(t_ns, status)
-
-    def science(self, t_ns: int, record: bytes) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.science(t_ns, record)
-
-    def command(self, t_ns: int, record: Record) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.command(t_ns, record)
-
-    def reply(self, reply: Reply) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.reply(reply)
-
-    def checkpoint(self, snapshot: Snapshot) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.checkpoint(snapshot)
-
-    def restored(self, sequence: int) -> None:
-        """Pass on."""
-        for sink in self._sinks:
-            sink.restored(sequence)
+            sink.put(message)
 
     def close(self) -> None:
         """Close all."""

@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 
 from fsw.clock import Clock
 from fsw.drivers.wire import ByteChunk, BytePort, CanFrame, FramePort
-from fsw.exchange.sinks import Sink
+from fsw.exchange.sinks import CanTraffic, SerialTraffic, Sink
 from fsw.loop.link import Link
 from fsw.messages import Event, Sample
 from fsw.messages.findings import Finding
@@ -188,7 +188,7 @@ class BusInput:
         if reason:
             self._talking_since_ns, self._awaited = None, []
             text = f"{before.name}: {reason}; {self.link.name} is active"
-            sink.event(Event(now_ns, "high", "BUS_SWITCHED", text))
+            sink.put(Event(now_ns, "high", "BUS_SWITCHED", text))
         return bool(reason)
 
     def drain(self, sink: Sink) -> None:
@@ -202,7 +202,7 @@ class BusInput:
         if not frames:
             return
         self.pending += frames
-        sink.can(self.name, frames)
+        sink.put(CanTraffic(self.name, frames))
         for frame in read:
             node = frame.can_id & NODE_MASK
             if node not in self._nodes or frame.is_error or frame.is_extended:
@@ -263,7 +263,7 @@ class BusInput:
         for (code, text), before, count in zip(kinds, self._trouble, trouble, strict=True):
             if count > before:
                 told = f"{self.name}: {count - before} {text} ({count} in all)"
-                sink.event(Event(now_ns, "medium", code, told))
+                sink.put(Event(now_ns, "medium", code, told))
         self._trouble, self._told_ns = trouble, now_ns
 
     def _in_order(self, read: list[CanFrame]) -> list[CanFrame]:
@@ -351,7 +351,7 @@ class LineInput:
             fresh, self._fresh = self._fresh, []
             if fresh:
                 self.pending += fresh
-                sink.serial(self.name, fresh)
+                sink.put(SerialTraffic(self.name, fresh))
 
     def feed(self, until_ns: int) -> Sequence[Sample]:
         """Decode what is stamped at or before `until_ns`."""

@@ -53,7 +53,7 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
         try:
             return opener()
         except PortError as error:
-            sink.event(Event(clock.now_ns(), "high", "PORT_LOST", f"{name}: {error}"))
+            sink.put(Event(clock.now_ns(), "high", "PORT_LOST", f"{name}: {error}"))
             return None
 
     cans: dict[str, Callable[[], FramePort]] = {}
@@ -100,12 +100,12 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     service = ServiceProcess(config, clock)
     sink, jobs = service.sink, service.jobs
     _import_all()
-    sink.event(Event(clock.now_ns(), "info", "STARTED", f"imports done; process {os.getpid()}"))
+    sink.put(Event(clock.now_ns(), "info", "STARTED", f"imports done; process {os.getpid()}"))
     daemon = build(config, clock, open_ports(config, clock, sink), sink, jobs=jobs)
     if not cold and config.service.checkpoint_period_s is not None:
         go_on(daemon, config, clock, sink)
     for text in realtime.prepare(config.scheduler):
-        sink.event(Event(clock.now_ns(), "low", "REALTIME", text))
+        sink.put(Event(clock.now_ns(), "low", "REALTIME", text))
     realtime.freeze_garbage()
     ticks_per_s = max(1, round(config.scheduler.tick_rate_hz))
     notifier.send("READY=1")
@@ -166,11 +166,11 @@ def go_on(daemon: Daemon, config: Config, clock: Clock, sink: Sink) -> bool:
         store = CheckpointStore(directory, identity_of(config))
     except OSError as error:
         text = f"{config.robot.urdf}: {error.strerror or error}"
-        sink.event(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
+        sink.put(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
         return False
     good, refused = store.read()
     for text in refused:
-        sink.event(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
+        sink.put(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
     hold_s = config.service.checkpoint_hold_s
     found = (judge(checkpoint, boot_id(), clock.now_ns(), hold_s) for checkpoint in good)
     return any(daemon.restart(restart) for restart in found)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from fsw.exchange.restart import Adopting, put_back, take
-from fsw.exchange.sinks import Sink
+from fsw.exchange.sinks import AppliedCommand, Sink
 from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.commands import (
     BatchRequest,
@@ -183,7 +183,7 @@ class Dispatcher:
             self.first_window = clean_window
         record = {"command": str(command.name), "id": command.id, "args": args}
         windows = {"next_window": next_window, "clean_window": clean_window}
-        self._sink.command(now_ns, record | windows)
+        self._sink.put(AppliedCommand(now_ns, record | windows))
         self._answer(command, Code.ACCEPTED, "", data)
         return estimate
 
@@ -298,12 +298,12 @@ class Dispatcher:
             self._result = report.result
         severity = "info" if report.state == "done" else "medium"
         text = f"batch job {report.id} {report.state}" + (f": {report.text}" if report.text else "")
-        self._sink.event(Event(now_ns, severity, "BATCH_" + report.state.upper(), text))
+        self._sink.put(Event(now_ns, severity, "BATCH_" + report.state.upper(), text))
 
     def _answer(
         self, command: Command, code: Code, text: str, data: Mapping[str, Any] | None = None
     ) -> None:
-        self._sink.reply(
+        self._sink.put(
             Reply(
                 id=command.id,
                 command=str(command.name),

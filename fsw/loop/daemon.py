@@ -22,7 +22,7 @@ from fsw.estimators.pipeline import (
     default_pipeline,
 )
 from fsw.exchange.restart import Restart, resume, take
-from fsw.exchange.sinks import Sink
+from fsw.exchange.sinks import AppliedCommand, ScienceRecord, Sink, StatusReport
 from fsw.exchange.status import estimate_summary
 from fsw.health import Health
 from fsw.loop.acquisition import BusInput, LineInput
@@ -109,7 +109,7 @@ class Daemon:
             return False
         self.dispatcher.saved = take(estimator, snapshot.t_ns)
         self._publish(estimate)
-        self._sink.status(now_ns, self.status(now_ns))
+        self._sink.put(StatusReport(now_ns, self.status(now_ns)))
         return True
 
     def submit(self, command: Command) -> None:
@@ -134,12 +134,12 @@ class Daemon:
         self._finish_windows()
         now_ns = self._clock.now_ns()
         stop = {"command": "end", "next_window": self.aligner.next_index}
-        self._sink.command(now_ns, stop)
+        self._sink.put(AppliedCommand(now_ns, stop))
         if self.latest is not None:
             self._publish(settle(self._pipeline.estimator))
             self._keep()
         self._report("info", "STOPPED", f"stopped after {self.executive.slips.ticks} ticks")
-        self._sink.status(now_ns, self.status(now_ns))
+        self._sink.put(StatusReport(now_ns, self.status(now_ns)))
         self._inputs.close()
         self._sink.close()
         return self.latest
@@ -269,7 +269,7 @@ class Daemon:
         self._publish(estimate)
 
     def _store(self, block: Block) -> None:
-        self._sink.block(block)
+        self._sink.put(block)
         self.dispatcher.store(block)
 
     def _finish_windows(self) -> None:
@@ -281,7 +281,7 @@ class Daemon:
         if not self.hands_over:
             return
         nis = self.latest.nis if self.latest is not None else 0.0
-        self._sink.science(tick.now_ns, science.record(nis))
+        self._sink.put(ScienceRecord(tick.now_ns, science.record(nis)))
 
     def _reconfigure(self, changes: Mapping[str, Any]) -> Estimator:
         """Begin at the prior with other unknowns, noise, robot or settings.
@@ -307,7 +307,7 @@ class Daemon:
                 health.take(part.findings(), tick.now_ns)
         health.tick(tick.index, self.executive.slips.slips, tick.now_ns)
         for event in health.events():
-            self._sink.event(event)
+            self._sink.put(event)
 
     def _guarded(self, action: Callable[[], object]) -> None:
         try:
@@ -319,7 +319,7 @@ class Daemon:
 
     def _publish(self, estimate: Estimate) -> None:
         self.latest = estimate
-        self._sink.estimate(estimate)
+        self._sink.put(estimate)
         if isinstance(self._pipeline.estimator, Eventful):
             for severity, code, text in self._pipeline.estimator.events():
                 self._report(severity, code, text)
@@ -345,13 +345,13 @@ class Daemon:
         snapshot = take(self._pipeline.estimator, now_ns, self.aligner.grid_ns)
         if snapshot is not None:
             changes, identifying = tuple(self.dispatcher.changes), self.dispatcher.identifying
-            self._sink.checkpoint(replace(snapshot, changes=changes, identifying=identifying))
+            self._sink.put(replace(snapshot, changes=changes, identifying=identifying))
 
     def _retry(self, _tick: Tick) -> None:
         self._inputs.retry()
 
     def _status(self, tick: Tick) -> None:
-        self._sink.status(tick.now_ns, self.status(tick.now_ns))
+        self._sink.put(StatusReport(tick.now_ns, self.status(tick.now_ns)))
 
     def _report(self, severity: str, code: str, text: str) -> None:
-        self._sink.event(Event(self._clock.now_ns(), severity, code, text))
+        self._sink.put(Event(self._clock.now_ns(), severity, code, text))

@@ -84,7 +84,7 @@ class Inputs:
                 if link.up or not link.retry(self._clock.now_ns()):
                     continue
                 text = f"{link.name} is back"
-                self._sink.event(Event(self._clock.now_ns(), "medium", "PORT_BACK", text))
+                self._sink.put(Event(self._clock.now_ns(), "medium", "PORT_BACK", text))
                 if isinstance(member, LineInput):
                     self._guard(link, member.start)
                 elif link is member.link:
@@ -112,4 +112,4 @@ class Inputs:
         except PortError as error:
             now_ns = self._clock.now_ns()
             link.lose(now_ns)
-            self._sink.event(Event(now_ns, "high", "PORT_LOST", f"{link.name} lost: {error}"))
+            self._sink.put(Event(now_ns, "high", "PORT_LOST", f"{link.name} lost: {error}"))

@@ -102,7 +102,7 @@ class ServiceProcess:
         self._deaths_ns = [*recent, now_ns]
         self._gave_up = len(self._deaths_ns) > MOST_RESTARTS
         what = "too often: nothing is recorded" if self._gave_up else "started again"
-        self.sink.event(Event(now_ns, "high", code, f"{text}; {what}"))
+        self.sink.put(Event(now_ns, "high", code, f"{text}; {what}"))
         if not self._gave_up:
             self._process = self._start(resume=True)
 

@@ -23,8 +23,14 @@ from fsw.clock import Clock, MonotonicClock, monotonic_less_realtime_ns
 from fsw.config import Config
 from fsw.exchange.checkpoint_store import boot_id
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import Kind, deliver, load
-from fsw.exchange.sinks import NullSink, Record
+from fsw.exchange.ringlink import Kind, load, message_of
+from fsw.exchange.sinks import (
+    Message,
+    Record,
+    ScienceRecord,
+    StateRestored,
+    StatusReport,
+)
 from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.commands import BatchRequest, Command, JobReport, Reply
 from fsw.messages.errors import MEMORY_EXIT, ConfigError, PortError
@@ -49,7 +55,7 @@ NICE = 5
 LOCK_NAME = "service.lock"
 
 
-class Service(NullSink):
+class Service:
     """Everything that touches files and sockets."""
 
     def __init__(
@@ -124,11 +130,10 @@ class Service(NullSink):
                 self._submit(load(record))
             elif record.kind == Kind.JOB_ABORT:
                 self._jobs.abort()
-            else:
+            elif (message := message_of(record)) is not None:
                 if self._switch.sink is not None:
-                    deliver(record, self._switch.sink)
-                if record.kind not in (Kind.CAN, Kind.SERIAL):
-                    deliver(record, self)
+                    self._switch.sink.put(message)
+                self.put(message)
         self._watch_drops()
         for report in self._jobs.poll():
             self._send(Kind.JOB_REPORT, report)
@@ -153,7 +158,29 @@ class Service(NullSink):
             self._control.close()
         self._write_status(running=False)
 
-    def block(self, block: Block) -> None:
+    def put(self, message: Message) -> None:
+        """Act on one message of the loop; traffic and commands are for the recorder alone."""
+        match message:
+            case Event():
+                self.event(message)
+            case Block():
+                self._block(message)
+            case Snapshot():
+                self._keeper.write(message)
+            case StateRestored():
+                self._restored(message.sequence)
+            case StatusReport():
+                self._publish_status(message.values)
+            case Reply():
+                self._reply(message)
+            case Estimate() if self._telemetry is not None:
+                self._telemetry.estimate(message)
+            case ScienceRecord() if self._telemetry is not None:
+                self._telemetry.science(message.t_ns, message.data)
+            case _:
+                return
+
+    def _block(self, block: Block) -> None:
         """Store a block for batch jobs and for checkpoints."""
         self._keeper.block(block)
         if self._telemetry is not None:
@@ -167,12 +194,8 @@ class Service(NullSink):
         else:
             self._blocks_failed = False
 
-    def checkpoint(self, snapshot: Snapshot) -> None:
-        """Write the estimator's state."""
-        self._keeper.write(snapshot)
-
-    def restored(self, sequence: int) -> None:
-        """Put what this run went on from into its recording."""
+    def _restored(self, sequence: int) -> None:
+        """Attach the checkpoint this run continues from to its recording."""
         data = self._keeper.adopt(sequence)
         if data is not None and self._switch.sink is not None:
             self._switch.sink.attach(CHECKPOINT, data)
@@ -191,7 +214,7 @@ class Service(NullSink):
         except OSError:
             return  # a full disk must not end the service; the recorder reports it
 
-    def status(self, t_ns: int, status: Record) -> None:  # noqa: ARG002
+    def _publish_status(self, status: Record) -> None:
         """Keep and publish the newest summary."""
         self._status = status
         if self._switch.sink is not None:
@@ -201,22 +224,12 @@ class Service(NullSink):
             self._telemetry.status(status)
         self._write_status(running=True)
 
-    def reply(self, reply: Reply) -> None:
+    def _reply(self, reply: Reply) -> None:
         """Answer the client that asked."""
         if self._telemetry is not None:
             self._telemetry.reply(reply)
         if self._control is not None:
             self._control.reply(reply)
-
-    def estimate(self, estimate: Estimate) -> None:
-        """Telemeter."""
-        if self._telemetry is not None:
-            self._telemetry.estimate(estimate)
-
-    def science(self, t_ns: int, record: bytes) -> None:
-        """Telemeter."""
-        if self._telemetry is not None:
-            self._telemetry.science(t_ns, record)
 
     def _configured(self, config: Config) -> None:
         """Take what was laid over the configuration: all that is written is to go with it."""
@@ -283,7 +296,7 @@ class Service(NullSink):
         event = Event(self._clock.now_ns(), severity, code, text)
         self.event(event)
         if self._switch.sink is not None:
-            self._switch.sink.event(event)
+            self._switch.sink.put(event)
 
 
 def _epoch(clock_id: str) -> Epoch:

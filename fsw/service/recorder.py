@@ -13,7 +13,6 @@ import yaml
 from zstandard import ZstdError
 
 from fsw.config import Config, load
-from fsw.drivers.wire import ByteChunk, CanFrame
 from fsw.exchange.recording import RecordingWriter, contents
 from fsw.exchange.recording_parts import (
     IDENTITY,
@@ -23,7 +22,14 @@ from fsw.exchange.recording_parts import (
     newest_part,
     part_path,
 )
-from fsw.exchange.sinks import NullSink, Record
+from fsw.exchange.sinks import (
+    AppliedCommand,
+    CanTraffic,
+    Message,
+    RawTraffic,
+    SerialTraffic,
+    StatusReport,
+)
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
 from fsw.messages.errors import ConfigError
@@ -125,7 +131,7 @@ def recorded_config(path: Path, folder: Path) -> Config:
     return load(folder / CONFIGURATION)
 
 
-class RecorderSink(NullSink):
+class RecorderSink:
     """Writes everything but blocks and replies; a failure ends a file, never the run.
 
     Parameters
@@ -161,40 +167,33 @@ class RecorderSink(NullSink):
         """The file in progress, or the last one."""
         return self._last_path
 
-    def can(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Write frames."""
-        self._write(len(frames), lambda writer: writer.can(bus, frames))
+    def put(self, message: Message) -> None:
+        """Write one message; blocks, replies, states and science records are not recorded."""
+        match message:
+            case CanTraffic() | SerialTraffic() | RawTraffic():
+                self._write(len(_items(message)), lambda writer: writer.traffic(message))
+            case Estimate():
+                self._json("/estimate", message.t_ns, estimate_values(message))
+            case Event():
+                self._json("/events", message.t_ns, event_values(message))
+            case AppliedCommand():
+                self._json("/tc", message.t_ns, message.record)
+            case StatusReport():
+                self._status(message)
+            case _:
+                return
 
-    def serial(self, device: str, chunks: Sequence[ByteChunk]) -> None:
-        """Write chunks."""
+    def _json(self, topic: str, t_ns: int, values: Mapping[str, Any]) -> None:
+        self._write(1, lambda writer: writer.json(topic, t_ns, values))
 
-        def write(writer: RecordingWriter) -> None:
-            for chunk in chunks:
-                writer.serial(device, chunk.t_ns, chunk.data)
-
-        self._write(len(chunks), write)
-
-    def estimate(self, estimate: Estimate) -> None:
-        """Write an estimate with its covariance."""
-        values = estimate_values(estimate)
-        self._write(1, lambda writer: writer.json("/estimate", estimate.t_ns, values))
-
-    def event(self, event: Event) -> None:
-        """Write an event."""
-        values = event_values(event)
-        self._write(1, lambda writer: writer.json("/events", event.t_ns, values))
-
-    def status(self, t_ns: int, status: Record) -> None:
+    def _status(self, status: StatusReport) -> None:
         """Write a summary; finish the chunk or the file when it has been open for long."""
+        t_ns = status.t_ns
         self._follow(t_ns)
-        self._write(1, lambda writer: writer.json("/tm", t_ns, status))
+        self._json("/tm", t_ns, status.values)
         if self._chunk_ns is None or t_ns - self._chunk_ns >= CHUNK_PERIOD_NS:
             self._chunk_ns = t_ns
             self._write(0, lambda writer: writer.end_chunk())
-
-    def command(self, t_ns: int, record: Record) -> None:
-        """Write an applied command."""
-        self._write(1, lambda writer: writer.json("/tc", t_ns, record))
 
     def sync(self) -> None:
         """Hand finished chunks to the system."""
@@ -264,6 +263,16 @@ class RecorderSink(NullSink):
             self._report("high", failure_code(error), text)
         except ZstdError as error:  # whatever the data: it got no memory
             raise MemoryError(str(error)) from error
+
+
+def _items(traffic: CanTraffic | SerialTraffic | RawTraffic) -> Sequence[object]:
+    match traffic:
+        case CanTraffic():
+            return traffic.frames
+        case SerialTraffic():
+            return traffic.chunks
+        case RawTraffic():
+            return traffic.records
 
 
 def failure_code(error: OSError) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from fsw.commands.replay import replay
 from fsw.config import Config, load
 from fsw.drivers.wire import ByteChunk
-from fsw.exchange.sinks import Fanout, NullSink, Sink
+from fsw.exchange.sinks import Fanout, Message, NullSink, SerialTraffic, Sink
 from fsw.exchange.status import estimate_summary
 from fsw.loop.ports import SECOND, Ports
 from fsw.loop.wiring import build
@@ -97,22 +97,19 @@ class Collector(NullSink):
         self.imu_chunks: list[ByteChunk] = []
         self.events: list[Event] = []
 
-    def serial(self, device: str, chunks: Sequence[ByteChunk]) -> None:
-        """Keep the inertial unit's bytes."""
-        if device == "imu":
-            self.imu_chunks += chunks
-
-    def block(self, block: Block) -> None:
-        """Keep."""
-        self.blocks.append(block)
-
-    def estimate(self, estimate: Estimate) -> None:
-        """Keep."""
-        self.estimates.append(estimate)
-
-    def event(self, event: Event) -> None:
-        """Keep."""
-        self.events.append(event)
+    def put(self, message: Message) -> None:
+        """Keep estimates, blocks, events, and the bytes of the inertial unit."""
+        match message:
+            case SerialTraffic(device="imu"):
+                self.imu_chunks += message.chunks
+            case Block():
+                self.blocks.append(message)
+            case Estimate():
+                self.estimates.append(message)
+            case Event():
+                self.events.append(message)
+            case _:
+                return
 
 
 def prepare(

@@ -9,8 +9,16 @@ import numpy as np
 
 from fsw.config import Config, load
 from fsw.drivers.wire import ByteChunk, CanFrame
-from fsw.exchange.sinks import NullSink
+from fsw.exchange.sinks import (
+    AppliedCommand,
+    CanTraffic,
+    NullSink,
+    ScienceRecord,
+    SerialTraffic,
+    StatusReport,
+)
 from fsw.messages import Block, BodyEstimate, Estimate, Event, Window
+from fsw.messages.commands import Reply
 from fsw.messages.errors import PortError
 from tests.conftest import ArmProject
 
@@ -103,32 +111,26 @@ class KeepSink(NullSink):
         self.records: list[tuple[int, bytes]] = []
         self.closed = False
 
-    def can(self, bus, frames):  # noqa: ARG002
-        self.frames += frames
-
-    def serial(self, device, chunks):  # noqa: ARG002
-        self.chunks += chunks
-
-    def block(self, block):
-        self.blocks.append(block)
-
-    def estimate(self, estimate):
-        self.estimates.append(estimate)
-
-    def event(self, event):
-        self.events.append(event)
-
-    def status(self, t_ns, status):  # noqa: ARG002
-        self.statuses.append(dict(status))
-
-    def command(self, t_ns, record):  # noqa: ARG002
-        self.commands.append(dict(record))
-
-    def science(self, t_ns, record):
-        self.records.append((t_ns, record))
-
-    def reply(self, reply):
-        self.replies.append(reply)
+    def put(self, message):
+        match message:
+            case CanTraffic():
+                self.frames += message.frames
+            case SerialTraffic():
+                self.chunks += message.chunks
+            case Block():
+                self.blocks.append(message)
+            case Estimate():
+                self.estimates.append(message)
+            case Event():
+                self.events.append(message)
+            case StatusReport():
+                self.statuses.append(dict(message.values))
+            case AppliedCommand():
+                self.commands.append(dict(message.record))
+            case ScienceRecord():
+                self.records.append((message.t_ns, message.data))
+            case Reply():
+                self.replies.append(message)
 
     def close(self):
         self.closed = True

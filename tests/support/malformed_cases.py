@@ -20,8 +20,8 @@ from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.drivers.wire import CanFrame
 from fsw.exchange.recording import Record, RecordingWriter, messages, pack_frame, unpack_frame
-from fsw.exchange.sinks import NullSink
-from fsw.messages import Block, Estimate
+from fsw.exchange.sinks import CanTraffic, Message, NullSink, RawTraffic
+from fsw.messages import Block, Estimate, Event
 from hil.judge.score import normalised_error_squared
 from hil.links.virtual import VirtualBench
 from hil.run import bench
@@ -50,11 +50,11 @@ class Kept(NullSink):
         self.blocks: list[Block] = []
         self.codes: list[str] = []
 
-    def block(self, block: Block) -> None:
-        self.blocks.append(block)
-
-    def event(self, event: Any) -> None:
-        self.codes.append(event.code)
+    def put(self, message: Message) -> None:
+        if isinstance(message, Block):
+            self.blocks.append(message)
+        elif isinstance(message, Event):
+            self.codes.append(message.code)
 
 
 def short(folder: Path, seed: int = 1, total_s: float = TOTAL_S) -> bench.Setup:
@@ -110,11 +110,11 @@ def write(path: Path, records: Sequence[Record]) -> Path:
         if record.topic == ARM:
             frame = unpack_frame(record.t_ns, record.data)
             assert frame is not None
-            writer.can("arm", [frame])
+            writer.traffic(CanTraffic("arm", [frame]))
         elif record.topic == "/tc":
             writer.json("/tc", record.t_ns, json.loads(record.data))
         else:
-            writer.serial(record.topic.removeprefix("/serial/"), record.t_ns, record.data)
+            writer.traffic(RawTraffic(record.topic, "raw", [(record.t_ns, record.data)]))
     writer.close()
     return path
 

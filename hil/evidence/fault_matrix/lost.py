@@ -16,6 +16,7 @@ from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK, decode_fd
 from fsw.drivers.wire import CanFrame, Reject
 from fsw.exchange.recording import RecordingWriter, unpack_frame
 from fsw.exchange.recording_parts import contents_of, messages_of, parts_of
+from fsw.exchange.sinks import CanTraffic, RawTraffic
 from fsw.loop.ports import IMU, STAR_TRACKER
 from hil.judge.outcome import result_of
 from hil.judge.score import Result
@@ -72,7 +73,7 @@ def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], pat
     writer = RecordingWriter(path)
     for frame, answer in numbered(frames_of(recording, bus), period_ns):
         if answer not in missing:
-            writer.can(bus, [frame])
+            writer.traffic(CanTraffic(bus, [frame]))
     parts = parts_of(recording)
     topics = [COMMANDS, SERIAL + IMU, SERIAL + STAR_TRACKER]
     held = [topic for topic in topics if topic in contents_of(parts).topics]
@@ -80,7 +81,7 @@ def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], pat
         if record.topic == COMMANDS:
             writer.json(COMMANDS, record.t_ns, json.loads(record.data))
         else:
-            writer.serial(record.topic.removeprefix(SERIAL), record.t_ns, record.data)
+            writer.traffic(RawTraffic(record.topic, "raw", [(record.t_ns, record.data)]))
     writer.close()
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from fsw.drivers.wire import CanFrame
 from fsw.exchange.checkpoint import Checkpoint, Identity, encode
 from fsw.exchange.recording import RecordingWriter, pack_frame
+from fsw.exchange.sinks import CanTraffic, RawTraffic
 from fsw.messages import Snapshot
 from fsw.messages.commands import CommandName
 from fsw.telemetry.dictionary import DICTIONARY
@@ -107,8 +108,8 @@ def _recordings() -> list[bytes]:
             path = Path(folder) / "a.mcap"
             writer = RecordingWriter(path, compression, 4096)
             writer.attach("a", "text/plain", b"b")
-            writer.can("arm", [CanFrame(k, 0x191, bytes(8)) for k in range(3)])
-            writer.serial("imu", 2, b"xyz")
+            writer.traffic(CanTraffic("arm", [CanFrame(k, 0x191, bytes(8)) for k in range(3)]))
+            writer.traffic(RawTraffic("/serial/imu", "raw", [(2, b"xyz")]))
             writer.end_chunk()
             writer.json("/tc", 4, {"command": "end"})
             writer.sync()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fsw.exchange.recording_parts import contents_of
-from fsw.exchange.sinks import Fanout, NullSink
+from fsw.exchange.sinks import Fanout, Message, NullSink
 from fsw.loop.daemon import Daemon
 from fsw.loop.wiring import build
 from fsw.messages import Estimate, Event
@@ -62,8 +62,14 @@ class Watch(NullSink):
         self._digest = hashlib.sha256()
         self.events = 0
 
-    def estimate(self, estimate: Estimate) -> None:
-        """Check an estimate."""
+    def put(self, message: Message) -> None:
+        """Check an estimate, count an event."""
+        if isinstance(message, Estimate):
+            self._estimate(message)
+        elif isinstance(message, Event):
+            self._event(message)
+
+    def _estimate(self, estimate: Estimate) -> None:
         self._digest.update(estimate.mean.tobytes() + estimate.covariance.tobytes())
         self._digest.update(f"{estimate.t_ns} {estimate.valid} {estimate.reason}".encode())
         if not (np.all(np.isfinite(estimate.mean)) and np.all(np.isfinite(estimate.covariance))):
@@ -73,7 +79,7 @@ class Watch(NullSink):
         if np.linalg.eigvalsh(estimate.covariance / np.outer(scale, scale))[0] <= 0.0:
             self.broken.append(f"covariance not positive definite at {estimate.t_ns}")
 
-    def event(self, event: Event) -> None:
+    def _event(self, event: Event) -> None:
         """Count an event; the estimator never resets by itself."""
         self.events += 1
         self._digest.update(f"{event.t_ns} {event.code} {event.text}".encode())

@@ -13,7 +13,7 @@ from fsw.commands.replay import replay
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.exchange.restart import Mode, judge
-from fsw.exchange.sinks import Fanout, NullSink
+from fsw.exchange.sinks import Fanout, Message, NullSink
 from fsw.loop.daemon import Daemon
 from fsw.loop.ports import Ports
 from fsw.loop.wiring import build
@@ -43,18 +43,17 @@ class Kept(NullSink):
         self.estimates: list[Estimate] = []
         self.events: list[Event] = []
 
-    def checkpoint(self, snapshot: Snapshot) -> None:
-        self.snapshots.append(snapshot)
-        self.published = len(self.estimates)  # before the newest state
-
-    def block(self, block: Block) -> None:
-        self.blocks.append(block)
-
-    def estimate(self, estimate: Estimate) -> None:
-        self.estimates.append(estimate)
-
-    def event(self, event: Event) -> None:
-        self.events.append(event)
+    def put(self, message: Message) -> None:
+        match message:
+            case Snapshot():
+                self.snapshots.append(message)
+                self.published = len(self.estimates)  # before the newest state
+            case Block():
+                self.blocks.append(message)
+            case Estimate():
+                self.estimates.append(message)
+            case Event():
+                self.events.append(message)
 
 
 def bench_of(setup: Setup) -> VirtualBench:

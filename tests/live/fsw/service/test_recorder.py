@@ -32,8 +32,8 @@ def test_a_full_disk_is_told_once_counted_and_never_raised(tmp_path: Path):
     writer._file.close()
     writer._file = writer._writer._Writer__stream = Path("/dev/full").open("wb")  # noqa: SIM115
     for k in range(2000):
-        sink.estimate(make_estimate(k))
-    sink.event(Event(1, "info", "X", "y"))
+        sink.put(make_estimate(k))
+    sink.put(Event(1, "info", "X", "y"))
     sink.close()
     assert [code for _, code, _ in told] == ["DISK_FULL"]
     assert sink.lost > 1000
@@ -43,13 +43,14 @@ STARVED = """
 import resource, sys
 from pathlib import Path
 from fsw.drivers.wire import ByteChunk
+from fsw.exchange.sinks import SerialTraffic, StatusReport
 from fsw.service.recorder import RecorderSink
 from fsw.exchange.recording import RecordingWriter
 sink = RecorderSink(RecordingWriter(Path(sys.argv[1]), chunk_bytes=1 << 30), print)
-sink.serial("imu", [ByteChunk(0, bytes(1 << 16))])
+sink.put(SerialTraffic("imu", [ByteChunk(0, bytes(1 << 16))]))
 resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))
 try:
-    sink.status(0, {})
+    sink.put(StatusReport(0, {}))
 except MemoryError:
     print("no memory")
 """

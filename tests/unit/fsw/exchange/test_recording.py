@@ -6,6 +6,7 @@ from mcap.reader import make_reader
 
 from fsw.drivers.wire import CanFrame
 from fsw.exchange.recording import RecordingWriter, contents, messages, pack_frame, unpack_frame
+from fsw.exchange.sinks import CanTraffic, RawTraffic
 from fsw.messages.errors import ConfigError
 
 # struct can_frame / canfd_frame of <linux/can.h>: id with flag bits, length, flags, padding, data
@@ -48,8 +49,8 @@ def write(path: Path, seconds: int = 3, **more) -> RecordingWriter:
     writer = RecordingWriter(path, chunk_bytes=4096, **more)
     writer.attach("configuration.yaml", "application/yaml", b"a: 1\n")
     for k in range(seconds * 100):
-        writer.can("arm", [CanFrame(k * 10, 0x80, bytes([k % 256]))])
-        writer.serial("imu", k * 10 + 5, bytes([k % 256]) * 40)
+        writer.traffic(CanTraffic("arm", [CanFrame(k * 10, 0x80, bytes([k % 256]))]))
+        writer.traffic(RawTraffic("/serial/imu", "raw", [(k * 10 + 5, bytes([k % 256]) * 40)]))
     writer.json("/events", 7, {"t_ns": 7, "code": "X"})
     return writer
 

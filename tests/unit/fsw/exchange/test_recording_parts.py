@@ -12,6 +12,7 @@ import pytest
 
 from fsw.drivers.wire import ByteChunk
 from fsw.exchange.recording_parts import contents_of, messages_of, newest_part, parts_of
+from fsw.exchange.sinks import RawTraffic, SerialTraffic, StatusReport
 from fsw.messages.errors import ConfigError
 from fsw.service.recorder import RETRY_NS, Parts, RecorderSink
 from tests.conftest import ArmProject
@@ -28,8 +29,10 @@ def names(paths: list[Path]) -> list[str]:
 def feed(sink: RecorderSink, first: int, count: int, size: int = 500) -> None:
     """One chunk of random-looking bytes and one status per 100 ms."""
     for k in range(first, first + count):
-        sink.serial("imu", [ByteChunk(k * 100 * MS, k.to_bytes(4, "big") * (size // 4))])
-        sink.status(k * 100 * MS, {"t_ns": k})
+        sink.put(
+            SerialTraffic("imu", [ByteChunk(k * 100 * MS, k.to_bytes(4, "big") * (size // 4))])
+        )
+        sink.put(StatusReport(k * 100 * MS, {"t_ns": k}))
         sink.sync()
 
 
@@ -78,7 +81,7 @@ def test_stamps_that_overlap_between_parts_come_in_order(arm: ArmProject, tmp_pa
     for stamps in ((10, 30), (20, 40)):
         writer = parts.open()
         for t_ns in stamps:
-            writer.serial("imu", t_ns, b"x")
+            writer.traffic(RawTraffic("/serial/imu", "raw", [(t_ns, b"x")]))
         writer.close()
     files = parts_of(tmp_path / "recording_0001.mcap")
     assert [record.t_ns for record in messages_of(files, [TOPIC])] == [10, 20, 30, 40]
@@ -116,7 +119,7 @@ def record(arm: ArmProject, folder: Path, parts: int, **words: bool) -> list[Pat
     paths = []
     for _ in range(parts):
         writer = opened.open()
-        writer.serial("imu", 0, b"x")
+        writer.traffic(RawTraffic("/serial/imu", "raw", [(0, b"x")]))
         writer.close()
         paths.append(writer.path)
     return paths
