@@ -91,15 +91,21 @@ class Argument:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """One telecommand: fixed bytes, then its arguments."""
+    """One telecommand: fixed bytes and arguments, in their order on the wire."""
 
     name: str
     doc: str
     apid: int
     service: int
     subtype: int
-    fixed: bytes
-    arguments: tuple[Argument, ...]
+    entries: tuple[bytes | Argument, ...]
+    significance: str = "normal"  # or vital, critical: to be confirmed before it is sent
+    warning: str = ""
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """Return what has to be given."""
+        return tuple(entry for entry in self.entries if isinstance(entry, Argument))
 
     def data(self, given: Mapping[str, str], *, checked: bool = True) -> bytes:
         """Return the application data for arguments given as text. Raises UsageError."""
@@ -110,8 +116,10 @@ class Command:
             parts = [f"{name}: no such argument" for name in wrong]
             parts += [f"{name}: missing" for name in missing]
             raise UsageError(f"{self.name}: {'; '.join(parts)}")
-        encoded = (a.encode(given[a.name], checked=checked) for a in self.arguments)
-        return self.fixed + b"".join(encoded)
+        return b"".join(
+            entry if isinstance(entry, bytes) else entry.encode(given[entry.name], checked=checked)
+            for entry in self.entries
+        )
 
     def packet(self, data: bytes, sequence: int) -> bytes:
         """Return the whole packet with its CRC."""
@@ -179,19 +187,27 @@ class Catalogue:
 
 def _command(meta: ET.Element, types: Mapping[str | None, ET.Element], apid: int) -> Command:
     fixed = _fixed(meta)
-    service, subtype, _source = (int.from_bytes(fixed.pop(name), "big") for name in HEADER)
-    arguments = tuple(
-        _argument(item, types[item.get("argumentTypeRef")])
+    service, subtype, _source = (int.from_bytes(fixed[name], "big") for name in HEADER)
+    given = {
+        item.get("name"): _argument(item, types[item.get("argumentTypeRef")])
         for item in meta.iterfind(f"{_X}ArgumentList/{_X}Argument")
-    )
+    }
+    entries: list[bytes | Argument] = []
+    for entry in meta.iterfind(f"{_X}CommandContainer/{_X}EntryList/*"):
+        if entry.get("name") not in HEADER:
+            reference = entry.get("argumentRef")
+            entries.append(fixed[str(entry.get("name"))] if reference is None else given[reference])
+    importance = meta.find(f"{_X}DefaultSignificance")
+    level = {} if importance is None else importance.attrib
     return Command(
         name=str(meta.get("name")),
         doc=meta.get("shortDescription", ""),
         apid=apid,
         service=service,
         subtype=subtype,
-        fixed=b"".join(fixed.values()),
-        arguments=arguments,
+        entries=tuple(entries),
+        significance=level.get("consequenceLevel", "normal"),
+        warning=level.get("reasonForWarning", ""),
     )
 
 

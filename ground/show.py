@@ -59,6 +59,8 @@ def list_commands(name: str | None) -> int:
         return 0
     command = catalogue.find(name)
     print(f"{command.name} ({command.service},{command.subtype}): {command.doc}")
+    if command.warning:
+        print(f"  {command.significance}: {command.warning}")
     for argument in command.arguments:
         print(f"  {argument.name}: {_argument_words(argument)}")
     return 0

@@ -82,7 +82,7 @@ class TelemetryApplication:
         self.delivery: FileDelivery | None = None
         self._numbers = numbers
         self.config_crc32 = config.crc32
-        state = config.resolve(config.service.state_directory)
+        self.state = state = config.resolve(config.service.state_directory)
         self._boot_store = GenerationStore(state / BOOT)
         self.boot = Boot.begin(self._boot_store, resume=resume)
         self.down = Downlink(host.now_ns)

@@ -99,8 +99,8 @@ def is_covariance(sample: Sample, log: DaemonLog) -> bool:
 
 def _cell(name: str, logged: Values) -> float:
     places = []
-    for word in name.removeprefix("cov_").split("__"):
-        state = word.replace("_", ".", 1)
+    words = name.removeprefix("cov_").split("_")
+    for state in (".".join(words[:2]), ".".join(words[2:])):
         if state not in logged["names"]:
             return 0.0
         places.append(logged["names"].index(state))

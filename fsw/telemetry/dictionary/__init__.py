@@ -17,26 +17,32 @@ from fsw.telemetry.dictionary.onboard_reports import ONBOARD_REPORTS
 from fsw.telemetry.dictionary.parameters import PARAMETERS
 from fsw.telemetry.dictionary.reports import REPORTS
 from fsw.telemetry.dictionary.types import (
+    Concern,
     Dictionary,
     Enumeration,
     EventDefinition,
     Field,
+    Limits,
     Packet,
     Parameter,
     Severity,
+    Significance,
     Telecommand,
     Type,
 )
 
 __all__ = [
     "DICTIONARY",
+    "Concern",
     "Dictionary",
     "Enumeration",
     "EventDefinition",
     "Field",
+    "Limits",
     "Packet",
     "Parameter",
     "Severity",
+    "Significance",
     "Telecommand",
     "Type",
     "dictionary_crc32",

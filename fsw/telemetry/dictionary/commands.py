@@ -15,6 +15,7 @@ from fsw.telemetry.dictionary.codes import (
 from fsw.telemetry.dictionary.events import EVENT
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID
 from fsw.telemetry.dictionary.parameters import PARAMETER
+from fsw.telemetry.dictionary.significance import annotated
 from fsw.telemetry.dictionary.types import Enumeration, Field, Telecommand, Type
 
 MAX_INTERVAL_MS = 3_600_000
@@ -247,4 +248,4 @@ _FUNCTIONS = (
     ),
 )
 
-TELECOMMANDS = (*_SERVICES, *_FUNCTIONS)
+TELECOMMANDS = annotated((*_SERVICES, *_FUNCTIONS))

@@ -6,7 +6,6 @@ from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
     APID_SCIENCE,
-    ERROR,
     JOB_STATE,
     METHOD,
     MODE,
@@ -19,7 +18,17 @@ from fsw.telemetry.dictionary.codes import (
     YES_NO,
     Table,
 )
-from fsw.telemetry.dictionary.types import Enumeration, Field, Packet, Type
+from fsw.telemetry.dictionary.fields import (
+    RED,
+    YELLOW,
+    ZERO,
+    choice,
+    counters,
+    error,
+    number,
+    text,
+)
+from fsw.telemetry.dictionary.types import Enumeration, Field, Limits, Packet, Type
 
 SCIENCE_SID = 20
 AXES = ("x", "y", "z")
@@ -33,25 +42,7 @@ STATES = tuple(f"{body}_{name}" for body in ("base", "target") for name in COORD
 STATE_UNITS = COORDINATE_UNITS * 2
 PATH_BYTES = 96
 TEXT_BYTES = 120
-
-
-def number(name: str, kind: Type, unit: str = "", doc: str = "") -> Field:
-    """Return a plain numeric field."""
-    return Field(name=name, type=kind, unit=unit, doc=doc)
-
-
-def choice(name: str, enumeration: Enumeration, doc: str = "") -> Field:
-    """Return an enumerated field of one byte."""
-    return Field(name=name, type=Type.U8, enumeration=enumeration, doc=doc)
-
-
-def text(name: str, size: int, doc: str = "") -> Field:
-    """Return a text field of fixed size."""
-    return Field(name=name, type=Type.TEXT, size=size, doc=doc)
-
-
-def _counters(*names: str) -> tuple[Field, ...]:
-    return tuple(number(name, Type.U32) for name in names)
+SILENT_LEAST_S = 2.0  # after so long at the earliest the loop counts as silent
 
 
 def _times(prefix: str, doc: str) -> tuple[Field, ...]:
@@ -73,7 +64,12 @@ def _body(prefix: str, doc: str) -> tuple[Field, ...]:
         sigmas.append(number(f"{prefix}_sigma_{name}", Type.F64, unit, f"{doc}, 1 sigma"))
     return (
         choice(f"{prefix}_present", YES_NO, "whether this body is among the unknowns"),
-        choice(f"{prefix}_consistent", YES_NO, "whether the estimate was physically possible"),
+        choice(
+            f"{prefix}_consistent",
+            YES_NO,
+            "whether the estimate was physically possible",
+            NO=YELLOW,
+        ),
         *values,
         *sigmas,
     )
@@ -87,7 +83,7 @@ def _device(name: str) -> tuple[Field, ...]:
     return (
         choice(f"{name}_up", YES_NO, "link open"),
         number(f"{name}_losses", Type.U16, doc="times the link was lost"),
-        *_counters(
+        *counters(
             *(f"{name}_{word}" for word in ("received", "accepted", "lost", "late", "rejected")),
             *(f"{name}_reject_{reason}" for reason in REASONS),
         ),
@@ -95,22 +91,32 @@ def _device(name: str) -> tuple[Field, ...]:
 
 
 HEALTH_FIELDS = (
-    choice("mode", MODE),
-    number("health", Type.U32, doc="latched health word, one bit per fault, 0 healthy"),
-    number("health_now", Type.U32, doc="the same bits, as of this packet, not latched"),
+    choice("mode", MODE, SAFE=YELLOW),
+    number(
+        "health", Type.U32, doc="latched health word, one bit per fault, 0 healthy", limits=ZERO
+    ),
+    number(
+        "health_now", Type.U32, doc="the same bits, as of this packet, not latched", limits=ZERO
+    ),
     number("boot_count", Type.U32, doc="starts of the daemon on this state directory"),
-    choice("reset_cause", RESET_CAUSE),
+    choice("reset_cause", RESET_CAUSE, CRASH=YELLOW),
     number("met_s", Type.F64, "s", "mission elapsed time: the daemon's monotonic clock"),
     number("config_crc32", Type.U32),
     number("dictionary_crc32", Type.U32),
-    *_counters("ticks", "slips"),
+    *counters("ticks", "slips"),
     number("max_late_us", Type.F32, "us", "latest wake of the loop"),
     *_times("work", "time of all tasks of one tick"),
     *(part for task in TASKS for part in _times(task, f"task {task}")),
-    number("summary_age_s", Type.F32, "s", "age of the loop's newest summary"),
-    *_counters(
-        "ring_records",
-        "ring_dropped",
+    number(
+        "summary_age_s",
+        Type.F32,
+        "s",
+        "age of the loop's newest summary",
+        Limits(yellow_high=SILENT_LEAST_S, red_high=5 * SILENT_LEAST_S),
+    ),
+    *counters("ring_records"),
+    *counters("ring_dropped", limits=ZERO),
+    *counters(
         "windows_closed",
         "windows_unusable",
         "windows_outliers",
@@ -124,24 +130,41 @@ HEALTH_FIELDS = (
         "events",
         "events_suppressed",
     ),
-    Field(name="last_error", type=Type.U16, enumeration=ERROR, doc="of the last rejected command"),
+    error("last_error", "of the last rejected command"),
     number("command_loss_left_s", Type.F32, "s", "until the command-loss reaction; -1: off"),
 )
 
 ESTIMATE_FIELDS = (
     number("estimate_time_s", Type.F64, "s", "mission elapsed time of the newest data used"),
     number("age_s", Type.F32, "s", "time since then"),
-    choice("valid", YES_NO),
-    choice("reason", REASON, "why not valid"),
+    choice("valid", YES_NO, NO=YELLOW),
+    choice(
+        "reason",
+        REASON,
+        "why not valid",
+        MODEL_MISMATCH=RED,
+        PRIOR_CONFLICT=YELLOW,
+        NOT_CONSISTENT=RED,
+    ),
     choice("method", METHOD),
     choice("unknown", UNKNOWN),
-    *_counters("blocks", "gated", "changes", "ignored"),
+    *counters("blocks", "gated", "changes", "ignored"),
     number("nis", Type.F64, doc="normalised innovation squared of the newest window"),
     number("nis_dof", Type.U16),
-    number("noise_ratio", Type.F64, doc="residual noise over the declared noise"),
+    number(
+        "noise_ratio",
+        Type.F64,
+        doc="residual noise over the declared noise",
+        limits=Limits(yellow_high=1.5, red_high=3.0),
+    ),
     number("innovation_lag1", Type.F64, doc="correlation of successive innovations"),
     number("innovation_lag1_bound", Type.F64),
-    number("condition_number", Type.F64, doc="excitation: of the scaled information"),
+    number(
+        "condition_number",
+        Type.F64,
+        doc="excitation: of the scaled information",
+        limits=Limits(yellow_high=1e8),
+    ),
     number("information_gained_nats", Type.F64),
     *_body("base", "base, in B"),
     *_body("target", "target, in E"),
@@ -169,7 +192,7 @@ COVARIANCE_FIELDS = (
     choice("target_present", YES_NO),
     *(
         number(
-            f"cov_{STATES[row]}__{STATES[column]}",
+            f"cov_{STATES[row]}_{STATES[column]}",
             Type.F64,
             f"{STATE_UNITS[row]}.{STATE_UNITS[column]}",
         )
@@ -186,11 +209,17 @@ DEVICE_FIELDS = (
 
 JOB_FIELDS = (
     number("job_id", Type.U32),
-    choice("state", JOB_STATE),
+    choice("state", JOB_STATE, FAILED=YELLOW, ABORTED=YELLOW),
     number("progress_ratio", Type.F32),
     choice("method", METHOD),
     choice("unknown", UNKNOWN),
-    choice("result_status", RESULT_STATUS),
+    choice(
+        "result_status",
+        RESULT_STATUS,
+        NOT_CONVERGED=YELLOW,
+        INSUFFICIENT_EXCITATION=YELLOW,
+        MODEL_MISMATCH=RED,
+    ),
     number("cost", Type.F64, doc="sum of squared whitened residuals"),
     number("condition_number", Type.F64),
     number("duration_s", Type.F64, "s", "of the data used"),
@@ -208,15 +237,22 @@ TABLE_FIELDS = tuple(
         number(f"{table.name.lower()}_active_crc32", Type.U32),
         number(f"{table.name.lower()}_staged_crc32", Type.U32),
         number(f"{table.name.lower()}_staged_bytes", Type.U32, "B"),
-        Field(name=f"{table.name.lower()}_error", type=Type.U16, enumeration=ERROR),
+        error(f"{table.name.lower()}_error"),
     )
 )
 
 RECORDER_FIELDS = (
     choice("recording", YES_NO),
-    *_counters("failed_messages", "dropped_messages", "recordings"),
+    *counters("failed_messages", "dropped_messages", limits=ZERO),
+    *counters("recordings"),
     number("file_bytes", Type.U64, "B"),
-    number("disk_free_bytes", Type.U64, "B"),
+    number(
+        "disk_free_bytes",
+        Type.U64,
+        "B",
+        "of the recording's disk; before the first recording, of the state directory's",
+        Limits(red_low=1e8, yellow_low=1e9),
+    ),
     text("file", PATH_BYTES, "the recording being written, or the last one"),
 )
 
@@ -225,9 +261,9 @@ LINK_FIELDS = (
     number("boot_count", Type.U32),
     choice("tc_security", SECURITY),
     number("clients", Type.U8),
-    *_counters(
-        "tm_packets",
-        "tm_dropped",
+    *counters("tm_packets"),
+    *counters("tm_dropped", limits=ZERO),
+    *counters(
         "tc_packets",
         "tc_garbage_bytes",
         "tc_resyncs",
@@ -236,10 +272,9 @@ LINK_FIELDS = (
     ),
     number("tm_bytes", Type.U64, "B"),
     number("tc_bytes", Type.U64, "B"),
-    *_counters(
-        "sdls_accepted",
-        "sdls_failed",
-        "sdls_replayed",
+    *counters("sdls_accepted"),
+    *counters("sdls_failed", "sdls_replayed", limits=ZERO),
+    *counters(
         "files_sent",
         "files_received",
         "files_failed",
@@ -248,7 +283,7 @@ LINK_FIELDS = (
     ),
     choice("schedule_enabled", YES_NO),
     number("schedule_entries", Type.U16),
-    *_counters("schedule_released", "schedule_discarded"),
+    *counters("schedule_released", "schedule_discarded"),
 )
 
 SCIENCE_FIELDS = (

@@ -13,7 +13,8 @@ from fsw.telemetry.dictionary.codes import (
     YES_NO,
 )
 from fsw.telemetry.dictionary.events import EVENT
-from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID, TEXT_BYTES, choice, number, text
+from fsw.telemetry.dictionary.fields import choice, number, text
+from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID, TEXT_BYTES
 from fsw.telemetry.dictionary.parameters import PARAMETER, PARAMETERS, VALUE
 from fsw.telemetry.dictionary.types import Field, Packet, Severity, Type
 

@@ -48,6 +48,46 @@ class Severity(IntEnum):
     HIGH = 4
 
 
+class Concern(IntEnum):
+    """How much a telemetered value asks for attention on the ground."""
+
+    NORMAL = 0
+    YELLOW = 1
+    RED = 2
+
+
+class Significance(StrEnum):
+    """Importance of a telecommand, in the levels of ISO 14950 that XTCE names."""
+
+    NORMAL = "normal"
+    VITAL = "vital"  # something is lost if it is sent at the wrong time
+    CRITICAL = "critical"  # the daemon stops or works on other data; confirm before sending
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Bounds of a telemetered number on the ground; a bound itself is still good, None: no bound.
+
+    These are for displays. What the daemon does by itself is a monitor of service 12.
+    """
+
+    red_low: float | None = None
+    yellow_low: float | None = None
+    yellow_high: float | None = None
+    red_high: float | None = None
+
+    def concern(self, value: float) -> Concern:
+        """Return how much a value asks for attention."""
+        if _outside(value, self.red_low, self.red_high):
+            return Concern.RED
+        outside = _outside(value, self.yellow_low, self.yellow_high)
+        return Concern.YELLOW if outside else Concern.NORMAL
+
+
+def _outside(value: float, low: float | None, high: float | None) -> bool:
+    return (low is not None and value < low) or (high is not None and value > high)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Enumeration:
     """Names of the values an integer field may take."""
@@ -68,6 +108,7 @@ class Field:
     """One flat value of a packet, or one argument of a telecommand.
 
     `minimum` and `maximum` bound a telecommand's argument; telemetry is not bounded by them.
+    `limits` (of numbers) and `alarms` (of labels) say when a ground display asks for attention.
     """
 
     name: str
@@ -78,6 +119,8 @@ class Field:
     size: int = 0  # bytes, of TEXT only
     minimum: float | None = None
     maximum: float | None = None
+    limits: Limits | None = None
+    alarms: tuple[tuple[str, Concern], ...] = ()
 
     @property
     def size_bytes(self) -> int:
@@ -116,7 +159,9 @@ class Telecommand:
     """One telecommand: arguments in order after the secondary header, before the CRC.
 
     `match` holds arguments with a fixed value (the function of service 8); `modes` the labels of
-    the modes in which it is accepted, empty: all.
+    the modes in which it is accepted, empty: all. `verification` lists the success reports of
+    service 1 in order; the subtype after each is its failure. `timeout_s` bounds the time until
+    the last report. `hazard` says what a telecommand above NORMAL may cost.
     """
 
     name: str
@@ -127,6 +172,10 @@ class Telecommand:
     match: tuple[tuple[str, int], ...] = ()
     modes: tuple[str, ...] = ()
     repeats: bool = False  # arguments after the first (a count) repeat that often
+    verification: tuple[int, ...] = (1, 3, 7)
+    timeout_s: float = 10.0
+    significance: Significance = Significance.NORMAL
+    hazard: str = ""
 
     @property
     def function_id(self) -> int | None:

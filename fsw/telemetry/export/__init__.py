@@ -20,6 +20,7 @@ def documents(dictionary: Dictionary = DICTIONARY) -> dict[str, str]:
     found = {
         XTCE: root.dumps(top_comment=False),
         f"{FOLDER}/cosmos/tlm.txt": cosmos.telemetry(dictionary),
+        f"{FOLDER}/cosmos/plugin.txt": cosmos.PLUGIN,
         f"{FOLDER}/cosmos/cmd.txt": cosmos.telecommands(dictionary),
         PAGE: page.page(dictionary),
     }

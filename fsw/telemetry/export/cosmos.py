@@ -1,14 +1,16 @@
-"""The dictionary as COSMOS configuration: one target, `cmd.txt` and `tlm.txt`.
+"""The dictionary as COSMOS configuration: one target, `cmd.txt` and `tlm.txt`, and its plugin.
 
-Items before the fields are the packet's headers; identifying ones carry their value.
+Items before the fields are the packet's headers; identifying ones carry their value. The sequence
+count is a parameter: COSMOS counts none, verification reports name the one that was sent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fsw.telemetry.dictionary import Dictionary, Enumeration, Field, Packet, Telecommand, Type
+from fsw.telemetry.dictionary import Concern, Dictionary, Field, Packet, Significance, Type
 from fsw.telemetry.dictionary.types import SIZE_BYTES
+from fsw.telemetry.export.single import SingleCommand, single_commands
 from fsw.telemetry.export.xtce import FLOATS, PRIMARY, SECONDARY, SIGNED
 from fsw.telemetry.export.xtce_commands import (
     PUS_VERSION_ACK,
@@ -20,6 +22,19 @@ from fsw.telemetry.export.xtce_commands import (
 TARGET = "INERTIA"
 FLOAT_BOUND = {Type.F32: "3.4e38", Type.F64: "1.7e308"}
 CRC = "CRC16"
+TC_HEADER_BYTES, CRC_BYTES = 11, 2
+COLOURS = {Concern.NORMAL: "GREEN", Concern.YELLOW: "YELLOW", Concern.RED: "RED"}
+PLUGIN = f"""# COSMOS plugin: target and interface. Give host and port of the daemon's link when installing it.
+VARIABLE inertia_host 127.0.0.1
+VARIABLE inertia_port 10025
+
+TARGET {TARGET} {TARGET}
+INTERFACE {TARGET}_INT openc3/interfaces/tcpip_client_interface.py <%= inertia_host %> <%= inertia_port %> <%= inertia_port %> 10.0 nil
+  MAP_TARGET {TARGET}
+  # A protocol named later acts earlier on a command: first its length, then its CRC.
+  PROTOCOL WRITE openc3/interfaces/protocols/crc_protocol.py {CRC} FALSE ERROR -16 16
+  PROTOCOL READ_WRITE openc3/interfaces/protocols/length_protocol.py 32 16 7 1 BIG_ENDIAN 0 nil nil TRUE
+"""  # noqa: E501
 
 
 def telemetry(dictionary: Dictionary) -> str:
@@ -29,7 +44,7 @@ def telemetry(dictionary: Dictionary) -> str:
 
 def telecommands(dictionary: Dictionary) -> str:
     """Return the command definition."""
-    return "\n\n".join("\n".join(_command(item)) for item in dictionary.telecommands) + "\n"
+    return "\n\n".join("\n".join(_command(item)) for item in single_commands(dictionary)) + "\n"
 
 
 def _packet(packet: Packet) -> Iterator[str]:
@@ -55,36 +70,49 @@ def _packet(packet: Packet) -> Iterator[str]:
             )
         else:
             yield f"  APPEND_ITEM {item.name.upper()} {bits} {kind} {_quoted(item.doc)}"
-        yield from _details(item)
+        yield from _states(item)
+        yield from _units(item)
+        yield from _limits(item)
     yield f'  APPEND_ITEM {CRC} 16 UINT "CCITT-FALSE over all before"'
 
 
-def _command(item: Telecommand) -> Iterator[str]:
-    yield f"COMMAND {TARGET} {item.name} BIG_ENDIAN {_quoted(item.doc)}"
+def _command(command: SingleCommand) -> Iterator[str]:
+    item = command.telecommand
+    yield f"COMMAND {TARGET} {command.name.upper()} BIG_ENDIAN {_quoted(item.doc)}"
+    if item.significance is not Significance.NORMAL:
+        yield f"  HAZARDOUS {_quoted(item.hazard)}"
+    reports = " ".join(f"1,{subtype}" for subtype in item.verification)
+    yield f"  META VERIFICATION {_quoted(reports)} {item.timeout_s:g}"
+    yield f"  META SIGNIFICANCE {item.significance}"
+    size = TC_HEADER_BYTES + sum(part.size_bytes for part in command.arguments) + CRC_BYTES
     header = (
         ("PACKET_ID", 16, TC_PACKET_ID, True),
         ("SEQUENCE", 16, UNSEGMENTED, False),
-        ("LENGTH", 16, 0, False),
+        ("LENGTH", 16, size - 7, False),
         ("PUS_VERSION_ACK", 8, PUS_VERSION_ACK, False),
         ("SERVICE", 8, item.service, True),
         ("SUBTYPE", 8, item.subtype, True),
         ("SOURCE", 16, 0, False),
     )
-    match = dict(item.match)
     for name, bits, value, identifies in header:
         yield _parameter_line(name, bits, value, identifies=identifies, doc="")
-    for argument in item.arguments:
-        if argument.name in match:
+    for part in command.arguments:
+        if part.name in command.fixed:
             yield _parameter_line(
-                argument.name.upper(),
-                8 * argument.size_bytes,
-                match[argument.name],
+                part.name.upper(),
+                8 * part.size_bytes,
+                command.fixed[part.name],
                 identifies=True,
-                doc=argument.doc,
+                doc=part.doc,
             )
         else:
-            yield _argument_line(argument)
-            yield from _details(argument)
+            yield _argument_line(part)
+            yield from _states(part)
+            yield from _units(part)
+    bits = 8 * CRC_BYTES
+    open_ended = bool(command.arguments) and command.arguments[-1].type is Type.BYTES
+    place = f"PARAMETER {CRC} -{bits}" if open_ended else f"APPEND_PARAMETER {CRC}"
+    yield f'  {place} {bits} UINT 0 {(1 << bits) - 1} 0 "filled in by its protocol"'
 
 
 def _parameter_line(name: str, bits: int, value: int, *, identifies: bool, doc: str) -> str:
@@ -95,7 +123,9 @@ def _parameter_line(name: str, bits: int, value: int, *, identifies: bool, doc: 
 def _argument_line(item: Field) -> str:
     name, kind, doc = item.name.upper(), _kind(item), _quoted(item.doc)
     bits = 8 * item.size_bytes
-    if item.type in (Type.TEXT, Type.BYTES):
+    if item.type is Type.BYTES:  # up to the CRC
+        return f'  APPEND_PARAMETER {name} -{8 * CRC_BYTES} {kind} "" {doc}'
+    if item.type is Type.TEXT:
         return f'  APPEND_PARAMETER {name} {bits} {kind} "" {doc}'
     if item.type in FLOATS:
         bound = FLOAT_BOUND[item.type]
@@ -108,16 +138,44 @@ def _argument_line(item: Field) -> str:
     return f"  APPEND_PARAMETER {name} {bits} {kind} {smallest} {largest} {labels[0]} {doc}"
 
 
-def _details(item: Field) -> Iterator[str]:
-    if item.enumeration is not None:
-        yield from _states(item.enumeration)
+def _states(item: Field) -> Iterator[str]:
+    """Yield the labels of a field; in telemetry those that ask for attention have a colour."""
+    labels = item.enumeration.labels if item.enumeration is not None else {}
+    concerns = dict(item.alarms)
+    for value, label in labels.items():
+        colour = ""
+        if item.alarms:
+            colour = f" {COLOURS[concerns.get(label, Concern.NORMAL)]}"
+        yield f"    STATE {label.upper()} {value}{colour}"
+
+
+def _units(item: Field) -> Iterator[str]:
     if item.unit:
         yield f"    UNITS {_quoted(item.unit)} {_quoted(item.unit)}"
 
 
-def _states(enumeration: Enumeration) -> Iterator[str]:
-    for value, label in enumeration.labels.items():
-        yield f"    STATE {label.upper()} {value}"
+def _limits(item: Field) -> Iterator[str]:
+    """Yield the four limits COSMOS needs; its own are already outside, ours still inside.
+
+    A missing red limit, and both of a missing side, lie where no value of the type is.
+    """
+    if item.limits is None:
+        return
+    step = 0 if item.type in FLOATS else 1
+    if item.type in FLOATS:
+        least, most = float(f"-{FLOAT_BOUND[item.type]}"), float(FLOAT_BOUND[item.type])
+    else:
+        least, most = integer_range(item)
+    given = item.limits
+    red_low = least if given.red_low is None else given.red_low
+    red_high = most if given.red_high is None else given.red_high
+    values = (
+        red_low - step,
+        (red_low if given.yellow_low is None else given.yellow_low) - step,
+        (red_high if given.yellow_high is None else given.yellow_high) + step,
+        red_high + step,
+    )
+    yield "    LIMITS DEFAULT 1 ENABLED " + " ".join(f"{value:.17g}" for value in values)
 
 
 def _kind(item: Field) -> str:

@@ -26,10 +26,19 @@ before it.
 """
 
 
+VERIFICATION = """Reports of success come in the order given, the last within the time given; the
+failure of a stage has the next subtype, and ends the telecommand. A telecommand that is vital or
+critical (ISO 14950) should be confirmed before it is sent; the reason is its hazard."""
+ATTENTION = """Attention is for ground displays: bounds that are still good, and labels. Monitors on
+board (service 12) are a table of their own."""
+
+
 def page(dictionary: Dictionary) -> str:
     """Return the page as Markdown."""
     lines = [HEAD, "## Telecommands", ""]
-    lines += ["| service | name | does | arguments | modes |", "|---|---|---|---|---|"]
+    lines += [VERIFICATION, ""]
+    lines += ["| service | name | does | arguments | modes | reports | hazard |"]
+    lines += ["|---|---|---|---|---|---|---|"]
     lines += [_telecommand_row(item) for item in dictionary.telecommands]
     lines += ["", "## Parameters (service 20)", ""]
     lines += ["| id | name | type | default | range | modes | |", "|---|---|---|---|---|---|---|"]
@@ -50,7 +59,7 @@ def page(dictionary: Dictionary) -> str:
     lines += [f"| {value} | `{name}` |" for value, name in dictionary.errors.items()]
     lines += ["", "## Health word", "", "| bit | name |", "|---|---|"]
     lines += [f"| {int(bit)} | `{bit.name}` |" for bit in Health]
-    lines += ["", "## Telemetry packets"]
+    lines += ["", "## Telemetry packets", "", ATTENTION]
     for packet in dictionary.packets:
         lines += _packet(packet)
     return "\n".join(lines) + "\n"
@@ -68,7 +77,11 @@ def _telecommand_row(item: Telecommand) -> str:
         parts.append("repeated after the count")
     modes = ", ".join(item.modes) or "all"
     number, arguments = f"{item.service},{item.subtype}", "; ".join(parts)
-    return f"| {number} | `{item.name}` | {item.doc} | {arguments} | {modes} |"
+    reports = " ".join(f"1,{subtype}" for subtype in item.verification) + f", {item.timeout_s:g} s"
+    hazard = f"{item.significance}: {item.hazard}" if item.hazard else ""
+    return (
+        f"| {number} | `{item.name}` | {item.doc} | {arguments} | {modes} | {reports} | {hazard} |"
+    )
 
 
 def _argument(item: Field) -> str:
@@ -96,13 +109,13 @@ def _packet(packet: Packet) -> Iterator[str]:
     yield f"APID {packet.apid}, {kind}{told}. {packet.doc}."
     if not packet.fields:
         return
-    yield from ("", "| byte | field | type | unit | |", "|---|---|---|---|---|")
+    yield from ("", "| byte | field | type | unit | | attention |", "|---|---|---|---|---|---|")
     at = 0
     for item in packet.fields:
         if packet.name != COVARIANCE or not item.name.startswith("cov_"):
             yield _field_row(at, item)
         elif at == _first_element(packet):
-            yield f"| {at} | `cov_ROW__COLUMN` | f64 | | {_elements(packet)} elements, row by row |"
+            yield f"| {at} | `cov_ROW_COLUMN` | f64 | | {_elements(packet)} elements by row | |"
         at += item.size_bytes
 
 
@@ -111,7 +124,25 @@ def _field_row(at: int, item: Field) -> str:
     doc = item.doc
     if item.enumeration is not None:
         doc = f"{doc}: {_labels(item.enumeration)}" if doc else _labels(item.enumeration)
-    return f"| {at} | `{item.name}` | {kind} | {item.unit} | {doc} |"
+    return f"| {at} | `{item.name}` | {kind} | {item.unit} | {doc} | {_attention(item)} |"
+
+
+def _attention(item: Field) -> str:
+    """Return limits, or labels that ask for attention; where all but the first do, in short."""
+    if item.alarms and item.enumeration is not None:
+        if len(item.alarms) == len(item.enumeration.labels) - 1 > 2:
+            return f"{item.alarms[0][1].name.lower()}: all but {item.enumeration.labels[0]}"
+        return ", ".join(f"{concern.name.lower()}: {label}" for label, concern in item.alarms)
+    if item.limits is None:
+        return ""
+    parts = []
+    for word, low, high in (
+        ("yellow", item.limits.yellow_low, item.limits.yellow_high),
+        ("red", item.limits.red_low, item.limits.red_high),
+    ):
+        parts += [f"{word} below {low:g}"] if low is not None else []
+        parts += [f"{word} above {high:g}"] if high is not None else []
+    return ", ".join(parts)
 
 
 def _first_element(packet: Packet) -> int:

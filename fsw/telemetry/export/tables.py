@@ -1,4 +1,7 @@
-"""Telemetry packets as CSV tables for ccsdspy, one file per packet."""
+"""Telemetry packets as CSV tables for ccsdspy, one file per packet.
+
+ccsdspy reads the first four columns; unit, limits and labels that ask for attention follow.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +12,33 @@ from fsw.telemetry.dictionary import Field, Packet, Type
 from fsw.telemetry.export.xtce import CRC_BITS, FLOATS, SECONDARY, SIGNED
 
 PRIMARY_BITS = 48  # ccsdspy reads the primary header by itself
+BOUNDS = ("red_low", "yellow_low", "yellow_high", "red_high")
 
 
 def table(packet: Packet) -> str:
-    """Return the fields after the primary header: name, type, length and place [bits]."""
-    rows: list[tuple[str, str, int]] = []
+    """Return the fields after the primary header: name, type, length and place [bits], limits."""
+    rows: list[tuple[str, str, int, Field | None]] = []
     if packet.secondary_header:
-        rows += [(f"header_{name}", "uint", bits) for name, bits in SECONDARY]
-    rows += [(item.name, _kind(item), 8 * item.size_bytes) for item in packet.fields]
-    rows.append(("crc16", "uint", CRC_BITS))
+        rows += [(f"header_{name}", "uint", bits, None) for name, bits in SECONDARY]
+    rows += [(item.name, _kind(item), 8 * item.size_bytes, item) for item in packet.fields]
+    rows.append(("crc16", "uint", CRC_BITS, None))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("name", "data_type", "bit_length", "bit_offset"))
+    writer.writerow(("name", "data_type", "bit_length", "bit_offset", "unit", *BOUNDS, "alarms"))
     at = PRIMARY_BITS
-    for name, kind, bits in rows:
-        writer.writerow((name, kind, bits, at))
+    for name, kind, bits, item in rows:
+        writer.writerow((name, kind, bits, at, *_attention(item)))
         at += bits
     return text.getvalue()
+
+
+def _attention(item: Field | None) -> tuple[str, ...]:
+    """Return unit, limits and labels with their colour; empty where there is none."""
+    if item is None:
+        return ("",) * (len(BOUNDS) + 2)
+    bounds = (None if item.limits is None else getattr(item.limits, name) for name in BOUNDS)
+    alarms = " ".join(f"{label}:{concern.name.lower()}" for label, concern in item.alarms)
+    return (item.unit, *("" if bound is None else f"{bound:.17g}" for bound in bounds), alarms)
 
 
 def _kind(item: Field) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from yamcs.pymdb.alarms import AlarmLevel, EnumerationAlarm, ThresholdAlarm
 from yamcs.pymdb.containers import Container, ParameterEntry
 from yamcs.pymdb.encodings import (
     Charset,
@@ -27,7 +28,7 @@ from yamcs.pymdb.parameters import (
 )
 from yamcs.pymdb.systems import System
 
-from fsw.telemetry.dictionary import Dictionary, Field, Packet, Type
+from fsw.telemetry.dictionary import Concern, Dictionary, Field, Limits, Packet, Type
 from fsw.telemetry.dictionary.codes import APID_FILES
 from fsw.telemetry.dictionary.types import SIZE_BYTES
 
@@ -56,6 +57,7 @@ SECONDARY = (  # ECSS-E-ST-70-41C 7.4.3, CUC time of CCSDS 301.0-B with its P-fi
     ("time_fine", 24),
 )
 CRC_BITS = 16
+ALARM_LEVELS = {Concern.YELLOW: AlarmLevel.WARNING, Concern.RED: AlarmLevel.CRITICAL}
 
 
 def system(dictionary: Dictionary) -> System:
@@ -155,7 +157,9 @@ def parameter(root: System, name: str, item: Field) -> Parameter:  # type: ignor
     doc, units, coding = item.doc or None, item.unit or None, encoding(item)
     if item.enumeration is not None:
         choices = list(item.enumeration.labels.items())
-        return EnumeratedParameter(root, name, choices, short_description=doc, encoding=coding)
+        return EnumeratedParameter(
+            root, name, choices, short_description=doc, encoding=coding, alarm=_label_alarm(item)
+        )
     if item.type is Type.TEXT:
         return StringParameter(root, name, short_description=doc, encoding=coding)
     if item.type in FLOATS:
@@ -166,6 +170,7 @@ def parameter(root: System, name: str, item: Field) -> Parameter:  # type: ignor
             short_description=doc,
             units=units,
             encoding=coding,
+            alarm=_alarm(item.limits),
         )
     return IntegerParameter(
         root,
@@ -175,7 +180,30 @@ def parameter(root: System, name: str, item: Field) -> Parameter:  # type: ignor
         short_description=doc,
         units=units,
         encoding=coding,
+        alarm=_alarm(item.limits),
     )
+
+
+def _alarm(limits: Limits | None) -> ThresholdAlarm | None:
+    """Return limits as XTCE has them: yellow is its warning, red its critical level."""
+    if limits is None:
+        return None
+    return ThresholdAlarm(
+        warning_low=limits.yellow_low,
+        warning_low_exclusive=True,
+        warning_high=limits.yellow_high,
+        warning_high_exclusive=True,
+        critical_low=limits.red_low,
+        critical_low_exclusive=True,
+        critical_high=limits.red_high,
+        critical_high_exclusive=True,
+    )
+
+
+def _label_alarm(item: Field) -> EnumerationAlarm | None:
+    if not item.alarms:
+        return None
+    return EnumerationAlarm({label: ALARM_LEVELS[concern] for label, concern in item.alarms})
 
 
 def encoding(item: Field) -> Encoding:

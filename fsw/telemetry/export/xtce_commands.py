@@ -1,8 +1,8 @@
 """Telecommands of the dictionary as XTCE meta-commands.
 
 Each is the base command's header, then its arguments. The length, the sequence count and the CRC
-are the sender's (Yamcs: its CCSDS command post-processor). Commands with a repeated group are given
-for one element: XTCE has no form for it that readers agree on.
+are the sender's (Yamcs: its PUS command post-processor with the CRC of 16 bits). Level and warning
+are the dictionary's significance; verifiers follow the reports of service 1.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from yamcs.pymdb.commands import (
     ArgumentEntry,
     BinaryArgument,
     Command,
+    CommandEntry,
+    CommandLevel,
     EnumeratedArgument,
     FixedValueEntry,
     FloatArgument,
@@ -23,16 +25,22 @@ from yamcs.pymdb.commands import (
 from yamcs.pymdb.encodings import BinaryEncoding
 from yamcs.pymdb.systems import System
 
-from fsw.telemetry.dictionary import Dictionary, Field, Parameter, Telecommand, Type
+from fsw.telemetry.dictionary import Dictionary, Field, Significance, Type
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR
 from fsw.telemetry.dictionary.types import SIZE_BYTES
+from fsw.telemetry.export.single import SingleCommand, single_commands
+from fsw.telemetry.export.verifiers import add_verifiers
 from fsw.telemetry.export.xtce import FLOATS, SIGNED, encoding
 
 BASE = "pus_telecommand"
 TC_PACKET_ID = 0x1800 | APID_ESTIMATOR  # type telecommand, secondary header
 UNSEGMENTED = 0xC000
-PUS_VERSION_ACK = 0x29  # PUS-C, acceptance and completion are reported
-SET_PARAMETERS, REPORT_PARAMETERS = "SET_PARAMETERS", "REPORT_PARAMETERS"
+PUS_VERSION_ACK = 0x2F  # PUS-C; acceptance, start, progress and completion are reported
+LEVELS = {
+    Significance.NORMAL: CommandLevel.NORMAL,
+    Significance.VITAL: CommandLevel.VITAL,
+    Significance.CRITICAL: CommandLevel.CRITICAL,
+}
 
 
 def add_commands(root: System, dictionary: Dictionary) -> None:
@@ -44,59 +52,35 @@ def add_commands(root: System, dictionary: Dictionary) -> None:
         _fixed("length", 0, 2),
         _fixed("pus_version_ack", PUS_VERSION_ACK, 1),
     ]
-    for telecommand in dictionary.telecommands:
-        if telecommand.name == SET_PARAMETERS:
-            for parameter in dictionary.parameters:
-                _add(root, base, telecommand, *_setting(telecommand, parameter))
-        elif telecommand.repeats:
-            count, *arguments = telecommand.arguments
-            _add(root, base, telecommand, telecommand.name, tuple(arguments), {count.name: 1})
-        else:
-            _add(root, base, telecommand, telecommand.name, telecommand.arguments, {})
+    for item in single_commands(dictionary):
+        _add(root, base, item)
 
 
-def _setting(
-    telecommand: Telecommand, item: Parameter
-) -> tuple[str, tuple[Field, ...], dict[str, int]]:
-    """Return the command that sets one parameter in its own type."""
-    count, number, _value = telecommand.arguments
-    value = Field(
-        name="value",
-        type=item.type,
-        unit=item.unit,
-        doc=item.doc,
-        minimum=item.minimum,
-        maximum=item.maximum,
-    )
-    return f"SET_{item.name}", (value,), {count.name: 1, number.name: item.id}
-
-
-def _add(
-    root: System,
-    base: Command,
-    telecommand: Telecommand,
-    name: str,
-    arguments: tuple[Field, ...],
-    first: dict[str, int],
-) -> None:
-    """Add one command; `first` are fixed values that go before its arguments."""
-    sizes = {item.name: item.size_bytes for item in telecommand.arguments}
-    fixed = first | dict(telecommand.match)
-    entries = [
+def _add(root: System, base: Command, item: SingleCommand) -> None:
+    telecommand = item.telecommand
+    entries: list[CommandEntry] = [
         _fixed("service", telecommand.service, 1),
         _fixed("subtype", telecommand.subtype, 1),
         _fixed("source", 0, 2),
-        *(_fixed(key, value, sizes[key]) for key, value in fixed.items()),
     ]
-    free = [argument(item) for item in arguments if item.name not in fixed]
-    Command(
+    free: list[Argument] = []  # type: ignore[type-arg]
+    for part in item.arguments:
+        if part.name in item.fixed:
+            entries.append(_fixed(part.name, item.fixed[part.name], part.size_bytes))
+        else:
+            free.append(argument(part))
+            entries.append(ArgumentEntry(free[-1]))
+    command = Command(
         root,
-        name,
+        item.name,
         base=base,
         short_description=telecommand.doc,
         arguments=free,
-        entries=[*entries, *(ArgumentEntry(item) for item in free)],
+        entries=entries,
+        level=LEVELS[telecommand.significance],
+        warning_message=telecommand.hazard or None,
     )
+    add_verifiers(command, telecommand)
 
 
 def _fixed(name: str, value: int, size: int) -> FixedValueEntry:

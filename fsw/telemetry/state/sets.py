@@ -76,8 +76,9 @@ class Sets:
         path = recording.path
         size = free = 0
         try:
-            if path is not None:
-                size, free = path.stat().st_size, shutil.disk_usage(path.parent).free
+            folder = self._app.state if path is None else path.parent
+            free = shutil.disk_usage(folder).free
+            size = 0 if path is None else path.stat().st_size
         except OSError:
             pass  # the recorder's own events tell of it
         words = {"file": path.name if path is not None else ""}

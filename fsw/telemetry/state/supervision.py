@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 from fsw.messages.findings import Fault, severity
 from fsw.telemetry.dictionary.codes import Health, Mode
+from fsw.telemetry.dictionary.housekeeping import SILENT_LEAST_S
 from fsw.telemetry.state.health import HealthWord
 from fsw.telemetry.state.knowledge import Knowledge
 from fsw.telemetry.state.modes import ModeMachine
 
 SILENT_PERIODS = 10.0
-SILENT_LEAST_S = 2.0
 FRESH_NS = 10_000_000_000  # a slip or a rejected sample stands for so long
 OF_A_BUS = ("SYNC_", "BUS_", "NODE_UNKNOWN")  # faults that are not one sensor's
 Report = Callable[[str, str], None]  # event code, text

@@ -187,7 +187,7 @@ def covariance_values(estimate: Estimate | None) -> Values:
             i, j = places.get(first, size), places.get(second, size)
             known = estimate is not None and i < size and j < size
             element = float(estimate.covariance[i, j]) if known and estimate is not None else 0.0
-            values[f"cov_{first}__{second}"] = element
+            values[f"cov_{first}_{second}"] = element
     return values
 
 

@@ -1,0 +1,57 @@
+"""Telecommands that cost something, and those whose verification differs from the usual one.
+
+One table beside that of the telecommands: name, level, and the words a ground display shows before
+it sends one. Every other telecommand is NORMAL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from fsw.telemetry.dictionary.types import Significance, Telecommand
+
+_VITAL, _CRITICAL = Significance.VITAL, Significance.CRITICAL
+
+HAZARDS: dict[str, tuple[Significance, str]] = {
+    "RESTART": (_CRITICAL, "the daemon ends and starts again; nothing is measured meanwhile"),
+    "TBL_ACTIVATE": (
+        _CRITICAL,
+        "other data are in force; ROBOT and NOISE return the estimate to its prior",
+    ),
+    "TBL_ROLLBACK": (
+        _CRITICAL,
+        "other data are in force; ROBOT and NOISE return the estimate to its prior",
+    ),
+    "SET_MODE": (_VITAL, "SAFE and STANDBY stop the identification; SAFE ends a batch job"),
+    "START_IDENTIFICATION": (_VITAL, "the present estimate is discarded"),
+    "STOP_IDENTIFICATION": (_VITAL, "new data no longer reach the estimate"),
+    "RESET_ESTIMATOR": (_VITAL, "the present estimate is discarded"),
+    "RESTORE_STATE": (_VITAL, "the present estimate is discarded"),
+    "ADOPT_RESULT": (_VITAL, "the present estimate is discarded"),
+    "ABORT_BATCH": (_VITAL, "the work of the batch job is lost"),
+    "CLEAR_HEALTH": (_VITAL, "the record of past faults in the health word is lost"),
+    "REC_STOP": (_VITAL, "measurements after it are not recorded"),
+    "SET_PARAMETERS": (_VITAL, "in force at once and kept over restarts"),
+    "DELETE_FILE": (_VITAL, "the file cannot be brought back"),
+    "DISABLE_SCHEDULE": (_VITAL, "time-tagged commands that come due are discarded"),
+    "RESET_SCHEDULE": (_VITAL, "all time-tagged commands are discarded"),
+    "DELETE_ACTIVITY": (_VITAL, "a time-tagged command is discarded"),
+    "DISABLE_MONITORING": (_VITAL, "no limit is checked and no reaction is taken on board"),
+    "DISABLE_MONITOR": (_VITAL, "this limit is not checked and its reaction not taken on board"),
+}
+WITH_PROGRESS = (1, 3, 5, 7)
+SLOW: dict[str, tuple[tuple[int, ...], float]] = {  # reports, time until the last [s]
+    "RUN_BATCH": (WITH_PROGRESS, 3600.0),
+    "DOWNLINK_FILE": ((1, 3, 7), 3600.0),
+}
+
+
+def annotated(telecommands: Iterable[Telecommand]) -> tuple[Telecommand, ...]:
+    """Return the telecommands with level, warning and verification. Raises KeyError."""
+    found = {item.name: item for item in telecommands}
+    for name, (level, words) in HAZARDS.items():
+        found[name] = replace(found[name], significance=level, hazard=words)
+    for name, (reports, timeout_s) in SLOW.items():
+        found[name] = replace(found[name], verification=reports, timeout_s=timeout_s)
+    return tuple(found.values())
