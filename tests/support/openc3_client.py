@@ -58,7 +58,9 @@ def follow(system: System, link: TcpipClientInterface) -> list[dict[str, Any]]:
     """Send commands; return how each was verified, with the telemetry that came meanwhile."""
     found = []
     for count, (name, given) in enumerate(SENT, start=700):
-        command = system.commands.build_cmd(TARGET, name, given | {"SEQUENCE": 0xC000 | count})
+        command = system.commands.build_cmd(
+            TARGET, name, given | {"HEADER_SEQUENCE": 0xC000 | count}
+        )
         link.write(command)
         reports: list[str] = []
         seen: dict[str, int] = {}

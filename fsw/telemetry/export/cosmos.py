@@ -86,13 +86,13 @@ def _command(command: SingleCommand) -> Iterator[str]:
     yield f"  META SIGNIFICANCE {item.significance}"
     size = TC_HEADER_BYTES + sum(part.size_bytes for part in command.arguments) + CRC_BYTES
     header = (
-        ("PACKET_ID", 16, TC_PACKET_ID, True),
-        ("SEQUENCE", 16, UNSEGMENTED, False),
-        ("LENGTH", 16, size - 7, False),
-        ("PUS_VERSION_ACK", 8, PUS_VERSION_ACK, False),
-        ("SERVICE", 8, item.service, True),
-        ("SUBTYPE", 8, item.subtype, True),
-        ("SOURCE", 16, 0, False),
+        ("HEADER_PACKET_ID", 16, TC_PACKET_ID, True),
+        ("HEADER_SEQUENCE", 16, UNSEGMENTED, False),
+        ("HEADER_LENGTH", 16, size - 7, False),
+        ("HEADER_PUS_VERSION_ACK", 8, PUS_VERSION_ACK, False),
+        ("HEADER_SERVICE", 8, item.service, True),
+        ("HEADER_SUBTYPE", 8, item.subtype, True),
+        ("HEADER_SOURCE", 16, 0, False),
     )
     for name, bits, value, identifies in header:
         yield _parameter_line(name, bits, value, identifies=identifies, doc="")
