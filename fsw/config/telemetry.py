@@ -21,6 +21,14 @@ class UdpConfig(Section):
     port: int = Field(ge=1, le=65535)
 
 
+class PacketStoresConfig(Section):
+    """Sizes of the packet stores; a full one loses its oldest packets."""
+
+    events_bytes: int = Field(default=4 << 20, ge=1 << 20, le=1 << 36)
+    housekeeping_bytes: int = Field(default=64 << 20, ge=1 << 20, le=1 << 36)
+    science_bytes: int = Field(default=64 << 20, ge=1 << 20, le=1 << 36)
+
+
 class TelemetryConfig(Section):
     """Telemetry and telecommands; without this section there is neither."""
 
@@ -35,6 +43,7 @@ class TelemetryConfig(Section):
     science_rate_hz: Positive = 100.0  # the fastest a science packet can come
     housekeeping_interval_s: NonNegative = 1.0  # sets 1 2 4 5 8; 3 6 7 a fifth as often; 0: none
     science_interval_s: NonNegative = 0.0  # 0: only when asked for
+    packet_stores: PacketStoresConfig = PacketStoresConfig()
     file_directory: str = "files"  # in service.state_directory: what can go down and up
 
     @model_validator(mode="after")

@@ -37,6 +37,7 @@ from fsw.telemetry.services.monitors import Monitoring
 from fsw.telemetry.services.onboard import OnBoardServices
 from fsw.telemetry.services.own_commands import OwnCommands
 from fsw.telemetry.services.parameters import Parameters
+from fsw.telemetry.services.playback import Outlet
 from fsw.telemetry.services.tables import Tables
 from fsw.telemetry.services.time_reports import TimeReports
 from fsw.telemetry.state.boot import Boot
@@ -52,6 +53,7 @@ from fsw.telemetry.tables.effects import TableEffects
 MAX_ITEMS = 64  # packets that come up are looked at in one poll,
 MAX_WORK_NS = 20_000_000  # and for no longer than this, one command excepted
 CRASHED = RESET_CAUSE.value("CRASH")
+NO_LINK_ROOM_BYTES = 1 << 16  # nothing waits where there is no link
 
 
 class TelemetryApplication:
@@ -115,7 +117,14 @@ class TelemetryApplication:
             parameter=self.parameters.get,
             dispatcher=self.dispatcher,
         )
-        self.onboard = OnBoardServices(context, self.filing.find, self.tables.content)
+        self.onboard = OnBoardServices(
+            context,
+            self.filing.find,
+            self.tables.content,
+            telemetry.packet_stores,
+            Outlet(send=self.down.again, room_bytes=self._room_bytes),
+        )
+        self.down.keep = self.onboard.playback.keep
         self.dispatcher.add(self._handlers())
         self.loop.dispatcher = self.filing.dispatcher = self.dumps.dispatcher = self.dispatcher
 
@@ -212,6 +221,9 @@ class TelemetryApplication:
         self.times.poll(now_ns)
         if self.link is not None:
             self.link.flush()
+
+    def _room_bytes(self) -> int:
+        return self.link.room_bytes if self.link is not None else NO_LINK_ROOM_BYTES
 
     def _serve_link(self, link: LinkServer, now_ns: int) -> None:
         """Carry out what came up, as much as one look of the service has time for."""

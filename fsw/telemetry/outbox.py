@@ -43,6 +43,11 @@ class Outbox:
         """Whether anything waits."""
         return self._bytes > 0
 
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes that wait."""
+        return self._bytes
+
     def put(self, packet: bytes, priority: Priority) -> int:
         """Add a packet; return how many were dropped for want of room."""
         dropped = 0

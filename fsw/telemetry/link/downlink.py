@@ -44,6 +44,7 @@ class Downlink:
         self._now_ns = now_ns
         self._packetizer = Packetizer()
         self.out: Callable[[bytes, Priority], None] | None = None
+        self.keep: Callable[[bytes], None] | None = None  # stores what goes down
 
     def send(self, name: str, values: Mapping[str, object]) -> None:
         """Send a packet of the dictionary with the time now."""
@@ -74,6 +75,13 @@ class Downlink:
         }
         self.send_at("time", t_ns, values)
 
+    def again(self, packet: bytes) -> None:
+        """Send a stored packet once more, as it was."""
+        if self.out is not None:
+            self.out(packet, Priority.DUMP)
+
     def _pass(self, packet: bytes, priority: Priority) -> None:
+        if self.keep is not None:
+            self.keep(packet)
         if self.out is not None:
             self.out(packet, priority)

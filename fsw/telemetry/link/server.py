@@ -96,6 +96,15 @@ class LinkServer:
         """Connected clients."""
         return len(self._clients)
 
+    @property
+    def room_bytes(self) -> int:
+        """Bytes of a long answer that can be queued now: for the client that reads fastest.
+
+        A quarter of an outbox; without clients as much, for then nothing waits anywhere.
+        """
+        waiting = [client.outbox.waiting_bytes for client in self._clients]
+        return max(0, self._config.queue_bytes // 4 - min(waiting, default=0))
+
     def send(self, packet: bytes, priority: Priority = Priority.ANSWER) -> None:
         """Queue a packet for every client, push it over UDP."""
         for client in self._clients:

@@ -1,0 +1,226 @@
+"""One packet store on the disk: circular, bounded, found again after a restart.
+
+A store is a folder of segments. A segment is a header (magic, version, and the epoch of its times)
+and then whole telemetry packets as they went down, so every reader of packets reads it. The oldest
+segment is removed before the store would exceed its size. Packets are written unbuffered: a killed
+process loses none, a power cut those that the system had not yet brought to the disk.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from fastcrc import crc16
+
+from fsw.telemetry.link.packets import (
+    CRC_BYTES,
+    CUC_BYTES,
+    HEADER_BYTES,
+    TM_HEADER_BYTES,
+    from_cuc,
+)
+from fsw.telemetry.state.epoch import MAX_CLOCK_ID_CHARACTERS, Epoch, carried_over
+
+MAGIC = b"FSWP"
+FORMAT_VERSION = 1
+SEGMENTS = 16  # of a store that is full
+MOST_SEGMENTS = 64  # also when many are short, after many restarts
+_HEAD = struct.Struct(f">4sHq{MAX_CLOCK_ID_CHARACTERS}s")
+_NAME = re.compile(r"(\d{8})\.packets$")
+_TIME = slice(TM_HEADER_BYTES - CUC_BYTES, TM_HEADER_BYTES)
+
+
+@dataclass(slots=True)
+class Segment:
+    """What is known of one file."""
+
+    number: int
+    path: Path
+    epoch: Epoch
+    size_bytes: int = _HEAD.size
+    oldest_ns: int | None = None
+    newest_ns: int | None = None
+
+    def note(self, t_ns: int, size_bytes: int) -> None:
+        """Take account of one more packet."""
+        self.size_bytes += size_bytes
+        self.oldest_ns = t_ns if self.oldest_ns is None else min(self.oldest_ns, t_ns)
+        self.newest_ns = t_ns if self.newest_ns is None else max(self.newest_ns, t_ns)
+
+
+def packet_time_ns(packet: bytes) -> int:
+    """Return the time in a packet's secondary header [ns]. Raises ValueError when it has none."""
+    if len(packet) < TM_HEADER_BYTES + CRC_BYTES:
+        raise ValueError(f"{len(packet)} bytes are no packet with a time")
+    return from_cuc(packet[_TIME])
+
+
+def split_packets(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield times [ns] and packets; the first that cannot be one ends it."""
+    at = 0
+    while at + HEADER_BYTES <= len(data):
+        end = at + int.from_bytes(data[at + 4 : at + 6], "big") + HEADER_BYTES + 1
+        packet = data[at:end]
+        if end > len(data):
+            return
+        try:
+            t_ns = packet_time_ns(packet)
+        except ValueError:
+            return
+        yield t_ns, packet
+        at = end
+
+
+def read_segment(path: Path) -> tuple[Epoch, bytes]:
+    """Return the epoch and the packets of a segment. Raises OSError or ValueError."""
+    data = path.read_bytes()
+    if len(data) < _HEAD.size:
+        raise ValueError(f"{path.name}: too short")
+    magic, version, offset_ns, clock_id = _HEAD.unpack_from(data)
+    if magic != MAGIC or version != FORMAT_VERSION:
+        raise ValueError(f"{path.name}: no segment of version {FORMAT_VERSION}")
+    name = clock_id.rstrip(b"\0").decode(errors="replace")
+    return Epoch(clock_id=name, utc_less_met_ns=offset_ns), data[_HEAD.size :]
+
+
+class PacketStore:
+    """Packets in the order in which they were made.
+
+    Parameters
+    ----------
+    limit_bytes : of all segments together
+    epoch : the origin of times now
+    """
+
+    def __init__(self, folder: Path, limit_bytes: int, epoch: Callable[[], Epoch]) -> None:
+        self._folder, self._epoch = folder, epoch
+        self.limit_bytes = limit_bytes
+        self._segment_bytes = limit_bytes // SEGMENTS
+        self._segments: list[Segment] = []
+        self._is_open = False  # the newest segment is of this run and undamaged
+        self._next = 1
+        self._find()
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes of all segments."""
+        return sum(segment.size_bytes for segment in self._segments)
+
+    def span(self) -> tuple[int, int] | None:
+        """Return the times of the oldest and newest packet [ns]; None of an empty store."""
+        now = self._epoch()
+        times = [
+            carried_over(t_ns, segment.epoch, now)
+            for segment in self._segments
+            for t_ns in (segment.oldest_ns, segment.newest_ns)
+            if t_ns is not None
+        ]
+        return (min(times), max(times)) if times else None
+
+    def append(self, packet: bytes) -> None:
+        """Store one packet. Raises OSError; then the next one begins a segment."""
+        try:
+            segment = self._current(len(packet))
+            _append(segment.path, packet)
+        except OSError:
+            self._is_open = False
+            raise
+        segment.note(packet_time_ns(packet), len(packet))
+
+    def packets(self, from_ns: int | None, to_ns: int) -> Iterator[bytes | None]:
+        """Yield the packets of a time range [ns, both ends included]; None for each other one.
+
+        A reader may stop between any two. Packets with a wrong CRC are left out.
+
+        Parameters
+        ----------
+        from_ns : None: from the oldest, also those of earlier starts of the machine
+        """
+        now = self._epoch()
+        for number in [segment.number for segment in self._segments]:
+            segment = next((item for item in self._segments if item.number == number), None)
+            if segment is None:
+                continue  # removed in the meantime
+            try:
+                epoch, data = read_segment(segment.path)
+            except (OSError, ValueError):
+                continue
+            for t_ns, packet in split_packets(data):
+                t_now_ns = carried_over(t_ns, epoch, now)
+                wanted = (from_ns is None or from_ns <= t_now_ns) and t_now_ns <= to_ns
+                yield packet if wanted and crc16.ibm_3740(packet) == 0 else None
+
+    def delete_until(self, t_ns: int) -> int:
+        """Remove segments with no packet after a time; return the bytes. Raises OSError."""
+        now, removed = self._epoch(), 0
+        for segment in list(self._segments):
+            newest_ns = segment.newest_ns
+            if newest_ns is not None and carried_over(newest_ns, segment.epoch, now) <= t_ns:
+                if segment is self._segments[-1]:
+                    self._is_open = False
+                removed += self._remove(segment)
+        return removed
+
+    def _current(self, size_bytes: int) -> Segment:
+        """Return the segment to write into."""
+        if self._is_open:
+            segment = self._segments[-1]
+            if segment.size_bytes + size_bytes <= self._segment_bytes:
+                return segment
+        most_bytes = self.limit_bytes - self._segment_bytes
+        while self._segments and (
+            self.size_bytes > most_bytes or len(self._segments) >= MOST_SEGMENTS
+        ):
+            self._remove(self._segments[0])
+        return self._begin()
+
+    def _begin(self) -> Segment:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        epoch = self._epoch()
+        segment = Segment(self._next, self._folder / f"{self._next:08d}.packets", epoch)
+        self._next += 1
+        head = _HEAD.pack(MAGIC, FORMAT_VERSION, epoch.utc_less_met_ns, _name(epoch))
+        self._segments.append(segment)
+        _append(segment.path, head)
+        self._is_open = True
+        return segment
+
+    def _remove(self, segment: Segment) -> int:
+        segment.path.unlink(missing_ok=True)
+        self._segments.remove(segment)
+        return segment.size_bytes
+
+    def _find(self) -> None:
+        """Find the segments of earlier runs; what is none is removed with the oldest."""
+        if not self._folder.is_dir():
+            return
+        named = [(_NAME.match(path.name), path) for path in self._folder.iterdir()]
+        for number, path in sorted((int(m[1]), path) for m, path in named if m):
+            self._next = number + 1
+            try:
+                epoch, data = read_segment(path)
+            except (OSError, ValueError):
+                path.unlink(missing_ok=True)
+                continue
+            segment = Segment(number, path, epoch)
+            for t_ns, packet in split_packets(data):
+                segment.note(t_ns, len(packet))
+            segment.size_bytes = _HEAD.size + len(data)
+            self._segments.append(segment)
+
+
+def _append(path: Path, data: bytes) -> None:
+    """Write at the end of a file, all of it. Raises OSError."""
+    with path.open("ab", buffering=0) as file:
+        if file.write(data) != len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _name(epoch: Epoch) -> bytes:
+    return epoch.clock_id.encode()[:MAX_CLOCK_ID_CHARACTERS]

@@ -1,0 +1,117 @@
+"""A packet store on the disk: bounded, in order, whatever happened to its files."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.link.packets import Packetizer
+from fsw.telemetry.state.packet_store import MOST_SEGMENTS, PacketStore, split_packets
+from tests.support.application_cases import EPOCH, SECOND
+
+LIMIT = 1 << 20
+PACKETIZER = Packetizer()
+VALUES = {field.name: 0 for field in DICTIONARY.packet("alive").fields}
+
+
+def packet(t_s: float) -> bytes:
+    values = {"event": 1, "occurrence": 1, "suppressed": 0, "text": f"at {t_s}"}
+    return PACKETIZER.make("event_info", round(t_s * SECOND), values)
+
+
+def store(folder: Path, limit: int = LIMIT) -> PacketStore:
+    return PacketStore(folder, limit, lambda: EPOCH)
+
+
+def found(held: PacketStore, from_s: float | None = None, to_s: float = 1e6) -> list[bytes]:
+    from_ns = None if from_s is None else round(from_s * SECOND)
+    return [p for p in held.packets(from_ns, round(to_s * SECOND)) if p is not None]
+
+
+def test_a_full_store_loses_its_oldest_packets_and_never_exceeds_its_size(tmp_path):
+    held = store(tmp_path / "s")
+    packets = [packet(k) for k in range(12_000)]
+    for one in packets:
+        held.append(one)
+        assert held.size_bytes <= LIMIT
+    on_disk = sum(path.stat().st_size for path in (tmp_path / "s").iterdir())
+    assert 0.9 * LIMIT < on_disk <= LIMIT
+    left = found(held)
+    assert left == packets[-len(left) :]
+    assert len(left) * len(packets[0]) > 0.85 * LIMIT
+    assert found(held, 11_990.0, 11_995.0) == packets[11_990:11_996]
+
+
+def test_many_restarts_leave_no_more_than_so_many_files(tmp_path):
+    for k in range(3 * MOST_SEGMENTS):
+        held = store(tmp_path)
+        held.append(packet(k))
+    assert len(list(tmp_path.iterdir())) <= MOST_SEGMENTS
+    assert len(found(store(tmp_path))) == MOST_SEGMENTS
+
+
+def test_packets_of_a_process_that_was_killed_are_there(tmp_path):
+    code = f"""
+import os, signal
+from pathlib import Path
+from tests.unit.fsw.telemetry.test_packet_store import packet, store
+held = store(Path({str(tmp_path)!r}))
+for k in range(200):
+    held.append(packet(k))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", code], check=False, env=environment, cwd=os.getcwd())
+    assert len(found(store(tmp_path))) == 200
+
+
+@pytest.mark.parametrize("cut", [1, 7, 40, 141])
+def test_a_segment_that_was_cut_gives_what_is_whole(tmp_path, cut: int):
+    held = store(tmp_path)
+    packets = [packet(k) for k in range(5)]
+    for one in packets:
+        held.append(one)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:-cut])
+    again = store(tmp_path)
+    assert found(again) == packets[:4]
+    again.append(packets[4])
+    assert found(again) == packets
+
+
+def test_damage_costs_the_damaged_packet_or_segment_only(tmp_path):
+    held = store(tmp_path)
+    packets = [packet(k) for k in range(5)]
+    for one in packets:
+        held.append(one)
+    (path,) = tmp_path.iterdir()
+    data = bytearray(path.read_bytes())
+    data[-len(packets[0]) - 20] ^= 0xFF  # inside the text of the fourth
+    path.write_bytes(data)
+    (tmp_path / "00000002.packets").write_bytes(b"no segment at all" * 9)
+    (tmp_path / "00000003.packets").write_bytes(b"")
+    (tmp_path / "note.txt").write_text("not ours")
+    again = store(tmp_path)
+    assert found(again) == packets[:3] + packets[4:]
+    assert (tmp_path / "note.txt").exists()
+    again.append(packet(9))
+    assert b"at 9" in found(again)[-1]
+
+
+def test_a_segment_removed_while_it_is_read_is_passed_over(tmp_path):
+    held = store(tmp_path)
+    for k in range(9000):
+        held.append(packet(k))
+    reading = held.packets(None, 10**15)
+    assert next(reading) is not None
+    for k in range(9000, 20_000):
+        held.append(packet(k))
+    assert sum(one is not None for one in reading) > 0
+
+
+def test_arbitrary_bytes_hold_no_packets_and_raise_nothing():
+    for data in (b"", b"\0" * 5, b"\xff" * 300, packet(1)[:-1], packet(1)[:20]):
+        assert list(split_packets(data)) == []
