@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from hypothesis import settings
+
+from hil.run.processes import end_with, tied
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: ten times as fast on small ones
 
@@ -19,6 +23,21 @@ settings.load_profile("project")
 
 HERE = Path(__file__).parent
 AXES = ("0 0 1", "0 1 0")
+
+
+class TiedPopen(subprocess.Popen):
+    """A process that ends with this one: also when pytest is killed, nothing is left behind."""
+
+    def __init__(self, args: Any, *rest: Any, env: Mapping[str, str] | None = None, **more: Any):
+        alone = isinstance(args, str) or more.get("shell") or more.get("executable")
+        super().__init__(args if alone else tied(args, env), *rest, env=env, **more)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Tie every process a test starts to this one, and a worker of xdist to its controller."""
+    if hasattr(config, "workerinput"):
+        end_with(os.getppid())
+    subprocess.Popen = TiedPopen
 
 
 def arm_urdf(joints: int, *, joint_type: str = "revolute") -> str:

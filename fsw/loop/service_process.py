@@ -117,7 +117,8 @@ class ServiceProcess:
             "--up",
             str(up),
         ]
-        command += ["--config", str(config), *(["--resume"] if resume else [])]
+        command += ["--config", str(config), "--parent", str(os.getpid())]
+        command += ["--resume"] if resume else []
         return subprocess.Popen(
             command,
             pass_fds=(down, up, config),

@@ -33,7 +33,7 @@ class JobProcess:
         self.close()
         self._id, self._buffer, self._ended = request.id, b"", False
         process = subprocess.Popen(
-            [sys.executable, "-m", "fsw.service.worker"],
+            [sys.executable, "-m", "fsw.service.worker", str(os.getpid())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},

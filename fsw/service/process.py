@@ -332,11 +332,11 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--down", type=int, required=True, help="descriptor of the loop's ring")
     parser.add_argument("--up", type=int, required=True, help="descriptor of the ring to the loop")
     parser.add_argument("--config", type=int, required=True, help="descriptor of the configuration")
+    parser.add_argument("--parent", type=int, required=True, help="process of the loop")
     parser.add_argument("--resume", action="store_true", help="take over from one that has died")
     arguments = parser.parse_args(argv)
     clock = MonotonicClock()
     began_ns = clock.now_ns()
-    parent = os.getppid()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
     os.nice(NICE)
@@ -355,7 +355,7 @@ def main(argv: list[str]) -> int:
     if arguments.resume:
         service.event(Event(began_ns, "info", "SERVICE_BACK", f"process {os.getpid()}"))
     try:
-        return serve(service, down, parent, clock)
+        return serve(service, down, arguments.parent, clock)
     except MemoryError:
         return MEMORY_EXIT
 

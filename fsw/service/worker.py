@@ -1,14 +1,16 @@
 """The batch worker: one job in a process of its own at nice 19, and its inline twin.
 
-`python -m fsw.service.worker` reads one pickled `Job` from standard input and writes JSON lines:
-progress, then the result or the failure. SIGTERM ends it.
+`python -m fsw.service.worker PID` reads one pickled `Job` from standard input and writes JSON lines:
+progress, then the result or the failure. SIGTERM ends it, and so does the end of process PID.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import pickle
+import signal
 import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -23,6 +25,7 @@ from fsw.messages.errors import EstimatorError
 from fsw.service.blockstore import CAPACITY, BlockStoreError, newest, read_blocks
 
 NICE = 19
+_PR_SET_PDEATHSIG = 1  # prctl(2)
 Progress = Callable[[float, str], bool]  # done ratio, what is being done; False: stop
 RunBatch = Callable[[Config, Sequence[Block], str, tuple[str, ...], Progress], Mapping[str, Any]]
 
@@ -129,7 +132,15 @@ def main(source: IO[bytes], target: IO[str]) -> int:
     return 0 if report.state == "done" else 1
 
 
+def end_with(service: int) -> None:
+    """Have the kernel end this process with the service; end now if that has ended already."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != service:
+        os._exit(1)
+
+
 if __name__ == "__main__":
+    end_with(int(sys.argv[1]))
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.nice(NICE)
     sys.exit(main(sys.stdin.buffer, sys.stdout))

@@ -18,6 +18,7 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
+from hil.run.processes import tied
 from hil.run.progress import Meter
 
 READY_TIMEOUT_S = 60.0
@@ -119,7 +120,7 @@ def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subpro
     """Start a Python process with its errors in a log file; kill it if it outlives the block."""
     with (folder / f"{name}.log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
-            [sys.executable, *arguments],
+            tied([sys.executable, *arguments]),
             stdout=subprocess.PIPE if name == "plant" else log,
             stderr=log,
             text=True,

@@ -14,6 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
+from hil.run.processes import tied
+
 
 def run_seeds(
     scenario: str, seeds: Sequence[int], jobs: int, options: Sequence[str]
@@ -22,7 +24,9 @@ def run_seeds(
 
     def outcome(seed: int) -> dict[str, Any]:
         command = [sys.executable, "-m", "hil", "run", scenario, "--json", "--seed", str(seed)]
-        done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            tied([*command, *options]), capture_output=True, text=True, check=False
+        )
         if not done.stdout.strip():
             raise RuntimeError(f"seed {seed} failed: {done.stderr.strip()[-500:]}")
         values: dict[str, Any] = json.loads(done.stdout)

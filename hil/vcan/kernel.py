@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
+from hil.run.processes import tied
 from hil.vcan import links
 from hil.vcan.job import GRACE_S, NO_COMMAND, TIMED_OUT, Job, exit_status
 
@@ -88,7 +89,8 @@ def _ip(lines: str) -> bool:
 def run(job: Job) -> int:
     """Run the command as a child; return its exit status as a shell would give it."""
     try:
-        child = subprocess.Popen(job.argv, cwd=job.cwd, env=job.env, stdin=subprocess.DEVNULL)
+        command = tied(job.argv, job.env)
+        child = subprocess.Popen(command, cwd=job.cwd, env=job.env, stdin=subprocess.DEVNULL)
     except FileNotFoundError as error:
         sys.stderr.write(f"hil vcan: {error.filename}: {error.strerror}\n")
         return NO_COMMAND

@@ -23,6 +23,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from hil.run.processes import tied
 from hil.vcan import links
 from hil.vcan.job import (
     GRACE_S,
@@ -125,7 +126,7 @@ class Machine:
         ):
             start = write_job(folder, job, realtime=realtime)
             self._process = subprocess.Popen(
-                [program, *KERNEL_ARGUMENTS, f"init={start}", *serial],
+                tied([program, *KERNEL_ARGUMENTS, f"init={start}", *serial]),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

@@ -11,7 +11,7 @@ from typing import Any
 
 from hil.evidence.campaign.config import Run
 from hil.evidence.campaign.work import attempt
-from hil.run.workers import end_with_driver
+from hil.run.processes import end_with_driver
 from hil.world.scenario import ScenarioError
 
 MOST_ATTEMPTS = 3  # of a run whose worker dies

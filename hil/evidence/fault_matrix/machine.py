@@ -17,6 +17,7 @@ from hil.evidence.fault_matrix.live_rows import Act, Hold, Lane
 from hil.evidence.fault_matrix.run import SCENARIO
 from hil.run import live
 from hil.run.live import LiveError, children
+from hil.run.processes import tied
 from hil.world.scenario import at_rates, load
 
 RATE_HZ, IMU_RATE_HZ = 100.0, 125  # what is asked is not how fast it can go
@@ -57,7 +58,7 @@ def _hog(hold: Hold) -> None:
     for process in (hold.daemon, *children(hold.daemon)):
         _pin(process, {taken})
     _pin(hold.plant, set(others) or {taken})
-    hog = hold.stack.enter_context(subprocess.Popen([sys.executable, "-c", HOG, str(taken)]))
+    hog = hold.stack.enter_context(subprocess.Popen(tied([sys.executable, "-c", HOG, str(taken)])))
     hold.stack.callback(hog.kill)
 
 

@@ -19,6 +19,7 @@ from hil.faults.place import Place
 from hil.faults.script import install
 from hil.judge.score import Result, normalised_error_squared
 from hil.run import bench
+from hil.run.processes import end_with
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario
 from hil.world.scenario import load as load_scenario
@@ -87,10 +88,12 @@ def branch(
     RuntimeError when the copy ended without a result.
     """
     read_fd, write_fd = os.pipe()
+    parent = os.getpid()
     child = os.fork()
     if child == 0:
         status = 1
         try:
+            end_with(parent)
             os.close(read_fd)
             with os.fdopen(write_fd, "wb") as pipe:
                 pickle.dump(_carry_on(trunk, table, row, reference=reference), pipe)

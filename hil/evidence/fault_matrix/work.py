@@ -19,6 +19,7 @@ from hil.evidence.fault_matrix import live_rows, machine, real_bus, run, table
 from hil.evidence.fault_matrix.run import Flown
 from hil.faults.real_bus import cable
 from hil.run import bench
+from hil.run.processes import end_with_interrupt, tied
 from hil.vcan.job import VcanError
 
 
@@ -67,7 +68,7 @@ def bus_outcomes(rows: Sequence[table.Row], seed: int) -> Iterator[dict[str, Any
     command = [sys.executable, "-m", "hil", "vcan", "--realtime", "--", sys.executable, "-m", "hil"]
     command += ["faults", "--lane", "socketcan", "--seed", str(seed), "--json"]
     command += [word for row in rows for word in ("--only", row.type)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run(tied(command), stdout=subprocess.PIPE, text=True, check=False)
     if not done.stdout:
         raise VcanError(f"hil vcan: exit {done.returncode}")
     yield from json.loads(done.stdout)["faults"]
@@ -109,7 +110,7 @@ def outcomes(
     if not todo:
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(todo)), mp_context=context) as pool:
+    with ProcessPoolExecutor(min(jobs, len(todo)), context, end_with_interrupt) as pool:
         futures = {pool.submit(one, row.type, seed): row for row in todo}
         for future in as_completed(futures):
             row, values = futures[future], future.result()

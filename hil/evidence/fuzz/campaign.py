@@ -20,6 +20,7 @@ from hil.errors import same_settings
 from hil.evidence.fuzz.oracle import MAX_INPUT_BYTES
 from hil.evidence.fuzz.seeds import seeds
 from hil.evidence.fuzz.table import TARGETS, quota
+from hil.run.processes import tied
 
 BOUT_INPUTS = 50_000
 SHORT_INPUT_BYTES = 128  # of most bouts, or the longest seed: an input's cost goes by its length
@@ -63,7 +64,7 @@ def bout(target: str, inputs: int, seed: int, most_bytes: int, folder: Path) -> 
     command = [sys.executable, "-m", "hil.evidence.fuzz.child", target]
     command += [f"-{key}={value}" for key, value in options.items()]
     done = subprocess.run(
-        [*command, str(corpus)],
+        tied([*command, str(corpus)]),
         capture_output=True,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         timeout=BOUT_LIMIT_S,

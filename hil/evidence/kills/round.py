@@ -23,6 +23,7 @@ from hil.run import live
 from hil.run.bench import prepare
 from hil.run.flight import BUS, plant_document, write_yaml
 from hil.run.live import LiveError, children
+from hil.run.processes import tied
 from hil.world.scenario import at_rates, load
 
 SCENARIO = "target_leo"
@@ -69,7 +70,7 @@ class Daemon:
         command = [sys.executable, "-m", "fsw", "run", str(self._config)]
         self.started_ns = time.monotonic_ns()
         self.process = subprocess.Popen(
-            [*command, *(["--cold"] if cold else [])],
+            tied([*command, *(["--cold"] if cold else [])]),
             stdout=self._log,
             stderr=self._log,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},

@@ -16,6 +16,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from hil.run.processes import end_with_interrupt
+
 U = TypeVar("U")
 R = TypeVar("R")
 
@@ -39,5 +41,5 @@ def over(work: Callable[[U], R], units: Sequence[U], jobs: int) -> Iterator[R]:
     if jobs <= 1 or len(units) <= 1:
         yield from map(work, units)
         return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with multiprocessing.get_context("spawn").Pool(jobs, end_with_interrupt) as pool:
         yield from pool.imap_unordered(work, units)

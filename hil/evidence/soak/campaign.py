@@ -23,7 +23,7 @@ from hil.errors import same_settings
 from hil.evidence.soak.epoch import REST_S, TAIL_S, Epoch, Segment
 from hil.run.bench import Setup, prepare
 from hil.run.flight import write_yaml
-from hil.run.workers import end_with_interrupt
+from hil.run.processes import end_with_interrupt
 from hil.world.scenario import Scenario, at_rates, load
 from hil.world.spline import JointSpline
 

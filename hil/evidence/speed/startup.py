@@ -26,6 +26,7 @@ import can
 from fsw.config import Config
 from hil.devices.canopen import SYNC_ID
 from hil.run.bench import prepare
+from hil.run.processes import tied
 from hil.world.scenario import load
 
 IMPORTS = "import numpy, scipy.linalg, pinocchio, can, serial, yaml, pydantic"
@@ -53,7 +54,7 @@ class Pair:
 def time_import() -> float:
     """Return how long a fresh interpreter takes to import the libraries and end [s]."""
     began_ns = time.monotonic_ns()
-    subprocess.run([sys.executable, "-c", IMPORTS], check=True, env=_environment())
+    subprocess.run(tied([sys.executable, "-c", IMPORTS]), check=True, env=_environment())
     return (time.monotonic_ns() - began_ns) * 1e-9
 
 
@@ -73,7 +74,7 @@ def time_first_sync(config_path: Path, config: Config) -> float:
         log = held.enter_context(log_path.open("w", encoding="utf-8"))
         began_ns = time.monotonic_ns()
         daemon = subprocess.Popen(
-            [sys.executable, "-m", "fsw", "run", str(config_path)],
+            tied([sys.executable, "-m", "fsw", "run", str(config_path)]),
             stdout=log,
             stderr=log,
             env=_environment(),

@@ -38,6 +38,7 @@ from fsw.telemetry.link.packets import telecommand_packet
 from hil.run import live
 from hil.run.bench import prepare
 from hil.run.flight import plant_document, write_yaml
+from hil.run.processes import tied
 from hil.world.scenario import load as load_scenario
 
 SCENARIO = "target_leo"
@@ -181,7 +182,7 @@ def _fly(path: Path, port: int | None, seconds: int) -> tuple[Phase, Phase]:
 def _asking(daemon: Daemon, port: int, state: Path) -> Iterator[None]:
     """Have a client of its own process while the block runs; the loop ticks until it is heard."""
     command = [sys.executable, "-m", "hil.evidence.speed.telemetry_cost", "--client", str(port)]
-    with subprocess.Popen(command, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}) as process:
+    with subprocess.Popen(tied(command), env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}) as process:
         try:
             _tick_until_heard(daemon, state)
             yield
