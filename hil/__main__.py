@@ -73,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     seeds.add_argument(
         "--real-time", action="store_true", help="live links instead of virtual time"
     )
+    seeds.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
     seeds.add_argument("--json", action="store_true", help="print outcomes and summary as JSON")
     seeds.set_defaults(command=_seeds)
     faults = commands.add_parser("faults", help="every fault in a run of its own, against bounds")
@@ -231,15 +232,13 @@ def _list(_arguments: argparse.Namespace) -> int:
 
 def _seeds(arguments: argparse.Namespace) -> int:
     from rich.console import Console
-    from rich.progress import track
 
-    from hil.run.seeds import run_seeds, show, summary
+    from hil.evidence.seeds import run_seeds, show, summary
 
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
-    runs = run_seeds(arguments.scenario, numbers, arguments.jobs, options)
-    progress = track(runs, arguments.scenario, len(numbers), console=Console(stderr=True))
-    outcomes = list(progress)
+    console, out = Console(stderr=True), arguments.out
+    outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, out, console)
     if arguments.json:
         print(json.dumps({"summary": summary(outcomes), "runs": outcomes}))
     else:

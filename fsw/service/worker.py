@@ -1,6 +1,6 @@
 """The batch worker: one job in a process of its own at nice 19, and its inline twin.
 
-`python -m fsw.service.worker PID` reads one pickled `Job` from standard input and writes JSON lines:
+`python -m fsw.service.worker PID` reads one pickled `Job` from standard input, writes JSON lines:
 progress, then the result or the failure. SIGTERM ends it, and so does the end of process PID.
 """
 

@@ -82,28 +82,32 @@ def _kills(arguments: argparse.Namespace) -> int:
             for fault in (*kill.faults, *kill.late):
                 text = f"round {kill.round} kill {kill.number} ({kill.victim}): {fault}"
                 progress.console.print(text, markup=False)
-    result = summary(folder)
+    result = summary(folder, arguments.seed)
     print(json.dumps(result))
     return FAILED_EXIT if failed or result["faults"] or result["late"] else 0
 
 
 def _soak(arguments: argparse.Namespace) -> int:
-    from hil.evidence.soak.campaign import SCENARIO, plan, soak, summary
+    from hil.evidence.soak.campaign import SCENARIO, open_store, plan, soak, summary
+    from hil.evidence.soak.epoch import Segment
     from hil.world.scenario import load
     from hil.world.spline import JointSpline
 
+    chosen = (arguments.hours, arguments.rate, arguments.imu_rate, arguments.seed)
     folder = arguments.out.absolute()
+    whole = len(open_store(folder, *chosen).rows)
     motion_s = JointSpline.load(load(SCENARIO).identification).duration_s
     epochs, segments = plan(arguments.hours, motion_s)
     with bar() as progress:
-        whole = len(list(folder.glob("epoch_*.json")))
         task = progress.add_task("soak", total=epochs * segments, completed=whole * segments)
-        chosen = (arguments.hours, arguments.rate, arguments.imu_rate, arguments.seed, folder)
-        for segment in soak(*chosen, arguments.jobs):
+
+        def announce(segment: Segment) -> None:
             progress.advance(task)
             for text in segment.broken:
                 place = f"epoch {segment.epoch} segment {segment.number}"
                 progress.console.print(f"{place}: {text}", markup=False)
-    result = summary(folder)
+
+        store = soak(*chosen, folder, arguments.jobs, announce)
+    result = summary(store)
     print(json.dumps(result))
     return FAILED_EXIT if result["broken"] else 0

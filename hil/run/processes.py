@@ -50,9 +50,3 @@ def end_with_driver() -> None:
     driver = multiprocessing.parent_process()
     if driver is not None and driver.pid is not None:
         end_with(driver.pid)
-
-
-def end_with_interrupt() -> None:
-    """Tie a pool's worker to the process of the pool, and let what interrupts both end it."""
-    end_with_driver()
-    signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import json
+from operator import attrgetter
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
+from hil.evidence import pool, runner
 from hil.evidence.campaign.config import read
-from hil.evidence.campaign.pool import local, on_dask
-from hil.evidence.campaign.store import Store
-from hil.evidence.campaign.summary import summary
+from hil.evidence.campaign.summary import summary, write_table
+from hil.evidence.campaign.work import rows_of, rows_of_lost
+from hil.evidence.store import Store
 
 FAILED_EXIT = 1
 
@@ -27,26 +21,17 @@ def campaign(path: Path, out: Path | None, workers: int, scheduler: str | None) 
     """Run or resume a campaign, write its table and summary; 1 if a run failed."""
     wanted = read(path)
     folder = out if out is not None else Path("runs") / path.stem
-    store = Store(folder, wanted)
+    store = Store(folder, wanted.model_dump(mode="json"))
     runs = wanted.runs()
-    done = store.rows()
-    rest = [run for run in runs if run.key not in done]
-    columns = (
-        TextColumn("campaign"),
-        BarColumn(bar_width=30),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), refresh_per_second=2) as progress:
-        task = progress.add_task("", total=len(runs), completed=len(runs) - len(rest))
-        rows = local(rest, workers) if scheduler is None else on_dask(rest, scheduler)
-        for row in rows:
-            store.add(row)
-            progress.update(task, advance=1)
-    found = store.rows()
-    ordered = [found[run.key] for run in runs]
-    table = store.write_table(ordered)
+    rest = runner.missing(runs, attrgetter("key"), store)
+    if scheduler is None:
+        ran = pool.over_processes(rows_of, rest, workers, lost=rows_of_lost)
+    else:
+        keyed = {run.key: run for run in rest}
+        ran = pool.over_dask(rows_of, keyed, scheduler, rows_of_lost)
+    runner.complete("campaign", len(runs), ran, rest, store, Console(stderr=True))
+    ordered = [store.rows[run.key] for run in runs]
+    table = write_table(ordered, folder)
     entries = summary(ordered)
     text = json.dumps(entries, indent=1)
     (folder / "summary.json").write_text(text, encoding="utf-8")

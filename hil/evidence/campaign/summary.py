@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
+TABLE = "results.parquet"
 CONFIDENCE = 0.95
 ERRORS = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
 
@@ -18,6 +20,16 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for row in rows:
         groups.setdefault((row["scenario"], row["noise"], row["trajectory"]), []).append(row)
     return [_entry(name, own) for name, own in sorted(groups.items())]
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], folder: Path) -> Path:
+    """Write the runs as Parquet, in the order given; return its path."""
+    import pyarrow
+    from pyarrow import parquet
+
+    path = folder / TABLE
+    parquet.write_table(pyarrow.Table.from_pylist(list(rows)), path)
+    return path
 
 
 def _entry(name: tuple[str, str, str], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

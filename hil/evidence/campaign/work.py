@@ -21,6 +21,7 @@ from hil.evidence.campaign.config import Run
 from hil.evidence.methods.cases import SENSOR_SETS
 from hil.evidence.methods.exact import base_velocity, true_robot
 from hil.evidence.methods.flight_side import problem_of, without_biases, write_config
+from hil.evidence.store import Row
 from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import normalised_error_squared
@@ -34,11 +35,24 @@ NOISE_STREAM = 211
 STEP_S = 0.01
 
 
-def attempt(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's row; a failing one's with its seed and traceback, and the campaign goes on."""
-    run = Run.model_validate(document)
+def rows_of(run: Run) -> dict[str, Row]:
+    """Return a run's row under its key; a failing run's row has its seed and traceback."""
     began_s = time.perf_counter()
-    row: dict[str, Any] = {
+    row = _named(run)
+    try:
+        row |= _sample(run) if run.level == "sample" else _device(run)
+    except Exception:  # noqa: BLE001  whatever it is belongs into the record, with its seed
+        row |= {"status": "FAILED", "traceback": traceback.format_exc()}
+    return {run.key: row | {"wall_s": time.perf_counter() - began_s}}
+
+
+def rows_of_lost(run: Run, reason: str) -> dict[str, Row]:
+    """Return the row of a run whose process died every time."""
+    return {run.key: _named(run) | {"status": "FAILED", "traceback": reason, "wall_s": 0.0}}
+
+
+def _named(run: Run) -> dict[str, Any]:
+    return {
         "key": run.key,
         "seed": run.seed,
         "scenario": run.scenario,
@@ -47,12 +61,6 @@ def attempt(document: Mapping[str, Any]) -> dict[str, Any]:
         "status": "",
         "traceback": "",
     }
-    try:
-        row |= _sample(run) if run.level == "sample" else _device(run)
-    except Exception:  # noqa: BLE001  whatever it is belongs into the record, with its seed
-        row["status"] = "FAILED"
-        row["traceback"] = traceback.format_exc()
-    return row | {"wall_s": time.perf_counter() - began_s}
 
 
 def _sample(run: Run) -> dict[str, Any]:

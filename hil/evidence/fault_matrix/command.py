@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,17 +11,11 @@ from rich.console import Console
 from rich.progress import track
 
 from hil.evidence.fault_matrix import report, table, work
+from hil.evidence.provenance import commit
 from hil.world.scenario import ScenarioError
 
 FAILED_EXIT = 1
 PLAIN_WIDTH = 150
-
-
-def commit() -> str:
-    """Return what names the code that runs: its commit, with a mark where it has been changed."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    return done.stdout.strip() or "unknown"
 
 
 def run(

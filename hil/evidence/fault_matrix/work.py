@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from hil.evidence import pool, runner
 from hil.evidence.fault_matrix import live_rows, machine, real_bus, run, table
 from hil.evidence.fault_matrix.run import Flown
+from hil.evidence.store import Store
 from hil.faults.real_bus import cable
 from hil.run import bench
-from hil.run.processes import end_with_interrupt, tied
+from hil.run.processes import tied
 from hil.vcan.job import VcanError
 
 
@@ -37,10 +37,9 @@ def _trunk(seed: int) -> tuple[bench.VirtualRun, Flown]:
     return trunk, run.branch(trunk, bounds, None)
 
 
-def one(name: str, seed: int) -> dict[str, Any]:
+def one(row: table.Row, seed: int) -> dict[str, Any]:
     """Return the outcome of one row."""
     bounds = table.load()
-    row = next(row for row in bounds.faults if row.type == name)
     trunk, clean = _trunk(seed)
     flown = run.branch(trunk, bounds, row)
     reference = clean
@@ -83,45 +82,30 @@ REAL: Mapping[str, Callable[[Sequence[table.Row], int], Iterator[dict[str, Any]]
 def key(row: table.Row, seed: int, commit: str) -> str:
     """Return what a stored outcome belongs to."""
     text = json.dumps([row.model_dump(mode="json"), seed, commit], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return f"{row.type}-{seed}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 def outcomes(
     rows: Sequence[table.Row], seed: int, jobs: int, out: Path | None, commit: str
 ) -> Iterator[dict[str, Any]]:
     """Yield the outcome of every row as it is done; stored ones first."""
-    todo = []
+    store = Store(out, {})
+    name = partial(key, seed=seed, commit=commit)
+    todo = runner.missing(rows, name, store)
     for row in rows:
-        path = None if out is None else out / f"{row.type}-{seed}.json"
-        if path is not None and path.is_file():
-            stored: dict[str, Any] = json.loads(path.read_text())
-            if stored["key"] == key(row, seed, commit):
-                yield stored["outcome"]
-                continue
-        todo.append(row)
-    if not todo:
-        return
+        if row not in todo:
+            yield dict(store.rows[name(row)])
+    for row, values in _run(todo, seed, jobs):
+        store.add(name(row), values)
+        yield values
+
+
+def _run(
+    rows: Sequence[table.Row], seed: int, jobs: int
+) -> Iterator[tuple[table.Row, dict[str, Any]]]:
+    """Yield rows with their outcomes: in real time one after the other, then in virtual time."""
     for lane, outcomes_of in REAL.items():
-        rows = [row for row in todo if row.lane == lane]
-        for row, values in zip(rows, outcomes_of(rows, seed) if rows else (), strict=True):
-            _store(out, row, seed, commit, values)
-            yield values
-    todo = [row for row in todo if row.lane not in REAL]
-    if not todo:
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(todo)), context, end_with_interrupt) as pool:
-        futures = {pool.submit(one, row.type, seed): row for row in todo}
-        for future in as_completed(futures):
-            row, values = futures[future], future.result()
-            _store(out, row, seed, commit, values)
-            yield values
-
-
-def _store(
-    out: Path | None, row: table.Row, seed: int, commit: str, values: dict[str, Any]
-) -> None:
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        stored = {"key": key(row, seed, commit), "outcome": values}
-        (out / f"{row.type}-{seed}.json").write_text(json.dumps(stored))
+        own = [row for row in rows if row.lane == lane]
+        yield from zip(own, outcomes_of(own, seed) if own else (), strict=True)
+    virtual = [row for row in rows if row.lane not in REAL]
+    yield from pool.over_processes(partial(one, seed=seed), virtual, min(jobs, len(virtual)))

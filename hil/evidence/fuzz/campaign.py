@@ -1,25 +1,24 @@
 """A fuzzing campaign: every target in its own process, in bouts, resumable.
 
-`DIR/state.json` says how many inputs each target has had; `DIR/corpus/TARGET` is what coverage has
+`DIR/results.jsonl` says what each bout has done; `DIR/corpus/TARGET` is what coverage has
 grown; an input that failed lies in `DIR/failed`.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hil.errors import same_settings
 from hil.evidence.fuzz.oracle import MAX_INPUT_BYTES
 from hil.evidence.fuzz.seeds import seeds
 from hil.evidence.fuzz.table import TARGETS, quota
+from hil.evidence.store import Row, Store
 from hil.run.processes import tied
 
 BOUT_INPUTS = 50_000
@@ -97,42 +96,55 @@ def campaign(inputs: int, folder: Path, seed: int) -> Iterator[Bout]:
     ------
     ScenarioError for a folder of a campaign with another seed.
     """
-    path = folder / "state.json"
-    same_settings(folder, {"seed": seed})
-    state: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
+    store = open_store(folder, seed)
+    states = summary(folder, store)["targets"]
     for target, share in quota(inputs).items():
-        held = state.setdefault(target, {"inputs": 0, "bouts": 0, "rss_mb": 0, "failure": ""})
+        held = states[target]
         while held["inputs"] < share and not held["failure"]:
-            count = min(BOUT_INPUTS, share - held["inputs"])
-            number = held["bouts"]
+            count, number = min(BOUT_INPUTS, share - held["inputs"]), held["bouts"]
             most_bytes = longest(target, number)
             result = bout(target, count, seed + number + 1, most_bytes, folder)
-            held["inputs"] += result.inputs
-            held["bouts"] += 1
-            held["rss_mb"] = max(held["rss_mb"], result.peak_rss_mb)
-            held["failure"] = result.failure
-            _write(path, state)
+            store.add(f"{target}-{number}", asdict(result))
+            _count(held, asdict(result))
             yield result
 
 
-def summary(folder: Path) -> dict[str, Any]:
+def open_store(folder: Path, seed: int) -> Store:
+    """Return the store of a campaign. Raises ScenarioError for one with another seed."""
+    return Store(folder, {"seed": seed})
+
+
+def summary(folder: Path, store: Store) -> dict[str, Any]:
     """Return inputs, corpus sizes and failures of a campaign."""
-    state = json.loads((folder / "state.json").read_text())
-    for target, held in state.items():
-        held["corpus"] = len(list((folder / "corpus" / target).iterdir()))
-    return {
-        "inputs": sum(held["inputs"] for held in state.values()),
-        "least": min(held["inputs"] for held in state.values()),
-        "failed": sorted(target for target, held in state.items() if held["failure"]),
-        "targets": state,
+    targets: dict[str, dict[str, Any]] = {
+        target: {"inputs": 0, "bouts": 0, "rss_mb": 0, "failure": ""} for target in TARGETS
     }
+    for row in store.rows.values():
+        _count(targets[row["target"]], row)
+    for target, held in targets.items():
+        corpus = folder / "corpus" / target
+        held["corpus"] = len(list(corpus.iterdir())) if corpus.exists() else 0
+    return {
+        "inputs": sum(held["inputs"] for held in targets.values()),
+        "least": min(held["inputs"] for held in targets.values()),
+        "failed": sorted(target for target, held in targets.items() if held["failure"]),
+        "targets": targets,
+    }
+
+
+def _count(held: dict[str, Any], row: Row) -> None:
+    """Add a bout to what is known of its target."""
+    held["inputs"] += row["inputs"]
+    held["bouts"] += 1
+    held["rss_mb"] = max(held["rss_mb"], row["peak_rss_mb"])
+    held["failure"] = row["failure"]
 
 
 def run(inputs: int, folder: Path, seed: int, tell: Callable[[Bout], None]) -> dict[str, Any]:
     """Run a campaign to its end and return the summary."""
     for result in campaign(inputs, folder, seed):
         tell(result)
-    return summary(folder)
+    return summary(folder, open_store(folder, seed))
 
 
 def keep(folder: Path, kept: Path, most: int, most_bytes: int) -> None:
@@ -144,9 +156,3 @@ def keep(folder: Path, kept: Path, most: int, most_bytes: int) -> None:
         (kept / target).mkdir(parents=True, exist_ok=True)
         for _, path in (small[k * len(small) // count] for k in range(count)):
             (kept / target / path.name).write_bytes(path.read_bytes())
-
-
-def _write(path: Path, state: dict[str, dict[str, Any]]) -> None:
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(state, indent=1))
-    temporary.replace(path)

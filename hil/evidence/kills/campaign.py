@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -11,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hil.errors import same_settings
 from hil.evidence.kills.round import BOUND_RATIO, VICTIMS, Kill, Round
+from hil.evidence.store import Store
 from hil.run.live import LiveError
 
 PER_ROUND = 12  # a round is one motion of about a minute
@@ -26,32 +25,31 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[Kill]:
     LiveError when a daemon does not come back; the round's files stay. ScenarioError for a folder
     of kills with another seed.
     """
-    same_settings(folder, {"seed": seed})
-    path = folder / "kills.jsonl"
-    held = _held(path)
-    number = 1 + max((kill["round"] for kill in held), default=-1)
-    done = len(held)
-    while done < count:
+    store = open_store(folder, seed)
+    number = 1 + max((kill["round"] for kill in store.rows.values()), default=-1)
+    while len(store.rows) < count:
         place = folder / f"round_{number:03d}"
         if place.exists():
             shutil.rmtree(place)
         place.mkdir()
         faulty = False
-        with path.open("a", encoding="utf-8") as file:
-            for kill in Round(place, number, seed).run(min(PER_ROUND, count - done)):
-                file.write(json.dumps(asdict(kill)) + "\n")
-                file.flush()
-                faulty |= bool(kill.faults)
-                done += 1
-                yield kill
+        for kill in Round(place, number, seed).run(min(PER_ROUND, count - len(store.rows))):
+            store.add(f"{kill.round}-{kill.number}", asdict(kill))
+            faulty |= bool(kill.faults)
+            yield kill
         if not faulty:
             shutil.rmtree(place)
         number += 1
 
 
-def summary(folder: Path) -> dict[str, Any]:
+def open_store(folder: Path, seed: int) -> Store:
+    """Return the store of a campaign. Raises ScenarioError for kills with another seed."""
+    return Store(folder, {"seed": seed})
+
+
+def summary(folder: Path, seed: int) -> dict[str, Any]:
     """Return counts, the worst times, and every fault."""
-    held = _held(folder / "kills.jsonl")
+    held = list(open_store(folder, seed).rows.values())
     result: dict[str, Any] = {"kills": len(held), "bound_ratio": BOUND_RATIO}
     for victim in VICTIMS:
         ratios = [kill["ratio"] for kill in held if kill["victim"] == victim]
@@ -77,9 +75,3 @@ def run(count: int, folder: Path, seed: int) -> Iterator[Kill | LiveError]:
         yield from campaign(count, folder, seed)
     except LiveError as error:
         yield error
-
-
-def _held(path: Path) -> list[dict[str, Any]]:
-    if not path.exists():
-        return []
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]

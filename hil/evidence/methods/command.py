@@ -14,7 +14,8 @@ from rich.console import Console
 
 from hil.evidence.methods import report, run, summary
 from hil.evidence.methods.cases import CASES
-from hil.evidence.methods.store import Store
+from hil.evidence.methods.records import open_store
+from hil.evidence.methods.records import records as stored
 from hil.evidence.methods.trivial_energy import sentences, trivial_energy
 
 FAILED_EXIT = 1
@@ -47,11 +48,11 @@ def methods(
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="study-")))
         elif folder is None:
             folder = Path("runs") / "study-methods"
-        store = Store(folder)
+        store = open_store(folder)
         if redo:
-            store.forget(redo)
+            store.forget({k for k, row in store.rows.items() if row["method"] in redo})
         if report_only:
-            records = store.records()
+            records = stored(store)
         else:
             records = run.complete(plan, store, jobs, Console(stderr=True))
         rows = summary.rows(records)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
+from hil.evidence import pool, runner
 from hil.evidence.methods import device_bytes, sample_level
 from hil.evidence.methods.cases import CASES, DEVICE, SAMPLE, SENSOR_SETS, Key, Record
 from hil.evidence.methods.methods import names
-from hil.evidence.methods.parallel import bar, over
-from hil.evidence.methods.store import Store
+from hil.evidence.methods.records import records, rows
+from hil.evidence.store import Row, Store
 
 QUICK_SENSORS = "data sheet"
 QUICK_CASE = "target"
@@ -116,23 +117,22 @@ def missing(units: Sequence[Unit], done: set[Key]) -> list[Unit]:
     return rest
 
 
-def run_unit(unit: Unit) -> list[Record]:
-    """Return the unit's results."""
+def run_unit(unit: Unit) -> dict[str, Row]:
+    """Return the rows of the unit's results."""
     if unit.level == DEVICE:
-        return device_bytes.run_seed(unit.case, unit.seed, unit.methods)
-    return sample_level.run_seed(unit.case, unit.sensors, unit.seed, unit.methods)
+        return rows(device_bytes.run_seed(unit.case, unit.seed, unit.methods))
+    return rows(sample_level.run_seed(unit.case, unit.sensors, unit.seed, unit.methods))
 
 
 def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key, Record]:
     """Run what the store lacks, showing progress; return the records of the plan."""
     units = wanted(plan)
-    rest = missing(units, set(store.records()))
-    with bar(console) as progress:
-        task = progress.add_task("", total=len(units), completed=len(units) - len(rest), text="")
-        for records in over(run_unit, rest, jobs):
-            store.append(records)
-            key = records[0].key
-            text = f"{key.level} {key.case}, {key.sensors}, seed {key.seed}"
-            progress.update(task, advance=1, text=text)
+    rest = missing(units, set(records(store)))
+    ran = pool.run(run_unit, rest, jobs)
+    runner.complete("study", len(units), ran, rest, store, console, _text)
     keys = {key for unit in units for key in unit.keys}
-    return {key: record for key, record in store.records().items() if key in keys}
+    return {key: record for key, record in records(store).items() if key in keys}
+
+
+def _text(unit: Unit) -> str:
+    return f"{unit.level} {unit.case}, {unit.sensors}, seed {unit.seed}"

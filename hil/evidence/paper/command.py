@@ -10,8 +10,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from hil.evidence.methods.store import commit
 from hil.evidence.paper import report, run
+from hil.evidence.provenance import commit
 
 FAILED_EXIT = 1
 
@@ -33,7 +33,7 @@ def paper(*, quick: bool, out: Path | None, seeds: int | None, device_seeds: int
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="study-")))
         elif folder is None:
             folder = Path("runs") / "study-paper"
-        store = run.Store(folder, plan.rate_hz)
+        store = run.open_store(folder, plan.rate_hz)
         results = run.complete(plan, store, 2, Console(stderr=True))
         judged = report.write(folder, results, commit())
         console = Console()

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from hil.errors import same_settings
-from hil.evidence.methods.parallel import bar, over
+from hil.evidence import pool, runner
 from hil.evidence.paper.cases import ALL, NOISES, NONE, PAPER, PAPER_SEED, PARTS, SYSTEMS, Unit
+from hil.evidence.store import Row, Store
 
-RESULTS = "results.jsonl"
 VERSION = 1
 SAMPLE, DEVICE, BIAS = "sample", "device", "bias"
 
@@ -69,54 +66,39 @@ def _unit(
     return unit if methods is None else replace(unit, methods=methods)
 
 
-def run_unit(unit: Unit, rate_hz: float) -> tuple[str, dict[str, Any]]:
-    """Return the unit's key and results by method, plain values."""
+def run_unit(unit: Unit, rate_hz: float) -> dict[str, Row]:
+    """Return the unit's results by method, plain values, under the unit's key."""
     if unit.level == SAMPLE:
         from hil.evidence.paper.identify import run_samples
 
-        return unit.key, run_samples(unit, rate_hz)
+        return {unit.key: run_samples(unit, rate_hz)}
     if unit.level == DEVICE:
         from hil.evidence.paper.device import run_device
 
-        return unit.key, run_device(unit)
+        return {unit.key: run_device(unit)}
     from hil.evidence.paper.bias import run_bias
 
-    return unit.key, run_bias(unit)
+    return {unit.key: run_bias(unit)}
 
 
-class Store:
-    """Results by key in one folder; a line cut off by a crash is dropped at the next start."""
-
-    def __init__(self, folder: Path, rate_hz: float) -> None:
-        same_settings(folder, {"version": VERSION, "rate_hz": rate_hz})
-        self._path = folder / RESULTS
-        if self._path.exists():
-            whole = self._path.read_bytes()
-            self._path.write_bytes(whole[: whole.rfind(b"\n") + 1])
-
-    def results(self) -> dict[str, dict[str, Any]]:
-        """Return what is stored."""
-        if not self._path.exists():
-            return {}
-        with self._path.open(encoding="utf-8") as lines:
-            return dict(map(json.loads, lines))
-
-    def add(self, key: str, values: dict[str, Any]) -> None:
-        """Append one unit's results."""
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps([key, values]) + "\n")
+def open_store(folder: Path, rate_hz: float) -> Store:
+    """Return the study's store in a folder. Raises ScenarioError for other settings."""
+    return Store(folder, {"version": VERSION, "rate_hz": rate_hz})
 
 
-def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[str, dict[str, Any]]:
+def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[str, Row]:
     """Run what the store lacks; return the results of the plan by key."""
     wanted = units(plan)
-    done = store.results()
-    rest = [unit for unit in wanted if unit.key not in done]
-    work = partial(run_unit, rate_hz=plan.rate_hz)
-    with bar(console) as progress:
-        task = progress.add_task("", total=len(wanted), completed=len(wanted) - len(rest), text="")
-        for key, values in over(work, rest, jobs):
-            store.add(key, values)
-            progress.update(task, advance=1, text=" ".join(key.split("|")[:6]))
+    rest = runner.missing(wanted, _key, store)
+    ran = pool.run(partial(run_unit, rate_hz=plan.rate_hz), rest, jobs)
+    runner.complete("study", len(wanted), ran, rest, store, console, _text)
     keys = {unit.key for unit in wanted}
-    return {key: values for key, values in store.results().items() if key in keys}
+    return {key: values for key, values in store.rows.items() if key in keys}
+
+
+def _key(unit: Unit) -> str:
+    return unit.key
+
+
+def _text(unit: Unit) -> str:
+    return " ".join(unit.key.split("|")[:6])

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, wait
-from contextlib import suppress
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
+from multiprocessing.managers import SyncManager
 from pathlib import Path
-from queue import Empty, Queue
+from queue import Queue
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -19,18 +20,18 @@ import yaml
 from scipy.stats import chi2
 
 from fsw.config import load as load_config
-from hil.errors import same_settings
+from hil.evidence import pool, runner
 from hil.evidence.soak.epoch import REST_S, TAIL_S, Epoch, Segment
+from hil.evidence.store import Row, Store
 from hil.run.bench import Setup, prepare
 from hil.run.flight import write_yaml
-from hil.run.processes import end_with_interrupt
+from hil.run.processes import end_with_driver
 from hil.world.scenario import Scenario, at_rates, load
 from hil.world.spline import JointSpline
 
 SCENARIO = "target_leo"
 EPOCHS = 4
 PART_S = 600.0
-POLL_S = 0.5
 MOST_SLOPE_MB = 1.0  # of resident memory per 1e6 ticks, after warm-up
 LEAST_TICKS = 300_000  # after warm-up; less says nothing about a slope
 WARM_RATIO = 0.3
@@ -44,65 +45,102 @@ def plan(hours: float, motion_s: float) -> tuple[int, int]:
     return epochs, -(-segments // epochs)
 
 
-def soak(
-    hours: float, rate_hz: float, imu_rate_hz: int, seed: int, folder: Path, jobs: int = 1
-) -> Iterator[Segment]:
-    """Yield segments as they are flown; every epoch has a process of its own, `jobs` at a time.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One epoch, and where its segments are announced as they are flown."""
 
-    Epochs that are whole in the folder are not flown again.
+    scenario: Scenario
+    seed: int
+    number: int
+    segments: int
+    folder: Path
+    flown: Queue[Segment | None]
+
+
+def open_store(folder: Path, hours: float, rate_hz: float, imu_rate_hz: int, seed: int) -> Store:
+    """Return the store of a soak. Raises ScenarioError for a folder with other settings."""
+    settings = {"hours": hours, "rate_hz": rate_hz, "imu_rate_hz": imu_rate_hz, "seed": seed}
+    return Store(folder, settings)
+
+
+def soak(
+    hours: float,
+    rate_hz: float,
+    imu_rate_hz: int,
+    seed: int,
+    folder: Path,
+    jobs: int = 1,
+    announce: Callable[[Segment], None] = lambda _: None,
+) -> Store:
+    """Fly what the folder lacks and return its store; every epoch has a process of its own.
+
+    `announce` gets each segment when it is flown, from a thread; `jobs` epochs fly at a time.
 
     Raises
     ------
     ScenarioError for a folder of a soak with other settings.
     """
-    settings = {"hours": hours, "rate_hz": rate_hz, "imu_rate_hz": imu_rate_hz, "seed": seed}
-    same_settings(folder, settings)
+    store = open_store(folder, hours, rate_hz, imu_rate_hz, seed)
     scenario = at_rates(load(SCENARIO), rate_hz, imu_rate_hz)
     epochs, segments = plan(hours, JointSpline.load(scenario.identification).duration_s)
-    todo = [number for number in range(epochs) if not _result(folder, number).exists()]
+    todo = runner.missing(range(epochs), str, store)
     if not todo:
-        return
-    context = get_context("spawn")
-    with (
-        context.Manager() as manager,
-        ProcessPoolExecutor(jobs, context, end_with_interrupt, max_tasks_per_child=1) as pool,
-    ):
-        flown = manager.Queue()
-        left = {pool.submit(fly, scenario, seed, n, segments, folder, flown) for n in todo}
-        while left or not flown.empty():
-            with suppress(Empty):
-                yield flown.get(timeout=POLL_S)
-            done, left = wait(left, timeout=0.0)
-            for flight in done:
-                flight.result()
+        return store
+    with _announced(announce) as flown:
+        cases = [
+            Case(
+                scenario=scenario,
+                seed=seed,
+                number=number,
+                segments=segments,
+                folder=folder,
+                flown=flown,
+            )
+            for number in todo
+        ]
+        for _ in runner.stored(pool.over_processes(fly, cases, jobs, single=True), store):
+            pass
+    return store
 
 
-def fly(
-    scenario: Scenario, seed: int, number: int, segments: int, folder: Path, flown: Queue[Segment]
-) -> None:
-    """Fly one epoch; put its segments in the queue, and all of them in a file when it is whole."""
-    place = folder / f"epoch_{number:03d}"
+@contextmanager
+def _announced(announce: Callable[[Segment], None]) -> Iterator[Queue[Segment | None]]:
+    """Yield a queue for other processes; a thread announces what they put into it."""
+    manager = SyncManager(ctx=get_context("spawn"))
+    manager.start(end_with_driver)
+    flown: Queue[Segment | None] = manager.Queue()
+
+    def follow() -> None:
+        while (segment := flown.get()) is not None:
+            announce(segment)
+
+    with manager:
+        thread = Thread(target=follow, daemon=True)
+        thread.start()
+        try:
+            yield flown
+        finally:
+            flown.put(None)
+            thread.join()
+
+
+def fly(case: Case) -> dict[str, Row]:
+    """Fly one epoch, announcing its segments; return its row."""
+    place = case.folder / f"epoch_{case.number:03d}"
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
-    setup = prepare(scenario, seed, place)
+    setup = prepare(case.scenario, case.seed, place)
     document = yaml.safe_load(setup.config_path.read_text(encoding="utf-8"))
     document["recorder"]["part_s"] = PART_S
     write_yaml(setup.config_path, document)
-    results = []
-    with ProcessPoolExecutor(1, get_context("spawn"), end_with_interrupt) as reader:
-        epoch = Epoch(prepare_again(setup), seed, number, place, reader)
-        for segment in epoch.run(segments):
-            results.append(asdict(segment))
-            flown.put(segment)
-    path = _result(folder, number)
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(results), encoding="utf-8")
-    temporary.replace(path)
+    segments = []
+    with ProcessPoolExecutor(1, get_context("spawn"), end_with_driver) as reader:
+        epoch = Epoch(prepare_again(setup), case.seed, case.number, place, reader)
+        for segment in epoch.run(case.segments):
+            segments.append(asdict(segment))
+            case.flown.put(segment)
     shutil.rmtree(place)
-
-
-def _result(folder: Path, number: int) -> Path:
-    return folder / f"epoch_{number:03d}.json"
+    return {str(case.number): {"segments": segments}}
 
 
 def prepare_again(setup: Setup) -> Setup:
@@ -119,9 +157,9 @@ def slope_mb(segments: list[dict[str, Any]]) -> tuple[float, int]:
     return (float(np.polyfit(ticks / 1e6, memory / MB, 1)[0]) if span else 0.0), span
 
 
-def summary(folder: Path) -> dict[str, Any]:
-    """Judge what is in the folder."""
-    epochs = [json.loads(p.read_text()) for p in sorted(folder.glob("epoch_*.json"))]
+def summary(store: Store) -> dict[str, Any]:
+    """Judge what is in the store."""
+    epochs = [store.rows[key]["segments"] for key in sorted(store.rows, key=int)]
     segments = [segment for epoch in epochs for segment in epoch]
     slopes = [slope_mb(epoch) for epoch in epochs]
     nees = np.array([s["nees"] for s in segments])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -17,7 +16,9 @@ import pytest
 
 from hil.__main__ import main
 from hil.evidence.soak.campaign import plan, slope_mb, soak, summary
+from hil.evidence.soak.epoch import Segment
 from hil.evidence.soak.ports import Reversed
+from hil.evidence.store import JOURNAL, Store
 from hil.run.bench import prepare
 from hil.world.scenario import load
 
@@ -27,15 +28,18 @@ SEED = 11
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def flown(tmp_path_factory: pytest.TempPathFactory) -> list[Store]:
     folders = [tmp_path_factory.mktemp("soak") for _ in range(2)]
+    stores = []
     for folder in folders:
-        assert len(list(soak(HOURS, 50.0, 125, SEED, folder))) == 3
-    return folders
+        flown: list[Segment] = []
+        stores.append(soak(HOURS, 50.0, 125, SEED, folder, 1, flown.append))
+        assert [segment.number for segment in flown] == [0, 1, 2]
+    return stores
 
 
 @pytest.mark.slow
-def test_three_minutes_under_random_faults_break_nothing(flown: list[Path]) -> None:
+def test_three_minutes_under_random_faults_break_nothing(flown: list[Store]) -> None:
     result = summary(flown[0])
     assert result["broken"] == []
     assert result["valid"] == result["segments"] == 3
@@ -45,13 +49,16 @@ def test_three_minutes_under_random_faults_break_nothing(flown: list[Path]) -> N
 
 
 @pytest.mark.slow
-def test_the_seed_fixes_every_bit(flown: list[Path]) -> None:
+def test_the_seed_fixes_every_bit(flown: list[Store]) -> None:
     assert summary(flown[0])["sha256"] == summary(flown[1])["sha256"]
 
 
 @pytest.mark.slow
-def test_what_was_flown_is_not_flown_again(flown: list[Path]) -> None:
-    assert list(soak(HOURS, 50.0, 125, SEED, flown[0])) == []
+def test_what_was_flown_is_not_flown_again(flown: list[Store]) -> None:
+    again: list[Segment] = []
+    store = soak(HOURS, 50.0, 125, SEED, flown[0].folder, 1, again.append)
+    assert again == []
+    assert store.rows == flown[0].rows
 
 
 @pytest.mark.slow
@@ -71,7 +78,7 @@ def test_an_interrupt_ends_it_at_once_and_leaves_what_can_be_resumed(tmp_path: P
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 130
     assert b"resumes" in said
-    assert list(tmp_path.glob("epoch_*.json")) == []
+    assert not (tmp_path / JOURNAL).exists()
 
 
 @pytest.mark.parametrize("option", [["soak", "--jobs"], ["faults", "--jobs"], ["kills", "--count"]])
@@ -92,7 +99,8 @@ def test_the_standard_forms_are_as_long_as_they_say() -> None:
         assert abs(epochs * segments * 63.5 / 3600 - hours) < 0.1
 
 
-def test_a_leak_of_two_bytes_a_tick_is_seen(tmp_path: Path) -> None:
+def test_a_leak_of_two_bytes_a_tick_is_seen() -> None:
+    store = Store(None, {})
     segments = [
         {
             "ticks": 32_000 * k,
@@ -107,12 +115,12 @@ def test_a_leak_of_two_bytes_a_tick_is_seen(tmp_path: Path) -> None:
         for k in range(1, 30)
     ]
     assert slope_mb(segments)[0] == pytest.approx(2.0)
-    (tmp_path / "epoch_000.json").write_text(json.dumps(segments))
-    assert "grows 2.00 MB" in summary(tmp_path)["broken"][0]
+    store.add("0", {"segments": segments})
+    assert "grows 2.00 MB" in summary(store)["broken"][0]
     for segment in segments:
         segment["nees"] = 30.0
-    (tmp_path / "epoch_000.json").write_text(json.dumps(segments))
-    assert "mean NEES 30.00" in summary(tmp_path)["broken"][1]
+    store.add("0", {"segments": segments})
+    assert "mean NEES 30.00" in summary(store)["broken"][1]
 
 
 def test_a_motion_backwards_is_consistent(tmp_path: Path) -> None:

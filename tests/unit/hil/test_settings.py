@@ -14,7 +14,7 @@ from hil.evidence.soak.campaign import soak
 from hil.world.scenario import ScenarioError
 
 CAMPAIGNS: dict[str, Callable[[Path], Iterator[object]]] = {
-    "soak": lambda folder: soak(0.05, 50.0, 125, 2, folder),
+    "soak": lambda folder: iter([soak(0.05, 50.0, 125, 2, folder)]),
     "kills": lambda folder: kills(1, folder, 2),
     "fuzz": lambda folder: fuzz(1, folder, 2),
 }

@@ -8,17 +8,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hil.evidence.campaign import pool
+from hil.evidence import pool
 from hil.evidence.campaign.config import Campaign, Run, read
-from hil.evidence.campaign.store import JOURNAL, Store
 from hil.evidence.campaign.summary import summary
-from hil.evidence.campaign.work import attempt
+from hil.evidence.campaign.work import rows_of, rows_of_lost
+from hil.evidence.store import JOURNAL
 from hil.world.scenario import ScenarioError
 
 ROOT = Path(__file__).parents[5]
@@ -131,22 +132,10 @@ def test_wrong_options_are_told_in_one_line_with_exit_code_2(path: Path, options
 
 
 def test_a_failing_run_is_recorded_with_seed_and_traceback():
-    row = attempt(run_of(3, trajectory="/nowhere.yaml").model_dump(mode="json"))
+    (row,) = rows_of(run_of(3, trajectory="/nowhere.yaml")).values()
     assert (row["seed"], row["status"]) == (3, "FAILED")
     assert "FileNotFoundError" in row["traceback"]
     assert row["key"] == run_of(3, trajectory="/nowhere.yaml").key
-
-
-def test_a_cut_line_is_dropped_and_other_settings_are_refused(path: Path, tmp_path: Path):
-    campaign = read(path)
-    store = Store(tmp_path / "out", campaign)
-    store.add({"key": "a", "status": "OK"})
-    with (tmp_path / "out" / JOURNAL).open("a", encoding="utf-8") as file:
-        file.write('{"key": "b", "sta')
-    assert list(Store(tmp_path / "out", campaign).rows()) == ["a"]
-    other = campaign.model_copy(update={"rate_hz": 50.0})
-    with pytest.raises(ScenarioError, match="another campaign"):
-        Store(tmp_path / "out", other)
 
 
 def test_the_summary_is_calibrated():
@@ -187,17 +176,23 @@ def test_one_process_two_processes_and_dask_give_the_same_bits(path: Path, tmp_p
     distributed = pytest.importorskip("distributed", reason="needs the extra campaign")
     campaign: Campaign = read(path)
     runs = campaign.runs()[:4]
-    one = {row["key"]: row for row in pool.local(runs, 1)}
-    two = {row["key"]: row for row in pool.local(runs, 2)}
+    one = rows_by_key(pool.over_processes(rows_of, runs, 1))
+    two = rows_by_key(pool.over_processes(rows_of, runs, 2))
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=str(tmp_path)
     ) as cluster:
-        dask = {row["key"]: row for row in pool.on_dask(runs, cluster.scheduler_address)}
+        keyed = {run.key: run for run in runs}
+        address = cluster.scheduler_address
+        dask = rows_by_key(pool.over_dask(rows_of, keyed, address, rows_of_lost))
     assert {row["status"] for row in one.values()} == {"OK"}
     for found in (two, dask):
         assert {k: v["digest"] for k, v in found.items()} == {
             k: v["digest"] for k, v in one.items()
         }
+
+
+def rows_by_key(ran: Iterable[tuple[Run, dict[str, Any]]]) -> dict[str, Any]:
+    return {key: row for _, rows in ran for key, row in rows.items()}
 
 
 def children(pid: int) -> list[int]:
@@ -230,7 +225,7 @@ def test_killing_a_worker_and_the_driver_loses_and_doubles_nothing(path: Path, t
     assert lines(out) >= 3
     subprocess.run(command(path, out), env=environment(), check=True, capture_output=True)
     assert digests(out) == digests(whole)
-    keys = [json.loads(row)["key"] for row in (out / JOURNAL).read_text().splitlines()]
+    keys = [json.loads(row)[0] for row in (out / JOURNAL).read_text().splitlines()]
     assert len(keys) == len(set(keys)) == 6
 
 

@@ -9,9 +9,10 @@ import pytest
 
 from hil.errors import SETTINGS
 from hil.evidence.methods.cases import DEVICE, SAMPLE, Key, Record
+from hil.evidence.methods.records import open_store, records, rows
 from hil.evidence.methods.run import Plan as StudyPlan
 from hil.evidence.methods.run import missing, wanted
-from hil.evidence.methods.store import RESULTS, Store
+from hil.evidence.store import Store
 from hil.world.scenario import ScenarioError
 
 
@@ -22,10 +23,14 @@ def record(seed, method="fused", error=True):
     return Record(key=key, status="OK", error=values, sigma=values, nees=nees, iterations=3)
 
 
+def add(store: Store, *results: Record) -> None:
+    for key, row in rows(results).items():
+        store.add(key, row)
+
+
 def test_what_is_read_is_what_was_written(tmp_path):
-    store = Store(tmp_path)
-    store.append([record(0), record(1, error=False)])
-    found = Store(tmp_path).records()
+    add(open_store(tmp_path), record(0), record(1, error=False))
+    found = records(open_store(tmp_path))
     assert list(found) == [record(0).key, record(1).key]
     np.testing.assert_array_equal(found[record(0).key].error, record(0).error)
     assert found[record(1).key].error is None
@@ -33,38 +38,21 @@ def test_what_is_read_is_what_was_written(tmp_path):
 
 
 def test_results_name_the_commit_of_their_code(tmp_path):
-    Store(tmp_path).append([record(0)])
+    add(open_store(tmp_path), record(0))
     here = Path(__file__).parent
     asked = ("git", "-C", str(here), "rev-parse", "--short", "HEAD")
     ran = subprocess.run(asked, capture_output=True, text=True, check=False)
-    found = Store(tmp_path).records()[record(0).key].commit
+    found = records(open_store(tmp_path))[record(0).key].commit
     expected = ran.stdout.strip() if ran.returncode == 0 else "unknown"
     assert found.removesuffix("+").startswith(expected)
 
 
-def test_line_cut_off_by_a_crash_is_dropped_and_run_again(tmp_path):
-    Store(tmp_path).append([record(0), record(1)])
-    path = tmp_path / RESULTS
-    path.write_bytes(path.read_bytes()[:-7])
-    store = Store(tmp_path)
-    assert list(store.records()) == [record(0).key]
-    store.append([record(1)])
-    assert list(Store(tmp_path).records()) == [record(0).key, record(1).key]
-
-
 def test_results_of_other_settings_are_refused(tmp_path):
-    Store(tmp_path)
+    open_store(tmp_path)
     path = tmp_path / SETTINGS
     path.write_text(json.dumps(json.loads(path.read_text()) | {"rate_hz": 50.0}))
     with pytest.raises(ScenarioError, match="other settings"):
-        Store(tmp_path)
-
-
-def test_methods_can_be_dropped(tmp_path):
-    store = Store(tmp_path)
-    store.append([record(0), record(0, "rda"), record(1, "rda")])
-    store.forget(["rda"])
-    assert list(Store(tmp_path).records()) == [record(0).key]
+        open_store(tmp_path)
 
 
 def test_only_what_is_missing_is_run():

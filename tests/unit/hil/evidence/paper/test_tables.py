@@ -10,7 +10,7 @@ import pytest
 from hil.evidence.paper import report, tables
 from hil.evidence.paper.cases import ALL, METHODS, PAPER, PAPER_SEED, SYSTEMS
 from hil.evidence.paper.printed import BEST, METRICS, PRINTED
-from hil.evidence.paper.run import Plan, Store, quick_plan, units
+from hil.evidence.paper.run import Plan, open_store, quick_plan, units
 from hil.world.scenario import ScenarioError
 
 ERROR = {"mrnea": 1e-2, "rda": 1.1e-2, "cm": 5e-2, "ce": 4e-2, "fused": 2e-5}
@@ -107,11 +107,11 @@ def test_the_page_is_self_contained(tmp_path):
 
 
 def test_the_store_goes_on_where_it_was_cut(tmp_path):
-    store = Store(tmp_path, 100.0)
+    store = open_store(tmp_path, 100.0)
     store.add("a", {"fused": {"status": "OK"}})
     with (tmp_path / "results.jsonl").open("a", encoding="utf-8") as file:
         file.write('["b", {"fus')
-    again = Store(tmp_path, 100.0)
-    assert list(again.results()) == ["a"]
+    again = open_store(tmp_path, 100.0)
+    assert list(again.rows) == ["a"]
     with pytest.raises(ScenarioError, match="other settings"):
-        Store(tmp_path, 500.0)
+        open_store(tmp_path, 500.0)

@@ -18,7 +18,7 @@ def test_the_target_alone_end_to_end(tmp_path, monkeypatch):
     wanted = [u for u in run.units(plan) if (u.orbit, u.noise, u.acting) == ("leo", PAPER, ALL)]
     bias = [u for u in run.units(plan) if u.level == run.BIAS]
     monkeypatch.setattr(run, "units", lambda _plan: wanted + bias)
-    results = run.complete(plan, run.Store(tmp_path, plan.rate_hz), 1, Console(quiet=True))
+    results = run.complete(plan, run.open_store(tmp_path, plan.rate_hz), 1, Console(quiet=True))
     judged = report.write(tmp_path, results, "test")
     assert {v["name"].split(":")[0] for v in judged} >= {"target, fused"}
     for verdict in judged:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,29 +15,47 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
+from hil.evidence import pool, runner
+from hil.evidence.store import Row, Store
 from hil.run.processes import tied
 
 
+def outcome(seed: int, scenario: str, options: Sequence[str]) -> dict[str, Row]:
+    """Return the outcome of `hil run SCENARIO --json` for a seed, under the seed.
+
+    Raises
+    ------
+    RuntimeError for a run that printed none.
+    """
+    command = [sys.executable, "-m", "hil", "run", scenario, "--json", "--seed", str(seed)]
+    done = subprocess.run(tied([*command, *options]), capture_output=True, text=True, check=False)
+    if not done.stdout.strip():
+        raise RuntimeError(f"seed {seed} failed: {done.stderr.strip()[-500:]}")
+    return {str(seed): json.loads(done.stdout)}
+
+
 def run_seeds(
-    scenario: str, seeds: Sequence[int], jobs: int, options: Sequence[str]
-) -> Iterator[dict[str, Any]]:
-    """Yield the outcome of `hil run SCENARIO --json` for every seed, in order."""
+    scenario: str,
+    seeds: Sequence[int],
+    jobs: int,
+    options: Sequence[str],
+    out: Path | None,
+    console: Console,
+) -> list[Mapping[str, Any]]:
+    """Run the seeds that the folder lacks; return the outcomes of all, in order.
 
-    def outcome(seed: int) -> dict[str, Any]:
-        command = [sys.executable, "-m", "hil", "run", scenario, "--json", "--seed", str(seed)]
-        done = subprocess.run(
-            tied([*command, *options]), capture_output=True, text=True, check=False
-        )
-        if not done.stdout.strip():
-            raise RuntimeError(f"seed {seed} failed: {done.stderr.strip()[-500:]}")
-        values: dict[str, Any] = json.loads(done.stdout)
-        return values
-
-    with ThreadPoolExecutor(jobs) as pool:
-        yield from pool.map(outcome, seeds)
+    Raises
+    ------
+    ScenarioError for a folder of another scenario or other options.
+    """
+    store = Store(out, {"scenario": scenario, "options": list(options)})
+    rest = runner.missing(seeds, str, store)
+    ran = pool.run(partial(outcome, scenario=scenario, options=options), rest, jobs)
+    runner.complete(scenario, len(seeds), ran, rest, store, console)
+    return [store.rows[str(seed)] for seed in seeds]
 
 
-def summary(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return mean NEES with its two-sided 99 % band, and per body the mass errors.
 
     The band is that of the mean of N chi-square values of `dof` degrees of freedom.
@@ -73,7 +92,7 @@ def summary(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def show(outcomes: Sequence[dict[str, Any]], console: Console) -> None:
+def show(outcomes: Sequence[Mapping[str, Any]], console: Console) -> None:
     """Print a line per seed and the summary."""
     lines = Table(title=f"{outcomes[0]['scenario']}, {outcomes[0]['method']}")
     for title in ("seed", "body", "mass error [%]", "sigmas", "sigma/CRB", "NEES", "mean EE [mm]"):

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from scipy.stats import chi2
 
-from hil.run.seeds import summary
+from hil.evidence.seeds import summary
 
 
 def outcome(mass_kg: float, nees: float) -> dict[str, Any]:

@@ -1,0 +1,138 @@
+"""Where cases are run: in this process, in processes of this machine, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+from hil.run.processes import end_with_driver
+from hil.world.scenario import ScenarioError
+
+MOST_ATTEMPTS = 3  # of a case whose process dies
+AHEAD = 4  # cases handed out per process: few are lost with it
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+C = TypeVar("C")
+R = TypeVar("R")
+
+
+class CaseLostError(RuntimeError):
+    """The process of a case died every time."""
+
+
+def one_by_one(work: Callable[[C], R], cases: Sequence[C]) -> Iterator[tuple[C, R]]:
+    """Yield cases with their results; all run in this process."""
+    for case in cases:
+        yield case, work(case)
+
+
+def run(work: Callable[[C], R], cases: Sequence[C], jobs: int) -> Iterator[tuple[C, R]]:
+    """Yield cases with their results: over processes, or one job in this process."""
+    if jobs <= 1 or len(cases) <= 1:
+        return one_by_one(work, cases)
+    return over_processes(work, cases, jobs)
+
+
+def over_processes(
+    work: Callable[[C], R],
+    cases: Sequence[C],
+    jobs: int,
+    *,
+    lost: Callable[[C, str], R] | None = None,
+    single: bool = False,
+) -> Iterator[tuple[C, R]]:
+    """Yield cases with their results as they come.
+
+    A process that dies is replaced and its cases run again. The processes end with this one, and
+    as soon as it is interrupted; their libraries use one thread.
+
+    Parameters
+    ----------
+    work : importable function of a picklable case
+    jobs : processes at a time
+    lost : the result of a case whose process died every time, from the reason
+    single : whether every case gets a new process
+
+    Raises
+    ------
+    CaseLostError for such a case, without `lost`; whatever `work` raises.
+    """
+    for name in ONE_THREAD:  # new processes read them before their libraries start
+        os.environ[name] = "1"
+    waiting = [(case, 1) for case in reversed(cases)]
+    others = set(multiprocessing.active_children())
+    while waiting:
+        flying: dict[Future[R], tuple[C, int]] = {}
+        with _executor(jobs, single=single) as executor:
+            try:
+                while waiting or flying:
+                    while waiting and len(flying) < (jobs if single else AHEAD * jobs):
+                        case, attempt = waiting.pop()
+                        flying[executor.submit(work, case)] = case, attempt
+                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                        result = future.result()
+                        yield flying.pop(future)[0], result
+            except BrokenProcessPool:
+                pass
+            except BaseException:  # an interrupt too: what still runs is for nobody
+                _kill(others)
+                raise
+        for future, (case, attempt) in flying.items():
+            if future.done() and not future.cancelled() and future.exception() is None:
+                yield case, future.result()
+            elif attempt < MOST_ATTEMPTS:
+                waiting.append((case, attempt + 1))
+            elif lost is not None:
+                yield case, lost(case, _reason())
+            else:
+                raise CaseLostError(f"{case}: {_reason()}")
+
+
+def over_dask(
+    work: Callable[[C], R],
+    cases: dict[str, C],
+    address: str,
+    lost: Callable[[C, str], R],
+) -> Iterator[tuple[C, R]]:
+    """Yield cases, given by key, with their results as they come from a Dask cluster.
+
+    It runs the cases of a lost worker again itself. Its workers must have this software and one
+    thread per library, as `over_processes` sets it.
+
+    Raises
+    ------
+    ScenarioError when there is no scheduler.
+    """
+    from distributed import Client, as_completed
+
+    try:
+        client = Client(address)
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"--scheduler {address}: {error}") from error
+    with client:
+        futures = [
+            client.submit(work, case, key=f"run-{key}", pure=False) for key, case in cases.items()
+        ]
+        for future in as_completed(futures):
+            case = cases[str(future.key).removeprefix("run-")]
+            good = future.status == "finished"
+            yield case, future.result() if good else lost(case, _reason())
+
+
+def _executor(jobs: int, *, single: bool) -> ProcessPoolExecutor:
+    context = multiprocessing.get_context("spawn")
+    most = 1 if single else None
+    return ProcessPoolExecutor(jobs, context, end_with_driver, max_tasks_per_child=most)
+
+
+def _kill(others: set[multiprocessing.process.BaseProcess]) -> None:
+    for process in set(multiprocessing.active_children()) - others:
+        process.kill()
+
+
+def _reason() -> str:
+    return f"the worker died {MOST_ATTEMPTS} times"

@@ -1,0 +1,69 @@
+"""One way for all long evidence: cases, a pool, a store, resumed where it was ended.
+
+A campaign is a list of cases and an importable function that turns a case into rows by key. What
+the store has is not run again; the summary is made of the store's rows alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from hil.evidence.store import Row, Store
+
+C = TypeVar("C")
+
+Ran = Iterator[tuple[C, Mapping[str, Row]]]
+
+
+def missing(cases: Sequence[C], key: Callable[[C], str], store: Store) -> list[C]:
+    """Return the cases whose key is not in the store."""
+    return [case for case in cases if key(case) not in store.rows]
+
+
+def stored(ran: Ran[C], store: Store) -> Iterator[C]:
+    """Put the rows of every case that has run into the store; yield the case."""
+    for case, rows in ran:
+        for key, row in rows.items():
+            store.add(key, row)
+        yield case
+
+
+def bar(title: str, console: Console) -> Progress:
+    """Return a progress bar over cases; its tasks have a field `text`."""
+    return Progress(
+        TextColumn(title),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[text]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        refresh_per_second=2,
+    )
+
+
+def complete(
+    title: str,
+    total: int,
+    ran: Ran[C],
+    rest: Sequence[C],
+    store: Store,
+    console: Console,
+    text: Callable[[C], str] = str,
+) -> None:
+    """Run the rest of so many cases into the store, with a progress bar."""
+    with bar(title, console) as progress:
+        task = progress.add_task("", total=total, completed=total - len(rest), text="")
+        for case in stored(ran, store):
+            progress.update(task, advance=1, text=text(case))

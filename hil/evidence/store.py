@@ -1,0 +1,75 @@
+"""Results of long evidence on disk: a journal that survives a kill, read again at the next start.
+
+One process writes. Every result is one line with its key, written and synchronised to the disk when
+it comes; a later line of the same key replaces an earlier one. A line that a crash has cut off is
+discarded at the next start, so its case runs again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from hil.errors import same_settings
+
+JOURNAL = "results.jsonl"
+
+Row = Mapping[str, Any]  # plain values of JSON
+
+
+class Store:
+    """Rows by key, in one folder or, without one, in memory."""
+
+    def __init__(self, folder: Path | None, settings: Mapping[str, Any]) -> None:
+        """Open or make the folder.
+
+        Parameters
+        ----------
+        settings : what every row depends on beside its key and the code
+
+        Raises
+        ------
+        ScenarioError for a folder that cannot be made or holds results of other settings.
+        """
+        self.folder = folder
+        self._path: Path | None = None
+        self._rows: dict[str, Row] = {}
+        if folder is None:
+            return
+        same_settings(folder, settings)
+        self._path = folder / JOURNAL
+        if self._path.exists():
+            whole = self._path.read_bytes()
+            end = whole.rfind(b"\n") + 1
+            if end != len(whole):
+                os.truncate(self._path, end)
+            self._rows = dict(map(json.loads, whole[:end].splitlines()))
+
+    @property
+    def rows(self) -> Mapping[str, Row]:
+        """All rows by key, in the order they came."""
+        return self._rows
+
+    def add(self, key: str, row: Row) -> None:
+        """Keep a row; when this returns, it is on the disk."""
+        self._rows[key] = row
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(_line(key, row))
+                file.flush()
+                os.fsync(file.fileno())
+
+    def forget(self, keys: Collection[str]) -> None:
+        """Discard rows, so that their cases run again."""
+        self._rows = {key: row for key, row in self._rows.items() if key not in keys}
+        if self._path is not None:
+            fresh = self._path.with_suffix(".new")
+            fresh.write_text("".join(_line(*item) for item in self._rows.items()), "utf-8")
+            fresh.replace(self._path)
+
+
+def _line(key: str, row: Row) -> str:
+    return json.dumps([key, row]) + "\n"
