@@ -1,14 +1,12 @@
 """The simulated robot's devices: CAN frames in, CAN frames and serial bytes out, all timed.
 
 `Plant` is passive and knows only the times it is told, so the same object serves virtual time (see
-`hil.links.virtual`) and real time (`python -m hil.devices.plant PLANT.yaml`).
+`hil.links.virtual`) and real time (`python -m hil.devices PLANT.yaml`).
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -165,17 +163,3 @@ class Plant:
         """Return what tells truth from host time: origin, IMU datagram n at t0 + n period."""
         imu = None if self.imu is None else self.imu.times()
         return {"origin_ns": self.clock.origin_ns, "imu": imu}
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Run the real-time plant until SIGTERM."""
-    from hil.devices.realtime import run
-
-    if len(arguments) != 1:
-        sys.stderr.write("usage: python -m hil.devices.plant PLANT.yaml\n")
-        return 2
-    return run(Path(arguments[0]))
-
-
-if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""The file of `python -m hil.devices.plant`: robot, motion, sensors, links of a real-time plant."""
+"""The file of `python -m hil.devices`: robot, motion, sensors, links of a real-time plant."""
 
 from __future__ import annotations
 

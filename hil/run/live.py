@@ -91,7 +91,7 @@ def run(
     state.unlink(missing_ok=True)
     before = set((folder / "recording").glob("*.mcap"))
     began_s = time.monotonic()
-    with process_of("plant", ["-m", "hil.devices.plant", str(plant_file)], folder) as plant:
+    with process_of("plant", ["-m", "hil.devices", str(plant_file)], folder) as plant:
         wait_ready(plant, folder)
         with process_of("daemon", ["-m", "fsw", "run", "--cold", str(config)], folder) as daemon:
             _watch(plant, daemon, state, total_s, meter, folder, disturb)
@@ -139,7 +139,7 @@ def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subpro
 @contextmanager
 def started_plant(plant_file: Path, folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Start the plant and wait until it is ready. Raises LiveError."""
-    with process_of("plant", ["-m", "hil.devices.plant", str(plant_file)], folder) as plant:
+    with process_of("plant", ["-m", "hil.devices", str(plant_file)], folder) as plant:
         wait_ready(plant, folder)
         yield plant
 

@@ -62,7 +62,7 @@ class LiveRun:
         return self._processes[1]
 
     def _begin(self, plant: Path) -> None:
-        ready = self._start(self._logs[0], "-m", "hil.devices.plant", str(plant)).stdout
+        ready = self._start(self._logs[0], "-m", "hil.devices", str(plant)).stdout
         assert ready is not None
         assert json.loads(ready.readline())["ready"]
         self._start(self._logs[1], "-m", "fsw", "run", str(self.config_path))

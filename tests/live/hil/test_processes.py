@@ -31,7 +31,7 @@ PYTEST = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", f"--rootdir=
 COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
     "run": (
         lambda folder: [*HIL, "run", "target_leo", "--json", "--out", str(folder)],
-        ("hil.devices.plant", "fsw run", "fsw.service.process"),
+        ("hil.devices", "fsw run", "fsw.service.process"),
     ),
     "seeds": (
         lambda _: [*HIL, "seeds", "target_leo", "--jobs", "2"],
@@ -50,7 +50,7 @@ COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
     ),
     "kills": (
         lambda folder: [*HIL, "kills", "--out", str(folder)],
-        ("hil.devices.plant", "fsw run", "fsw.service.process"),
+        ("hil.devices", "fsw run", "fsw.service.process"),
     ),
     "study": (
         lambda folder: [*HIL, "study", "methods", "--quick", "--out", str(folder)],

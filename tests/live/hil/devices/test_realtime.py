@@ -86,7 +86,7 @@ def test_two_clocks_are_compared_though_one_comparison_is_interrupted(monkeypatc
 
 @pytest.mark.timeout(30)
 def test_process_answers_sync_and_streams_over_pseudo_terminals(tmp_path):
-    command = [sys.executable, "-m", "hil.devices.plant", str(plant_file(tmp_path))]
+    command = [sys.executable, "-m", "hil.devices", str(plant_file(tmp_path))]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         ready = json.loads(process.stdout.readline())
@@ -126,7 +126,7 @@ def test_process_answers_sync_and_streams_over_pseudo_terminals(tmp_path):
 def test_a_wrong_file_ends_with_one_message_and_code_two(tmp_path):
     path = plant_file(tmp_path)
     path.write_text(path.read_text(encoding="utf-8") + "sed: 3\n", encoding="utf-8")
-    command = [sys.executable, "-m", "hil.devices.plant", str(path)]
+    command = [sys.executable, "-m", "hil.devices", str(path)]
     result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
     assert result.returncode == 2
     assert "sed" in result.stderr
