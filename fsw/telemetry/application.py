@@ -47,6 +47,7 @@ from fsw.telemetry.state.sets import Sets
 from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.state.supervision import Supervision
 from fsw.telemetry.summaries import Summaries
+from fsw.telemetry.tables.content import to_yaml
 from fsw.telemetry.tables.effective import BOOT, PARAMETERS, TABLES
 from fsw.telemetry.tables.effects import TableEffects
 
@@ -180,6 +181,9 @@ class TelemetryApplication:
             self.filing.find,
             self.down.send,
             self.report,
+        )
+        self.monitoring.keep = lambda table: self.tables.replace(
+            Table.MONITORS, to_yaml(table.model_dump(mode="json"))
         )
         self.effects.config, self.effects.active = config, self.tables.active
         for table in Table:

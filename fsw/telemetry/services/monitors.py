@@ -8,9 +8,12 @@ from enum import IntEnum
 from functools import partial
 from typing import Any
 
-from fsw.config.tables import MonitorConfig, MonitorsTable
+from pydantic import ValidationError
+
+from fsw.config.tables import MAX_MONITORS, MonitorConfig, MonitorsTable
 from fsw.messages.errors import ConfigError
-from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.dictionary.codes import MONITOR_ACTION, Error
+from fsw.telemetry.dictionary.onboard_commands import LARGEST
 from fsw.telemetry.dictionary.parameters import VALUE
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send
@@ -32,11 +35,15 @@ class Check(IntEnum):
 @dataclass(slots=True)
 class _Monitor:
     config: MonitorConfig
-    enabled: bool
     status: Check = Check.UNCHECKED
     candidate: Check = Check.UNCHECKED
     count: int = 0
     acted: bool = False
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it is checked."""
+        return self.config.enabled
 
 
 Source = Callable[[str], tuple[Mapping[str, Any], float]]  # packet -> values, their age [s]
@@ -56,6 +63,10 @@ class Monitoring:
     ----------
     source : values of a housekeeping packet and how old they are
     act : carries out an action by its name
+
+    Attributes
+    ----------
+    keep : brings another table to the disk; raises TcError, then the one before stands
     """
 
     def __init__(
@@ -71,17 +82,15 @@ class Monitoring:
         self._monitors: dict[int, _Monitor] = {}
         self._due_ns = 0
         self.enabled = True
+        self.keep: Callable[[MonitorsTable], None] = lambda _: None
 
     def apply(self, table: MonitorsTable) -> None:
         """Take another table; every status begins anew."""
-        self._monitors = {m.id: _Monitor(m, m.enabled) for m in table.monitors}
+        self._monitors = {m.id: _Monitor(m) for m in table.monitors}
 
     def table(self) -> list[dict[str, Any]]:
         """Return the monitors as a table has them."""
-        return [
-            m.config.model_dump(mode="json") | {"enabled": m.enabled}
-            for m in self._monitors.values()
-        ]
+        return [m.config.model_dump(mode="json") for m in self._monitors.values()]
 
     def poll(self, now_ns: int) -> None:
         """Check what is enabled, when it is time."""
@@ -137,6 +146,9 @@ class Monitoring:
         return {
             "ENABLE_MONITOR": partial(self._switch, enabled=True),
             "DISABLE_MONITOR": partial(self._switch, enabled=False),
+            "ADD_MONITOR": self._add,
+            "DELETE_MONITOR": self._delete,
+            "MODIFY_MONITOR": self._modify,
             "REPORT_MONITOR": self._tell_definition,
             "REPORT_MONITOR_STATUS": lambda _: self._tell_status,
             "ENABLE_MONITORING": lambda _: partial(self._switch_all, enabled=True),
@@ -150,15 +162,35 @@ class Monitoring:
         return monitor
 
     def _switch(self, request: Request, *, enabled: bool) -> Action:
+        config = self._find(request).config.model_copy(update={"enabled": enabled})
+        return partial(self._change, config.id, config)
+
+    def _add(self, request: Request) -> Action:
+        config = _requested(request, enabled=False)
+        if config.id in self._monitors:
+            raise TcError(Error.BAD_ARG, 2, config.id, "there is a monitor of this number")
+        if len(self._monitors) >= MAX_MONITORS:
+            raise TcError(Error.BUSY, 2, MAX_MONITORS, "no place for another monitor")
+        return partial(self._change, config.id, config)
+
+    def _modify(self, request: Request) -> Action:
+        config = _requested(request, enabled=self._find(request).enabled)
+        return partial(self._change, config.id, config)
+
+    def _delete(self, request: Request) -> Action:
         monitor = self._find(request)
+        if monitor.enabled:
+            raise TcError(Error.BUSY, 2, monitor.config.id, "it is enabled")
+        return partial(self._change, monitor.config.id, None)
 
-        def act() -> Done:
-            monitor.enabled = enabled
-            monitor.status = monitor.candidate = Check.UNCHECKED
-            monitor.count, monitor.acted = 0, False
-            return Done.NOW
-
-        return act
+    def _change(self, number: int, config: MonitorConfig | None) -> Done:
+        """Keep a table with one monitor changed, then let it hold; its status begins again."""
+        monitors = {key: m for key, m in self._monitors.items() if key != number or config}
+        if config is not None:
+            monitors[number] = _Monitor(config)
+        self.keep(MonitorsTable(monitors=tuple(m.config for m in monitors.values())))
+        self._monitors = monitors
+        return Done.NOW
 
     def _switch_all(self, *, enabled: bool) -> Done:
         self.enabled = enabled
@@ -191,6 +223,27 @@ class Monitoring:
             values = {"monitor": number, "enabled": monitor.enabled, "status": int(monitor.status)}
             self._send("monitor_status", values)
         return Done.NOW
+
+
+def _requested(request: Request, *, enabled: bool) -> MonitorConfig:
+    """Return the definition in a telecommand. Raises TcError."""
+    low, high = request.number("low"), request.number("high")
+    action = request.whole("action")
+    try:
+        return MonitorConfig.model_validate(
+            {
+                "id": request.whole("monitor"),
+                "value": VALUE.labels[request.whole("value")],
+                "low": None if low <= -LARGEST else low,
+                "high": None if high >= LARGEST else high,
+                "repetitions": request.whole("repetitions"),
+                "stale_s": request.number("stale_s"),
+                "enabled": enabled,
+                "action": MONITOR_ACTION.labels[action].lower(),
+            }
+        )
+    except ValidationError as error:
+        raise TcError(Error.BAD_ARG, 5, low, str(error.errors()[0]["msg"])) from error
 
 
 def _judge(config: MonitorConfig, value: float, age_s: float) -> Check:

@@ -96,6 +96,22 @@ class Tables:
             raise TcError(Error.NOT_STAGED, 1, table)
         return content
 
+    def replace(self, table: Table, content: bytes) -> None:
+        """Keep a content that is in force already as the newest generation.
+
+        Raises
+        ------
+        TcError when the table is being activated, or cannot be kept; then nothing has changed.
+        """
+        slot = self._slots[table]
+        if slot.state is State.ACTIVATING:
+            raise TcError(Error.BUSY, text=f"{table.name} is being activated")
+        try:
+            number = slot.store.write(content)
+        except OSError as error:
+            raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
+        slot.previous, slot.active, slot.generation = slot.active, content, number
+
     def handlers(self) -> dict[str, Handler]:
         """Return what takes the table functions of service 8."""
         steps: Mapping[str, Callable[[Request, Table, Slot], Action]] = {
