@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     sealing.add_argument("--spacecraft-id", type=int, default=42, metavar="N", help="42")
     sealing.add_argument("--virtual-channel", type=int, default=0, metavar="N", help="0")
     sealing.add_argument(
-        "--tm-key", type=Path, metavar="FILE", help="of authenticated telemetry (tm_security: sdls)"
+        "--tm-key", type=Path, metavar="FILE", help="the key that seals telemetry, mode 0600"
     )
     sealing.add_argument("--tm-spi", type=int, default=2, help="its security parameter index, 2")
     sealing.add_argument(

@@ -143,8 +143,11 @@ class FrameStream:
         self._kept_s = time.monotonic()
 
     def _skip(self) -> None:
-        del self._buffer[:1]
-        self.skipped_bytes += 1
+        """Discard up to where a frame may begin."""
+        start = self._buffer.find(self._first.to_bytes(4, "big"), 1)
+        count = start if start > 0 else max(1, len(self._buffer) - 3)
+        del self._buffer[:count]
+        self.skipped_bytes += count
 
     def _open(self, frame: bytes) -> bytes | None:
         """Return the packet of a frame, None unless it is authentic and new."""

@@ -139,8 +139,8 @@ def _telemetry(config: Config) -> list[str]:
         return ["none, and no telecommands"]
     commands = "telecommands in clear"
     if telemetry.sdls is not None:
-        numbers = ", ".join(str(key.spi) for key in telemetry.sdls.keys)
-        commands = f"telecommands authenticated, SPI {numbers}"
+        keys = ", ".join(f"SPI {key.spi} {key.role}" for key in telemetry.sdls.keys)
+        commands = f"telecommands authenticated, {keys}"
     push = "" if telemetry.udp is None else f", UDP to {telemetry.udp.host}:{telemetry.udp.port}"
     return [
         f"TCP {telemetry.host}:{telemetry.port}{push}; {commands}; starts in "

@@ -1,9 +1,9 @@
-"""Keys of the authenticated uplink."""
+"""Keys of the authenticated link."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -14,6 +14,7 @@ class SdlsKeyConfig(Section):
     """One key slot: a file of mode 0600, or a systemd credential; 32 bytes."""
 
     spi: int = Field(ge=1, le=65534)
+    role: Literal["command", "look", "telemetry"] = "command"
     file: Path | None = None
     credential: str | None = None
 
@@ -25,16 +26,26 @@ class SdlsKeyConfig(Section):
 
 
 class SdlsConfig(Section):
-    """The authenticated uplink; two slots, so that a new key can take over from an old one."""
+    """The authenticated link; two slots of each role, so that a new key can follow an old one."""
 
     spacecraft_id: int = Field(default=42, ge=0, le=1023)
     virtual_channel: int = Field(default=0, ge=0, le=63)
     window: int = Field(default=1024, ge=64)
-    keys: Annotated[tuple[SdlsKeyConfig, ...], Field(min_length=1, max_length=2)]
+    keys: Annotated[tuple[SdlsKeyConfig, ...], Field(min_length=1, max_length=5)]
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
         numbers = [key.spi for key in self.keys]
-        if len(set(numbers)) < len(numbers):
-            raise ValueError(f"keys.spi: {numbers[0]} is used twice; must be unique")
+        for number in numbers:
+            if numbers.count(number) > 1:
+                raise ValueError(f"keys.spi: {number} is used twice; must be unique")
+        return self
+
+    @model_validator(mode="after")
+    def _roles(self) -> Self:
+        roles: list[str] = [key.role for key in self.keys]
+        for role, least, most in (("command", 1, 2), ("look", 0, 2), ("telemetry", 0, 1)):
+            count = roles.count(role)
+            if not least <= count <= most:
+                raise ValueError(f"keys.role: {count} of {role!r}; must be {least} to {most}")
         return self

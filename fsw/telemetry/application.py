@@ -20,8 +20,7 @@ from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
 from fsw.telemetry.dumps import Dumps
 from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.packets import HEADER_BYTES
-from fsw.telemetry.link.sdls import FrameReceiver
-from fsw.telemetry.link.sdls_numbers import NumberStore
+from fsw.telemetry.link.security import Security
 from fsw.telemetry.link.server import LinkServer
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import ClearUplink, SecureUplink, Uplink
@@ -64,8 +63,7 @@ class TelemetryApplication:
     ----------
     config : in force, the telemetry section included
     base : as it was read, nothing laid over
-    receiver : of authenticated frames; None: telecommands in clear
-    numbers : of those frames, closed at the end
+    security : of the authenticated link; None: telecommands and telemetry in clear
     resume : this service process goes on where one of the same loop has died
     """
 
@@ -76,14 +74,12 @@ class TelemetryApplication:
         telemetry: TelemetryConfig,
         host: Host,
         *,
-        receiver: FrameReceiver | None = None,
-        numbers: NumberStore | None = None,
+        security: Security | None = None,
         resume: bool = False,
     ) -> None:
         self._telemetry, self.host = telemetry, host
-        self.receiver = receiver
+        self.security = security
         self.delivery: FileDelivery | None = None
-        self._numbers = numbers
         self.config_crc32 = config.crc32
         self.state = state = config.resolve(config.service.state_directory)
         self._boot_store = GenerationStore(state / BOOT)
@@ -223,6 +219,8 @@ class TelemetryApplication:
                 self.down.file_unit(pdu)
         self.housekeeping.poll(now_ns)
         self.times.poll(now_ns)
+        if self.security is not None:
+            self.security.poll(now_ns)
         if self.link is not None:
             self.link.flush()
 
@@ -246,8 +244,8 @@ class TelemetryApplication:
             self.link.close()
         for code, text in self.summaries.close():
             self.host.report(SEVERITIES[code], code, text)
-        if self._numbers is not None:
-            self._numbers.close()
+        if self.security is not None:
+            self.security.close()
         self.boot.keep(self._boot_store, running=False, commanded=self._restart)
 
     def summary(self) -> dict[str, Any]:
@@ -306,7 +304,7 @@ class TelemetryApplication:
             self.host.report(SEVERITIES[code], code, text)
 
     def _uplink(self) -> Uplink:
-        return ClearUplink() if self.receiver is None else SecureUplink(self.receiver)
+        return ClearUplink() if self.security is None else SecureUplink(self.security.receiver)
 
     def take(self, item: Uplinked, now_ns: int) -> None:
         """Pass one packet from the ground to where it belongs."""

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 
 from file_delivery.entity import FileEntity
-from fsw.config import Config, TelemetryConfig
+from fsw.config import Config
 from fsw.messages.errors import ConfigError
 from fsw.telemetry.application import TelemetryApplication
-from fsw.telemetry.link.sdls import FrameReceiver
-from fsw.telemetry.link.sdls_keys import load_associations
-from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
+from fsw.telemetry.link.security import Security
 from fsw.telemetry.ports import Host
+from fsw.telemetry.services.eventing import SEVERITIES
 
 RUN_BITS = 4  # transactions of successive runs begin so far apart
 
@@ -33,29 +33,17 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
         raise ConfigError("telemetry: missing")
     state = config.resolve(config.service.state_directory)
     (state / telemetry.file_directory).mkdir(parents=True, exist_ok=True)
-    numbers, receiver = None, None
+    security = None
     if telemetry.sdls is not None:
-        numbers = NumberStore(state / NUMBERS_NAME)
-        receiver = frame_receiver(config, telemetry, numbers)
+        security = Security(config, telemetry.sdls, state, os.environ, partial(_report, host))
     application = TelemetryApplication(
-        config, config.as_read(), telemetry, host, receiver=receiver, numbers=numbers, resume=resume
+        config, config.as_read(), telemetry, host, security=security, resume=resume
     )
     first = application.boot.count << RUN_BITS
     application.deliver_by(FileEntity(state / telemetry.file_directory, first))
     return application
 
 
-def frame_receiver(
-    config: Config, telemetry: TelemetryConfig, numbers: NumberStore
-) -> FrameReceiver | None:
-    """Return the receiver of authenticated frames. Raises ConfigError."""
-    sdls = telemetry.sdls
-    if sdls is None:
-        return None
-    return FrameReceiver(
-        load_associations(config, sdls, os.environ),
-        numbers,
-        spacecraft_id=sdls.spacecraft_id,
-        virtual_channel=sdls.virtual_channel,
-        window=sdls.window,
-    )
+def _report(host: Host, code: str, text: str) -> None:
+    """Report an event of our own, with the severity the dictionary has for it."""
+    host.report(SEVERITIES[code], code, text)

@@ -60,7 +60,7 @@ class SealedDaemon:
         self._stop.set()
         self._thread.join()
         self._listener.close()
-        self._numbers.close()
+        self.receiver.settle()
 
     def _run(self) -> None:
         while not self._stop.is_set():

@@ -36,6 +36,7 @@ class Error(IntEnum):
     INSUFFICIENT_EXCITATION = 18
     NOT_SUPPORTED = 19  # this daemon was not configured for it
     FAILED = 20  # accepted and tried; the event that goes with it says why
+    NOT_AUTHORISED = 21  # this key or port may look, not command
 
 
 class Mode(IntEnum):
@@ -57,6 +58,7 @@ class Function(IntEnum):
     REPORT_VERSION = 4
     RESTART = 5
     EVENT_LOG_DUMP = 6
+    LOAD_KEYS = 9
     START_IDENTIFICATION = 10
     STOP_IDENTIFICATION = 11
     RESET_ESTIMATOR = 12

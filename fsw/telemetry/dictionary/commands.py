@@ -235,6 +235,7 @@ _FUNCTIONS = (
     _function(Function.TBL_ROLLBACK, "Use the table before this one again", _TABLE, modes=_QUIET),
     _function(Function.REC_START, "Begin a recording"),
     _function(Function.REC_STOP, "Close the recording"),
+    _function(Function.LOAD_KEYS, "Read the key files of the link again and use them"),
     _function(
         Function.DOWNLINK_FILE,
         "Send a file down by CFDP",

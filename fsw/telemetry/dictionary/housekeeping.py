@@ -273,7 +273,7 @@ LINK_FIELDS = (
     number("tm_bytes", Type.U64, "B"),
     number("tc_bytes", Type.U64, "B"),
     *counters("sdls_accepted"),
-    *counters("sdls_failed", "sdls_replayed", limits=ZERO),
+    *counters("sdls_failed", "sdls_replayed", "tc_not_authorised", limits=ZERO),
     *counters(
         "files_sent",
         "files_received",

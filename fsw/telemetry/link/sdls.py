@@ -17,7 +17,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -50,13 +50,21 @@ class FrameReject(StrEnum):
     REPLAY = "REPLAY"
 
 
+class Role(StrEnum):
+    """What the holder of a key may do."""
+
+    COMMAND = "command"
+    LOOK = "look"  # it is authentic, and its telecommands are refused
+    TELEMETRY = "telemetry"  # the daemon's own: it seals what goes down
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Association:
     """One security association: key and role that a security parameter index stands for."""
 
     spi: int
     key: bytes = field(repr=False)
-    may_command: bool = True
+    role: Role = Role.COMMAND
 
     @property
     def fingerprint(self) -> str:
@@ -71,7 +79,7 @@ class Accepted:
     packet: bytes
     spi: int
     number: int
-    may_command: bool = True
+    role: Role = Role.COMMAND
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +105,10 @@ class Numbers(Protocol):
 
     def claim(self, fingerprint: str, used: int, kept: int) -> None:
         """Use all up to `used`; across a crash nothing below `kept` comes back. Raises OSError."""
+        ...
+
+    def settle(self, floors: Mapping[str, int]) -> None:
+        """Keep exactly these lowest IVs never used. Raises OSError."""
         ...
 
 
@@ -129,6 +141,11 @@ class FrameReceiver:
         """Accept these keys from now on, and no others."""
         self._associations = {item.spi: item for item in associations}
         self._ciphers = {item.spi: AESGCM(item.key) for item in associations}
+
+    def settle(self) -> None:
+        """Give back the numbers kept ahead: the next crash skips none. Raises OSError."""
+        names = [item.fingerprint for item in self._associations.values()]
+        self._numbers.settle({name: self._numbers.floor(name) for name in names})
 
     def matches(self, header: bytes) -> int | None:
         """Return the frame's length when these first 5 bytes can begin one of ours [bytes]."""
@@ -190,9 +207,8 @@ class FrameReceiver:
             except OSError as error:  # unkept, it could be replayed after a restart
                 text = f"number {number} cannot be kept: {error.strerror or error}"
             else:
-                may_command = association.may_command
                 return Accepted(
-                    packet=packet, spi=association.spi, number=number, may_command=may_command
+                    packet=packet, spi=association.spi, number=number, role=association.role
                 )
         return Rejected(reason=FrameReject.REPLAY, text=text, packet=packet, next_number=following)
 

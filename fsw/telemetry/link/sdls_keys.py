@@ -1,4 +1,4 @@
-"""Keys of the authenticated uplink, from files or systemd credentials."""
+"""Keys of the authenticated link, from files or systemd credentials."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from fsw.config import Config
 from fsw.config.sdls import SdlsConfig, SdlsKeyConfig
 from fsw.messages.errors import ConfigError
-from fsw.telemetry.link.sdls import KEY_BYTES, Association
+from fsw.telemetry.link.sdls import KEY_BYTES, Association, Role
 
 OTHERS = 0o077
 CREDENTIALS = "CREDENTIALS_DIRECTORY"
@@ -30,7 +30,7 @@ def load_associations(
         key = _read(path, private=slot.credential is None)
         if any(other.key == key for other in found):
             raise ConfigError(f"{path}: the key of another slot; each must have its own")
-        found.append(Association(spi=slot.spi, key=key))
+        found.append(Association(spi=slot.spi, key=key, role=Role(slot.role)))
     return tuple(found)
 
 

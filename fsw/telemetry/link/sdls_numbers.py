@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,14 +63,18 @@ class NumberStore:
         self._key(fingerprint).retired = True
         self._keep({})
 
-    def close(self) -> None:
-        """Give back the numbers kept ahead. Raises OSError."""
-        self._keep({name: key.floor for name, key in self._keys.items()})
+    def settle(self, floors: Mapping[str, int]) -> None:
+        """Keep exactly these lowest IVs never used. Raises OSError."""
+        self._keep(floors)
+        for name, floor in floors.items():
+            self._key(name).floor = floor
 
     def _key(self, fingerprint: str) -> _Key:
         return self._keys.setdefault(fingerprint, _Key())
 
-    def _keep(self, floors: dict[str, int]) -> None:
+    def _keep(self, floors: Mapping[str, int]) -> None:
+        for name in floors:
+            self._key(name)
         kept = {
             name: {"floor": floors.get(name, key.kept_floor), "retired": key.retired}
             for name, key in sorted(self._keys.items())

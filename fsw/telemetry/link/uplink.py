@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
-from fsw.telemetry.link.sdls import Accepted, FrameReceiver, FrameSplitter, Rejected
+from fsw.telemetry.link.sdls import Accepted, FrameReceiver, FrameSplitter, Rejected, Role
 from fsw.telemetry.link.splitter import PacketSplitter, Uplinked
 
 KNOWN_ID = 0x1800 | APID_ESTIMATOR
@@ -42,6 +42,18 @@ class ClearUplink(PacketSplitter):
         super().__init__(KNOWN_ID)
 
 
+class LookUplink(ClearUplink):
+    """Packets of those who may only look: every one is refused."""
+
+    def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
+        """Return the packets that end in this chunk, refused."""
+        return [_unauthorised(item) for item in super().feed(chunk, now_ns)]
+
+    def expire(self, now_ns: int) -> list[Uplinked]:
+        """Return what was behind something that waited too long for its rest, refused."""
+        return [_unauthorised(item) for item in super().expire(now_ns)]
+
+
 class SecureUplink:
     """Authenticated frames; everything else is refused and told."""
 
@@ -73,7 +85,9 @@ def _told(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked
     for outcome in outcomes:
         if isinstance(outcome, Accepted):
             source = f"SPI {outcome.spi}"
-            found += [replace(item, source=source) for item in _packets(outcome.packet, now_ns)]
+            packets = [replace(item, source=source) for item in _packets(outcome.packet, now_ns)]
+            may_command = outcome.role is Role.COMMAND
+            found += packets if may_command else [_unauthorised(item) for item in packets]
         else:
             refused = Uplinked(
                 packet=outcome.packet or b"",
@@ -83,6 +97,11 @@ def _told(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked
             )
             found.append(refused)
     return found
+
+
+def _unauthorised(item: Uplinked) -> Uplinked:
+    """Return a packet as refused, of somebody who may only look."""
+    return replace(item, error=Error.NOT_AUTHORISED, text="may look, not command")
 
 
 def _packets(data: bytes, now_ns: int) -> list[Uplinked]:

@@ -23,6 +23,12 @@ from fsw.telemetry.link.telecommands import (
     TelecommandReader,
 )
 
+SECURITY_EVENTS = {
+    Error.NOT_AUTHENTICATED: "TC_AUTH_FAILED",
+    Error.REPLAY: "TC_AUTH_FAILED",
+    Error.NOT_AUTHORISED: "TC_NOT_AUTHORISED",
+}
+
 
 class Done(Enum):
     """How an action left things."""
@@ -47,6 +53,7 @@ class TcCounters:
     tc_completed: int = 0
     tc_failed: int = 0
     last_error: int = 0
+    tc_not_authorised: int = 0
 
 
 class TcDispatcher:
@@ -141,8 +148,8 @@ class TcDispatcher:
             routed = error.error is not Error.WRONG_APID
             name = "acceptance_failure" if routed else "routing_failure"
             self._send(name, _names(request_id) | _failure(error))
-        unauthentic = error.error in (Error.NOT_AUTHENTICATED, Error.REPLAY)
-        self._report("TC_AUTH_FAILED" if unauthentic else "TC_REJECTED", str(error))
+        self.counters.tc_not_authorised += error.error is Error.NOT_AUTHORISED
+        self._report(SECURITY_EVENTS.get(error.error, "TC_REJECTED"), str(error))
 
     def _success(self, request: Request, name: str, flag: int) -> None:
         if request.ack & flag:

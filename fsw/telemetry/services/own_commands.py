@@ -6,9 +6,12 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
+from fsw.messages.errors import ConfigError
 from fsw.telemetry.dictionary import dictionary_crc32
+from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.server import LinkCounters
-from fsw.telemetry.services.executor import Done, Handler
+from fsw.telemetry.link.telecommands import TcError
+from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.state.version import version_values
 
 if TYPE_CHECKING:
@@ -27,6 +30,7 @@ class OwnCommands:
             "PING": lambda _: partial(self._answer, "alive", {}),
             "REPORT_VERSION": lambda _: self._tell_version,
             "RESET_COUNTERS": lambda _: self._reset_counters,
+            "LOAD_KEYS": lambda _: self._keys(),
             "CLEAR_HEALTH": lambda request: partial(self._clear_health, request.whole("mask")),
         }
 
@@ -48,6 +52,20 @@ class OwnCommands:
         if self._app.link is not None:
             self._app.link.counters = LinkCounters()
         return Done.NOW
+
+    def _keys(self) -> Action:
+        security = self._app.security
+        if security is None:
+            raise TcError(Error.NOT_SUPPORTED, text="the link has no keys")
+
+        def act() -> Done:
+            try:
+                security.load_keys()
+            except ConfigError as error:
+                raise TcError(Error.FAILED, text=str(error)) from error
+            return Done.NOW
+
+        return act
 
     def _clear_health(self, mask: int) -> Done:
         self._app.supervision.health.clear(mask)

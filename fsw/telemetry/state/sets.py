@@ -51,7 +51,7 @@ class Sets:
     def _health(self) -> dict[str, Any]:
         app = self._app
         counters = asdict(app.dispatcher.counters)
-        del counters["tc_packets"]
+        del counters["tc_packets"], counters["tc_not_authorised"]
         return {
             "mode": int(app.modes.mode),
             "health": app.supervision.health.latched,
@@ -91,11 +91,12 @@ class Sets:
         return {
             "met_s": app.host.now_ns() * 1e-9,
             "boot_count": app.boot.count,
-            "tc_security": app.receiver is not None,
+            "tc_security": app.security is not None,
             "clients": app.link.clients if app.link is not None else 0,
             "tc_packets": app.dispatcher.counters.tc_packets,
+            "tc_not_authorised": app.dispatcher.counters.tc_not_authorised,
             **counters,
-            **security_counters(app.receiver),
+            **security_counters(None if app.security is None else app.security.receiver),
             **{name: files.get(name, 0) for name in FILE_COUNTERS},
             "schedule_enabled": app.onboard.schedule.enabled,
             "schedule_entries": app.onboard.schedule.entries,

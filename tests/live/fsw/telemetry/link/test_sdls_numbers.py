@@ -112,8 +112,9 @@ def test_a_crash_skips_no_more_numbers_than_were_kept_ahead(tmp_path):
 
 def test_an_orderly_end_skips_none(tmp_path):
     store = NumberStore(tmp_path / "numbers.json")
-    uplink(store).receive(Sender(key=KEY).frame(b"\x01", 20))
-    store.close()
+    first = uplink(store)
+    first.receive(Sender(key=KEY).frame(b"\x01", 20))
+    first.settle()
     again = uplink(NumberStore(tmp_path / "numbers.json"))
     assert again.next_number(7) == 21
     assert not isinstance(again.receive(Sender(key=KEY).frame(b"\x01", 20)), Accepted)

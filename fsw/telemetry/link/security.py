@@ -1,0 +1,96 @@
+"""Both directions of the authenticated link: keys, roles, numbers, and the change of keys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from fsw.config import Config
+from fsw.config.sdls import SdlsConfig
+from fsw.telemetry.link.sdls import Association, FrameReceiver, Role
+from fsw.telemetry.link.sdls_keys import load_associations
+from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
+from fsw.telemetry.link.sdls_sender import FrameSender
+
+QUIET_NS = 1_000_000_000  # after so long without a frame, numbers kept ahead are given back
+
+
+class Security:
+    """Receiver of telecommand frames and sender of telemetry frames.
+
+    Parameters
+    ----------
+    state : folder in which the used numbers are kept
+    environment : names the folder of systemd credentials
+    report : reports an event of its own
+
+    Raises
+    ------
+    ConfigError when keys or kept numbers cannot be used; then there must be no link.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        sdls: SdlsConfig,
+        state: Path,
+        environment: Mapping[str, str],
+        report: Callable[[str, str], None],
+    ) -> None:
+        self._config, self._sdls, self._environment = config, sdls, environment
+        self._report = report
+        self._numbers = NumberStore(state / NUMBERS_NAME)
+        associations = load_associations(config, sdls, environment)
+        self.receiver = FrameReceiver(
+            _uplink(associations),
+            self._numbers,
+            spacecraft_id=sdls.spacecraft_id,
+            virtual_channel=sdls.virtual_channel,
+            window=sdls.window,
+        )
+        self.sender: FrameSender | None = None
+        for association in _downlink(associations):
+            self.sender = FrameSender(
+                association,
+                self._numbers,
+                spacecraft_id=sdls.spacecraft_id,
+                virtual_channel=sdls.virtual_channel,
+                report=report,
+            )
+        self._seen = 0
+        self._quiet_ns = 0
+
+    def load_keys(self) -> None:
+        """Read all keys again and use them; on a fault the old ones stay. Raises ConfigError."""
+        associations = load_associations(self._config, self._sdls, self._environment)
+        self.receiver.use(_uplink(associations))
+        for association in _downlink(associations):
+            if self.sender is not None:
+                self.sender.use(association)
+        words = ", ".join(f"SPI {item.spi} {item.role}" for item in associations)
+        self._report("KEYS_LOADED", words)
+
+    def poll(self, now_ns: int) -> None:
+        """Give back numbers kept ahead when no frame has come for a while."""
+        if self.receiver.accepted != self._seen:
+            self._seen, self._quiet_ns = self.receiver.accepted, now_ns
+        elif self._quiet_ns and now_ns - self._quiet_ns >= QUIET_NS:
+            self._quiet_ns = 0
+            with suppress(OSError):  # they stay ahead: nothing is accepted twice
+                self.receiver.settle()
+
+    def close(self) -> None:
+        """Give back every number kept ahead."""
+        with suppress(OSError):
+            self.receiver.settle()
+            if self.sender is not None:
+                self.sender.settle()
+
+
+def _uplink(associations: Sequence[Association]) -> list[Association]:
+    return [item for item in associations if item.role is not Role.TELEMETRY]
+
+
+def _downlink(associations: Sequence[Association]) -> list[Association]:
+    return [item for item in associations if item.role is Role.TELEMETRY]
