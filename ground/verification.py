@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from ground.errors import FAILED, NO_ANSWER, REJECTED
+from ground.errors import FAILED, NO_ANSWER, REJECTED, LinkError
 from ground.link import Link
 from ground.telemetry import NO_PACKETS, Decoder, Sample
 
@@ -15,6 +15,7 @@ SUCCESS = "_success"
 FAILURE = "_failure"
 END = "completion"
 REPLAY = "REPLAY"
+REFUSED_CLIENT = "LINK_REFUSED"  # the event that comes last when the daemon closes a connection
 REFUSED = ("acceptance", "routing")
 UNASKED = ("time", "science", *NO_PACKETS)  # packets that come anyhow
 HOUSEKEEPING = (3, 25)
@@ -107,12 +108,18 @@ def follow(
     verification = Verification(request=words, wanted=wanted, is_authenticated=is_authenticated)
     until_s = time.monotonic() + timeout_s
     link.send(packet)
-    for raw in link.packets(until_s):
-        sample = decoder.decode(raw)
-        if verification.take(sample):
-            yield verification, sample
-        if verification.over:
-            break
+    refusal = ""
+    try:
+        for raw in link.packets(until_s):
+            sample = decoder.decode(raw)
+            if sample.values.get("event") == REFUSED_CLIENT:
+                refusal = f": {sample.values['text']}"
+            if verification.take(sample):
+                yield verification, sample
+            if verification.over:
+                break
+    except LinkError as error:
+        raise LinkError(f"{error}{refusal}") from error
     number = verification.expected_number
     if number is not None and verification.is_authenticated and link.sealer is not None:
         link.sealer.set_next(number)

@@ -34,6 +34,8 @@ class TelemetryConfig(Section):
 
     host: str = "127.0.0.1"
     port: int = Field(default=10025, ge=0, le=65535)  # 0: any free one, told in the status file
+    look_port: int | None = Field(default=None, ge=0, le=65535)  # telemetry, and no telecommands
+    idle_timeout_s: Positive = Field(default=60.0, ge=1.0, le=86400.0)  # of one that reads nothing
     max_clients: int = Field(default=4, ge=1, le=16)
     queue_bytes: int = Field(default=1 << 20, ge=65536, le=100_000_000)  # per client; then dropped
     udp: UdpConfig | None = None

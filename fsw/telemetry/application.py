@@ -19,14 +19,14 @@ from fsw.messages.errors import PortError
 from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
 from fsw.telemetry.dumps import Dumps
 from fsw.telemetry.link.downlink import Downlink
-from fsw.telemetry.link.packets import HEADER_BYTES
+from fsw.telemetry.link.packets import HEADER_BYTES, Packetizer
 from fsw.telemetry.link.security import Security
 from fsw.telemetry.link.server import LinkServer
 from fsw.telemetry.link.splitter import Uplinked
-from fsw.telemetry.link.uplink import ClearUplink, SecureUplink, Uplink
+from fsw.telemetry.link.uplink import ClearUplink, LookUplink, SecureUplink, Uplink
 from fsw.telemetry.ports import FileDelivery, Host
 from fsw.telemetry.services.context import TelemetryContext
-from fsw.telemetry.services.eventing import SEVERITIES, Eventing
+from fsw.telemetry.services.eventing import IDS, SEVERITIES, Eventing
 from fsw.telemetry.services.executor import Handler, TcDispatcher
 from fsw.telemetry.services.filing import filing_of
 from fsw.telemetry.services.functions import Functions
@@ -86,6 +86,7 @@ class TelemetryApplication:
         self.boot = Boot.begin(self._boot_store, resume=resume)
         self.down = Downlink(host.now_ns)
         self.link: LinkServer | None = None
+        self._refusals = Packetizer()  # counts of its own: these packets go to one client only
         self._restart = False
         self.modes = ModeMachine(safe=telemetry.start_mode == "safe")
         self.knowledge = Knowledge(config, host.now_ns)
@@ -193,7 +194,13 @@ class TelemetryApplication:
     def open(self) -> None:
         """Open the link; what cannot be opened is an event."""
         try:
-            self.link = LinkServer(self._telemetry, self._uplink, self.report)
+            self.link = LinkServer(
+                self._telemetry,
+                self._uplink,
+                self.report,
+                seal=self.security.seal if self.security is not None else bytes,
+                notice=self._notice,
+            )
         except PortError as error:
             self.report("LINK_FAILED", str(error))
         else:
@@ -252,6 +259,7 @@ class TelemetryApplication:
         """Return plain values for the status file."""
         return {
             "port": self.link.port if self.link is not None else None,
+            "look_port": self.link.look_port if self.link is not None else None,
             "mode": self.modes.mode.name,
             "health": self.supervision.health.latched,
             "boot_count": self.boot.count,
@@ -303,8 +311,15 @@ class TelemetryApplication:
         if self.summaries.passes(code, text, self.host.now_ns()):
             self.host.report(SEVERITIES[code], code, text)
 
-    def _uplink(self) -> Uplink:
+    def _uplink(self, may_command: bool) -> Uplink:
+        if not may_command:
+            return LookUplink()
         return ClearUplink() if self.security is None else SecureUplink(self.security.receiver)
+
+    def _notice(self, reason: str) -> bytes:
+        """Return the event packet that gives a refused client the reason."""
+        values = {"event": IDS["LINK_REFUSED"], "occurrence": 1, "suppressed": 0, "text": reason}
+        return self._refusals.make("event_low", self.host.now_ns(), values)
 
     def take(self, item: Uplinked, now_ns: int) -> None:
         """Pass one packet from the ground to where it belongs."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from enum import IntEnum
 
 WIRE_BYTES = 16384  # chosen for sending together; what comes later cannot overtake them
@@ -29,10 +30,13 @@ class Outbox:
     Parameters
     ----------
     limit_bytes : that may wait
+    seal : makes of a packet what goes over the wire, at the last moment: in the order of sending
     """
 
-    def __init__(self, limit_bytes: int) -> None:
-        self._limit_bytes = limit_bytes
+    def __init__(
+        self, limit_bytes: int, seal: Callable[[bytes], bytes] = lambda packet: packet
+    ) -> None:
+        self._limit_bytes, self._seal = limit_bytes, seal
         self._queues: tuple[deque[tuple[int, bytes]], ...] = tuple(deque() for _ in Priority)
         self._wire: deque[bytes] = deque()
         self._made = 0
@@ -67,8 +71,10 @@ class Outbox:
         size = sum(map(len, self._wire))
         while size < WIRE_BYTES and (queue := self._next_queue()) is not None:
             _, packet = queue.popleft()
-            self._wire.append(packet)
-            size += len(packet)
+            sealed = self._seal(packet)
+            self._wire.append(sealed)
+            self._bytes += len(sealed) - len(packet)
+            size += len(sealed)
         return b"".join(self._wire)
 
     def sent(self, count: int) -> int:

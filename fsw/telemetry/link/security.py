@@ -61,6 +61,10 @@ class Security:
         self._seen = 0
         self._quiet_ns = 0
 
+    def seal(self, packet: bytes) -> bytes:
+        """Return what goes over the wire for a telemetry packet: its frame, or itself."""
+        return packet if self.sender is None else self.sender.seal(packet)
+
     def load_keys(self) -> None:
         """Read all keys again and use them; on a fault the old ones stay. Raises ConfigError."""
         associations = load_associations(self._config, self._sdls, self._environment)

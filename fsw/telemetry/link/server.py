@@ -1,4 +1,4 @@
-"""The link to the ground: one duplex TCP port with raw packets, and an optional UDP push.
+"""The link to the ground: a duplex TCP port, one to look only, and an optional UDP push.
 
 Nothing here waits. What a slow client does not read stays in a bounded outbox; what does not fit
 there is dropped, whole packets only, and counted. What a client sends stays in its inbox until
@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import selectors
 import socket
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from fsw.config.telemetry import TelemetryConfig
 from fsw.messages.errors import PortError
+from fsw.telemetry.link.places import Client, Refusal, admit, overdue, promote
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import Uplink
 from fsw.telemetry.outbox import Outbox, Priority
@@ -39,54 +40,46 @@ class LinkCounters:
     udp_dropped: int = 0
 
 
-@dataclass(slots=True)
-class _Client:
-    connection: socket.socket
-    name: str
-    uplink: Uplink
-    outbox: Outbox
-    inbox: deque[Uplinked] = field(default_factory=deque)
-    ended: str = ""  # why nothing more comes from it
-    dropped: int = 0
-    told_drops: int = 0
-    is_slow: bool = False  # packets are being dropped
-    skipped: int = 0
-    resyncs: int = 0
-
-
 class LinkServer:
     """Serves ground clients.
 
     Parameters
     ----------
-    make_uplink : the cutter of a new client's bytes
-    report : told what an operator should know
+    make_uplink : makes the cutter of a new client's bytes; its argument: whether it may command
+    report : reports what an operator should know
+    seal : makes of a packet what goes over the wire
+    notice : makes the packet that gives a refused client the reason
 
     Raises
     ------
-    PortError when the port cannot be opened.
+    PortError when a port cannot be opened.
     """
 
     def __init__(
-        self, config: TelemetryConfig, make_uplink: Callable[[], Uplink], report: Report
+        self,
+        config: TelemetryConfig,
+        make_uplink: Callable[[bool], Uplink],
+        report: Report,
+        *,
+        seal: Callable[[bytes], bytes] = lambda packet: packet,
+        notice: Callable[[str], bytes] = lambda _reason: b"",
     ) -> None:
         self._config, self._make_uplink, self._report = config, make_uplink, report
+        self._seal, self._notice = seal, notice
+        self._idle_ns = round(config.idle_timeout_s * 1e9)
         self.counters = LinkCounters()
-        self._clients: list[_Client] = []
-        family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
-        self._listener = socket.socket(family, socket.SOCK_STREAM)
-        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self._listener.setblocking(False)
-        try:
-            self._listener.bind((config.host, config.port))
-            self._listener.listen(config.max_clients)
-        except OSError as error:
-            self._listener.close()
-            where = f"{config.host}:{config.port}"
-            raise PortError(f"{where}: {error.strerror or error}") from error
-        self.port: int = self._listener.getsockname()[1]
+        self._clients: list[Client] = []
         self._selector = selectors.DefaultSelector()
-        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._now_ns = 0
+        self._doors: dict[socket.socket, bool] = {}  # listener: whether one may command there
+        try:
+            self.port = self._open_door(config.port, may_command=True)
+            self.look_port = 0
+            if config.look_port is not None:
+                self.look_port = self._open_door(config.look_port, may_command=False)
+        except PortError:
+            self._close_doors()
+            raise
         self._udp: socket.socket | None = None
         if config.udp is not None:
             self._open_udp(config.udp.host, config.udp.port)
@@ -113,16 +106,17 @@ class LinkServer:
             self.counters.tm_dropped += dropped
         if self._udp is not None:
             try:
-                self._udp.send(packet)
+                self._udp.send(self._seal(packet))
                 self.counters.udp_packets += 1
             except OSError:  # nobody listens, or the buffer is full
                 self.counters.udp_dropped += 1
 
     def serve(self, now_ns: int) -> None:
         """Accept new clients and read what has come up into their inboxes."""
+        self._now_ns = now_ns
         for key, _ in self._selector.select(0):
-            if key.data is None:
-                self._accept()
+            if key.fileobj in self._doors:
+                self._accept(key.fileobj)
             elif len(key.data.inbox) < INBOX_ITEMS:
                 self._read(key.data, now_ns)
         for client in list(self._clients):
@@ -130,6 +124,8 @@ class LinkServer:
             self._watch_uplink(client)
             if client.ended and not client.inbox:
                 self._drop(client, client.ended)
+                continue
+            self._refuse(overdue(client, now_ns, self._idle_ns, self._config.max_clients))
 
     def next_item(self) -> Uplinked | None:
         """Return the next packet or refusal that came up, of each client in turn."""
@@ -153,15 +149,17 @@ class LinkServer:
                     break
                 self.counters.tm_bytes += sent
                 self.counters.tm_packets += client.outbox.sent(sent)
+                client.read_ns = self._now_ns
                 if sent < len(data):
                     break
+            if not client.outbox:
+                client.read_ns = self._now_ns
             client.outbox.rest()
             self._watch_queue(client)
 
     def close(self) -> None:
         """Close everything, the door first; what a client did not take is lost."""
-        self._selector.unregister(self._listener)
-        self._listener.close()
+        self._close_doors()
         self.flush()
         for client in list(self._clients):
             self._drop(client, "the daemon ends")
@@ -180,27 +178,64 @@ class LinkServer:
             self._udp.close()
             self._udp = None
 
-    def _accept(self) -> None:
+    def _open_door(self, port: int, *, may_command: bool) -> int:
+        """Listen on a port; return it. Raises PortError."""
+        host = self._config.host
+        listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setblocking(False)
         try:
-            connection, address = self._listener.accept()
+            listener.bind((host, port))
+            listener.listen(self._config.max_clients)
+        except OSError as error:
+            listener.close()
+            raise PortError(f"{host}:{port}: {error.strerror or error}") from error
+        self._doors[listener] = may_command
+        self._selector.register(listener, selectors.EVENT_READ)
+        return int(listener.getsockname()[1])
+
+    def _close_doors(self) -> None:
+        for listener in self._doors:
+            self._selector.unregister(listener)
+            listener.close()
+        self._doors.clear()
+
+    def _accept(self, listener: socket.socket) -> None:
+        try:
+            connection, address = listener.accept()
         except OSError:
             return
         name = f"{address[0]}:{address[1]}"
-        if len(self._clients) >= self._config.max_clients:
-            connection.close()
-            self._report("LINK_CLOSED", f"{name} refused: {self._config.max_clients} are connected")
-            return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, self._idle_ns // 10**6)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         room = min(self._config.queue_bytes, SYSTEM_BYTES)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, room)
-        outbox = Outbox(self._config.queue_bytes)
-        client = _Client(connection, name, self._make_uplink(), outbox)
+        may_command, now_ns = self._doors[listener], self._now_ns
+        outbox = Outbox(self._config.queue_bytes, self._seal)
+        uplink = self._make_uplink(may_command)
+        client = Client(connection, name, uplink, outbox, now_ns, may_command, now_ns)
+        refusal = admit(client, self._clients, self._config.max_clients)
         self._clients.append(client)
         self._selector.register(connection, selectors.EVENT_READ, client)
-        self._report("LINK_OPENED", name)
+        if refusal is None or refusal.client is not client:
+            self._report("LINK_OPENED", name)
+        self._refuse(refusal)
 
-    def _read(self, client: _Client, now_ns: int) -> None:
+    def _refuse(self, refusal: Refusal | None) -> None:
+        """Close a connection; its last packet gives the reason."""
+        if refusal is None or refusal.client not in self._clients:
+            return
+        client, reason = refusal.client, refusal.reason
+        client.outbox.put(self._notice(f"{client.name}: {reason}"), Priority.HEALTH)
+        client.outbox.rest()
+        with suppress(OSError):  # one that reads nothing learns nothing
+            client.connection.send(client.outbox.next_bytes())
+        self._remove(client)
+        self._report("LINK_REFUSED", f"{client.name}: {reason}")
+
+    def _read(self, client: Client, now_ns: int) -> None:
         try:
             data = client.connection.recv(READ_BYTES)
         except BlockingIOError:
@@ -213,13 +248,16 @@ class LinkServer:
         self.counters.tc_bytes += len(data)
         self._put(client, client.uplink.feed(data, now_ns))
 
-    def _put(self, client: _Client, items: list[Uplinked]) -> None:
+    def _put(self, client: Client, items: list[Uplinked]) -> None:
         """Put what came up into the client's inbox, with the client's name."""
         for item in items:
             source = f"{client.name} {item.source}".strip()
             client.inbox.append(replace(item, source=source))
+        if client.may_command and any(item.error is None for item in items):
+            others = [other for other in self._clients if other is not client]
+            self._refuse(promote(client, others, self._config.max_clients))
 
-    def _watch_uplink(self, client: _Client) -> None:
+    def _watch_uplink(self, client: Client) -> None:
         """Count and tell garbage that is new."""
         skipped, resyncs = client.uplink.skipped_bytes, client.uplink.resyncs
         self.counters.tc_garbage_bytes += skipped - client.skipped
@@ -228,7 +266,7 @@ class LinkServer:
             self._report("TC_GARBAGE", f"{client.name}: {skipped - client.skipped} bytes")
         client.skipped, client.resyncs = skipped, resyncs
 
-    def _watch_queue(self, client: _Client) -> None:
+    def _watch_queue(self, client: Client) -> None:
         """Tell drops that are new, and that they are over: of all that waited nothing is left."""
         if client.dropped > client.told_drops and not client.is_slow:
             client.is_slow = True
@@ -238,17 +276,20 @@ class LinkServer:
             client.is_slow, client.told_drops = False, client.dropped
             self._report("LINK_CAUGHT_UP", f"{client.name}: {count} packets were dropped")
 
-    def _end(self, client: _Client, why: str) -> None:
+    def _end(self, client: Client, why: str) -> None:
         """Read no more of a client; it is dropped once its inbox is empty."""
         if not client.ended:
             self._selector.unregister(client.connection)
             client.ended = why
 
-    def _drop(self, client: _Client, why: str) -> None:
+    def _drop(self, client: Client, why: str) -> None:
+        self._remove(client)
+        self._report("LINK_CLOSED", f"{client.name}: {why}")
+
+    def _remove(self, client: Client) -> None:
         self._clients.remove(client)
         if not client.ended:
             self._selector.unregister(client.connection)
         client.connection.close()
         self._watch_uplink(client)
         self._watch_queue(client)
-        self._report("LINK_CLOSED", f"{client.name}: {why}")

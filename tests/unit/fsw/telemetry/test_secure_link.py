@@ -32,7 +32,7 @@ class Secured:
     def __init__(self, config) -> None:
         self.flight = Flight(config)
         self.flight.up()
-        self.uplink = self.flight.app._uplink()
+        self.uplink = self.flight.app._uplink(True)
 
     def take(self, data: bytes) -> list[str]:
         """Return the names of what came back."""

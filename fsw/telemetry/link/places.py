@@ -1,0 +1,99 @@
+"""Who has a place on the link: so many clients, one more who commands, and newcomers on trial.
+
+Nobody can be asked who they are before they send something. So a newcomer who finds every place
+taken may stay for a while: with an accepted telecommand it takes the place kept for those who
+command, or that of the oldest client who has never commanded; without one it has to go.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from fsw.telemetry.link.splitter import Uplinked
+from fsw.telemetry.link.uplink import Uplink
+from fsw.telemetry.outbox import Outbox
+
+KEPT_PLACES = 1  # beyond max_clients, for those who command
+MAX_TRIALS = 4
+TRIAL_NS = 5_000_000_000
+
+
+@dataclass(slots=True)
+class Client:
+    """One connection."""
+
+    connection: socket.socket
+    name: str
+    uplink: Uplink
+    outbox: Outbox
+    opened_ns: int
+    may_command: bool  # came to the port for commanding
+    read_ns: int  # when it last took telemetry, or had taken all
+    on_trial: bool = False
+    has_commanded: bool = False
+    inbox: deque[Uplinked] = field(default_factory=deque)
+    ended: str = ""  # why nothing more comes from it
+    dropped: int = 0
+    told_drops: int = 0
+    is_slow: bool = False  # packets are being dropped
+    skipped: int = 0
+    resyncs: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """A client that has to go, and why."""
+
+    client: Client
+    reason: str
+
+
+def admit(newcomer: Client, others: Sequence[Client], places: int) -> Refusal | None:
+    """Give a newcomer a place or a trial; return who has to go for it."""
+    rivals = [other for other in others if other.may_command == newcomer.may_command]
+    newcomer.on_trial = sum(not rival.on_trial for rival in rivals) >= places
+    if not newcomer.on_trial:
+        return None
+    full = f"{places} are connected"
+    if not newcomer.may_command:
+        return Refusal(client=newcomer, reason=full)
+    trials = [rival for rival in rivals if rival.on_trial]
+    if len(trials) < MAX_TRIALS:
+        return None
+    return Refusal(client=min(trials, key=_age), reason=f"{full}, and others wait for a place")
+
+
+def promote(client: Client, others: Sequence[Client], places: int) -> Refusal | None:
+    """Give a client that has commanded a place that lasts; return who has to go for it."""
+    client.has_commanded = True
+    if not client.on_trial:
+        return None
+    seated = [other for other in others if other.may_command and not other.on_trial]
+    if len(seated) >= places + KEPT_PLACES:
+        idle = [other for other in seated if not other.has_commanded]
+        if not idle:
+            return Refusal(
+                client=client, reason=f"{len(seated)} clients that command are connected"
+            )
+        client.on_trial = False
+        reason = "its place was given to a client that commands"
+        return Refusal(client=min(idle, key=_age), reason=reason)
+    client.on_trial = False
+    return None
+
+
+def overdue(client: Client, now_ns: int, idle_ns: int, places: int) -> Refusal | None:
+    """Return why a client has to go by now, if it has."""
+    if client.on_trial and now_ns - client.opened_ns >= TRIAL_NS:
+        text = f"{places} are connected, and it sent no telecommand for {TRIAL_NS * 1e-9:g} s"
+        return Refusal(client=client, reason=text)
+    if client.outbox and now_ns - client.read_ns >= idle_ns:
+        return Refusal(client=client, reason=f"it has read nothing for {idle_ns * 1e-9:g} s")
+    return None
+
+
+def _age(client: Client) -> int:
+    return client.opened_ns
