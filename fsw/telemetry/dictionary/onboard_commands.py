@@ -6,11 +6,13 @@ that each has an acceptance and a completion of its own. N stays on the wire.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from fsw.telemetry.dictionary.codes import MEMORY, MONITOR_ACTION, STORE
 from fsw.telemetry.dictionary.events import EVENT
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
 from fsw.telemetry.dictionary.parameters import VALUE
-from fsw.telemetry.dictionary.types import Field, Telecommand, Type
+from fsw.telemetry.dictionary.types import Field, Significance, Telecommand, Type
 
 MAX_REQUEST_BYTES = 256  # of a telecommand that is kept on board
 MAX_SEQUENCES = 16
@@ -30,7 +32,7 @@ _REQUEST = Field(
     doc=f"a whole telecommand packet with its CRC, {MAX_REQUEST_BYTES} bytes at most",
 )
 _REQUEST_ID = (
-    Field(name="source", type=Type.U16, doc="source id of the telecommand"),
+    Field(name="source_id", type=Type.U16, doc="source id of the telecommand"),
     Field(name="apid", type=Type.U16, maximum=0x7FF),
     Field(name="sequence_count", type=Type.U16, maximum=0x3FFF),
 )
@@ -73,8 +75,8 @@ def _time(name: str) -> tuple[Field, ...]:
 
 
 def _tc(service: int, subtype: int, name: str, doc: str, *arguments: Field) -> Telecommand:
-    """Return a telecommand; an N in the first place has its value by itself."""
-    match = (("n", 1),) if arguments[:1] == (N,) else ()
+    """Return a telecommand; an N has its value by itself."""
+    match = (("n", 1),) if N in arguments else ()
     return Telecommand(
         name=name, service=service, subtype=subtype, doc=doc, arguments=arguments, match=match
     )
@@ -204,7 +206,37 @@ _SEQUENCES = (
     _tc(21, 13, "ABORT_SEQUENCES", "Release no more of any sequence, and report which"),
 )
 
-ONBOARD_TELECOMMANDS = (
+_VITAL = {  # what each may cost
+    "SHIFT_ACTIVITY": "a time-tagged command is released at another time",
+    "SHIFT_SCHEDULE": "all time-tagged commands are released at other times",
+    "DELETE_MONITOR": "its limit is not checked and its reaction not taken on board",
+    "MODIFY_MONITOR": "another limit holds at once",
+    "DISABLE_STORE": "packets that nobody receives meanwhile are lost",
+    "DELETE_STORED": "the packets cannot be brought back",
+    "DELETE_EVENT_ACTION": "its reaction is not taken on board",
+    "DELETE_EVENT_ACTIONS": "no reaction is taken on board",
+    "DISABLE_EVENT_ACTION": "its reaction is not taken on board",
+    "DISABLE_EVENT_ACTIONS": "no reaction is taken on board",
+    "ENABLE_EVENT_ACTION": "its event releases a telecommand without the ground",
+    "START_SEQUENCE": "its telecommands are released without further confirmation",
+    "UNLOAD_SEQUENCE": "the sequence cannot be brought back",
+    "ABORT_SEQUENCE": "the rest of its telecommands is not released",
+    "ABORT_SEQUENCES": "the rest of their telecommands is not released",
+}
+_SLOW = ("PLAY_BACK", "CHECK_OBJECT")
+_SLOW_S = 3600.0
+
+
+def _annotated(item: Telecommand) -> Telecommand:
+    """Return a telecommand with what it may cost and how long it may take."""
+    if item.name in _SLOW:
+        return replace(item, timeout_s=_SLOW_S)
+    if item.name in _VITAL:
+        return replace(item, significance=Significance.VITAL, hazard=_VITAL[item.name])
+    return item
+
+
+_TELECOMMANDS = (
     *_MEMORY,
     *_SCHEDULE,
     *_MONITORS,
@@ -212,3 +244,4 @@ ONBOARD_TELECOMMANDS = (
     *_EVENT_ACTIONS,
     *_SEQUENCES,
 )
+ONBOARD_TELECOMMANDS = tuple(_annotated(item) for item in _TELECOMMANDS)

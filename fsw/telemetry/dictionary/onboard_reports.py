@@ -15,7 +15,8 @@ from fsw.telemetry.dictionary.codes import (
     YES_NO,
 )
 from fsw.telemetry.dictionary.events import EVENT
-from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, choice, number, text
+from fsw.telemetry.dictionary.fields import choice, number, text
+from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
 from fsw.telemetry.dictionary.onboard_commands import MAX_REQUEST_BYTES
 from fsw.telemetry.dictionary.types import Field, Packet, Type
 

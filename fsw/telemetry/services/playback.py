@@ -1,8 +1,9 @@
 """Service 15: packet stores and their retrieval by time range.
 
 There are three circular stores, and the standard's storage-control configuration (15,3 to 15,6) is
-fixed: events with verification and monitoring, housekeeping, science. Answers, logs and files are
-in none, they can be requested again. A retrieval sends the packets as they were, after everything
+fixed: events with transitions of monitors, housekeeping, science. Answers, logs and files are in
+none, they can be requested again; nor are verification reports, which sent again would be taken for
+those of a newer telecommand. A retrieval sends the packets as they were, after everything
 else, and at most as fast as the client that reads fastest takes them.
 """
 
@@ -28,7 +29,7 @@ FOLDER, SWITCHES = "packet_stores", "packet_store_switches"
 LOOKED_AT_PER_POLL = 500  # stored packets, of all retrievals together
 SENT_PER_POLL = 64
 RETRY_NS = 10_000_000_000  # after packets could not be stored
-EVENT_SERVICES = (1, 5)
+EVENT_SERVICE = 5
 TRANSITION = (12, 12)
 HOUSEKEEPING = (3, 25)
 
@@ -67,7 +68,7 @@ def store_of(packet: bytes) -> Store | None:
         return None
     if kind == HOUSEKEEPING:
         return Store.HOUSEKEEPING
-    return Store.EVENTS if kind[0] in EVENT_SERVICES or kind == TRANSITION else None
+    return Store.EVENTS if kind[0] == EVENT_SERVICE or kind == TRANSITION else None
 
 
 class Playback:

@@ -129,7 +129,7 @@ class Schedule:
         return act
 
     def _shift_one(self, request: Request) -> Action:
-        source, apid = request.whole("source"), request.whole("apid")
+        source, apid = request.whole("source_id"), request.whole("apid")
         count = request.whole("sequence_count")
         found = [a for a in self._waiting if request_id_of(source, apid, count, a.packet)]
         if not found:

@@ -16,7 +16,7 @@ def folder(flight: Flight) -> Path:
 
 
 def part(memory: str, base: str, offset: int = 0, length: int = 0) -> dict:
-    return {"memory": memory, "base": base, "n": 1, "offset": offset, "length": length}
+    return {"memory": memory, "base": base, "offset": offset, "length": length}
 
 
 def test_a_file_is_checked_a_piece_at_a_time(
@@ -73,6 +73,5 @@ def test_what_is_not_there_is_refused(flight: Flight, folder: Path):
         (part("TABLES", "NOISE/OTHER"), Error.BAD_ARG),
         (part("TABLES", "NOISE/STAGED"), Error.NOT_STAGED),
         (part("TABLES", "NOISE/ACTIVE", 1 << 31), Error.OUT_OF_RANGE),
-        (part("FILES", "files/a") | {"n": 2}, Error.OUT_OF_RANGE),
     ):
         assert flight.refused("CHECK_OBJECT", values) is error, values

@@ -80,6 +80,14 @@ def test_events_and_science_have_stores_of_their_own(flight: Flight):
     assert sum(v["text"] == "imu" for v in flight.all("event_high")) == 1
 
 
+def test_a_verification_report_never_comes_again(flight: Flight):
+    """Its telecommand's sequence count may be a newer one's by then: it would steer the ground."""
+    flight.send("PING")
+    for store in ("EVENTS", "HOUSEKEEPING", "SCIENCE"):
+        came = play_back(flight, store, 0.0, 2000.0)
+        assert all(raw[7] != 1 for raw in came)
+
+
 def test_a_long_retrieval_is_spread_over_polls_and_leaves_the_rest_its_turn(flight: Flight):
     flight.send("ENABLE_SET", {"sid": 20})
     flight.send("SET_INTERVAL", {"sid": 20, "interval_ms": 10})

@@ -4,6 +4,7 @@ import errno
 import os
 
 import pytest
+from fastcrc import crc16
 
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
@@ -80,7 +81,7 @@ def test_the_switch_survives_too(flight: Flight):
 def test_one_is_shifted_or_all(flight: Flight):
     for count in (1, 2):
         flight.send("INSERT_ACTIVITY", at(10.0 * count, flight, ping(count)))
-    one = {"source": 0, "apid": 100, "sequence_count": 1, "n": 1}
+    one = {"source_id": 0, "apid": 100, "sequence_count": 1}
     shift = {"offset_coarse_s": 30, "offset_fine": 1 << 23}
     assert flight.send("SHIFT_ACTIVITY", one | shift) == DONE
     assert times(flight) == [1020.0, 1040.5]
@@ -97,12 +98,10 @@ def test_a_shift_into_the_past_moves_none(flight: Flight):
     assert times(flight) == [1010.0, 1020.0]
     far = {"offset_coarse_s": 400 * 86_400, "offset_fine": 0}
     assert flight.refused("SHIFT_SCHEDULE", far) is Error.OUT_OF_RANGE
-    nobody = {"source": 0, "apid": 100, "sequence_count": 9, "n": 1}
+    nobody = {"source_id": 0, "apid": 100, "sequence_count": 9}
     assert flight.refused("SHIFT_ACTIVITY", nobody | NO_OFFSET) is Error.BAD_ARG
-    other = {"source": 7, "apid": 100, "sequence_count": 1, "n": 1}
+    other = {"source_id": 7, "apid": 100, "sequence_count": 1}
     assert flight.refused("SHIFT_ACTIVITY", other | NO_OFFSET) is Error.BAD_ARG
-    two = {"source": 0, "apid": 100, "sequence_count": 1, "n": 2}
-    assert flight.refused("SHIFT_ACTIVITY", two | NO_OFFSET) is Error.OUT_OF_RANGE
 
 
 def test_the_telecommands_themselves_are_reported(flight: Flight):
@@ -148,3 +147,12 @@ def test_damaged_documents_give_way_to_older_ones_and_never_stop_the_start(fligh
     again = restarted(flight)
     assert "STORED_REQUESTS_CORRUPT" in again.codes
     assert times(again) == [1010.0]
+
+
+def test_an_n_other_than_1_is_refused(flight: Flight):
+    """The standard repeats the group N times; here one telecommand names one object."""
+    good = telecommand_packet(DICTIONARY.telecommand("DELETE_MONITOR"), {"monitor": 3}, 1)
+    assert good[11] == 1
+    wrong = good[:11] + b"\x02" + good[12:-2]
+    flight.app.dispatcher.receive(wrong + crc16.ibm_3740(wrong).to_bytes(2, "big"))
+    assert flight.error() is Error.OUT_OF_RANGE
