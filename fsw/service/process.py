@@ -95,7 +95,7 @@ class Service:
             self._open_telemetry()
         try:
             self._control = ControlServer(
-                self._directory / SOCKET_NAME, lambda: self._status, self._forward
+                self._directory / SOCKET_NAME, lambda: self._status, self._forward_local
             )
         except PortError as error:
             self._report("high", "CONTROL_FAILED", str(error))
@@ -285,6 +285,14 @@ class Service:
             text = f"worker cannot be started: {error.strerror or error}"
             failed = JobReport(id=request.id, state="failed", progress=0.0, text=text)
             self._send(Kind.JOB_REPORT, failed)
+
+    def _forward_local(self, command: Command) -> bool:
+        """Forward a command of the local control socket, and note it."""
+        if self._telemetry is not None:
+            self._telemetry.local_command(command)
+        else:
+            self._report("info", "TC_ACCEPTED", f"{command.name} (local socket)")
+        return self._forward(command)
 
     def _forward(self, command: Command) -> bool:
         return self._send(Kind.COMMAND, command)

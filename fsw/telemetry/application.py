@@ -14,10 +14,16 @@ from typing import Any
 
 from fsw.config import Config, TelemetryConfig
 from fsw.messages import Block, Estimate, Event
-from fsw.messages.commands import CommandName, JobReport, Reply
+from fsw.messages.commands import Command, CommandName, JobReport, Reply
 from fsw.messages.errors import PortError
-from fsw.telemetry.dictionary.codes import RESET_CAUSE, Health, Mode, Table
-from fsw.telemetry.dumps import Dumps
+from fsw.telemetry.dictionary.codes import (
+    RESET_CAUSE,
+    CommandOutcome,
+    Error,
+    Health,
+    Mode,
+    Table,
+)
 from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.packets import HEADER_BYTES, Packetizer
 from fsw.telemetry.link.security import Security
@@ -26,6 +32,7 @@ from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import ClearUplink, LookUplink, SecureUplink, Uplink
 from fsw.telemetry.ports import FileDelivery, Host
 from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.dumps import Dumps
 from fsw.telemetry.services.eventing import IDS, SEVERITIES, Eventing
 from fsw.telemetry.services.executor import Handler, TcDispatcher
 from fsw.telemetry.services.filing import filing_of
@@ -37,19 +44,21 @@ from fsw.telemetry.services.onboard import OnBoardServices
 from fsw.telemetry.services.own_commands import OwnCommands
 from fsw.telemetry.services.parameters import Parameters
 from fsw.telemetry.services.playback import Outlet
+from fsw.telemetry.services.summaries import Summaries
 from fsw.telemetry.services.tables import Tables
 from fsw.telemetry.services.time_reports import TimeReports
 from fsw.telemetry.state.boot import Boot
+from fsw.telemetry.state.command_log import CommandLog, CommandRecord
 from fsw.telemetry.state.knowledge import Knowledge
 from fsw.telemetry.state.modes import ModeMachine
 from fsw.telemetry.state.sets import Sets
 from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.state.supervision import Supervision
-from fsw.telemetry.summaries import Summaries
 from fsw.telemetry.tables.content import to_yaml
 from fsw.telemetry.tables.effective import BOOT, PARAMETERS, TABLES
 from fsw.telemetry.tables.effects import TableEffects
 
+MAX_LOCAL = 64  # commands of the local socket whose reply is waited for
 MAX_ITEMS = 64  # packets that come up are looked at in one poll,
 MAX_WORK_NS = 20_000_000  # and for no longer than this, one command excepted
 CRASHED = RESET_CAUSE.value("CRASH")
@@ -79,6 +88,7 @@ class TelemetryApplication:
     ) -> None:
         self._telemetry, self.host = telemetry, host
         self.security = security
+        self.summaries = Summaries()
         self.delivery: FileDelivery | None = None
         self.config_crc32 = config.crc32
         self.state = state = config.resolve(config.service.state_directory)
@@ -88,6 +98,7 @@ class TelemetryApplication:
         self.link: LinkServer | None = None
         self._refusals = Packetizer()  # counts of its own: these packets go to one client only
         self._restart = False
+        self._local: dict[int, CommandRecord] = {}  # commands of the local socket, by their id
         self.modes = ModeMachine(safe=telemetry.start_mode == "safe")
         self.knowledge = Knowledge(config, host.now_ns)
         self.loop = LoopCommands(host.forward, host.now_ns, self._heard)
@@ -99,13 +110,15 @@ class TelemetryApplication:
             self.down.send,
             self.report,
         )
+        self.commands = CommandLog(state, self.boot.count, host.now_ns, host.epoch)
         self.dumps = Dumps(self.down.send)
-        self.summaries = Summaries()
         self.sets = Sets(self)
         self._wire_reports()
         self._wire_reactions(base)
         self._wire_storage(config, base, state)
-        self.dispatcher = TcDispatcher(lambda: self.modes.mode, self.down.send, self.report)
+        self.dispatcher = TcDispatcher(
+            lambda: self.modes.mode, self.down.send, self.report_checked, self.commands
+        )
         context = TelemetryContext(
             now_ns=host.now_ns,
             epoch=host.epoch,
@@ -133,6 +146,8 @@ class TelemetryApplication:
             self.down.send,
             lambda: (int(get("event_throttle_count")), get("event_throttle_period_s")),
             self.dumps,
+            self.state,
+            self.boot.count,
         )
         self.times = TimeReports(self.down.time, lambda: int(get("time_report_exponent")))
         self.housekeeping = Housekeeping(
@@ -294,6 +309,7 @@ class TelemetryApplication:
 
     def reply(self, reply: Reply) -> None:
         """Take the loop's answer to a command."""
+        self._local_reply(reply)
         self.loop.reply(reply)
 
     def job(self, report: JobReport) -> None:
@@ -304,12 +320,37 @@ class TelemetryApplication:
         self.loop.job(report)
 
     def report(self, code: str, text: str) -> None:
-        """Report an event of our own, with the severity the dictionary has for it.
+        """Report an event of our own, with the severity the dictionary has for it."""
+        self.report_checked(code, text)
+
+    def report_checked(self, code: str, text: str) -> bool:
+        """Report an event; return whether it passed.
 
         Of a burst that the other side of the link causes, only the rate is reported.
         """
-        if self.summaries.passes(code, text, self.host.now_ns()):
+        passes = self.summaries.passes(code, text, self.host.now_ns())
+        if passes:
             self.host.report(SEVERITIES[code], code, text)
+        return passes
+
+    def local_command(self, command: Command) -> None:
+        """Note a command of the local control socket; its reply ends it."""
+        arguments = " ".join(f"{name}={value}" for name, value in command.args.items())
+        name = str(command.name).upper()
+        self._local[command.id] = self.commands.begin("local socket", name, arguments)
+        if len(self._local) > MAX_LOCAL:
+            del self._local[next(iter(self._local))]
+
+    def _local_reply(self, reply: Reply) -> None:
+        record = self._local.pop(reply.id, None)
+        if record is None:
+            return
+        if reply.accepted:
+            self.commands.end(record, CommandOutcome.COMPLETED, Error.NONE)
+            self.report("TC_COMPLETED", record.words)
+        else:
+            self.commands.end(record, CommandOutcome.FAILED, Error.FAILED)
+            self.report("TC_FAILED", f"{record.name}: {reply.text} ({record.who})")
 
     def _uplink(self, may_command: bool) -> Uplink:
         if not may_command:
@@ -326,7 +367,7 @@ class TelemetryApplication:
         if item.error is not None:
             self.dispatcher.refuse(item.packet, item.error, item.text, item.value)
         elif not item.is_file:
-            if self.dispatcher.receive(item.packet):
+            if self.dispatcher.receive(item.packet, item.source):
                 self.supervision.commanded()
         elif self.delivery is not None:
             self.delivery.receive(item.packet[HEADER_BYTES:], now_ns)

@@ -12,8 +12,8 @@ from fsw.messages.errors import CommandError
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.link.outbox import Priority
 from fsw.telemetry.link.packets import ACK_ALL, Decoder, Telemetry, telecommand_packet
-from fsw.telemetry.outbox import Priority
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state.epoch import Epoch
 from tests.conftest import ArmProject

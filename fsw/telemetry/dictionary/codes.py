@@ -58,6 +58,8 @@ class Function(IntEnum):
     REPORT_VERSION = 4
     RESTART = 5
     EVENT_LOG_DUMP = 6
+    SECURITY_LOG_DUMP = 7
+    COMMAND_LOG_DUMP = 8
     LOAD_KEYS = 9
     START_IDENTIFICATION = 10
     STOP_IDENTIFICATION = 11
@@ -91,6 +93,16 @@ class Table(IntEnum):
     MONITORS = 4
 
 
+class CommandOutcome(IntEnum):
+    """What became of a command."""
+
+    ACCEPTED = 0  # not finished yet
+    COMPLETED = 1
+    FAILED = 2
+    REJECTED = 3
+    INTERRUPTED = 4  # the daemon ended before the command did
+
+
 class Store(IntEnum):
     """Packet stores of service 15."""
 
@@ -122,6 +134,7 @@ MODE = _of("mode", Mode)
 FUNCTION = _of("function", Function)
 TABLE = _of("table", Table)
 STORE = _of("store", Store)
+COMMAND_OUTCOME = _of("command_outcome", CommandOutcome)
 MEMORY = _of("memory", Memory)
 SEQUENCE_STATUS = _of("sequence_status", SequenceStatus)
 YES_NO = Enumeration(name="yes_no", labels={0: "NO", 1: "YES"})

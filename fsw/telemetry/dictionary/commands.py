@@ -24,6 +24,7 @@ _EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
 _MONITOR = Field(name="monitor", type=Type.U16, minimum=1)
 _TABLE = Field(name="table", type=Type.U8, enumeration=TABLE)
 _PATH = Field(name="path", type=Type.TEXT, size=PATH_BYTES, doc="below the file directory")
+_ENTRIES = Field(name="entries", type=Type.U16, minimum=1, maximum=1000)
 _UNKNOWN = Field(name="unknown", type=Type.U8, enumeration=UNKNOWN)
 _COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=32)
 _ID = Field(name="parameter", type=Type.U16, enumeration=PARAMETER)
@@ -163,7 +164,17 @@ _FUNCTIONS = (
     _function(
         Function.EVENT_LOG_DUMP,
         "Report the newest entries of the event log",
-        Field(name="entries", type=Type.U16, minimum=1, maximum=1000),
+        _ENTRIES,
+    ),
+    _function(
+        Function.SECURITY_LOG_DUMP,
+        "Report the newest entries of the security log: connections and refusals",
+        _ENTRIES,
+    ),
+    _function(
+        Function.COMMAND_LOG_DUMP,
+        "Report the newest entries of the command log: who sent what, when, and its outcome",
+        _ENTRIES,
     ),
     _function(
         Function.START_IDENTIFICATION,

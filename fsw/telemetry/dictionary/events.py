@@ -41,6 +41,8 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (51, "COMMAND_LOSS", _HIGH, "no telecommand for longer than the command-loss time"),
     (52, "COMMAND_BACK", _MEDIUM, "a telecommand after a command loss"),
     (53, "HEALTH_LATCHED", _MEDIUM, "a bit of the health word was set"),
+    (56, "TC_ACCEPTED", _INFO, "a command that takes some time was accepted: from whom, what"),
+    (57, "TC_COMPLETED", _INFO, "a command is completed: from whom, what"),
     (60, "TC_REJECTED", _LOW, "a telecommand was rejected"),
     (61, "TC_FAILED", _MEDIUM, "an accepted telecommand failed"),
     (62, "TC_GARBAGE", _MEDIUM, "bytes on the link that are no telecommand"),
@@ -108,6 +110,20 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (173, "SEQUENCE_ABORTED", _LOW, "a request sequence was aborted"),
     (175, "STORED_REQUESTS_CORRUPT", _HIGH, "kept requests cannot be read; older ones are used"),
     (OTHER_ID, "OTHER", _LOW, "an event without a number; its code is in the text"),
+)
+
+# who connects, who is refused, what authenticates: kept in a store of their own
+SECURITY_CODES = frozenset(
+    {
+        "TC_GARBAGE",
+        "TC_AUTH_FAILED",
+        "TC_NOT_AUTHORISED",
+        "LINK_OPENED",
+        "LINK_CLOSED",
+        "LINK_REFUSED",
+        "LINK_FAILED",
+        "KEYS_LOADED",
+    }
 )
 
 FINDINGS_FROM = 200

@@ -6,6 +6,7 @@ from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
     APID_TIME,
     CHECK_STATUS,
+    COMMAND_OUTCOME,
     ENTRY_STATUS,
     ERROR,
     SEVERITY,
@@ -20,6 +21,7 @@ from fsw.telemetry.dictionary.types import Field, Packet, Severity, Type
 
 DISABLED_SLOTS = 16
 LOG_TEXT_BYTES = 120
+WHO_BYTES = 64
 VERDICT_BYTES = 240
 
 _REQUEST = (
@@ -145,7 +147,27 @@ _OTHERS = (
             number("time_s", Type.F64, "s", "mission elapsed time"),
             choice("severity", SEVERITY),
             Field(name="event", type=Type.U16, enumeration=EVENT),
+            number("boot_count", Type.U32, doc="start of the daemon in which it happened"),
             text("text", LOG_TEXT_BYTES),
+        ),
+    ),
+    _report(
+        8,
+        134,
+        "command_log_entry",
+        "One command of the command log, oldest first",
+        (
+            number("entry", Type.U16, doc="from 1; 0: the log is empty"),
+            number("entries", Type.U16),
+            number("boot_count", Type.U32, doc="start of the daemon in which it was received"),
+            number("time_s", Type.F64, "s", "mission elapsed time of that run"),
+            number("unix_s", Type.F64, "s", "Unix time"),
+            number("duration_s", Type.F32, "s", "until its end"),
+            choice("outcome", COMMAND_OUTCOME),
+            Field(name="error", type=Type.U16, enumeration=ERROR),
+            text("who", WHO_BYTES, "client and key, or the part of the daemon that released it"),
+            text("command", 32),
+            text("arguments", LOG_TEXT_BYTES),
         ),
     ),
     _report(

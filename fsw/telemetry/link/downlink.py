@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.types import Packet
+from fsw.telemetry.link.outbox import Priority
 from fsw.telemetry.link.packets import Packetizer
-from fsw.telemetry.outbox import Priority
 
 FIRST = ("health", "time")
 DUMPED = (

@@ -12,9 +12,9 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from fsw.telemetry.link.outbox import Outbox
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import Uplink
-from fsw.telemetry.outbox import Outbox
 
 KEPT_PLACES = 1  # beyond max_clients, for those who command
 MAX_TRIALS = 4

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 from fsw.config.telemetry import TelemetryConfig
 from fsw.messages.errors import PortError
+from fsw.telemetry.link.outbox import Outbox, Priority
 from fsw.telemetry.link.places import Client, Refusal, admit, overdue, promote
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import Uplink
-from fsw.telemetry.outbox import Outbox, Priority
 
 READ_BYTES = 16384
 INBOX_ITEMS = 256  # of one client; then its bytes are left where they are

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 from fsw.messages import Event
 from fsw.telemetry.dictionary import DICTIONARY, Severity
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.dictionary.events import OTHER_ID
+from fsw.telemetry.dictionary.events import OTHER_ID, SECURITY_CODES
 from fsw.telemetry.dictionary.reports import DISABLED_SLOTS
-from fsw.telemetry.dumps import Dumps, Entries
-from fsw.telemetry.event_log import FairLog
 from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.services.dumps import Dumps, Entries
 from fsw.telemetry.services.executor import Action, Done, Handler, Send
+from fsw.telemetry.state.fair_log import FairLog
+from fsw.telemetry.state.journal import Journal
 
 LOG_ENTRIES = 1000
+VERIFIED = ("TC_ACCEPTED", "TC_COMPLETED")  # go down as verification reports, not as events
+SECURITY_NAME = "security.jsonl"
+SECURITY_BYTES = 1 << 20
+Logged = tuple[int, Event]  # start of the daemon, event
 IDS = {event.code: event.id for event in DICTIONARY.events}
 SEVERITIES = {event.code: event.severity.name.lower() for event in DICTIONARY.events}
 
@@ -39,6 +46,8 @@ class Eventing:
     ----------
     send_at : makes a packet with the event's own time: name, time [ns], values
     throttle : events of one number that go out, and the period it counts in [s]
+    state : directory in which the security log is kept
+    boot_count : start of the daemon that is running
     """
 
     def __init__(
@@ -47,11 +56,18 @@ class Eventing:
         send: Send,
         throttle: Callable[[], tuple[int, float]],
         dumps: Dumps,
+        state: Path,
+        boot_count: int,
     ) -> None:
         self._send_at, self._send, self._throttle = send_at, send, throttle
         self._dumps = dumps
         self._tracks: dict[int, _Track] = {}
-        self._log: FairLog[Event] = FairLog(LOG_ENTRIES)
+        self._boot_count = boot_count
+        self._log: FairLog[Logged] = FairLog(LOG_ENTRIES)
+        self._security: FairLog[Logged] = FairLog(LOG_ENTRIES)
+        self._journal = Journal(state / SECURITY_NAME, SECURITY_BYTES)
+        for boot, event in _kept(self._journal.read()):
+            self._security.add(event.code, (boot, event))
         self.total = 0
         self.suppressed = 0
 
@@ -62,7 +78,12 @@ class Eventing:
 
     def take(self, event: Event) -> None:
         """Log an event; report it."""
-        self._log.add(event.code, event)
+        self._log.add(event.code, (self._boot_count, event))
+        if event.code in SECURITY_CODES:
+            self._security.add(event.code, (self._boot_count, event))
+            self._journal.append({"boot_count": self._boot_count} | asdict(event))
+        if event.code in VERIFIED:
+            return
         self.total += 1
         number, text = _identify(event)
         track = self._tracks.setdefault(number, _Track())
@@ -90,9 +111,9 @@ class Eventing:
         for track in self._tracks.values():
             track.count = 0
 
-    def dump(self, entries: int) -> Entries:
-        """Return the packets of the newest entries of the log, oldest first."""
-        return _log_packets(self._log.newest(entries))
+    def dump(self, log: FairLog[Logged], entries: int) -> Entries:
+        """Return the packets of the newest entries of a log, oldest first."""
+        return _log_packets(log.newest(entries))
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommands."""
@@ -100,11 +121,12 @@ class Eventing:
             "ENABLE_EVENT": partial(self._switch, enabled=True),
             "DISABLE_EVENT": partial(self._switch, enabled=False),
             "REPORT_DISABLED_EVENTS": lambda _: self._tell_disabled,
-            "EVENT_LOG_DUMP": self._dump,
+            "EVENT_LOG_DUMP": partial(self._dump, self._log),
+            "SECURITY_LOG_DUMP": partial(self._dump, self._security),
         }
 
-    def _dump(self, request: Request) -> Action:
-        return self._dumps.action(request, partial(self.dump, request.whole("entries")))
+    def _dump(self, log: FairLog[Logged], request: Request) -> Action:
+        return self._dumps.action(request, partial(self.dump, log, request.whole("entries")))
 
     def _switch(self, request: Request, *, enabled: bool) -> Action:
         number = request.whole("event")
@@ -127,11 +149,24 @@ class Eventing:
         return Done.NOW
 
 
-def _log_packets(events: list[Event]) -> Iterator[tuple[str, Mapping[str, object]]]:
+def _kept(lines: list[dict[str, Any]]) -> Iterator[Logged]:
+    """Yield the security events of earlier runs; a damaged line is left out."""
+    for line in lines[-LOG_ENTRIES:]:
+        try:
+            event = Event(
+                int(line["t_ns"]), str(line["severity"]), str(line["code"]), str(line["text"])
+            )
+            Severity[event.severity.upper()]
+            yield int(line["boot_count"]), event
+        except (KeyError, TypeError, ValueError):
+            continue
+
+
+def _log_packets(events: list[Logged]) -> Iterator[tuple[str, Mapping[str, object]]]:
     if not events:
-        nothing = {"time_s": 0.0, "severity": 1, "event": 0, "text": ""}
+        nothing = {"time_s": 0.0, "severity": 1, "event": 0, "boot_count": 0, "text": ""}
         yield "event_log_entry", nothing | {"entry": 0, "entries": 0}
-    for place, event in enumerate(events, start=1):
+    for place, (boot_count, event) in enumerate(events, start=1):
         number, text = _identify(event)
         yield (
             "event_log_entry",
@@ -141,6 +176,7 @@ def _log_packets(events: list[Event]) -> Iterator[tuple[str, Mapping[str, object
                 "time_s": event.t_ns * 1e-9,
                 "severity": int(Severity[event.severity.upper()]),
                 "event": number,
+                "boot_count": boot_count,
                 "text": text,
             },
         )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from fsw.telemetry.dictionary.codes import Error, Mode
+from fsw.telemetry.dictionary.codes import CommandOutcome, Error, Mode
 from fsw.telemetry.link.packets import Value
 from fsw.telemetry.link.telecommands import (
     ACK_ACCEPTANCE,
@@ -22,6 +22,8 @@ from fsw.telemetry.link.telecommands import (
     TcError,
     TelecommandReader,
 )
+from fsw.telemetry.services.request_words import argument_words
+from fsw.telemetry.state.command_log import CommandLog, CommandRecord
 
 SECURITY_EVENTS = {
     Error.NOT_AUTHENTICATED: "TC_AUTH_FAILED",
@@ -40,7 +42,7 @@ class Done(Enum):
 Action = Callable[[], Done]
 Handler = Callable[[Request], Action]
 Send = Callable[[str, Mapping[str, object]], None]  # packet name, values
-Report = Callable[[str, str], None]  # event code, text
+Report = Callable[[str, str], object]  # event code, text
 
 
 @dataclass(slots=True)
@@ -62,13 +64,17 @@ class TcDispatcher:
     Parameters
     ----------
     mode : the mode now
+    log : history of commands
     """
 
-    def __init__(self, mode: Callable[[], Mode], send: Send, report: Report) -> None:
+    def __init__(
+        self, mode: Callable[[], Mode], send: Send, report: Report, log: CommandLog
+    ) -> None:
         self._reader = TelecommandReader()
         self._handlers: dict[str, Handler] = {}
         self._mode, self._send, self._report = mode, send, report
-        self._waiting: dict[RequestId, Request] = {}
+        self._log = log
+        self._waiting: dict[RequestId, CommandRecord] = {}
         self.counters = TcCounters()
 
     def add(self, handlers: Mapping[str, Handler]) -> None:
@@ -79,19 +85,31 @@ class TcDispatcher:
         """Return the request in a packet without doing anything. Raises TcError."""
         return self._reader.read(packet)
 
-    def receive(self, packet: bytes) -> bool:
-        """Check and do one telecommand; return whether it was accepted."""
+    def receive(self, packet: bytes, who: str = "") -> bool:
+        """Check and do one telecommand; return whether it was accepted.
+
+        Parameters
+        ----------
+        who : client and key, or the part of the daemon that releases it
+        """
         self.counters.tc_packets += 1
+        request = None
         try:
             request = self._reader.read(packet)
             action = self._prepare(request)
         except Exception as error:  # noqa: BLE001 - no telecommand ends the service
-            self._reject(RequestId.of(packet), TcError.of(error))
+            reason = TcError.of(error)
+            words = f" ({who})" if who else ""
+            passed = self._reject(RequestId.of(packet), reason, who=words)
+            if request is not None and passed:
+                name = request.telecommand.name
+                self._log.rejected(who, name, argument_words(request), reason.error)
             return False
         self.counters.tc_accepted += 1
         self._success(request, "acceptance_success", ACK_ACCEPTANCE)
         self._success(request, "start_success", ACK_START)
-        self._waiting[request.id] = request
+        name, arguments = request.telecommand.name, argument_words(request)
+        record = self._waiting[request.id] = self._log.begin(who, name, arguments)
         try:
             done = action()
         except Exception as error:  # noqa: BLE001 - no telecommand ends the service
@@ -99,6 +117,9 @@ class TcDispatcher:
             return True
         if done is Done.NOW:
             self.finish(request)
+        elif request.id in self._waiting:
+            self._log.keep(record)
+            self._report("TC_ACCEPTED", record.words)
         return True
 
     def refuse(self, packet: bytes, error: Error, text: str, value: float = 0.0) -> None:
@@ -114,16 +135,20 @@ class TcDispatcher:
 
     def finish(self, request: Request, error: TcError | None = None) -> None:
         """End a request."""
-        if self._waiting.pop(request.id, None) is None:
+        record = self._waiting.pop(request.id, None)
+        if record is None:
             return
         if error is None:
             self.counters.tc_completed += 1
             self._success(request, "completion_success", ACK_COMPLETION)
+            self._log.end(record, CommandOutcome.COMPLETED, Error.NONE)
+            self._report("TC_COMPLETED", record.words)
             return
         self.counters.tc_failed += 1
         self.counters.last_error = error.error
         self._send("completion_failure", _names(request.id) | _failure(error))
-        self._report("TC_FAILED", f"{request.telecommand.name}: {error}")
+        self._log.end(record, CommandOutcome.FAILED, error.error)
+        self._report("TC_FAILED", f"{request.telecommand.name}: {error} ({record.who})")
 
     def reset_counters(self) -> None:
         """Set all to zero."""
@@ -141,7 +166,10 @@ class TcDispatcher:
             raise TcError(Error.NOT_SUPPORTED, text=telecommand.name)
         return handler(request)
 
-    def _reject(self, request_id: RequestId, error: TcError, *, known: bool = True) -> None:
+    def _reject(
+        self, request_id: RequestId, error: TcError, *, known: bool = True, who: str = ""
+    ) -> bool:
+        """Report a rejection; return whether its event passed as it is."""
         self.counters.tc_rejected += 1
         self.counters.last_error = error.error
         if known:
@@ -149,7 +177,8 @@ class TcDispatcher:
             name = "acceptance_failure" if routed else "routing_failure"
             self._send(name, _names(request_id) | _failure(error))
         self.counters.tc_not_authorised += error.error is Error.NOT_AUTHORISED
-        self._report(SECURITY_EVENTS.get(error.error, "TC_REJECTED"), str(error))
+        code = SECURITY_EVENTS.get(error.error, "TC_REJECTED")
+        return self._report(code, f"{error}{who}") is not False
 
     def _success(self, request: Request, name: str, flag: int) -> None:
         if request.ack & flag:

@@ -13,11 +13,18 @@ from fsw.config import Config
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.ports import FileDelivery, Recording
+from fsw.telemetry.services.eventing import SECURITY_NAME
 from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send, TcDispatcher
+from fsw.telemetry.state.command_log import COMMANDS_NAME
 
 MAX_AT_ONCE_BYTES = 64 << 20  # read or copied in one go: the service has other things to do
 MAX_LISTED = 256
-LOGS = ("events.jsonl", "status.json")  # of the state directory, that may go down
+LOGS = (
+    "events.jsonl",
+    COMMANDS_NAME,
+    SECURITY_NAME,
+    "status.json",
+)  # of the state directory, that may go down
 
 
 class Filing:

@@ -10,7 +10,7 @@ from fsw.messages.errors import ConfigError
 from fsw.telemetry.dictionary import dictionary_crc32
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.server import LinkCounters
-from fsw.telemetry.link.telecommands import TcError
+from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.state.version import version_values
 
@@ -29,10 +29,15 @@ class OwnCommands:
         return {
             "PING": lambda _: partial(self._answer, "alive", {}),
             "REPORT_VERSION": lambda _: self._tell_version,
+            "COMMAND_LOG_DUMP": self._dump_commands,
             "RESET_COUNTERS": lambda _: self._reset_counters,
             "LOAD_KEYS": lambda _: self._keys(),
             "CLEAR_HEALTH": lambda request: partial(self._clear_health, request.whole("mask")),
         }
+
+    def _dump_commands(self, request: Request) -> Action:
+        packets = partial(self._app.commands.packets, request.whole("entries"))
+        return self._app.dumps.action(request, packets)
 
     def _answer(self, name: str, values: Mapping[str, object]) -> Done:
         self._app.down.send(name, values)

@@ -72,7 +72,7 @@ class Schedule:
                 continue
             self.released += 1
             self._context.report("SCHEDULE_RELEASED", activity.request.telecommand.name)
-            self._context.dispatcher.receive(activity.packet)
+            self._context.dispatcher.receive(activity.packet, "schedule")
 
     def handlers(self) -> dict[str, Handler]:
         """Return the handlers of this service's telecommands."""

@@ -10,8 +10,8 @@ from fsw.messages import Event
 from fsw.telemetry.application import MAX_ITEMS
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.dumps import PACKETS_PER_POLL
 from fsw.telemetry.link.packets import Decoder, telecommand_packet
+from fsw.telemetry.services.dumps import PACKETS_PER_POLL
 from fsw.telemetry.services.eventing import LOG_ENTRIES
 from tests.support.application_cases import DONE, SECOND, Flight, flight_config
 

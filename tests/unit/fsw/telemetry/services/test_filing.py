@@ -115,7 +115,7 @@ def test_a_file_goes_down_and_completes_when_it_has_arrived(flight: Flight, file
     delivery.ended = [(1, True, "a.txt")]
     flight.wait(0.1)
     assert "completion_success" in [p.packet.name for p in flight.packets]
-    assert flight.codes[-1] == "FILE_SENT"
+    assert flight.codes[-2:] == ["FILE_SENT", "TC_COMPLETED"]
     flight.send("DOWNLINK_FILE", {"path": "files/a.txt", "remove": 0})
     delivery.ended = [(2, False, "gave up")]
     flight.wait(0.1)

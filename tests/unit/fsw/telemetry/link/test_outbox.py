@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.downlink import PRIORITIES
-from fsw.telemetry.outbox import WIRE_BYTES, Outbox, Priority
+from fsw.telemetry.link.outbox import WIRE_BYTES, Outbox, Priority
 
 SIZE = 100
 

@@ -1,0 +1,151 @@
+"""History of commands: who sent what, when, and what became of it. It survives a restart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from fsw.telemetry.dictionary.codes import CommandOutcome, Error
+from fsw.telemetry.state.epoch import Epoch
+from fsw.telemetry.state.fair_log import FairLog
+from fsw.telemetry.state.journal import Journal
+
+COMMANDS_NAME = "commands.jsonl"
+CAPACITY = 1000
+LIMIT_BYTES = 1 << 20
+MAX_ARGUMENTS_CHARACTERS = 400
+REJECTED = "rejected"  # kind of all rejected commands: they share their part of the log
+
+
+@dataclass(slots=True, kw_only=True)
+class CommandRecord:
+    """One command; times as mission elapsed time of its run, and as Unix time."""
+
+    boot_count: int
+    number: int  # in its run
+    time_s: float
+    unix_s: float
+    who: str
+    name: str
+    arguments: str
+    outcome: str = CommandOutcome.ACCEPTED.name
+    error: str = Error.NONE.name
+    duration_s: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """Name, arguments, and who sent it."""
+        return f"{' '.join((self.name, self.arguments)).strip()} ({self.who})"
+
+
+RECORD = TypeAdapter(CommandRecord)
+
+
+class CommandLog:
+    """The newest commands in memory, all of them in a file of bounded size.
+
+    Parameters
+    ----------
+    boot_count : start of the daemon that is running
+    """
+
+    def __init__(
+        self, state: Path, boot_count: int, now_ns: Callable[[], int], epoch: Callable[[], Epoch]
+    ) -> None:
+        self._now_ns, self._epoch, self._boot_count = now_ns, epoch, boot_count
+        self._journal = Journal(state / COMMANDS_NAME, LIMIT_BYTES)
+        self._log: FairLog[CommandRecord] = FairLog(CAPACITY)
+        self._number = 0
+        for record in _records(self._journal.read()):
+            self._log.add(_kind(record), record)
+            if record.boot_count == boot_count:
+                self._number = max(self._number, record.number)
+
+    def begin(self, who: str, name: str, arguments: str) -> CommandRecord:
+        """Note an accepted command."""
+        record = self._made(who, name, arguments)
+        self._log.add(_kind(record), record)
+        return record
+
+    def keep(self, record: CommandRecord) -> None:
+        """Write a command down whose end will take some time."""
+        self._journal.append(asdict(record))
+
+    def end(self, record: CommandRecord, outcome: CommandOutcome, error: Error) -> None:
+        """Note what became of a command."""
+        record.outcome, record.error = outcome.name, error.name
+        record.duration_s = self._now_ns() * 1e-9 - record.time_s
+        self.keep(record)
+
+    def rejected(self, who: str, name: str, arguments: str, error: Error) -> None:
+        """Note a command that was rejected."""
+        record = self._made(who, name, arguments)
+        record.outcome, record.error = CommandOutcome.REJECTED.name, error.name
+        self._log.add(_kind(record), record)
+        self.keep(record)
+
+    def newest(self, count: int) -> list[CommandRecord]:
+        """Return the newest commands, oldest first."""
+        return self._log.newest(count)
+
+    def packets(self, count: int) -> Iterator[tuple[str, Mapping[str, object]]]:
+        """Yield the newest commands as packets, oldest first."""
+        newest = self.newest(count)
+        for place, record in enumerate(newest, start=1):
+            yield "command_log_entry", _values(record) | {"entry": place, "entries": len(newest)}
+        if not newest:
+            empty = CommandRecord(
+                boot_count=0, number=0, time_s=0.0, unix_s=0.0, who="", name="", arguments=""
+            )
+            yield "command_log_entry", _values(empty) | {"entry": 0, "entries": 0}
+
+    def _made(self, who: str, name: str, arguments: str) -> CommandRecord:
+        self._number += 1
+        now_ns = self._now_ns()
+        return CommandRecord(
+            boot_count=self._boot_count,
+            number=self._number,
+            time_s=now_ns * 1e-9,
+            unix_s=(now_ns + self._epoch().utc_less_met_ns) * 1e-9,
+            who=who or "on board",
+            name=name,
+            arguments=arguments[:MAX_ARGUMENTS_CHARACTERS],
+        )
+
+
+def _kind(record: CommandRecord) -> str:
+    return REJECTED if record.outcome == CommandOutcome.REJECTED.name else record.name
+
+
+def _values(record: CommandRecord) -> dict[str, object]:
+    return {
+        "boot_count": record.boot_count,
+        "time_s": record.time_s,
+        "unix_s": record.unix_s,
+        "duration_s": record.duration_s,
+        "outcome": int(CommandOutcome[record.outcome]),
+        "error": int(Error[record.error]),
+        "who": record.who,
+        "command": record.name,
+        "arguments": record.arguments,
+    }
+
+
+def _records(lines: list[dict[str, Any]]) -> list[CommandRecord]:
+    """Return the commands of kept lines; those without an end were interrupted."""
+    found: dict[tuple[int, int], CommandRecord] = {}
+    for line in lines[-4 * CAPACITY :]:
+        try:
+            record = RECORD.validate_python(line)
+            _values(record)
+        except (KeyError, ValueError):
+            continue
+        found[record.boot_count, record.number] = record
+    for record in found.values():
+        if record.outcome == CommandOutcome.ACCEPTED.name:
+            record.outcome = CommandOutcome.INTERRUPTED.name
+    return list(found.values())
