@@ -1,7 +1,9 @@
 """The newest blocks in a memory-mapped file: the service writes, the batch worker reads.
 
-Layout: 4096 bytes of header (JSON: the fields of a row, from the first block's own shapes), then a
-ring of fixed-size rows. Each row begins with its 1-based position in the stream; 0: not written.
+Layout: 4096 bytes of header (JSON: name, type and room of the fields of a row), then a ring of
+fixed-size rows. Each row begins with its 1-based position in the stream; 0: not written. An array
+has room for the largest form a block of so many joints and nodes can have, whatever noise is
+configured, and stands beside its own shape.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from fsw.messages.errors import FswError
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
 HEADER_BYTES = 4096
 _NAMES = tuple(item.name for item in fields(Block))
+_STORED = ("serial", *_NAMES)
+_SHAPE = ".shape"  # of the array whose name stands before it
 
 
 class BlockStoreError(FswError):
@@ -28,12 +32,45 @@ class BlockStoreError(FswError):
 
 
 def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
-    """Return name, type and shape of every field of a stored row."""
+    """Return name, type and room of every field of a stored row."""
     rows: list[tuple[str, str, list[int]]] = [("serial", "<i8", [])]
+    n, m = len(block.cov_joint), len(block.t_ns)
     for name in _NAMES:
         value = np.asarray(getattr(block, name))
-        rows.append((name, value.dtype.str, list(value.shape)))
+        room = (n, 3 * m, 3 * m) if name == "cov_joint" else value.shape
+        rows.append((name, value.dtype.str, list(room)))
+        if room:
+            rows.append((name + _SHAPE, "<i4", [len(room)]))
     return rows
+
+
+def _pack(row: np.void, block: Block) -> None:
+    """Write a block into its row. Raises BlockStoreError, the row untouched: it has no room."""
+    values = {name: np.asarray(getattr(block, name)) for name in _NAMES}
+    for name, value in values.items():
+        room = row[name].shape
+        if value.ndim != len(room) or any(
+            size > most for size, most in zip(value.shape, room, strict=True)
+        ):
+            raise BlockStoreError(f"{name} {value.shape} has no room in {room}")
+    row["serial"] = 0
+    for name, value in values.items():
+        if value.ndim:
+            row[name][tuple(map(slice, value.shape))] = value
+            row[name + _SHAPE] = value.shape
+        else:
+            row[name] = value
+
+
+def _unpack(row: np.void) -> Block:
+    values: dict[str, Any] = {}
+    for name in _NAMES:
+        value = np.array(row[name])
+        if value.ndim:
+            value = value[tuple(map(slice, row[name + _SHAPE]))].copy()
+        value.setflags(write=False)
+        values[name] = value if value.ndim else value.item()
+    return Block(**values)
 
 
 class BlockWriter:
@@ -59,14 +96,12 @@ class BlockWriter:
             path.unlink(missing_ok=True)
 
     def append(self, block: Block) -> None:
-        """Store a block over the oldest one. Raises OSError."""
+        """Store a block over the oldest one. Raises OSError, BlockStoreError: it has no room."""
         if self._rows is None:
             self._rows = self._create(block)
         row = self._rows[self.count % self._capacity]
+        _pack(row, block)
         self.count += 1
-        row["serial"] = 0
-        for name in _NAMES:
-            row[name] = getattr(block, name)
         row["serial"] = self.count
 
     def _create(self, block: Block) -> NDArray[np.void]:
@@ -112,7 +147,7 @@ def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
     try:
         with path.open("rb") as file:
             dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
-        if dtype.names != ("serial", *_NAMES):
+        if tuple(name for name in dtype.names or () if not name.endswith(_SHAPE)) != _STORED:
             raise BlockStoreError(f"{path}: fields {dtype.names}")
         rows = np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
     except (OSError, ValueError, TypeError) as error:
@@ -124,12 +159,3 @@ def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
 
 def _dtype(layout: list[Any]) -> np.dtype[np.void]:
     return np.dtype([(name, kind, tuple(shape)) for name, kind, shape in layout])
-
-
-def _unpack(row: np.void) -> Block:
-    values: dict[str, Any] = {}
-    for name in _NAMES:
-        value = np.array(row[name])
-        value.setflags(write=False)
-        values[name] = value if value.ndim else value.item()
-    return Block(**values)

@@ -1,4 +1,4 @@
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -81,3 +81,38 @@ def test_before_the_first_block_there_is_none_and_old_ones_are_gone(tmp_path: Pa
     BlockWriter(tmp_path / "b").append(make_block(1))
     BlockWriter(tmp_path / "b")
     assert read_blocks(tmp_path / "b") == []
+
+
+def noisy_angles(index: int) -> Block:
+    """A block as a configuration with noisy angles gives it: their covariance beside the rates'."""
+    block = make_block(index)
+    n, size = len(block.cov_joint), 3 * len(block.t_ns)
+    values = np.arange(n * size * size, dtype=float).reshape(n, size, size)
+    return replace(block, cov_joint=values)
+
+
+def test_a_table_that_makes_angles_noisy_changes_no_stored_shape(tmp_path: Path):
+    path = tmp_path / "b"
+    writer = BlockWriter(path, capacity=8)
+    blocks = [make_block(0), noisy_angles(1), make_block(2), noisy_angles(3)]
+    size = 0
+    for block in blocks:
+        writer.append(block)
+        size = size or path.stat().st_size
+    assert path.stat().st_size == size
+    writer = BlockWriter(path, keep=True)
+    writer.append(noisy_angles(4))
+    found = read_blocks(path)
+    assert [b.index for b in found] == [0, 1, 2, 3, 4]
+    for got, want in zip(found, [*blocks, noisy_angles(4)], strict=True):
+        assert np.array_equal(got.cov_joint, want.cov_joint)
+
+
+def test_a_block_that_has_no_room_is_refused_and_the_stored_ones_stay(tmp_path: Path):
+    writer = BlockWriter(tmp_path / "b", capacity=4)
+    writer.append(make_block(0))
+    for block in (make_block(1, joints=4), make_block(1, nodes=5)):
+        with pytest.raises(BlockStoreError, match="no room"):
+            writer.append(block)
+    writer.append(make_block(2))
+    assert [b.index for b in read_blocks(tmp_path / "b")] == [0, 2]
