@@ -11,6 +11,7 @@ from math import sqrt, tau
 from pathlib import Path
 
 from fsw.checks import budget
+from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.config import BusConfig, Config
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
@@ -30,7 +31,7 @@ SIMULATED_INTERFACES = ("udp_multicast", "virtual")  # have no bit rate of their
 
 
 def validate(config: Config) -> tuple[Problem, list[str]]:
-    """Check a configuration without touching a device or writing a file.
+    """Check a configuration, with one dry update, without touching a device or writing a file.
 
     Returns
     -------
@@ -49,6 +50,8 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
     problem: Problem | None = None
     try:
         problem = load_problem(config)
+        if not faults:
+            rehearse(config, problem)
     except ConfigError as error:
         faults += str(error).splitlines()
     if faults or problem is None:

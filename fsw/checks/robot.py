@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
 
 import numpy as np
 
+from fsw.checks.urdf import check_urdf
 from fsw.config import Config
 from fsw.estimators.model.inertia import PARAMETERS, pseudo_inertia
 from fsw.estimators.model.problem import Problem, build_problem
@@ -63,38 +63,11 @@ def _library_words(said: IO[bytes], urdf: Path) -> str:
 
 def _check_urdf(urdf: Path) -> None:
     try:
-        root = ET.fromstring(urdf.read_bytes())
+        check_urdf(urdf.read_bytes())
     except OSError as error:
         raise ConfigError(f"robot.urdf: {urdf} cannot be read: {error.strerror}") from error
-    except ET.ParseError as error:
-        raise ConfigError(f"robot.urdf: {urdf} is no URDF: {error}") from error
-    if root.tag != "robot":
-        raise ConfigError(f"robot.urdf: {urdf} is no URDF: its root is <{root.tag}>, not <robot>")
-    for joint in root.iter("joint"):
-        kind = joint.get("type")
-        if joint.find("parent") is not None and kind not in ("revolute", "fixed"):
-            raise ConfigError(
-                f"robot.urdf: joint {joint.get('name')!r} is {kind!r}; must be revolute or fixed"
-            )
-        axis = joint.find("axis")
-        if kind == "revolute" and axis is not None and not _is_direction(axis.get("xyz", "")):
-            raise ConfigError(
-                f"robot.urdf: joint {joint.get('name')!r} has the axis {axis.get('xyz')!r}; must "
-                "be three numbers, not all zero"
-            )
-        if kind == "revolute" and joint.find("limit") is None:
-            raise ConfigError(
-                f"robot.urdf: joint {joint.get('name')!r} has no <limit>; a revolute joint needs "
-                "lower, upper, effort and velocity"
-            )
-
-
-def _is_direction(text: str) -> bool:
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        return False
-    return len(numbers) == 3 and any(numbers)
+    except ConfigError as error:
+        raise ConfigError(f"robot.urdf: {urdf} {error}") from error
 
 
 def _check_masses(config: Config, model: RobotModel) -> None:

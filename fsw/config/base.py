@@ -4,13 +4,45 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+MAX_MASS_KG = 1e6  # of a body; a space station has half of it
+MAX_LENGTH_M = 100.0  # from the origin of a body's frame
+MAX_INERTIA_KG_M2 = 1e9
+SMALLEST = 1e-12  # of a noise: its square is still far from where arithmetic ends
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+# what a robot in space, its sensors and what is not known of them can be
+Mass = Annotated[float, Field(ge=1e-3, le=MAX_MASS_KG, allow_inf_nan=False)]
+MassSigma = Annotated[float, Field(ge=1e-9, le=MAX_MASS_KG, allow_inf_nan=False)]
+Length = Annotated[float, Field(ge=0, le=MAX_LENGTH_M, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(ge=-MAX_LENGTH_M, le=MAX_LENGTH_M, allow_inf_nan=False)]
+CoordinateSigma = Annotated[float, Field(ge=1e-9, le=MAX_LENGTH_M, allow_inf_nan=False)]
+Inertia = Annotated[float, Field(ge=-MAX_INERTIA_KG_M2, le=MAX_INERTIA_KG_M2, allow_inf_nan=False)]
+InertiaSigma = Annotated[float, Field(ge=1e-9, le=MAX_INERTIA_KG_M2, allow_inf_nan=False)]
+TorqueNoise = Annotated[float, Field(ge=SMALLEST, le=1e4, allow_inf_nan=False)]
+ForceNoise = Annotated[float, Field(ge=SMALLEST, le=1e4, allow_inf_nan=False)]
+AngleNoise = Annotated[float, Field(ge=SMALLEST, le=1.0, allow_inf_nan=False)]
+RandomWalk = Annotated[float, Field(ge=SMALLEST, le=10.0, allow_inf_nan=False)]  # of rate, velocity
+TorqueSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]  # 0: not estimated
+ForceSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]
+MomentumSigma = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
+ScaleSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
+RateSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
+AccelerationSigma = Annotated[float, Field(ge=0, le=100.0, allow_inf_nan=False)]
+Delay = Annotated[float, Field(ge=0, le=10.0, allow_inf_nan=False)]
+Rate = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
+Interval = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]  # s
+Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]  # s
+
 Vector3 = tuple[Finite, Finite, Finite]
 PositiveVector3 = tuple[Positive, Positive, Positive]
-Vector6 = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
-PositiveVector6 = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+Position = tuple[Coordinate, Coordinate, Coordinate]
+PositionSigma = tuple[CoordinateSigma, CoordinateSigma, CoordinateSigma]
+InertiaVector = tuple[Inertia, Inertia, Inertia, Inertia, Inertia, Inertia]
+InertiaSigmas = tuple[
+    InertiaSigma, InertiaSigma, InertiaSigma, InertiaSigma, InertiaSigma, InertiaSigma
+]
 Quaternion = tuple[Finite, Finite, Finite, Finite]
 BodyName = Literal["base", "target"]
 

@@ -6,7 +6,23 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from fsw.config.base import Finite, NonNegative, Positive, Quaternion, Section, Vector3
+from fsw.config.base import (
+    AccelerationSigma,
+    AngleNoise,
+    Delay,
+    Duration,
+    Finite,
+    Position,
+    Positive,
+    Quaternion,
+    RandomWalk,
+    Rate,
+    RateSigma,
+    ScaleSigma,
+    Section,
+    TorqueNoise,
+    TorqueSigma,
+)
 
 
 class RedundantBusConfig(Section):
@@ -14,8 +30,8 @@ class RedundantBusConfig(Section):
 
     channel: str
     port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast only
-    lost_after_s: Positive = 0.3  # without a frame of any node the active bus counts as lost
-    nodes_toggle_s: Positive  # Ttoggle times the nodes' consumer heartbeat time
+    lost_after_s: Duration = 0.3  # without a frame of any node the active bus counts as lost
+    nodes_toggle_s: Duration  # Ttoggle times the nodes' consumer heartbeat time
 
 
 class BusConfig(Section):
@@ -29,10 +45,10 @@ class BusConfig(Section):
     data_bitrate: int | None = Field(default=None, gt=0)
     port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast only
     sync: Literal["producer", "consumer"] = "producer"
-    rate_hz: Positive
+    rate_hz: Rate
     sync_counter_max: int = Field(default=240, ge=2, le=240)
     latch_offset_s: Finite = 0.0  # time of validity minus SYNC stamp
-    heartbeat_s: Positive | None = None  # period of the computer's heartbeat; None: it sends none
+    heartbeat_s: Duration | None = None  # period of the computer's heartbeat; None: it sends none
     redundant: RedundantBusConfig | None = None
 
     def second(self) -> BusConfig | None:
@@ -57,16 +73,16 @@ class JointConfig(Section):
     torque_offset_nm: Finite = 0.0
     torque_limit_nm: Positive  # larger readings are rejected as out of range
     speed_limit_rad_s: Positive  # faster jumps between samples are rejected as out of range
-    torque_noise_nm: Positive  # 1 sigma of one sample, white
-    torque_offset_sigma_nm: NonNegative  # prior of the unknown offset; 0: none estimated
-    torque_scale_sigma_ratio: NonNegative = 0.0  # prior of the scale error; 0: none estimated
-    position_noise_rad: Positive  # 1 sigma of one sample, quantisation included
+    torque_noise_nm: TorqueNoise  # 1 sigma of one sample, white
+    torque_offset_sigma_nm: TorqueSigma  # prior of the unknown offset; 0: none estimated
+    torque_scale_sigma_ratio: ScaleSigma = 0.0  # prior of the scale error; 0: none estimated
+    position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
 
 
 class Mounting(Section):
     """Pose of a sensor on the base: origin in B, and the quaternion taking S components to B."""
 
-    p_BS_m: Vector3
+    p_BS_m: Position
     q_BS_xyzw: Quaternion
 
     @field_validator("q_BS_xyzw")
@@ -84,16 +100,16 @@ class ImuConfig(Section):
     driver: Literal["stim300", "mip"] = "stim300"
     port: str
     baud_rate: int = Field(default=921600, gt=0)
-    rate_hz: Positive
+    rate_hz: Rate
     crlf: bool = False  # datagrams are followed by CR LF
     acc_range_g: Literal[5, 10, 30, 80] = 10
     mounting: Mounting
-    gyro_group_delay_s: NonNegative
-    acc_group_delay_s: NonNegative
-    angle_random_walk_rad_sqrt_s: Positive
-    velocity_random_walk_m_s_sqrt_s: Positive
-    gyro_bias_sigma_rad_s: NonNegative  # prior of the unknown bias; 0: none estimated
-    acc_bias_sigma_m_s2: NonNegative
+    gyro_group_delay_s: Delay
+    acc_group_delay_s: Delay
+    angle_random_walk_rad_sqrt_s: RandomWalk
+    velocity_random_walk_m_s_sqrt_s: RandomWalk
+    gyro_bias_sigma_rad_s: RateSigma  # prior of the unknown bias; 0: none estimated
+    acc_bias_sigma_m_s2: AccelerationSigma
     max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)
     clock_tolerance_ppm: Positive = 200.0
 
@@ -104,11 +120,11 @@ class StarTrackerConfig(Section):
     driver: Literal["sagitta"] = "sagitta"
     port: str
     baud_rate: int = Field(default=115200, gt=0)
-    rate_hz: Positive
+    rate_hz: Rate
     mounting: Mounting
     time: Literal["unit", "arrival"] = "arrival"  # its own time stamp, or arrival less latency
-    latency_s: NonNegative  # from mid-exposure to the unit's time stamp, or to the last byte
+    latency_s: Delay  # from mid-exposure to the unit's time stamp, or to the last byte
     rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
-    noise_across_rad: Positive
-    noise_about_rad: Positive
+    noise_across_rad: AngleNoise
+    noise_about_rad: AngleNoise
     subscribe: bool = True  # ask the unit for asynchronous solutions at start

@@ -6,14 +6,26 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from fsw.config.base import NonNegative, Positive, Section, Vector3
+from fsw.config.base import (
+    Delay,
+    Duration,
+    ForceNoise,
+    ForceSigma,
+    MomentumSigma,
+    Positive,
+    Rate,
+    Section,
+    TorqueNoise,
+    TorqueSigma,
+    Vector3,
+)
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
 
 
 class SchedulerConfig(Section):
     """The loop's grid."""
 
-    tick_rate_hz: Positive
+    tick_rate_hz: Rate
     realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
     cpu: int | None = Field(default=None, ge=0)
 
@@ -23,22 +35,24 @@ class EstimatorConfig(Section):
 
     method: Literal["mrnea", "rda", "cm", "fused"] = "fused"
     weighting: Literal["ols", "wls", "bc", "eiv"] = "eiv"  # of mrnea
-    window_s: Positive = 0.4
+    window_s: Duration = 0.4
     nodes: int = Field(default=4, ge=2, le=8)
-    lag_s: NonNegative = 0.15  # a window closes this long after its end: the slowest sensor's delay
+    lag_s: Delay = 0.15  # a window closes this long after its end: the slowest sensor's delay
     store_blocks: int = Field(default=256, ge=4, le=100_000)
     settle_blocks: int = Field(default=25, ge=1)  # nothing is published as valid before this many
     min_fill_ratio: float = Field(default=0.6, gt=0, le=1)  # of the expected samples in a window
-    wrench_force_sigma_n: Positive = 1e-3  # unmodelled external force
-    wrench_torque_sigma_nm: Positive = 1e-3
-    momentum_sigma_nms: NonNegative = 0.0  # prior of a residual angular momentum; 0: none estimated
-    external_force_sigma_n: NonNegative = 0.0  # prior of a constant external wrench at the base's
-    external_torque_sigma_nm: NonNegative = 0.0  # origin, inertial axes; 0: none estimated
-    target_force_sigma_n: NonNegative = 0.0  # the same at the target's centre of mass: air
-    target_torque_sigma_nm: NonNegative = 0.0
+    wrench_force_sigma_n: ForceNoise = 1e-3  # unmodelled external force
+    wrench_torque_sigma_nm: TorqueNoise = 1e-3
+    momentum_sigma_nms: MomentumSigma = (
+        0.0  # prior of a residual angular momentum; 0: none estimated
+    )
+    external_force_sigma_n: ForceSigma = 0.0  # prior of a constant external wrench at the base's
+    external_torque_sigma_nm: TorqueSigma = 0.0  # origin, inertial axes; 0: none estimated
+    target_force_sigma_n: ForceSigma = 0.0  # the same at the target's centre of mass: air
+    target_torque_sigma_nm: TorqueSigma = 0.0
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
-    forgetting_time_s: Positive | None = None  # data's information decays with it; null: never
+    forgetting_time_s: Duration | None = None  # data's information decays with it; null: never
 
 
 class OrbitConfig(Section):

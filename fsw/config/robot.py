@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from fsw.config.base import (
-    NonNegative,
-    Positive,
-    PositiveVector3,
-    PositiveVector6,
+    InertiaSigmas,
+    InertiaVector,
+    Length,
+    Mass,
+    MassSigma,
+    Position,
+    PositionSigma,
     Section,
-    Vector3,
-    Vector6,
 )
 
 
@@ -28,27 +29,29 @@ class RobotConfig(Section):
 class BodySigma(Section):
     """1-sigma of a body's prior: mass, centre of mass, inertia (xx xy xz yy yz zz)."""
 
-    mass_kg: Positive
-    com_m: PositiveVector3
-    inertia_kg_m2: PositiveVector6
+    mass_kg: MassSigma
+    com_m: PositionSigma
+    inertia_kg_m2: InertiaSigmas
 
 
 class LiquidConfig(Section):
     """Liquid that may move in a body on its own: what of the body's mass need not follow it."""
 
-    mass_kg: Positive
-    place_m: Vector3
-    stroke_m: NonNegative = 0.0  # how far from there it may go
+    mass_kg: Mass
+    place_m: Position
+    stroke_m: Length = 0.0  # how far from there it may go
 
 
 class BodyConfig(Section):
     """Inertial data of a body in its own frame, inertia about its centre of mass."""
 
-    mass_kg: Positive
-    com_m: Vector3
-    inertia_kg_m2: Vector6
+    mass_kg: Mass
+    com_m: Position
+    inertia_kg_m2: InertiaVector
     sigma: BodySigma | None = None
-    liquid: tuple[LiquidConfig, ...] = ()  # of an unknown body: widens what is published of it
+    liquid: Annotated[
+        tuple[LiquidConfig, ...], Field(max_length=16)
+    ] = ()  # of an unknown body: widens what is published of it
 
     @model_validator(mode="after")
     def _physical(self) -> Self:

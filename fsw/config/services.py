@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from fsw.config.base import NonNegative, Positive, Section
+from fsw.config.base import Duration, NonNegative, Positive, Rate, Section
 
 
 class RecorderConfig(Section):
@@ -24,6 +24,6 @@ class ServiceConfig(Section):
     """Local state of the daemon: status file, control socket, checkpoints."""
 
     state_directory: Path
-    status_rate_hz: Positive = 5.0
-    checkpoint_period_s: Positive | None = 10.0  # null: none are made, none is read
+    status_rate_hz: Rate = 5.0
+    checkpoint_period_s: Duration | None = 10.0  # null: none are made, none is read
     checkpoint_hold_s: NonNegative = 60.0  # biases are taken for the same so long after

@@ -6,7 +6,22 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from fsw.config.base import BodyName, Finite, NonNegative, Positive, Section
+from fsw.config.base import (
+    AccelerationSigma,
+    AngleNoise,
+    BodyName,
+    Finite,
+    ForceNoise,
+    ForceSigma,
+    MomentumSigma,
+    NonNegative,
+    RandomWalk,
+    RateSigma,
+    ScaleSigma,
+    Section,
+    TorqueNoise,
+    TorqueSigma,
+)
 from fsw.config.robot import BodyConfig
 
 MAX_MONITORS = 64
@@ -15,38 +30,38 @@ MAX_MONITORS = 64
 class JointNoise(Section):
     """Noise of one joint; what is left out stays."""
 
-    torque_noise_nm: Positive | None = None
-    torque_offset_sigma_nm: NonNegative | None = None
-    torque_scale_sigma_ratio: NonNegative | None = None
-    position_noise_rad: Positive | None = None
+    torque_noise_nm: TorqueNoise | None = None
+    torque_offset_sigma_nm: TorqueSigma | None = None
+    torque_scale_sigma_ratio: ScaleSigma | None = None
+    position_noise_rad: AngleNoise | None = None
 
 
 class ImuNoise(Section):
     """Noise of the inertial unit."""
 
-    angle_random_walk_rad_sqrt_s: Positive | None = None
-    velocity_random_walk_m_s_sqrt_s: Positive | None = None
-    gyro_bias_sigma_rad_s: NonNegative | None = None
-    acc_bias_sigma_m_s2: NonNegative | None = None
+    angle_random_walk_rad_sqrt_s: RandomWalk | None = None
+    velocity_random_walk_m_s_sqrt_s: RandomWalk | None = None
+    gyro_bias_sigma_rad_s: RateSigma | None = None
+    acc_bias_sigma_m_s2: AccelerationSigma | None = None
 
 
 class TrackerNoise(Section):
     """Noise of the star tracker."""
 
-    noise_across_rad: Positive | None = None
-    noise_about_rad: Positive | None = None
+    noise_across_rad: AngleNoise | None = None
+    noise_about_rad: AngleNoise | None = None
 
 
 class ModelNoise(Section):
     """What the model leaves out."""
 
-    wrench_force_sigma_n: Positive | None = None
-    wrench_torque_sigma_nm: Positive | None = None
-    momentum_sigma_nms: NonNegative | None = None
-    external_force_sigma_n: NonNegative | None = None
-    external_torque_sigma_nm: NonNegative | None = None
-    target_force_sigma_n: NonNegative | None = None
-    target_torque_sigma_nm: NonNegative | None = None
+    wrench_force_sigma_n: ForceNoise | None = None
+    wrench_torque_sigma_nm: TorqueNoise | None = None
+    momentum_sigma_nms: MomentumSigma | None = None
+    external_force_sigma_n: ForceSigma | None = None
+    external_torque_sigma_nm: TorqueSigma | None = None
+    target_force_sigma_n: ForceSigma | None = None
+    target_torque_sigma_nm: TorqueSigma | None = None
 
 
 class NoiseTable(Section):

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from ipaddress import ip_address
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from fsw.config.base import NonNegative, Positive, Section
+from fsw.config.base import Interval, Positive, Rate, Section
 from fsw.config.sdls import SdlsConfig
 
 JOINT_SLOTS = 8  # what packets of fixed size have room for; `fsw check` tells what is left out
 BUS_SLOTS = 4
+# in the state directory, not for the ground
+STATE_FOLDERS = (
+    "boot",
+    "event_actions",
+    "packet_store_switches",
+    "packet_stores",
+    "parameters",
+    "schedule",
+    "sequences",
+    "tables",
+)
 
 
 class UdpConfig(Section):
@@ -42,11 +53,21 @@ class TelemetryConfig(Section):
     tc_security: Literal["none", "sdls"] = "none"
     sdls: SdlsConfig | None = None
     start_mode: Literal["identify", "standby", "safe"] = "identify"
-    science_rate_hz: Positive = 100.0  # the fastest a science packet can come
-    housekeeping_interval_s: NonNegative = 1.0  # sets 1 2 4 5 8; 3 6 7 a fifth as often; 0: none
-    science_interval_s: NonNegative = 0.0  # 0: only when asked for
+    science_rate_hz: Rate = 100.0  # the fastest a science packet can come
+    housekeeping_interval_s: Interval = 1.0  # sets 1 2 4 5 8; 3 6 7 a fifth as often; 0: none
+    science_interval_s: Interval = 0.0  # 0: only when asked for
     packet_stores: PacketStoresConfig = PacketStoresConfig()
-    file_directory: str = "files"  # in service.state_directory: what can go down and up
+    file_directory: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")] = "files"  # one name,
+    # a folder in service.state_directory: what can go down and up
+
+    @model_validator(mode="after")
+    def _own_folder(self) -> Self:
+        if self.file_directory in STATE_FOLDERS:
+            raise ValueError(
+                f"file_directory: {self.file_directory!r} is a folder of the daemon's own state; "
+                f"must be none of {', '.join(STATE_FOLDERS)}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _science(self) -> Self:

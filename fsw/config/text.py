@@ -29,21 +29,23 @@ class TextError(ConfigError):
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """The safe loader, except that aliases, repeated keys and large texts are errors."""
+    """The safe loader, except that repeated keys and large texts are errors, and aliases may be."""
 
-    def __init__(self, source: bytes) -> None:
+    def __init__(self, source: bytes, *, aliases: bool) -> None:
         super().__init__(source)
-        self._depth = self._nodes = 0
+        self._aliases, self._depth, self._nodes = aliases, 0, 0
+        self._sizes: dict[str | None, int] = {}  # values below each anchor
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose one node unless it is an alias, lies too deep or is one too many."""
-        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+        """Compose one node unless it lies too deep, is one too many or an alias not allowed."""
+        event: yaml.NodeEvent = self.peek_event()  # type: ignore[no-untyped-call]
+        before, problem = self._nodes, ""
         self._nodes += 1
-        problem = ""
         if isinstance(event, yaml.AliasEvent):
-            problem = "aliases are not allowed"
-        elif self._nodes > MAX_NODES:
-            problem = f"more than {MAX_NODES} values"
+            self._nodes += self._sizes.get(event.anchor, MAX_NODES)  # of one it stands in: no end
+            problem = "" if self._aliases else "aliases are not allowed"
+        if self._nodes > MAX_NODES:
+            problem = problem or f"more than {MAX_NODES} values, aliases written out"
         elif self._depth >= MAX_DEPTH:
             problem = f"values nested deeper than {MAX_DEPTH}"
         if problem:
@@ -52,6 +54,8 @@ class _StrictLoader(yaml.SafeLoader):
         self._depth += 1
         node = super().compose_node(parent, index)
         self._depth -= 1
+        if event.anchor is not None:
+            self._sizes[event.anchor] = self._nodes - before
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
@@ -69,8 +73,12 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def read_yaml(source: bytes) -> object:
+def read_yaml(source: bytes, *, aliases: bool = False) -> object:
     """Return the plain values of a YAML text.
+
+    Parameters
+    ----------
+    aliases : whether it may have aliases, as a configuration; each counts as what it stands for
 
     Raises
     ------
@@ -79,7 +87,8 @@ def read_yaml(source: bytes) -> object:
     if len(source) > MAX_TEXT_BYTES:
         raise TextError(f"{len(source)} bytes; must be at most {MAX_TEXT_BYTES}")
     try:
-        data: object = yaml.load(source, _StrictLoader)  # a SafeLoader: builds plain values only
+        loader = _StrictLoader(source, aliases=aliases)  # a SafeLoader: builds plain values only
+        data: object = loader.get_single_data()
     except _READING as error:
         raise TextError(f"not YAML: {cut(str(error) or type(error).__name__)}") from error
     return data

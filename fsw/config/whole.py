@@ -68,7 +68,7 @@ class Config(Section):
         """Return the configuration its text gives: what was laid over it since is left out."""
         if not self._source:
             return self
-        data = read_yaml(self._source)
+        data = read_yaml(self._source, aliases=True)
         return type(self).model_validate(data).read_from(self._source, self._folder, self._name)
 
     def resolve(self, path: Path) -> Path:
@@ -202,7 +202,7 @@ def parse(source: bytes, folder: Path, name: str) -> Config:
     ConfigError with one line per fault: key, value, bound.
     """
     try:
-        data = read_yaml(source)
+        data = read_yaml(source, aliases=True)
     except TextError as error:
         raise ConfigError(f"{name}: {error}") from error
     if not isinstance(data, dict):

@@ -14,7 +14,7 @@ from fsw.config import Config, Section
 from fsw.config.overlay import noise_of, overlay
 from fsw.config.tables import MonitorsTable, NoiseTable, RatesTable
 from fsw.config.text import explain, read_yaml
-from fsw.messages.errors import ConfigError
+from fsw.messages.errors import ConfigError, unforeseen
 from fsw.telemetry.dictionary.codes import Table
 from fsw.telemetry.services.housekeeping import science_fault
 from fsw.telemetry.services.monitors import check_table
@@ -33,12 +33,22 @@ def read_table(model: type[S], content: bytes) -> S:
 
 
 def validate_table(config: Config, table: Table, content: bytes) -> None:
-    """Check a table against the configuration it would stand above.
+    """Check a table against the configuration it would stand above, with one dry update.
 
     Raises
     ------
-    ConfigError with one line per fault.
+    ConfigError with one line per fault, or with an error nobody foresaw. OSError without room for a
+    robot's file.
     """
+    try:
+        _validate(config, table, content)
+    except (ConfigError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise ConfigError(f"cannot be used: {unforeseen(error)}") from error
+
+
+def _validate(config: Config, table: Table, content: bytes) -> None:
     from fsw.checks.configuration import validate
 
     if not content:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw.config import load, parse
+from fsw.config.telemetry import STATE_FOLDERS
 from fsw.messages.errors import ConfigError
 
 
@@ -36,8 +37,16 @@ def test_the_arm_of_these_tests_is_correct(arm):
 
 # key to spoil, value, words of the message: the key, the value, the bound
 SPOILED = [
-    ("joints.1.torque_noise_nm", -0.05, ("joints.1.torque_noise_nm", "-0.05", "greater than 0")),
-    ("joints.0.position_noise_rad", 0.0, ("joints.0.position_noise_rad", "0.0", "greater than 0")),
+    (
+        "joints.1.torque_noise_nm",
+        -0.05,
+        ("joints.1.torque_noise_nm", "-0.05", "than or equal"),
+    ),
+    (
+        "joints.0.position_noise_rad",
+        0.0,
+        ("joints.0.position_noise_rad", "0.0", "than or equal"),
+    ),
     ("joints.0.torque_limit_nm", -1, ("joints.0.torque_limit_nm", "-1", "greater than 0")),
     ("joints.0.speed_limit_rad_s", 0, ("joints.0.speed_limit_rad_s", "0", "greater than 0")),
     ("joints.0.torque_offset_sigma_nm", -0.1, ("torque_offset_sigma_nm", "-0.1", "equal to 0")),
@@ -58,7 +67,11 @@ SPOILED = [
     ("imu.acc_range_g", 20, ("imu.acc_range_g", "20", "5, 10, 30 or 80")),
     ("imu.mounting.q_BS_xyzw", [0, 0, 0, 2], ("q_BS_xyzw", "[0.0, 0.0, 0.0, 2.0]", "norm 2")),
     ("imu.mounting.p_BS_m", [0, 0], ("imu.mounting.p_BS_m.2", "missing")),
-    ("imu.angle_random_walk_rad_sqrt_s", -1e-5, ("imu.angle_random_walk", "-1e-05", "than 0")),
+    (
+        "imu.angle_random_walk_rad_sqrt_s",
+        -1e-5,
+        ("imu.angle_random_walk", "-1e-05", "than or equal"),
+    ),
     ("imu.gyro_group_delay_s", -0.001, ("imu.gyro_group_delay_s", "-0.001", "equal to 0")),
     ("star_tracker.latency_s", -0.1, ("star_tracker.latency_s", "-0.1", "equal to 0")),
     ("star_tracker.time", "gps", ("star_tracker.time", "gps", "'unit' or 'arrival'")),
@@ -71,8 +84,12 @@ SPOILED = [
     ("unknown", ["target", "target"], ("unknown", "target", "unique")),
     ("unknown", ["base", "target"], ("bodies.base", "missing", "needs a prior")),
     ("bodies.target.sigma", None, ("bodies.target.sigma", "missing")),
-    ("bodies.target.mass_kg", -80, ("bodies.target.mass_kg", "-80", "greater than 0")),
-    ("bodies.target.sigma.mass_kg", 0, ("bodies.target.sigma.mass_kg", "0", "greater than 0")),
+    ("bodies.target.mass_kg", 1e-6, ("bodies.target.mass_kg", "1e-06", "0.001")),
+    ("bodies.target.com_m", [70000, 0, 0], ("bodies.target.com_m.0", "70000", "100")),
+    ("bodies.target.sigma.mass_kg", 1e10, ("bodies.target.sigma.mass_kg", "1000000")),
+    ("joints.0.torque_noise_nm", 1e155, ("joints.0.torque_noise_nm", "1e+155", "10000")),
+    ("bodies.target.mass_kg", -80, ("bodies.target.mass_kg", "-80", "than or equal")),
+    ("bodies.target.sigma.mass_kg", 0, ("bodies.target.sigma.mass_kg", "0", "than or equal")),
     (
         "bodies.target.inertia_kg_m2",
         [1, 0, 0, 1, 0, 9],
@@ -168,3 +185,15 @@ def test_a_number_written_without_its_point_is_a_number(arm):
     path.write_text(text)
     assert "1e-5" in text
     assert load(path).joints[0].position_noise_rad == 1e-5
+
+
+@pytest.mark.parametrize("name", ["/", "..", ".", "", "a/../../b", "/etc", "a b", "x" * 65])
+def test_the_file_directory_is_one_folder_of_the_state_directory(arm, name):
+    arm.data["telemetry"] = {"file_directory": name}
+    assert "telemetry.file_directory" in fault(arm)
+
+
+@pytest.mark.parametrize("name", STATE_FOLDERS)
+def test_the_file_directory_is_none_that_holds_the_daemons_state(arm, name):
+    arm.data["telemetry"] = {"file_directory": name}
+    assert f"{name!r} is a folder of the daemon's own state" in fault(arm)

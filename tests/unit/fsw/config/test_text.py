@@ -88,3 +88,16 @@ def test_the_text_of_an_event_is_cut_and_can_be_written_down():
     assert len(event.text) == MAX_EVENT_TEXT
     assert event.text.startswith("\\ud800x")
     event.text.encode()
+
+
+@pytest.mark.parametrize("text", [BOMB, b"a: &x [*x]", b"a: &x {b: *x}"])
+def test_an_alias_that_expands_without_end_is_refused_where_aliases_are_allowed(text: bytes):
+    with pytest.raises(TextError, match="more than"):
+        read_yaml(text, aliases=True)
+
+
+def test_a_configuration_may_have_aliases():
+    text = b"a: &x {b: 1}\nc: *x\nd: {<<: *x, e: 2}"
+    assert read_yaml(text, aliases=True) == {"a": {"b": 1}, "c": {"b": 1}, "d": {"b": 1, "e": 2}}
+    with pytest.raises(TextError, match="line 2"):
+        read_yaml(text)

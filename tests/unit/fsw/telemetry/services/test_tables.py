@@ -1,13 +1,18 @@
 """Tables: load, validate, activate, dump, abort, roll back; what does not fit changes nothing."""
 
+import re
 import zlib
+from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+import fsw.telemetry
+from fsw.config.telemetry import STATE_FOLDERS
 from fsw.messages.commands import Code, CommandName
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.tables.effective import effective_config
+from fsw.telemetry.tables.effective import BOOT, PARAMETERS, TABLES, effective_config
 from tests.conftest import ArmProject, arm_urdf
 from tests.support.application_cases import BEGUN, DONE, Flight, flight_config
 
@@ -271,3 +276,77 @@ def test_a_configuration_that_is_not_what_the_table_was_made_for_leaves_it_out(a
     other = ArmProject(arm.folder, 4)
     config = flight_config(other)
     assert effective_config(config).robot == config.robot
+
+
+BODY = "inertia_kg_m2: [6.0, 0.0, 0.0, 5.0, 0.0, 4.0]"
+SIGMA = "sigma: {mass_kg: 40.0, com_m: [0.2, 0.2, 0.2], inertia_kg_m2: [3, 1, 1, 3, 1, 3]}"
+LINKS = "".join(f'<link name="more{k}"/>' for k in range(5000))
+HOSTILE = {
+    "mass": ("NOISE", f"bodies: {{target: {{mass_kg: 1e-6, com_m: [0, 0, 0], {BODY}, {SIGMA}}}}}"),
+    "com": ("NOISE", f"bodies: {{target: {{mass_kg: 80, com_m: [7e4, 0, 0], {BODY}, {SIGMA}}}}}"),
+    "sigma": (
+        "NOISE",
+        f"bodies: {{target: {{mass_kg: 80, com_m: [0, 0, 0], {BODY}, "
+        f"{SIGMA.replace('40.0', '1e10')}}}}}",
+    ),
+    "noise": ("NOISE", "joints: {axis1: {torque_noise_nm: 1.0e+155}}"),
+    "wrench": ("NOISE", "estimator: {wrench_force_sigma_n: 1.0e+200}"),
+    "aliases": ("NOISE", "joints: &a {axis1: *a}"),
+    "depth": ("MONITORS", "[" * 5000),
+    "number": ("RATES", "sets: {1: {interval_s: " + "9" * 5000 + "}}"),
+    "key": ("RATES", "sets: {0x" + "f" * 5000 + ": {interval_s: 1.0}}"),
+    "origin": ("ROBOT", arm_urdf(3).replace('xyz="0 0 0.4"', 'xyz="0 0 1e300"')),
+    "mass of a link": ("ROBOT", arm_urdf(3).replace('mass value="3"', 'mass value="1e300"')),
+    "links": ("ROBOT", arm_urdf(3).replace("</robot>", LINKS + "</robot>")),
+    "chain": ("ROBOT", arm_urdf(1500)),
+    "document type": ("ROBOT", '<!DOCTYPE robot [<!ENTITY a "b">]>' + arm_urdf(3)),
+    "encoding": (
+        "ROBOT",
+        '<?xml version="1.0" encoding="latin-1"?>' + arm_urdf(3).replace('"arm"', '"\xe9"'),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_table_that_no_robot_can_have_is_refused_in_short_words(quiet: Flight, name: str):
+    table, text = HOSTILE[name]
+    load(quiet, table, text.encode("latin-1"), piece=900)
+    assert "completion_failure" in quiet.send("TBL_VALIDATE", {"table": table})
+    assert quiet.error() is Error.NOT_VALIDATED
+    (event,) = [event for event in quiet.events if event.code == "TABLE_INVALID"]
+    assert len(event.text) <= 1000
+    assert quiet.commands == []
+
+
+def test_a_table_whose_dry_update_fails_is_refused(quiet: Flight, monkeypatch):
+    def singular(*_arguments: object) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr("fsw.checks.rehearsal.build_online", singular)
+    load(quiet, "NOISE", NOISE)
+    assert "completion_failure" in quiet.send("TBL_VALIDATE", {"table": "NOISE"})
+    assert "a dry update fails: LinAlgError: singular" in quiet.events[-2].text
+
+
+def test_a_table_that_breaks_validation_itself_is_not_valid_at_a_start_either(
+    quiet: Flight, monkeypatch
+):
+    assert activate(quiet, "NOISE", NOISE) == BEGUN
+    quiet.answer()
+
+    def broken(*_arguments: object) -> None:
+        raise RuntimeError("nobody foresaw this")
+
+    monkeypatch.setattr("fsw.checks.configuration.load_problem", broken)
+    again = Flight(quiet.config)
+    assert "TABLE_CORRUPT" in again.codes
+    assert effective_config(quiet.config).joints[1].torque_noise_nm == 0.05
+
+
+def test_no_folder_the_daemon_keeps_its_state_in_may_be_the_file_directory():
+    sources = (Path(fsw.telemetry.__file__).parent / "services").glob("*.py")
+    found = {TABLES, PARAMETERS, BOOT}
+    for source in sources:
+        line = re.search(r"^FOLDER\b.*", source.read_text(), re.MULTILINE)
+        found |= set(re.findall(r'"(\w+)"', line[0])) if line else set()
+    assert found == set(STATE_FOLDERS)

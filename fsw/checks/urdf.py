@@ -1,0 +1,124 @@
+"""A robot's URDF before the library reads it: bounded, in UTF-8, a tree, with numbers that can be.
+
+The library recurses through links and elements: thousands of either end the process. It also reads
+numbers that no robot has, and says nothing.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from math import inf, isfinite
+
+from fsw.config.base import MAX_INERTIA_KG_M2, MAX_LENGTH_M, MAX_MASS_KG
+from fsw.messages.errors import ConfigError, brief
+
+MAX_BYTES = 1 << 20
+MAX_LINKS = 128
+MAX_ELEMENTS = 20_000
+MAX_DEPTH = 32
+_INERTIA = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), MAX_INERTIA_KG_M2)
+_LIMIT = dict.fromkeys(("lower", "upper", "effort", "velocity"), 1e9)
+LARGEST: dict[str, dict[str, float]] = {  # absolute value, by element and attribute
+    "origin": {"xyz": MAX_LENGTH_M, "rpy": 100.0},
+    "mass": {"value": MAX_MASS_KG},
+    "inertia": _INERTIA,
+    "axis": {"xyz": 1e6},
+    "limit": _LIMIT,
+}
+
+
+class _Bounded(ET.TreeBuilder):
+    """Builds the tree of a document without a document type, as long as it keeps the bounds."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._depth = self._elements = 0
+
+    def doctype(self, *_words: object) -> None:
+        raise ConfigError("has a document type; URDF has none")
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        self._depth += 1
+        self._elements += 1
+        if self._depth > MAX_DEPTH:
+            raise ConfigError(f"has elements nested deeper than {MAX_DEPTH}")
+        if self._elements > MAX_ELEMENTS:
+            raise ConfigError(f"has more than {MAX_ELEMENTS} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+
+def check_urdf(content: bytes) -> None:
+    """Check a URDF as far as that is possible without its library.
+
+    Raises
+    ------
+    ConfigError whose text goes on after the file's name.
+    """
+    if len(content) > MAX_BYTES:
+        raise ConfigError(f"has {len(content)} bytes; must be at most {MAX_BYTES}")
+    try:
+        content.decode()
+        root = ET.fromstring(content, ET.XMLParser(target=_Bounded(), encoding="utf-8"))
+    except (ET.ParseError, ValueError) as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"is no URDF: {error}") from error
+    if root.tag != "robot":
+        raise ConfigError(f"is no URDF: its root is <{brief(root.tag)}>, not <robot>")
+    links = root.findall("link")
+    if len(links) > MAX_LINKS:
+        raise ConfigError(f"has {len(links)} links; must be at most {MAX_LINKS}")
+    _check_numbers(root)
+    _check_joints(root)
+
+
+def _check_numbers(root: ET.Element) -> None:
+    """Refuse numbers beyond what a robot can have; words that are none are the library's matter."""
+    for element in root.iter():
+        for name, largest in LARGEST.get(element.tag, {}).items():
+            for word in element.get(name, "").split():
+                try:
+                    value = float(word)
+                except ValueError:
+                    continue
+                if not isfinite(value) or abs(value) > largest:
+                    raise ConfigError(
+                        f"has {name} {brief(word)} in <{element.tag}>; must be finite and within "
+                        f"{largest:g}"
+                    )
+
+
+def _check_joints(root: ET.Element) -> None:
+    children: set[str] = set()
+    for joint in root.findall("joint"):
+        kind, name = joint.get("type"), brief(joint.get("name"))
+        child = joint.find("child")
+        link = "" if child is None else child.get("link", "")
+        if link in children:
+            raise ConfigError(f"joins the link {brief(link)} to more than one parent")
+        children.add(link)
+        if joint.find("parent") is not None and kind not in ("revolute", "fixed"):
+            raise ConfigError(f"joint {name} is {brief(kind)}; must be revolute or fixed")
+        axis = joint.find("axis")
+        if kind == "revolute" and axis is not None and not _is_direction(axis.get("xyz", "")):
+            raise ConfigError(
+                f"joint {name} has the axis {brief(axis.get('xyz'))}; must be three numbers, not "
+                "all zero"
+            )
+        if kind == "revolute" and joint.find("limit") is None:
+            raise ConfigError(
+                f"joint {name} has no <limit>; a revolute joint needs lower, upper, effort and "
+                "velocity"
+            )
+
+
+def _is_direction(text: str) -> bool:
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return False
+    return len(numbers) == 3 and 1e-6 < max(map(abs, numbers), default=0.0) < inf
