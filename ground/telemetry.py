@@ -114,11 +114,11 @@ class Decoder:
 
     def _name(self, parsed: SpacePacket) -> str:
         """Return the name of the container a packet was read by."""
-        told_by = next((v for k, v in parsed.items() if k.startswith(SHARED)), None)
+        told_by = tuple(v for k, v in parsed.items() if k.startswith(SHARED))
         kind = tuple(parsed.get(key) for key in KIND)
-        if (*kind, told_by) not in self._names:
-            self._names[*kind, told_by] = self._descend(parsed)
-        return self._names[*kind, told_by]
+        if (*kind, *told_by) not in self._names:
+            self._names[*kind, *told_by] = self._descend(parsed)
+        return self._names[*kind, *told_by]
 
     def _descend(self, parsed: SpacePacket) -> str:
         containers = self._definition.containers

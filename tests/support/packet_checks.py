@@ -258,7 +258,7 @@ def is_transition(sample: Sample, log: DaemonLog) -> bool:
 
 
 def is_schedule(sample: Sample, log: DaemonLog) -> bool:
-    return holds(sample.values, log.kept | {"entry": 1, "entries": 1})
+    return holds(sample.values, log.kept | {"n": 1})
 
 
 def is_definition(sample: Sample, log: DaemonLog) -> bool:
@@ -282,7 +282,7 @@ def is_properties(sample: Sample, log: DaemonLog) -> bool:
 
 def is_disabled(sample: Sample, _log: DaemonLog) -> bool:
     rest = {f"event_{k}": "NONE" for k in range(2, 17)}
-    return holds(sample.values, {"total": 1, "event_1": "BATCH_DONE", **rest})
+    return holds(sample.values, {"n": 1, "event_1": "BATCH_DONE", **rest})
 
 
 def is_time(sample: Sample, log: DaemonLog) -> bool:

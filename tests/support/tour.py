@@ -87,8 +87,8 @@ class Tour:
         ping = self._catalogue.build("PING", {}, self._link.next_sequence())
         packet = self._catalogue.at(ping, release_s, self._link.next_sequence())
         assert self._follow(packet).outcome is Outcome.COMPLETED
-        words = {"request_packet_id": ping[:2], "request_sequence": ping[2:4]}
-        self.kept = {name: int.from_bytes(word, "big") for name, word in words.items()}
+        count = int.from_bytes(ping[2:4], "big") & 0x3FFF
+        self.kept = {"source_id": 0, "apid": 100, "sequence_count": count}
         self.kept |= {"release_time_s": release_s, "service": 17, "subtype": 1}
         self.do("REPORT_SCHEDULE")
         self.do("RESET_SCHEDULE")

@@ -19,6 +19,7 @@ from fsw.telemetry.dictionary.significance import annotated
 from fsw.telemetry.dictionary.types import Enumeration, Field, Telecommand, Type
 
 MAX_INTERVAL_MS = 3_600_000
+MAX_REPEATS = 32  # elements of a repeated group
 _SID = Field(name="sid", type=Type.U16, enumeration=SID)
 _EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
 _MONITOR = Field(name="monitor", type=Type.U16, minimum=1)
@@ -26,7 +27,8 @@ _TABLE = Field(name="table", type=Type.U8, enumeration=TABLE)
 _PATH = Field(name="path", type=Type.TEXT, size=PATH_BYTES, doc="below the file directory")
 _ENTRIES = Field(name="entries", type=Type.U16, minimum=1, maximum=1000)
 _UNKNOWN = Field(name="unknown", type=Type.U8, enumeration=UNKNOWN)
-_COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=32)
+_COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=MAX_REPEATS)
+_N = Field(name="n", type=Type.U8, minimum=1, maximum=MAX_REPEATS, doc="elements that follow")
 _ID = Field(name="parameter", type=Type.U16, enumeration=PARAMETER)
 # what a mode can be commanded to; BOOT ends by itself and BATCH is entered by RUN_BATCH
 _COMMANDED_MODE = Enumeration(
@@ -49,6 +51,11 @@ def _tc(
     )
 
 
+def _each(service: int, subtype: int, name: str, doc: str, *element: Field) -> Telecommand:
+    """Return a telecommand with the standard's N and that many elements."""
+    return _tc(service, subtype, name, doc, _N, *element, repeats=True)
+
+
 def _function(
     function: Function, doc: str, *arguments: Field, modes: tuple[str, ...] = ()
 ) -> Telecommand:
@@ -67,10 +74,10 @@ def _function(
 
 
 _SERVICES = (
-    _tc(3, 5, "ENABLE_SET", "Report a set periodically", _SID),
-    _tc(3, 6, "DISABLE_SET", "Stop reporting a set periodically", _SID),
-    _tc(3, 27, "REPORT_SET", "Report a set once, now", _SID),
-    _tc(
+    _each(3, 5, "ENABLE_SET", "Report a set periodically", _SID),
+    _each(3, 6, "DISABLE_SET", "Stop reporting a set periodically", _SID),
+    _each(3, 27, "REPORT_SET", "Report a set once, now", _SID),
+    _each(
         3,
         31,
         "SET_INTERVAL",
@@ -78,9 +85,9 @@ _SERVICES = (
         _SID,
         Field(name="interval_ms", type=Type.U32, unit="ms", minimum=10, maximum=MAX_INTERVAL_MS),
     ),
-    _tc(3, 33, "REPORT_SET_PROPERTIES", "Tell how a set is reported", _SID),
-    _tc(5, 5, "ENABLE_EVENT", "Report an event", _EVENT),
-    _tc(5, 6, "DISABLE_EVENT", "Do not report an event; it is still logged and counted", _EVENT),
+    _each(3, 33, "REPORT_SET_PROPERTIES", "Tell how a set is reported", _SID),
+    _each(5, 5, "ENABLE_EVENT", "Report an event", _EVENT),
+    _each(5, 6, "DISABLE_EVENT", "Do not report an event; it is still logged and counted", _EVENT),
     _tc(5, 7, "REPORT_DISABLED_EVENTS", "Tell which events are not reported"),
     _tc(
         9,
@@ -92,28 +99,33 @@ _SERVICES = (
     _tc(11, 1, "ENABLE_SCHEDULE", "Release time-tagged commands"),
     _tc(11, 2, "DISABLE_SCHEDULE", "Do not release them; those that come due are discarded"),
     _tc(11, 3, "RESET_SCHEDULE", "Discard all time-tagged commands"),
-    _tc(
+    _each(
         11,
         4,
         "INSERT_ACTIVITY",
-        "Keep a telecommand for a mission elapsed time",
+        "Keep telecommands for a mission elapsed time",
         Field(name="release_p_field", type=Type.U8, minimum=0x2F, maximum=0x2F),
         Field(name="release_coarse_s", type=Type.U32, unit="s"),
         Field(name="release_fine", type=Type.U24, doc="2^-24 s"),
-        Field(name="telecommand", type=Type.BYTES, doc="a whole packet with its CRC"),
+        Field(
+            name="telecommand",
+            type=Type.BYTES,
+            doc="a whole packet with its CRC; its header tells its length",
+        ),
     ),
-    _tc(
+    _each(
         11,
         5,
         "DELETE_ACTIVITY",
-        "Discard one, by its packet id and sequence",
-        Field(name="request_packet_id", type=Type.U16),
-        Field(name="request_sequence", type=Type.U16),
+        "Discard time-tagged commands",
+        Field(name="source_id", type=Type.U16, doc="of the telecommand"),
+        Field(name="apid", type=Type.U16, maximum=0x7FF),
+        Field(name="sequence_count", type=Type.U16, maximum=0x3FFF),
     ),
     _tc(11, 17, "REPORT_SCHEDULE", "Tell what waits"),
-    _tc(12, 1, "ENABLE_MONITOR", "Check a monitor", _MONITOR),
-    _tc(12, 2, "DISABLE_MONITOR", "Do not check a monitor", _MONITOR),
-    _tc(12, 8, "REPORT_MONITOR", "Tell a monitor's definition", _MONITOR),
+    _each(12, 1, "ENABLE_MONITOR", "Check a monitor", _MONITOR),
+    _each(12, 2, "DISABLE_MONITOR", "Do not check a monitor", _MONITOR),
+    _each(12, 8, "REPORT_MONITOR", "Tell a monitor's definition", _MONITOR),
     _tc(12, 13, "REPORT_MONITOR_STATUS", "Tell the status of all monitors"),
     _tc(12, 15, "ENABLE_MONITORING", "Check monitors at all"),
     _tc(12, 16, "DISABLE_MONITORING", "Check none"),

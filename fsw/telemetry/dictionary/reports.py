@@ -20,6 +20,7 @@ from fsw.telemetry.dictionary.parameters import PARAMETER, PARAMETERS, VALUE
 from fsw.telemetry.dictionary.types import Field, Packet, Severity, Type
 
 DISABLED_SLOTS = 16
+N = number("n", Type.U8, doc="the standard's N: 1; 0: there is none, and the rest is 0")
 LOG_TEXT_BYTES = 120
 WHO_BYTES = 64
 VERDICT_BYTES = 240
@@ -89,6 +90,7 @@ _PARAMETERS = tuple(
         subtype=2,
         doc=f"Value of the parameter {item.name}",
         fields=(
+            N,
             Field(name="parameter", type=Type.U16, enumeration=PARAMETER),
             Field(name=item.name, type=item.type, unit=item.unit, doc=item.doc),
         ),
@@ -104,6 +106,7 @@ _OTHERS = (
         "set_properties",
         "How a housekeeping set is reported",
         (
+            N,
             Field(name="sid", type=Type.U16, enumeration=SID),
             choice("periodic", YES_NO),
             number("interval_ms", Type.U32, "ms"),
@@ -113,9 +116,9 @@ _OTHERS = (
         5,
         8,
         "disabled_events",
-        "Events that are not reported; 0 where fewer",
+        "Events that are not reported; 0 after the first n",
         (
-            number("total", Type.U16, doc="disabled in all"),
+            number("n", Type.U8, doc="events in this report"),
             *(
                 Field(name=f"event_{k}", type=Type.U16, enumeration=EVENT)
                 for k in range(1, DISABLED_SLOTS + 1)
@@ -204,10 +207,11 @@ _OTHERS = (
         "schedule_entry",
         "One time-tagged command that waits",
         (
-            number("entry", Type.U16, doc="from 1; 0: none waits"),
-            number("entries", Type.U16),
+            N,
             number("release_time_s", Type.F64, "s", "mission elapsed time"),
-            *_REQUEST,
+            number("source_id", Type.U16, doc="of the telecommand"),
+            number("apid", Type.U16),
+            number("sequence_count", Type.U16),
             number("service", Type.U8),
             number("subtype", Type.U8),
         ),
@@ -218,6 +222,7 @@ _OTHERS = (
         "monitor_definition",
         "Definition of one monitor",
         (
+            N,
             number("monitor", Type.U16),
             Field(name="value", type=Type.U16, enumeration=VALUE),
             choice("enabled", ENTRY_STATUS),
@@ -234,6 +239,7 @@ _OTHERS = (
         "check_transition",
         "A monitored value has left its limits, or is back",
         (
+            N,
             number("monitor", Type.U16),
             Field(name="value", type=Type.U16, enumeration=VALUE),
             number("found", Type.F64),
@@ -249,7 +255,8 @@ _OTHERS = (
         "monitor_status",
         "Status of one monitor",
         (
-            number("monitor", Type.U16, doc="0: there is none"),
+            N,
+            number("monitor", Type.U16),
             choice("enabled", ENTRY_STATUS),
             choice("status", CHECK_STATUS),
         ),

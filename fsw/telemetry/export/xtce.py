@@ -87,7 +87,8 @@ def system(dictionary: Dictionary) -> System:
                 parents[kind] = _parent(root, packet, pus, secondary)
             parent, told_by = parents[kind]
             condition = _all({key: told_by}, {key: value, "apid": packet.apid}, primary)
-            _container(root, packet, packet.fields[1:], parent, condition, crc)
+            shared = 1 + [item.name for item in packet.fields].index(key)
+            _container(root, packet, packet.fields[shared:], parent, condition, crc)
         else:
             values = {"apid": packet.apid, "service": packet.service, "subtype": packet.subtype}
             condition = _all(primary | secondary, values)
@@ -109,11 +110,18 @@ def _parent(
 
     That is a plain number: readers do not agree on comparisons with enumerated values.
     """
-    first = replace(packet.fields[0], enumeration=None)
+    ((key, _value),) = packet.match
     name = f"service_{packet.service}_{packet.subtype}"
-    told_by = ParameterEntry(parameter(root, f"{name}_{first.name}", first))
+    shared: dict[str, ParameterEntry] = {}
+    for item in packet.fields:
+        plain = replace(item, enumeration=None)
+        shared[item.name] = ParameterEntry(parameter(root, f"{name}_{item.name}", plain))
+        if item.name == key:
+            break
     condition = _all(secondary, {"service": packet.service, "subtype": packet.subtype})
-    return Container(root, name, [told_by], base=pus, abstract=True, condition=condition), told_by
+    entries = list(shared.values())
+    parent = Container(root, name, list(entries), base=pus, abstract=True, condition=condition)
+    return parent, shared[key]
 
 
 def _container(

@@ -266,8 +266,13 @@ def telecommand_packet(
     apid: int = APID_ESTIMATOR,
     source: int = 0,
 ) -> bytes:
-    """Return a telecommand as the ground sends it; a BYTES argument is given as bytes."""
+    """Return a telecommand as the ground sends it; a BYTES argument is given as bytes.
+
+    Of a repeated group one element is given.
+    """
     fixed = dict(telecommand.match)
+    if telecommand.repeats and telecommand.arguments[0].name not in values:
+        fixed[telecommand.arguments[0].name] = 1
     parts = []
     for field in telecommand.arguments:
         value = fixed.get(field.name, values.get(field.name))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from spacepackets.ccsds.spacepacket import SequenceFlags
 from spacepackets.ecss.tc import InvalidTcCrc16Error, PusTc
@@ -13,10 +13,11 @@ from spacepackets.exceptions import BytesTooShortError
 from fsw.messages.errors import cut, unforeseen
 from fsw.telemetry.dictionary import DICTIONARY, Field, Parameter, Telecommand, Type
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
+from fsw.telemetry.dictionary.commands import MAX_REPEATS
 from fsw.telemetry.link.packets import CRC_BYTES, TC_HEADER_BYTES, Layout, Value
 
 ACK_ACCEPTANCE, ACK_START, ACK_PROGRESS, ACK_COMPLETION = 0b0001, 0b0010, 0b0100, 0b1000
-MAX_REPEATS = 32
+PARAMETERS = 20  # the service whose repeated group has values of different types
 
 
 class TcError(Exception):
@@ -61,6 +62,7 @@ class Request:
     values: dict[str, Value] = field(default_factory=dict)
     data: bytes = b""  # the BYTES argument
     parameters: tuple[tuple[Parameter, float], ...] = ()  # of service 20
+    elements: tuple[Request, ...] = ()  # of a repeated group
 
     def text(self, name: str) -> str:
         """Return a text argument."""
@@ -85,7 +87,7 @@ class TelecommandReader:
         }
         self._subtypes = {(t.service, t.subtype) for t in DICTIONARY.telecommands}
         self._layouts = {
-            t.name: Layout([f for f in t.arguments if f.type is not Type.BYTES])
+            t.name: Layout([f for f in t.arguments[t.repeats :] if f.type is not Type.BYTES])
             for t in DICTIONARY.telecommands
         }
         self._parameters = {item.id: item for item in DICTIONARY.parameters}
@@ -110,23 +112,57 @@ class TelecommandReader:
         if telecommand is None:
             raise TcError(Error.BAD_ARG, 1, float(function or 0), "no such function")
         request_id, ack = RequestId.of(packet), tc.pus_tc_sec_header.ack_flags
-        if telecommand.repeats:
+        request = Request(id=request_id, ack=ack, telecommand=telecommand)
+        if service == PARAMETERS:
             parameters = self._read_parameters(data, with_values=subtype == 3)
-            return Request(id=request_id, ack=ack, telecommand=telecommand, parameters=parameters)
+            return replace(request, parameters=parameters)
+        if telecommand.repeats:
+            return replace(request, elements=self._read_elements(request, data))
         values, rest = self._read_arguments(telecommand, data)
-        return Request(id=request_id, ack=ack, telecommand=telecommand, values=values, data=rest)
+        return replace(request, values=values, data=rest)
+
+    def _read_elements(self, request: Request, data: bytes) -> tuple[Request, ...]:
+        """Return the elements of a repeated group, each as a request of its own."""
+        if not data:
+            raise TcError(Error.BAD_LENGTH)
+        count, at = data[0], 1
+        if not 1 <= count <= MAX_REPEATS:
+            raise TcError(Error.OUT_OF_RANGE, 1, count)
+        telecommand = request.telecommand
+        fixed_bytes = self._layouts[telecommand.name].size_bytes
+        width = len(telecommand.arguments) - 1
+        pieces: list[bytes] = []
+        for _ in range(count):
+            size = fixed_bytes
+            if telecommand.arguments[-1].type is Type.BYTES:
+                size += _packet_bytes(data[at + fixed_bytes :])
+            pieces.append(data[at : at + size])
+            at += size
+        if at != len(data):
+            raise TcError(Error.BAD_LENGTH, value=len(data), text=f"{count} elements")
+        if len(set(pieces)) < count:
+            raise TcError(Error.BAD_ARG, text="an element is there twice")
+        found = []
+        for place, piece in enumerate(pieces):
+            values, rest = self._read_arguments(telecommand, piece, 1 + place * width)
+            found.append(replace(request, values=values, data=rest))
+        return tuple(found)
 
     def _read_arguments(
-        self, telecommand: Telecommand, data: bytes
+        self, telecommand: Telecommand, data: bytes, before: int = 0
     ) -> tuple[dict[str, Value], bytes]:
+        """Return values and free bytes; `before` arguments stand before these."""
         layout = self._layouts[telecommand.name]
         open_ended = bool(telecommand.arguments) and telecommand.arguments[-1].type is Type.BYTES
         size = layout.size_bytes
         if len(data) < size + open_ended or (len(data) > size and not open_ended):
             raise TcError(Error.BAD_LENGTH, value=len(data), text=f"{size} bytes of arguments")
         values = layout.unpack(data[:size])
-        for place, argument in enumerate(layout.fields, start=1):
-            _check(argument, place, values[argument.name], data[:size], layout)
+        start = 0
+        for place, argument in enumerate(layout.fields, start=1 + before):
+            raw = data[start : start + argument.size_bytes]
+            _check(argument, place, values[argument.name], raw)
+            start += argument.size_bytes
         return values, data[size:]
 
     def _read_parameters(
@@ -164,6 +200,13 @@ class TelecommandReader:
         return tuple(found)
 
 
+def _packet_bytes(data: bytes) -> int:
+    """Return the length of the telecommand packet that data begin with, as its header has it."""
+    if len(data) < TC_HEADER_BYTES + CRC_BYTES:
+        raise TcError(Error.BAD_LENGTH, value=len(data), text="no whole telecommand packet")
+    return int.from_bytes(data[4:6], "big") + 7
+
+
 def _unpack(packet: bytes) -> PusTc:
     if len(packet) < TC_HEADER_BYTES + CRC_BYTES:
         raise TcError(Error.BAD_LENGTH, value=len(packet))
@@ -185,11 +228,10 @@ def _unpack(packet: bytes) -> PusTc:
     return tc
 
 
-def _check(argument: Field, place: int, value: Value, data: bytes, layout: Layout) -> None:
+def _check(argument: Field, place: int, value: Value, raw: bytes) -> None:
     """Raise TcError unless the dictionary allows the value."""
     if argument.type is Type.TEXT:
-        start = sum(f.size_bytes for f in layout.fields[: place - 1])
-        raw = data[start : start + argument.size].rstrip(b"\0")
+        raw = raw.rstrip(b"\0")
         held = 0 < len(raw) < argument.size and b"\0" not in raw  # at least one zero ends it
         if not held or not raw.isascii() or not raw.decode("ascii").isprintable():
             raise TcError(Error.BAD_ARG, place)

@@ -15,7 +15,7 @@ from fsw.telemetry.dictionary.events import OTHER_ID, SECURITY_CODES
 from fsw.telemetry.dictionary.reports import DISABLED_SLOTS
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.dumps import Dumps, Entries
-from fsw.telemetry.services.executor import Action, Done, Handler, Send
+from fsw.telemetry.services.executor import Action, Done, Handler, Send, each
 from fsw.telemetry.state.fair_log import FairLog
 from fsw.telemetry.state.journal import Journal
 
@@ -118,8 +118,8 @@ class Eventing:
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommands."""
         return {
-            "ENABLE_EVENT": partial(self._switch, enabled=True),
-            "DISABLE_EVENT": partial(self._switch, enabled=False),
+            "ENABLE_EVENT": each(partial(self._switch, enabled=True)),
+            "DISABLE_EVENT": each(partial(self._switch, enabled=False)),
             "REPORT_DISABLED_EVENTS": lambda _: self._tell_disabled,
             "EVENT_LOG_DUMP": partial(self._dump, self._log),
             "SECURITY_LOG_DUMP": partial(self._dump, self._security),
@@ -143,9 +143,10 @@ class Eventing:
         disabled = self.disabled
         for start in range(0, max(len(disabled), 1), DISABLED_SLOTS):
             part = disabled[start : start + DISABLED_SLOTS]
+            count = len(part)
             part += [0] * (DISABLED_SLOTS - len(part))
             slots = {f"event_{k}": number for k, number in enumerate(part, start=1)}
-            self._send("disabled_events", {"total": len(disabled)} | slots)
+            self._send("disabled_events", {"n": count} | slots)
         return Done.NOW
 
 

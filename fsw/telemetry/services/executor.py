@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeVar
 
 from fsw.telemetry.dictionary.codes import CommandOutcome, Error, Mode
 from fsw.telemetry.link.packets import Value
@@ -41,8 +42,44 @@ class Done(Enum):
 
 Action = Callable[[], Done]
 Handler = Callable[[Request], Action]
+_Made = TypeVar("_Made")
 Send = Callable[[str, Mapping[str, object]], None]  # packet name, values
 Report = Callable[[str, str], object]  # event code, text
+
+
+def for_each(request: Request, prepare: Callable[[Request], _Made]) -> list[_Made]:
+    """Return the result of `prepare` for every element of a repeated group.
+
+    Raises
+    ------
+    TcError of the first element that is rejected; its argument counts from the telecommand's first.
+    """
+    found = []
+    width = len(request.telecommand.arguments) - 1
+    for place, element in enumerate(request.elements):
+        try:
+            found.append(prepare(element))
+        except TcError as error:
+            if error.argument:
+                error.argument += 1 + place * width
+            raise
+    return found
+
+
+def each(handler: Handler) -> Handler:
+    """Return the handler of a telecommand with a repeated group: all elements, or none."""
+
+    def prepare(request: Request) -> Action:
+        actions = for_each(request, handler)
+
+        def act() -> Done:
+            for action in actions:
+                action()
+            return Done.NOW
+
+        return act
+
+    return prepare
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.dictionary.housekeeping import HOUSEKEEPING, SCIENCE, SCIENCE_SID
 from fsw.telemetry.dictionary.types import Packet
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.executor import Action, Done, Handler, Send
+from fsw.telemetry.services.executor import Action, Done, Handler, Send, each
 
 SLOW_SETS = (3, 6, 7)
 SLOW_FACTOR = 5
@@ -95,11 +95,11 @@ class Housekeeping:
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommands."""
         return {
-            "ENABLE_SET": partial(self._switch, enabled=True),
-            "DISABLE_SET": partial(self._switch, enabled=False),
-            "REPORT_SET": lambda request: partial(self._once, request.whole("sid")),
-            "SET_INTERVAL": self._set_interval,
-            "REPORT_SET_PROPERTIES": lambda request: partial(self._tell, request.whole("sid")),
+            "ENABLE_SET": each(partial(self._switch, enabled=True)),
+            "DISABLE_SET": each(partial(self._switch, enabled=False)),
+            "REPORT_SET": each(lambda request: partial(self._once, request.whole("sid"))),
+            "SET_INTERVAL": each(self._set_interval),
+            "REPORT_SET_PROPERTIES": each(lambda r: partial(self._tell, r.whole("sid"))),
         }
 
     def _switch(self, request: Request, *, enabled: bool) -> Action:
@@ -130,7 +130,7 @@ class Housekeeping:
     def _tell(self, sid: int) -> Done:
         rate = self._rates[sid]
         values = {"periodic": rate.enabled, "interval_ms": rate.interval_ns // MS}
-        self._send("set_properties", {"sid": sid} | values)
+        self._send("set_properties", {"n": 1, "sid": sid} | values)
         return Done.NOW
 
 

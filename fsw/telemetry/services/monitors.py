@@ -16,7 +16,7 @@ from fsw.telemetry.dictionary.codes import MONITOR_ACTION, Error
 from fsw.telemetry.dictionary.onboard_commands import LARGEST
 from fsw.telemetry.dictionary.parameters import VALUE
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send
+from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send, each
 
 PERIOD_NS = 200_000_000
 NUMBERS = {label: number for number, label in VALUE.labels.items()}
@@ -122,6 +122,7 @@ class Monitoring:
         config, now = monitor.config, monitor.status
         limit = {Check.ABOVE_HIGH: config.high, Check.STALE: config.stale_s}.get(now, config.low)
         values = {
+            "n": 1,
             "monitor": config.id,
             "value": NUMBERS[config.value],
             "found": age_s if now is Check.STALE else value,
@@ -144,12 +145,12 @@ class Monitoring:
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommands."""
         return {
-            "ENABLE_MONITOR": partial(self._switch, enabled=True),
-            "DISABLE_MONITOR": partial(self._switch, enabled=False),
+            "ENABLE_MONITOR": each(partial(self._switch, enabled=True)),
+            "DISABLE_MONITOR": each(partial(self._switch, enabled=False)),
             "ADD_MONITOR": self._add,
             "DELETE_MONITOR": self._delete,
             "MODIFY_MONITOR": self._modify,
-            "REPORT_MONITOR": self._tell_definition,
+            "REPORT_MONITOR": each(self._tell_definition),
             "REPORT_MONITOR_STATUS": lambda _: self._tell_status,
             "ENABLE_MONITORING": lambda _: partial(self._switch_all, enabled=True),
             "DISABLE_MONITORING": lambda _: partial(self._switch_all, enabled=False),
@@ -202,6 +203,7 @@ class Monitoring:
         def act() -> Done:
             config = monitor.config
             values = {
+                "n": 1,
                 "monitor": config.id,
                 "value": NUMBERS[config.value],
                 "enabled": monitor.enabled,
@@ -218,10 +220,10 @@ class Monitoring:
 
     def _tell_status(self) -> Done:
         if not self._monitors:
-            self._send("monitor_status", {"monitor": 0, "enabled": False, "status": 0})
+            self._send("monitor_status", {"n": 0, "monitor": 0, "enabled": False, "status": 0})
         for number, monitor in self._monitors.items():
             values = {"monitor": number, "enabled": monitor.enabled, "status": int(monitor.status)}
-            self._send("monitor_status", values)
+            self._send("monitor_status", {"n": 1} | values)
         return Done.NOW
 
 

@@ -96,7 +96,7 @@ class Parameters:
 
     def _tell(self, parameters: tuple[tuple[Parameter, float], ...]) -> Done:
         for item, _ in parameters:
-            self._send(f"parameter_{item.name}", {item.name: self.get(item.name)})
+            self._send(f"parameter_{item.name}", {"n": 1, item.name: self.get(item.name)})
         return Done.NOW
 
     def _set(self, request: Request) -> Action:

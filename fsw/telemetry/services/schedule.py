@@ -15,10 +15,15 @@ from typing import Any
 
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import FRACTIONS_PER_S, from_cuc
-from fsw.telemetry.link.telecommands import Request, RequestId, TcError
+from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
-from fsw.telemetry.services.executor import Action, Done, Handler
-from fsw.telemetry.services.kept_requests import checked_request, packet_of, request_id_of
+from fsw.telemetry.services.executor import Action, Done, Handler, for_each
+from fsw.telemetry.services.kept_requests import (
+    checked_request,
+    packet_of,
+    request_id_of,
+    source_of,
+)
 from fsw.telemetry.state.documents import keep_document, read_document
 from fsw.telemetry.state.epoch import Epoch, carried_over
 from fsw.telemetry.state.store import GenerationStore
@@ -26,6 +31,7 @@ from fsw.telemetry.state.store import GenerationStore
 FOLDER = "schedule"
 CAPACITY = 64
 OWN_SERVICE = 11
+APID_MASK, COUNT_MASK = 0x7FF, 0x3FFF
 LATE_NS = 5_000_000_000  # what is later than this after a restart is discarded
 LATEST_NS = (1 << 32) * 1_000_000_000  # that a CUC of 4 bytes of seconds can name
 
@@ -101,39 +107,49 @@ class Schedule:
         return Done.NOW
 
     def _insert(self, request: Request) -> Action:
+        new: list[Activity] = []
+        for_each(request, lambda element: new.append(self._activity(element, new)))
+        return partial(self._change_done, lambda: [*self._waiting, *new])
+
+    def _activity(self, request: Request, before: list[Activity]) -> Activity:
+        """Return one activity; `before` are those before it in the same telecommand."""
         release_ns = _release_ns(request)
         inner = checked_request(self._context.dispatcher, request.data, 4, (OWN_SERVICE,))
         if release_ns < self._earliest_ns():
             raise TcError(Error.OUT_OF_RANGE, 2, release_ns * 1e-9, "not ahead")
-        if len(self._waiting) >= CAPACITY:
+        present = [*self._waiting, *before]
+        if len(present) >= CAPACITY:
             raise TcError(Error.BUSY, value=CAPACITY, text="the schedule is full")
-        if any(activity.request.id == inner.id for activity in self._waiting):
+        if any(activity.request.id == inner.id for activity in present):
             raise TcError(Error.BAD_ARG, 4, text="one of the same request id waits")
-        activity = Activity(release_ns, inner, request.data)
-        return partial(self._change_done, lambda: [*self._waiting, activity])
+        return Activity(release_ns, inner, request.data)
 
     def _delete(self, request: Request) -> Action:
-        wanted = RequestId(
-            packet_id=request.whole("request_packet_id"),
-            sequence=request.whole("request_sequence"),
-        )
-        found = [activity for activity in self._waiting if activity.request.id == wanted]
-        if not found:
-            raise TcError(Error.BAD_ARG, 2, wanted.sequence, "none like this waits")
+        found = [activity for named in for_each(request, self._named) for activity in named]
 
         def act() -> Done:
             self._change([activity for activity in self._waiting if activity not in found])
-            self._discard(found[0], "deleted")
+            for activity in found:
+                self._discard(activity, "deleted")
             return Done.NOW
 
         return act
 
-    def _shift_one(self, request: Request) -> Action:
+    def _named(self, request: Request) -> list[Activity]:
+        """Return what waits under the request identifier of a telecommand. Raises TcError."""
         source, apid = request.whole("source_id"), request.whole("apid")
         count = request.whole("sequence_count")
         found = [a for a in self._waiting if request_id_of(source, apid, count, a.packet)]
         if not found:
-            raise TcError(Error.BAD_ARG, 6, count, "none like this waits")
+            raise TcError(Error.BAD_ARG, 3, count, "none like this waits")
+        return found
+
+    def _shift_one(self, request: Request) -> Action:
+        try:
+            found = self._named(request)
+        except TcError as error:
+            error.argument = 6
+            raise
         return self._shift(request, found)
 
     def _shift_all(self, request: Request) -> Action:
@@ -201,17 +217,16 @@ class Schedule:
 
     def _report_summary(self) -> Done:
         if not self._waiting:
-            empty = {"release_time_s": 0.0, "request_packet_id": 0, "request_sequence": 0}
-            empty |= {"entry": 0, "entries": 0, "service": 0, "subtype": 0}
-            self._context.send("schedule_entry", empty)
-        for place, activity in enumerate(self._waiting, start=1):
+            empty = {"release_time_s": 0.0, "source_id": 0, "apid": 0, "sequence_count": 0}
+            self._context.send("schedule_entry", empty | {"n": 0, "service": 0, "subtype": 0})
+        for activity in self._waiting:
             request = activity.request
             values = {
-                "entry": place,
-                "entries": len(self._waiting),
+                "n": 1,
                 "release_time_s": activity.release_ns / 1e9,  # a whole second stays one
-                "request_packet_id": request.id.packet_id,
-                "request_sequence": request.id.sequence,
+                "source_id": source_of(activity.packet),
+                "apid": request.id.packet_id & APID_MASK,
+                "sequence_count": request.id.sequence & COUNT_MASK,
                 "service": request.telecommand.service,
                 "subtype": request.telecommand.subtype,
             }

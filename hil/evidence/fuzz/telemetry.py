@@ -30,6 +30,7 @@ from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY, Field, Telecommand, Type
 from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from fsw.telemetry.link.splitter import PATIENCE_NS, Uplinked
+from fsw.telemetry.link.telecommands import PARAMETERS
 from fsw.telemetry.link.uplink import ClearUplink
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state.epoch import Epoch
@@ -156,12 +157,16 @@ def random_bytes(bench: Bench, count: int, rng: np.random.Generator, advance: Ad
 
 def valid_packet(telecommand: Telecommand, rng: np.random.Generator) -> bytes:
     """Return a telecommand with arguments the dictionary allows."""
-    if telecommand.repeats:
+    if telecommand.service == PARAMETERS:
         item = DICTIONARY.parameters[rng.integers(len(DICTIONARY.parameters))]
         data = parameters_data({item.id: item.default})
         values: dict[str, object] = {"count": 1, "parameter": item.id, "value": data[3:]}
     else:
-        values = {f.name: _value(f, rng) for f in telecommand.arguments}
+        elements = telecommand.arguments[telecommand.repeats :]  # of a group there is one
+        values = {f.name: _value(f, rng) for f in elements}
+        if telecommand.repeats and elements[-1].type is Type.BYTES:
+            ping = DICTIONARY.telecommand("PING")
+            values[elements[-1].name] = telecommand_packet(ping, {}, int(rng.integers(1 << 14)))
     return telecommand_packet(telecommand, values, int(rng.integers(1 << 14)))
 
 

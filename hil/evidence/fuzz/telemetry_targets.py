@@ -71,10 +71,12 @@ def check_telecommand(reader: TelecommandReader, packet: bytes) -> None:
     except TcError as error:
         require(error.error is not None, "a refusal without a code")
         return
-    if request.telecommand.repeats:
+    if request.parameters or len(request.elements) > 1:
         return
+    arguments = request.telecommand.arguments[request.telecommand.repeats :]
+    request = request.elements[0] if request.elements else request
     values: dict[str, object] = {**request.values}
-    for field in request.telecommand.arguments:
+    for field in arguments:
         if field.name not in values:
             values[field.name] = request.data
     again = telecommand_packet(

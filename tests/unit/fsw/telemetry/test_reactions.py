@@ -205,7 +205,7 @@ class TestMonitors:
 
     def test_without_monitors_the_status_says_so(self, flight: Flight):
         flight.send("REPORT_MONITOR_STATUS")
-        assert flight.last("monitor_status")["monitor"] == 0
+        assert flight.last("monitor_status")["n"] == 0
 
 
 class TestSchedule:
@@ -213,13 +213,13 @@ class TestSchedule:
         assert flight.send("INSERT_ACTIVITY", at(5.0, flight)) == DONE
         flight.send("REPORT_SCHEDULE")
         told = flight.last("schedule_entry")
-        assert (told["entry"], told["entries"], told["service"]) == (1, 1, 17)
+        assert (told["n"], told["apid"], told["service"]) == (1, 100, 17)
         flight.wait(4.9)
         assert flight.all("alive") == []
         flight.wait(0.3)
         assert len(flight.all("alive")) == 1
         flight.send("REPORT_SCHEDULE")
-        assert flight.last("schedule_entry")["entry"] == 0
+        assert flight.last("schedule_entry")["n"] == 0
 
     def test_a_whole_second_is_told_as_one(self, flight: Flight):
         """In floating point 1020 e9 ns times 1e-9 is another number than 1020."""
@@ -241,7 +241,7 @@ class TestSchedule:
 
     def test_one_is_deleted_or_all(self, flight: Flight):
         flight.send("INSERT_ACTIVITY", at(5.0, flight))
-        wanted = {"request_packet_id": 0x1864, "request_sequence": 0xC000 | 4000}
+        wanted = {"source_id": 0, "apid": 100, "sequence_count": 4000}
         assert "completion_success" in flight.send("DELETE_ACTIVITY", wanted)
         assert flight.refused("DELETE_ACTIVITY", wanted) is Error.BAD_ARG
         flight.send("INSERT_ACTIVITY", at(5.0, flight))

@@ -48,7 +48,7 @@ def test_a_set_is_enabled_changed_told_and_disabled(flight):
     flight.wait(5.0)
     assert len(flight.all("link")) == 10
     flight.send("REPORT_SET_PROPERTIES", {"sid": 8})
-    assert flight.last("set_properties") == {"sid": 8, "periodic": 1, "interval_ms": 500}
+    assert flight.last("set_properties") == {"n": 1, "sid": 8, "periodic": 1, "interval_ms": 500}
     flight.send("DISABLE_SET", {"sid": 8})
     flight.wait(5.0)
     assert len(flight.all("link")) == 10
@@ -73,7 +73,7 @@ def test_science_faster_than_the_loop_hands_samples_over_is_refused(arm: ArmProj
     flight.up()
     fast = {"sid": 20, "interval_ms": 19}
     assert flight.refused("SET_INTERVAL", fast) is Error.OUT_OF_RANGE
-    assert flight.last("acceptance_failure")["error_argument"] == 2
+    assert flight.last("acceptance_failure")["error_argument"] == 3
     assert flight.send("SET_INTERVAL", {"sid": 20, "interval_ms": 20}) == DONE
     assert flight.send("SET_INTERVAL", {"sid": 1, "interval_ms": 10}) == DONE
 
@@ -104,7 +104,7 @@ def test_an_event_is_disabled_told_so_and_enabled(flight):
     flight.app.event(Event(0, "info", "STOPPED", ""))
     assert [told["event"] for told in flight.all("event_info")] == [50]  # into IDENTIFY
     flight.send("REPORT_DISABLED_EVENTS")
-    assert (flight.last("disabled_events")["total"], flight.last("disabled_events")["event_1"]) == (
+    assert (flight.last("disabled_events")["n"], flight.last("disabled_events")["event_1"]) == (
         1,
         2,
     )
@@ -112,7 +112,7 @@ def test_an_event_is_disabled_told_so_and_enabled(flight):
     flight.app.event(Event(0, "info", "STOPPED", ""))
     assert flight.last("event_info")["suppressed"] == 1
     flight.send("REPORT_DISABLED_EVENTS")
-    assert flight.last("disabled_events")["total"] == 0
+    assert flight.last("disabled_events")["n"] == 0
 
 
 def test_a_flood_of_one_event_is_throttled_and_counted(flight):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw.telemetry.dictionary import DICTIONARY, Type
+from fsw.telemetry.dictionary import DICTIONARY, Packet, Type
 from tests.support.packing import pack, random_values
 
 pytest.importorskip("yamcs.pymdb", reason="needs yamcs-pymdb: pip install '.[test]'")
@@ -62,6 +62,12 @@ def test_the_whole_document_is_valid_by_the_schema():
     assert result.valid, result.errors
 
 
+def _shared(packet: Packet) -> list[str]:
+    """Return the fields up to the one that tells packets of one service and subtype apart."""
+    names = [item.name for item in packet.fields]
+    return names[: 1 + names.index(packet.match[0][0])] if packet.match else []
+
+
 @pytest.mark.parametrize("packet", PACKETS)
 def test_space_packet_parser_gives_every_value_back_bit_by_bit(definition, packet):
     rng = np.random.default_rng(5)
@@ -76,7 +82,7 @@ def test_space_packet_parser_gives_every_value_back_bit_by_bit(definition, packe
         assert seconds == 1.5
     shared = f"service_{packet.service}_{packet.subtype}"
     for item in packet.fields:
-        first = packet.match and item is packet.fields[0]
+        first = item.name in _shared(packet)
         found = parsed[f"{shared if first else packet.name}_{item.name}"]
         if item.enumeration is not None and not first:
             assert found == item.enumeration.labels[values[item.name]]

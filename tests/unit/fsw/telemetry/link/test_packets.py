@@ -76,7 +76,7 @@ def test_every_packet_comes_back_as_it_was(packet):
 def test_counters_run_per_application_and_per_message():
     make, decode = Packetizer(), Decoder()
     told = [decode.decode(make.make(n, 0, {})) for n in ("alive", "alive")]
-    disabled = {"total": 0} | {f"event_{k}": 0 for k in range(1, 17)}
+    disabled = {"n": 0} | {f"event_{k}": 0 for k in range(1, 17)}
     told.append(decode.decode(make.make("disabled_events", 0, disabled)))
     assert [t.sequence for t in told] == [0, 1, 2]
     assert [t.message_counter for t in told] == [0, 1, 0]

@@ -32,7 +32,7 @@ def times(flight: Flight) -> list[float]:
     """Report the schedule; return the times of release."""
     flight.packets.clear()
     flight.send("REPORT_SCHEDULE")
-    return [t["release_time_s"] for t in flight.all("schedule_entry") if t["entry"]]
+    return [t["release_time_s"] for t in flight.all("schedule_entry") if t["n"]]
 
 
 def test_what_waits_survives_a_restart_and_is_released_once(flight: Flight):
