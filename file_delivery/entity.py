@@ -1,33 +1,44 @@
-"""File delivery of class 2 (CCSDS 727.0-B), both ways, one file each way at a time.
+"""File delivery of class 2 (CCSDS 727.0-B), both ways, several files at a time.
 
-The state machines are cfdp-py's. Added here and in the halves: limits on what the other end may ask
-for, a transaction timeout, answers for transactions that are over, names confined to the file
-directory, the checksum of every file, and files that take their place only when they are whole.
+The state machines are cfdp-py's. Added here and in `incoming` and `outgoing`: limits on what the
+other end may ask for, a transaction timeout, answers for transactions that are over, reasons for
+refusals, names confined to the file directory, the checksum of every file, files that take their
+place only when they are whole, and transfers that are cancelled, suspended and resumed.
 """
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
-from collections.abc import Mapping
+import shutil
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from spacepackets.cfdp import ConditionCode
+from spacepackets.cfdp.pdu import MetadataPdu
 from spacepackets.cfdp.pdu.helper import GenericPduPacket, PduHolder
 
 from file_delivery.errors import DeliveryError
+from file_delivery.incoming import PARTIAL, Incoming
 from file_delivery.library import DAEMON, GROUND, Pair
-from file_delivery.receiver import FileReceiver
-from file_delivery.sender import FileSender
+from file_delivery.numbers import beginning
+from file_delivery.outgoing import Outgoing
+from file_delivery.transfer import Key, Outcome, Transfer
 from file_delivery.units import (
     UnitError,
     is_for_sender,
+    is_number_of,
     late_acknowledgement,
+    needs_answer,
     packed,
     parse,
     transaction_of,
 )
 
 UNITS_PER_LOOK = 32  # sent in one look of the service, every 10 ms
+SENDING_LIMIT, WAITING_LIMIT, RECEIVING_LIMIT = 4, 8, 8  # files
+SILENT_NS = 5_000_000_000  # without a word: gives its place up to another file
+REUSED_NS = 1_000_000_000  # metadata so long after the end begin a transaction of the same number
+FROZEN_NS = 3_000_000_000  # between two looks: the link was away, no transfer was silent
 REMEMBERED = 64  # transactions that are over
 MAX_FILE_BYTES = 1 << 30
 COUNTED = (
@@ -38,9 +49,13 @@ COUNTED = (
     "pdus_received",
     "pdus_rejected",
 )
-
-
 DAEMONS = Pair(here=DAEMON, there=GROUND)
+Accepts = Callable[[str], bool]
+
+
+def accept_every_name(name: str) -> bool:  # noqa: ARG001
+    """Accept a file of any name."""
+    return True
 
 
 class FileEntity:
@@ -48,70 +63,118 @@ class FileEntity:
 
     Parameters
     ----------
-    directory : all files are below it, by names relative to it
-    first_number : of the first transaction; other than those of the last run
+    directory : files arrive below it
+    number : returns the number of a new transaction, never used before
     ends : the daemon's by default
+    accepts : whether a file of this name is for this end; others are left to others on the link
     """
 
     def __init__(
         self,
         directory: Path,
-        first_number: int = 0,
+        number: Callable[[], int] = beginning,
         *,
         max_file_bytes: int = MAX_FILE_BYTES,
         ends: Pair = DAEMONS,
+        accepts: Accepts = accept_every_name,
     ) -> None:
-        self._directory = directory
-        self._max_file_bytes, self._here = max_file_bytes, ends.here
-        self._sender = FileSender(directory, ends, first_number)
-        self._receiver = FileReceiver(directory, ends)
-        self._late: list[bytes] = []
-        self._over: OrderedDict[tuple[int, int], ConditionCode] = OrderedDict()
+        self._directory, self._number, self._ends = directory, number, ends
+        self._max_file_bytes, self._accepts = max_file_bytes, accepts
+        self._incoming: dict[Key, Incoming] = {}
+        self._outgoing: dict[Key, Outgoing] = {}
+        self._waiting: deque[Outgoing] = deque()
+        self._over: OrderedDict[Key, tuple[Outcome, int]] = OrderedDict()
+        self._foreign: deque[Key] = deque(maxlen=REMEMBERED)
+        self._late: deque[bytes] = deque(maxlen=UNITS_PER_LOOK)
         self._ended: list[tuple[int, bool, str]] = []
         self._counters: Counter[str] = Counter()
+        self._looked_ns: int | None = None
+        for left in directory.glob(f"{PARTIAL}*"):  # of a run that did not end well
+            left.unlink(missing_ok=True)
 
-    def send(self, path: Path, *, remove: bool, name: str = "") -> int:
+    def send(
+        self, path: Path, *, remove: bool, name: str = "", piece: tuple[int, int] | None = None
+    ) -> int:
         """Begin to send a file; return the transaction's number, at least 1.
 
         Parameters
         ----------
-        path : below the directory; relative to it, or whole
+        path : of the file, anywhere
         remove : remove it here once it has arrived
         name : at the other end; empty: its name without the folders here
+        piece : offset and size [B] of what to send; None: all
 
         Raises
         ------
         DeliveryError FILE_NOT_FOUND or BUSY.
         """
-        if path.is_absolute() and path.is_relative_to(self._directory):
-            path = path.relative_to(self._directory)
-        return self._sender.send(path, name or path.name, remove=remove)
+        if not path.is_file():
+            raise DeliveryError("FILE_NOT_FOUND", path.name)
+        if len(self._waiting) >= WAITING_LIMIT:
+            raise DeliveryError("BUSY", f"{WAITING_LIMIT} files wait to be sent")
+        number = self._number()
+        file = Outgoing(self._ends, number, path, name or path.name, piece, remove=remove)
+        self._waiting.append(file)
+        return number
 
     def receive(self, pdu: bytes, now_ns: int) -> None:
-        """Take one unit that came; what is none, or fits nowhere, is counted."""
+        """Use one unit that came; what is none, or fits nowhere, is counted."""
+        self._thaw(now_ns)
         self._counters["pdus_received"] += 1
         try:
             unit = parse(pdu, self._max_file_bytes)
-            if transaction_of(unit) == self._receiver.transaction:
-                self._receiver.take(unit, now_ns)
-            elif transaction_of(unit) in self._over:
-                self._answer_late(unit)
-            elif is_for_sender(unit):
-                self._sender.answer(unit, now_ns)
+            if is_for_sender(unit):
+                self._answer(unit, now_ns)
             else:
-                self._receiver.take(unit, now_ns)
-        except (UnitError, DeliveryError):
+                self._take(unit, now_ns)
+        except UnitError:
             self._counters["pdus_rejected"] += 1
-        self._collect()
+        self._collect(now_ns)
 
     def poll(self, now_ns: int) -> list[bytes]:
         """Return units to send now; a few, so that nobody else waits for them."""
-        units, self._late = self._late[:UNITS_PER_LOOK], self._late[UNITS_PER_LOOK:]
-        units += self._receiver.poll(UNITS_PER_LOOK - len(units), now_ns)
-        units += self._sender.pump(UNITS_PER_LOOK - len(units), now_ns)
+        self._thaw(now_ns)
+        units = [self._late.popleft() for _ in range(len(self._late))]
+        for file in list(self._incoming.values()):
+            units += file.poll(UNITS_PER_LOOK - len(units), now_ns)
+        self._start_waiting(now_ns)
+        for key, sending in list(self._outgoing.items()):
+            units += sending.pump(UNITS_PER_LOOK - len(units), now_ns)
+            self._outgoing[key] = self._outgoing.pop(key)  # the others first the next time
+            if len(units) >= UNITS_PER_LOOK:
+                break
         self._counters["pdus_sent"] += len(units)
-        self._collect()
+        self._collect(now_ns)
         return units
+
+    def transfers(self) -> list[Transfer]:
+        """Return the transfers that are not over."""
+        return [file.transfer for file in self._all() if file.outcome is None]
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing is under way, not even a last acknowledgement."""
+        return not (self._incoming or self._outgoing or self._waiting or self._late)
+
+    def cancel(self, key: Key) -> None:
+        """End a transfer and say so to the other end. Raises DeliveryError."""
+        file = self._find(key)
+        if isinstance(file, Incoming):
+            file.refuse(ConditionCode.CANCEL_REQUEST_RECEIVED, "cancelled")
+        else:
+            file.cancel("cancelled")
+            if file in self._waiting:
+                self._waiting.remove(file)
+                self._outgoing[key] = file
+
+    def suspend(self, key: Key) -> None:
+        """Let a transfer rest; it does not time out. Raises DeliveryError."""
+        self._find(key).suspended = True
+
+    def resume(self, key: Key, now_ns: int) -> None:
+        """Continue a suspended transfer. Raises DeliveryError."""
+        file = self._find(key)
+        file.suspended, file.last_ns = False, now_ns
 
     def finished(self) -> list[tuple[int, bool, str]]:
         """Return what ended since the last call: number (0: it came here), success, text."""
@@ -122,25 +185,123 @@ class FileEntity:
         """Return files_sent, files_received, files_failed, pdus_sent, pdus_received, _rejected."""
         return {name: self._counters[name] for name in COUNTED}
 
-    def _answer_late(self, unit: GenericPduPacket) -> None:
-        answer = late_acknowledgement(unit, self._over[transaction_of(unit)])
-        reply = packed(PduHolder(answer))
-        if reply is not None and len(self._late) < UNITS_PER_LOOK:
+    def _all(self) -> Iterable[Incoming | Outgoing]:
+        return [*self._incoming.values(), *self._outgoing.values(), *self._waiting]
+
+    def _find(self, key: Key) -> Incoming | Outgoing:
+        for file in self._all():
+            if file.key == key and file.outcome is None:
+                return file
+        raise DeliveryError("FILE_NOT_FOUND", f"no transfer {key[1]} of entity {key[0]}")
+
+    def _answer(self, unit: GenericPduPacket, now_ns: int) -> None:
+        """Pass a unit to the file on its way there. Raises UnitError when there is none."""
+        for file in self._outgoing.values():
+            if file.outcome is None and is_number_of(unit, file.key):
+                file.answer(unit, now_ns)
+                return
+        for key, (outcome, _) in reversed(self._over.items()):
+            if is_number_of(unit, key):
+                self._answer_late(unit, outcome)
+                return
+        raise UnitError("no such transaction")
+
+    def _take(self, unit: GenericPduPacket, now_ns: int) -> None:
+        key = transaction_of(unit)
+        if isinstance(unit, MetadataPdu):
+            self._forget_if_reused(key, now_ns)
+        file = self._incoming.get(key)
+        if file is None:
+            if key in self._foreign:
+                return
+            if key in self._over:
+                self._answer_late(unit, self._over[key][0])
+                return
+            file = Incoming(self._directory, self._ends, unit, now_ns)
+            self._admit(file, now_ns)
+        if isinstance(unit, MetadataPdu) and not self._accepts(unit.dest_file_name or ""):
+            self._foreign.append(key)
+            del self._incoming[key]
+            return
+        if isinstance(unit, MetadataPdu) and not file.closed:
+            self._check_size(file, unit.file_size or 0)
+        if not file.closed:
+            file.take(unit, now_ns)
+
+    def _forget_if_reused(self, key: Key, now_ns: int) -> None:
+        """Metadata after the end begin another transaction: that sender counts from 1 again."""
+        if key in self._over and now_ns - self._over[key][1] > REUSED_NS:
+            del self._over[key]
+            file = self._incoming.pop(key, None)
+            if file is not None:
+                file.abandon("")
+
+    def _check_size(self, file: Incoming, size: int) -> None:
+        free = shutil.disk_usage(self._directory).free
+        if size > self._max_file_bytes:
+            text = f"{size} bytes; at most {self._max_file_bytes}"
+            file.refuse(ConditionCode.FILE_SIZE_ERROR, text)
+        elif size > free:
+            file.refuse(ConditionCode.FILESTORE_REJECTION, f"{size} bytes; {free} are free")
+
+    def _admit(self, file: Incoming, now_ns: int) -> None:
+        """Find a place for a file that comes; a silent one gives its own up."""
+        under_way = [other for other in self._incoming.values() if not other.closed]
+        if len(under_way) >= RECEIVING_LIMIT:
+            rest = [other for other in under_way if other.outcome is not None] or under_way
+            oldest = min(rest, key=lambda other: other.last_ns)
+            if oldest.outcome is not None or now_ns - oldest.last_ns > SILENT_NS:
+                oldest.abandon("silent, and another file needs its place")
+                self._collect(now_ns)
+            else:
+                text = f"{RECEIVING_LIMIT} files are on their way"
+                file.refuse(ConditionCode.CANCEL_REQUEST_RECEIVED, text)
+        self._incoming[file.key] = file
+
+    def _start_waiting(self, now_ns: int) -> None:
+        if not self._waiting:
+            return
+        busy = [file for file in self._outgoing.values() if file.outcome is None]
+        if len(busy) >= SENDING_LIMIT:
+            oldest = min(busy, key=lambda file: file.last_ns)
+            if now_ns - oldest.last_ns <= SILENT_NS:
+                return
+            oldest.give_up("no answer, and another file needs its place")
+        file = self._waiting.popleft()
+        file.begin(now_ns)
+        self._outgoing[file.key] = file
+
+    def _thaw(self, now_ns: int) -> None:
+        """Count no time in which nobody looked: the link was away."""
+        gap_ns = now_ns - self._looked_ns if self._looked_ns is not None else 0
+        self._looked_ns = now_ns
+        if gap_ns > FROZEN_NS:
+            for file in self._all():
+                file.last_ns = min(now_ns, file.last_ns + gap_ns)
+
+    def _answer_late(self, unit: GenericPduPacket, outcome: Outcome) -> None:
+        reply = packed(PduHolder(late_acknowledgement(unit, outcome.condition)))
+        if reply is not None:
             self._late.append(reply)
+        if outcome.answer is not None and needs_answer(unit):
+            self._late.append(outcome.answer)
 
-    def _collect(self) -> None:
-        for number, condition, text in self._sender.ended:
-            self._note((self._here, number), condition, number, text, "files_sent")
-        for key, condition, text in self._receiver.ended:
-            self._note(key, condition, 0, text, "files_received")
-        self._sender.ended, self._receiver.ended = [], []
+    def _collect(self, now_ns: int) -> None:
+        for key, file in list(self._incoming.items()):
+            if file.outcome is not None and key not in self._over:
+                self._note(key, file.outcome, 0, "files_received", now_ns)
+            if file.closed and file.outcome is not None:
+                self._late.extend(file.poll(UNITS_PER_LOOK, now_ns))
+                del self._incoming[key]
+        for key, sending in list(self._outgoing.items()):
+            if sending.outcome is not None and key not in self._over:
+                self._note(key, sending.outcome, key[1], "files_sent", now_ns)
+            if sending.closed:
+                del self._outgoing[key]
 
-    def _note(
-        self, key: tuple[int, int], condition: ConditionCode, number: int, text: str, counter: str
-    ) -> None:
-        good = condition == ConditionCode.NO_ERROR
-        self._over[key] = condition
+    def _note(self, key: Key, outcome: Outcome, number: int, counter: str, now_ns: int) -> None:
+        self._over[key] = (outcome, now_ns)
         while len(self._over) > REMEMBERED:
             self._over.popitem(last=False)
-        self._counters[counter if good else "files_failed"] += 1
-        self._ended.append((number, good, text))
+        self._counters[counter if outcome.is_good else "files_failed"] += 1
+        self._ended.append((number, outcome.is_good, outcome.text))

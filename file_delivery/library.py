@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from cfdppy import exceptions as cfdp
+from cfdppy.filestore import NativeFilestore
 from cfdppy.mib import (
     CheckTimerProvider,
     DefaultFaultHandlerBase,
@@ -28,6 +30,7 @@ from file_delivery.units import UNPARSABLE
 DAEMON, GROUND = 1, 2  # entity identifiers
 UNIT_BYTES = 1000  # longest unit sent
 TIMER_S, TIMER_LIMIT = 2.0, 15
+CHECKSUM_BYTES = 1 << 20  # added up at a time; a multiple of 4
 TIMEOUT_S = 60.0  # without a word from the other end; the library itself would wait for ever
 REFUSALS = (
     *UNPARSABLE,
@@ -81,11 +84,88 @@ class CheckTimers(CheckTimerProvider):
         return Countdown.from_seconds(TIMER_S)
 
 
+class Folder(RestrictedFilestore):
+    """The folder that files arrive in."""
+
+    def calculate_checksum(
+        self,
+        checksum_type: ChecksumType,
+        file_path: Path,
+        size_to_verify: int,
+        segment_len: int = 0,
+    ) -> bytes:
+        """Return the checksum; the library adds a modular one up byte by byte."""
+        if checksum_type == ChecksumType.MODULAR:
+            return modular_checksum(self.restricted_path / file_path, 0, None)
+        return super().calculate_checksum(
+            checksum_type, file_path, size_to_verify, segment_len or CHECKSUM_BYTES
+        )
+
+
+class PieceOfFile(NativeFilestore):
+    """One file, or a piece of it, as if it were all there is to send.
+
+    Parameters
+    ----------
+    offset, size : the piece [B]
+    """
+
+    def __init__(self, path: Path, offset: int, size: int) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._path, self._offset, self._size = path, offset, size
+
+    def file_exists(self, path: Path) -> bool:  # noqa: ARG002
+        """Whether it is still there."""
+        return self._path.is_file()
+
+    def file_size(self, file: Path) -> int:  # noqa: ARG002
+        """Return the size of the piece [B]."""
+        return self._size
+
+    def read_data(self, file: Path, offset: int | None, read_len: int | None = None) -> bytes:  # noqa: ARG002
+        """Return bytes of the piece."""
+        start = offset or 0
+        length = self._size - start if read_len is None else min(read_len, self._size - start)
+        return super().read_data(self._path, self._offset + start, length)
+
+    def calculate_checksum(
+        self,
+        checksum_type: ChecksumType,
+        file_path: Path,  # noqa: ARG002
+        size_to_verify: int,
+        segment_len: int = 0,  # noqa: ARG002
+    ) -> bytes:
+        """Return the checksum of the beginning of the piece. Raises ValueError."""
+        if checksum_type != ChecksumType.MODULAR:
+            raise ValueError(f"{checksum_type.name}: not sent")
+        return modular_checksum(self._path, self._offset, size_to_verify)
+
+
+def modular_checksum(path: Path, offset: int, size: int | None) -> bytes:
+    """Return the sum of the 32-bit words of a piece of a file (727.0-B 4.2.2). Raises OSError.
+
+    Parameters
+    ----------
+    size : of the piece [B]; None: to the end of the file
+    """
+    total = 0
+    with path.open("rb") as file:
+        file.seek(offset)
+        left = path.stat().st_size - offset if size is None else size
+        while data := file.read(min(CHECKSUM_BYTES, left)):
+            left -= len(data)
+            words = np.frombuffer(data + bytes(-len(data) % 4), ">u4")
+            total += int(words.sum(dtype=np.uint64))
+    return (total & 0xFFFFFFFF).to_bytes(4, "big")
+
+
 class Ends(CfdpUserBase):
     """Passes the end of a transaction on; the library's other indications are of no use here."""
 
-    def __init__(self, directory: Path, ended: Callable[[TransactionFinishedParams], None]) -> None:
-        super().__init__(vfs=RestrictedFilestore(directory))
+    def __init__(
+        self, files: NativeFilestore, ended: Callable[[TransactionFinishedParams], None]
+    ) -> None:
+        super().__init__(vfs=files)
         self._ended = ended
 
     def transaction_finished_indication(self, params: TransactionFinishedParams) -> None:
@@ -145,3 +225,12 @@ def is_good(outcome: FinishedParams) -> bool:
         and outcome.delivery_code == DeliveryCode.DATA_COMPLETE
         and outcome.file_status in (FileStatus.FILE_RETAINED, FileStatus.FILE_STATUS_UNREPORTED)
     )
+
+
+def reason_of(outcome: FinishedParams) -> str:
+    """Return why a file has not arrived: the protocol's word, and the other end's own."""
+    word = str(outcome.condition_code.name)
+    if outcome.condition_code == ConditionCode.NO_ERROR:
+        word = f"{outcome.delivery_code.name}, {outcome.file_status.name}"
+    own = [item.filestore_msg.value for item in outcome.file_store_responses or ()]
+    return ": ".join([word, *(text.decode("utf-8", "replace") for text in own if text)])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 
-from spacepackets.cfdp import ConditionCode, Direction, PduConfig, TransactionId
+from spacepackets.cfdp import CfdpLv, ConditionCode, Direction, PduConfig
 from spacepackets.cfdp.defs import InvalidCrcError, UnsupportedCfdpVersionError
 from spacepackets.cfdp.pdu import (
     AbstractFileDirectiveBase,
@@ -16,13 +16,21 @@ from spacepackets.cfdp.pdu import (
     DirectiveType,
     EofPdu,
     FileDataPdu,
+    FinishedPdu,
     MetadataParams,
     MetadataPdu,
     NakPdu,
     TransactionStatus,
 )
+from spacepackets.cfdp.pdu.finished import DeliveryCode, FileStatus, FinishedParams
 from spacepackets.cfdp.pdu.helper import GenericPduPacket, PduFactory, PduHolder
-from spacepackets.cfdp.tlv.defs import TlvTypeMissmatchError
+from spacepackets.cfdp.tlv import FileStoreResponseTlv
+from spacepackets.cfdp.tlv.defs import (
+    FilestoreActionCode,
+    FilestoreResponseStatusCode,
+    TlvTypeMissmatchError,
+)
+from spacepackets.util import ByteFieldU64
 
 UNPARSABLE = (
     ValueError,
@@ -36,6 +44,7 @@ UNPARSABLE = (
     UnsupportedCfdpVersionError,
     TlvTypeMissmatchError,
 )
+MESSAGE_BYTES = 96  # of a reason, and of a name that is sent back
 MAX_REQUESTED_BYTES = 1 << 20  # of one request for lost data; what is left is asked for again
 
 
@@ -60,7 +69,7 @@ def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
     if isinstance(unit, FileDataPdu):
         size = unit.offset + len(unit.file_data)
     else:
-        size = unit.file_size if isinstance(unit, EofPdu | MetadataPdu) else 0
+        size = unit.file_size if isinstance(unit, EofPdu) else 0  # metadata are refused in words
     if (size or 0) > max_file_bytes:
         raise UnitError(f"a file of {size} bytes; at most {max_file_bytes}")
     return unit
@@ -94,9 +103,21 @@ def transaction_of(unit: GenericPduPacket) -> tuple[int, int]:
     return unit.source_entity_id.value, unit.transaction_seq_num.value
 
 
-def key_of(transaction: TransactionId) -> tuple[int, int]:
-    """Return the same of the library's own identifier."""
-    return transaction.source_id.value, transaction.seq_num.value
+def is_number_of(unit: GenericPduPacket, key: tuple[int, int]) -> bool:
+    """Whether a unit answers a transaction of this end.
+
+    LibreCube's receiver answers with the lowest octet of the number alone, whatever its length.
+    Numbers that follow one another differ in it.
+    """
+    field = unit.transaction_seq_num
+    mask = (1 << 8 * field.byte_len) - 1
+    return bool(unit.source_entity_id.value == key[0] and field.value == key[1] & mask)
+
+
+def with_number(unit: GenericPduPacket, number: int) -> GenericPduPacket:
+    """Return an answer with the whole number of its transaction."""
+    unit.pdu_header.pdu_conf.transaction_seq_num = ByteFieldU64(number)
+    return unit
 
 
 def directive(unit: GenericPduPacket) -> DirectiveType | None:
@@ -136,6 +157,34 @@ def checked_request(unit: NakPdu, file_size: int) -> NakPdu:
             left -= size
     conf = unit.pdu_header.pdu_conf
     return NakPdu(conf, unit.start_of_scope, unit.end_of_scope, segment_requests=taken)
+
+
+def refusal(
+    unit: GenericPduPacket, condition: ConditionCode, name: str, reason: str
+) -> FinishedPdu:
+    """Return the unit that ends a transaction from the receiving end, with a reason in words."""
+    message = CfdpLv(reason.encode()[:MESSAGE_BYTES])
+    response = FileStoreResponseTlv(
+        FilestoreActionCode.CREATE_FILE_SNM,
+        FilestoreResponseStatusCode.CREATE_NOT_ALLOWED,
+        name.encode("ascii", "replace")[:MESSAGE_BYTES].decode(),
+        filestore_msg=message,
+    )
+    rejected = condition == ConditionCode.FILESTORE_REJECTION
+    params = FinishedParams(
+        condition_code=condition,
+        delivery_code=DeliveryCode.DATA_INCOMPLETE,
+        file_status=FileStatus.DISCARDED_FILESTORE_REJECTION
+        if rejected
+        else FileStatus.DISCARDED_DELIBERATELY,
+        file_store_responses=[response],
+    )
+    return FinishedPdu(towards_sender(unit), params)
+
+
+def needs_answer(unit: GenericPduPacket) -> bool:
+    """Whether the sender of a unit waits for the end of its transaction."""
+    return isinstance(unit, MetadataPdu | EofPdu)
 
 
 def late_acknowledgement(unit: GenericPduPacket, condition: ConditionCode) -> AckPdu | None:

@@ -111,22 +111,34 @@ def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def _file_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    files = commands.add_parser("file", help="get, put and list files of the daemon")
+    files = commands.add_parser("file", help="transfer and manage files of the daemon")
     files.add_argument(
         "--timeout", type=_seconds, default=600.0, metavar="S", help="of a transfer, 600"
     )
+    files.add_argument("--piece", type=_count, default=4 << 20, metavar="B", help=argparse.SUPPRESS)
     actions = files.add_subparsers(required=True, metavar="ACTION")
-    get = actions.add_parser("get", help="fetch a file and compare its CRC")
-    get.add_argument("remote", metavar="REMOTE")
+
+    def action(name: str, method: str, words: str, *arguments: str) -> argparse.ArgumentParser:
+        parser = actions.add_parser(name, help=words)
+        for argument in arguments:
+            parser.add_argument(argument, metavar=argument.upper())
+        parser.set_defaults(command=_file, method=method)
+        return parser
+
+    get = action("get", "get", "fetch a file and compare its CRC", "remote")
     get.add_argument("local", nargs="?", type=Path, metavar="LOCAL")
-    get.set_defaults(command=_file_get)
-    put = actions.add_parser("put", help="send a file into the folder `files`")
+    put = action("put", "put", "send a file into the folder `files`")
     put.add_argument("local", type=Path, metavar="LOCAL")
     put.add_argument("remote", nargs="?", metavar="REMOTE")
-    put.set_defaults(command=_file_put)
-    listing = actions.add_parser("list", help="list a folder")
-    listing.add_argument("remote", metavar="FOLDER")
-    listing.set_defaults(command=_file_list)
+    action("list", "list", "list a folder", "remote")
+    action("transfers", "transfers", "list the transfers that are not over")
+    resume = action("resume", "resume", "continue an interrupted transfer, or all of them")
+    resume.add_argument("id", nargs="?", metavar="ID", help="from `transfers`; all when none")
+    action("cancel", "cancel", "cancel a transfer, by its ID or SOURCE/NUMBER in `transfers`", "id")
+    action("rename", "rename", "move or rename a file or a folder", "remote", "target")
+    action("mkdir", "make_folder", "create a folder", "remote")
+    action("rm", "remove", "remove a file or an empty folder", "remote")
+    action("free", "free", "show the free space of each folder")
 
 
 def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -172,22 +184,13 @@ def _tm(arguments: argparse.Namespace) -> int:
     return watch(arguments, _stream(arguments))
 
 
-def _file_get(arguments: argparse.Namespace) -> int:
-    from ground.show import get_file
+def _file(arguments: argparse.Namespace) -> int:
+    from ground.files import Files
+    from ground.show import opened
 
-    return get_file(arguments, _sealer(arguments), _stream(arguments))
-
-
-def _file_put(arguments: argparse.Namespace) -> int:
-    from ground.show import put_file
-
-    return put_file(arguments, _sealer(arguments), _stream(arguments))
-
-
-def _file_list(arguments: argparse.Namespace) -> int:
-    from ground.show import list_files
-
-    return list_files(arguments, _sealer(arguments), _stream(arguments))
+    files = Files(arguments, lambda: opened(arguments, _sealer(arguments), _stream(arguments)))
+    command: Callable[[], int] = getattr(files, arguments.method)
+    return command()
 
 
 def _fetch(arguments: argparse.Namespace) -> int:

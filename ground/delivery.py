@@ -1,13 +1,11 @@
-"""Files to and from the daemon: CFDP class 2 over the link's own packets."""
+"""Files to and from the daemon over one link: CFDP class 2 in the link's own packets."""
 
 from __future__ import annotations
 
-import math
-import secrets
-import shutil
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,133 +13,202 @@ from spacepackets.ccsds.spacepacket import PacketType, SpacePacket, SpacePacketH
 
 from file_delivery.entity import FileEntity
 from file_delivery.library import DAEMON, GROUND, Pair
+from file_delivery.numbers import beginning
 from ground.commands import Catalogue
-from ground.errors import FAILED, NO_ANSWER, GroundError, UsageError
+from ground.errors import FAILED, GroundError, LinkError
 from ground.link import COUNT_14, Link
 from ground.telemetry import FILE_APID, HEADER_BYTES, Decoder, Sample, apid
 from ground.verification import EXIT_CODES, Outcome, follow
 
 DELIVERED = "files"  # the daemon's folder that file delivery works in
 LOOK_S = 0.02
-CONFIRM_S = 10.0  # after the file is whole, for the daemon to know it
-COMPLETED = "completion_success"
+ANSWER_S = 5.0  # for a telecommand to be answered
+STALL_S = 6.0  # without a word about a transfer: it is begun again
+LINGER_S = 2.0  # after the file is whole, for the last acknowledgements
 ENDS = Pair(here=GROUND, there=DAEMON)
+NOT_ANSWERED = (Outcome.NO_ANSWER, Outcome.UNFINISHED)
+NOT_FOUND = "FILE_NOT_FOUND"
 Progress = Callable[[str], None]
 
 
+class RefusedError(GroundError):
+    """The daemon refused a telecommand, or it failed; `error` is its reason."""
+
+    def __init__(self, message: str, exit_code: int, error: str) -> None:
+        super().__init__(message, exit_code)
+        self.error = error
+
+
+class EndedError(GroundError):
+    """The transfer was refused by the daemon, or cancelled here or there."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, FAILED)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What is known of a file."""
+
+    size: int  # [B]
+    crc32: int  # 0: not known
+    modified_s: float = 0.0
+
+
 class Delivery:
-    """Gets and puts files over one link.
+    """Sends and fetches files, and asks about them, over one link.
 
     Parameters
     ----------
-    timeout_s : for a whole transfer
-    tell : what an operator may like to know
+    timeout_s : of one file or piece
+    tell : receives what an operator may like to know
+    number : returns the number of a new transaction, never used before
+    is_wanted : False as soon as the operator has cancelled the transfer
     """
 
     def __init__(
-        self, link: Link, catalogue: Catalogue, decoder: Decoder, timeout_s: float, tell: Progress
+        self,
+        link: Link,
+        catalogue: Catalogue,
+        decoder: Decoder,
+        timeout_s: float,
+        tell: Progress,
+        *,
+        number: Callable[[], int] = beginning,
+        is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         self._link, self._catalogue, self._decoder = link, catalogue, decoder
-        self._timeout_s, self._tell = timeout_s, tell
+        self._timeout_s, self._tell, self._number = timeout_s, tell, number
+        self._is_wanted = is_wanted
         self._count = 0
 
-    def get(self, remote: str, local: Path) -> int:
-        """Fetch a file and compare its CRC; return its size [B]. Raises GroundError."""
-        facts = self.attributes(remote)
-        with TemporaryDirectory(dir=local.parent, prefix=".ground-") as folder:
-            entity = FileEntity(Path(folder), ends=ENDS)
-            packet = self._catalogue.build(
-                "DOWNLINK_FILE", {"path": remote, "remove": "NO"}, self._link.next_sequence()
-            )
-            self._link.send(packet)
-            self._carry(entity, packet)
-            (found,) = Path(folder).iterdir()
-            data = found.read_bytes()
-            if len(data) != facts["size_bytes"]:
-                raise GroundError(f"{remote}: {len(data)} of {facts['size_bytes']} bytes", FAILED)
-            if facts["crc32"] not in (0, zlib.crc32(data)):  # 0: too large to be checked there
-                raise GroundError(f"{remote}: the CRC differs; it may have changed", FAILED)
-            found.replace(local)
-        return len(data)
-
-    def put(self, local: Path, remote: str) -> int:
-        """Send a file to the daemon's delivery folder; return its size [B]. Raises GroundError."""
-        name = remote.removeprefix(f"{DELIVERED}/")
-        if not local.is_file():
-            raise UsageError(f"{local}: no such file")
+    def fetch(self, remote: str, offset: int, size: int) -> bytes:
+        """Return a piece of a file. Raises GroundError."""
+        token = f"piece-{self._number():x}"
+        given = {"path": remote, "offset": str(offset), "size_bytes": str(size), "name": token}
+        packet = self._catalogue.build("DOWNLINK_PIECE", given, self._link.next_sequence())
         with TemporaryDirectory(prefix="ground-") as folder:
-            copy = Path(folder) / "file"
-            shutil.copyfile(local, copy)
-            entity = FileEntity(Path(folder), secrets.randbelow(1 << 8), ends=ENDS)
-            entity.send(Path("file"), remove=False, name=name)
-            self._carry(entity, None)
-            data = copy.read_bytes()
-        facts = self.attributes(f"{DELIVERED}/{name}")
-        if (facts["size_bytes"], facts["crc32"]) != (len(data), zlib.crc32(data)):
-            raise GroundError(f"{remote}: not what was sent", FAILED)
-        return len(data)
+            entity = FileEntity(Path(folder), ends=ENDS, accepts=lambda name: name == token)
+            self._link.send(packet)
+            self._carry(entity, f"{remote} from byte {offset}", token, packet)
+            data = (Path(folder) / token).read_bytes()
+        if len(data) != size:
+            raise GroundError(f"{remote}: {len(data)} of {size} bytes", FAILED)
+        return data
 
-    def attributes(self, remote: str) -> dict[str, int]:
-        """Return size and CRC of a file there. Raises GroundError."""
-        (sample,) = self.ask("REPORT_FILE_ATTRIBUTES", path=remote)
-        return {name: int(sample.values[name]) for name in ("size_bytes", "crc32")}
+    def store(self, local: Path, name: str, piece: tuple[int, int] | None = None) -> None:
+        """Send a file, or a piece of it, into the daemon's delivery folder. Raises GroundError."""
+        with TemporaryDirectory(prefix="ground-") as folder:
+            entity = FileEntity(Path(folder), self._number, ends=ENDS, accepts=lambda _name: False)
+            entity.send(local, remove=False, name=name, piece=piece)
+            self._carry(entity, name, local.name, None)
+
+    def facts(self, remote: str) -> Facts | None:
+        """Return size and CRC of a file there; None when there is none. Raises GroundError."""
+        try:
+            (sample,) = self.ask("REPORT_FILE_ATTRIBUTES", path=remote)
+        except RefusedError as error:
+            if error.error == NOT_FOUND:
+                return None
+            raise
+        found: Mapping[str, object] = sample.values
+        return Facts(
+            int(str(found["size_bytes"])),
+            int(str(found["crc32"])),
+            float(str(found["modified_s"])),
+        )
 
     def ask(self, name: str, **given: str) -> list[Sample]:
-        """Send a command that is answered; return the answers. Raises GroundError."""
+        """Send a telecommand; return the answers. Raises RefusedError or LinkError."""
         packet = self._catalogue.build(name, given, self._link.next_sequence())
-        for verification, sample in follow(self._link, self._decoder, packet, self._timeout_s):
-            if sample is None and verification.outcome is not Outcome.COMPLETED:
-                last = verification.reports[-1].values if verification.reports else {}
-                reason = last.get("error", "")
-                text = f"{name} {given}: {verification.outcome} {reason}".strip()
-                raise GroundError(text, EXIT_CODES[verification.outcome])
-        return [s for s in verification.answers if s.service == packet[7]]
+        for verification, sample in follow(self._link, self._decoder, packet, ANSWER_S):
+            if sample is not None or verification.outcome is Outcome.COMPLETED:
+                continue
+            last = verification.reports[-1].values if verification.reports else {}
+            reason = str(last.get("error", ""))
+            words = " ".join([name, *given.values()])
+            text = f"{words}: {verification.outcome} {reason}".strip()
+            if verification.outcome in NOT_ANSWERED:
+                raise LinkError(text)
+            raise RefusedError(text, EXIT_CODES[verification.outcome], reason)
+        return [s for s in verification.answers if s.service == 23]
 
-    def _carry(self, entity: FileEntity, request: bytes | None) -> None:
-        """Carry units both ways until the transfer is over. Raises GroundError."""
-        start_s = told_s = time.monotonic()
-        words = (request[:2], request[2:4]) if request is not None else None
-        confirmed, whole_s = words is None, math.inf
-        while (now_s := time.monotonic()) - start_s < self._timeout_s:
+    def _carry(self, entity: FileEntity, what: str, name: str, request: bytes | None) -> None:
+        """Carry units both ways until the one transfer is over. Raises GroundError.
+
+        Parameters
+        ----------
+        name : with which the entity reports its end
+        request : the telecommand that began it; a refusal of it ends it
+        """
+        begun_ns = told_ns = time.monotonic_ns()
+        try:
+            while True:
+                now_ns = time.monotonic_ns()
+                self._look(entity, request)
+                ended = [item for item in entity.finished() if item[2].startswith(name)]
+                if ended:
+                    _, good, text = ended[0]
+                    self._linger(entity)
+                    if not good:
+                        raise EndedError(text)
+                    return
+                heard_ns = max([begun_ns, *(t.last_ns for t in entity.transfers())])
+                if now_ns - heard_ns > STALL_S * 1e9:
+                    raise LinkError(f"{what}: nothing came for {STALL_S:g} s")
+                if now_ns - begun_ns > self._timeout_s * 1e9:
+                    raise LinkError(f"{what}: not over after {self._timeout_s:g} s")
+                if not self._is_wanted():
+                    raise EndedError(f"{what}: cancelled")
+                if now_ns - told_ns > 1e9:
+                    told_ns = now_ns
+                    done = sum(t.done for t in entity.transfers())
+                    self._tell(f"{what}: {done} bytes")
+        except BaseException:
+            self._withdraw(entity)
+            raise
+
+    def _look(self, entity: FileEntity, request: bytes | None) -> None:
+        self._send_units(entity)
+        for raw in self._link.packets(time.monotonic() + LOOK_S):
+            if apid(raw) == FILE_APID:
+                entity.receive(raw[HEADER_BYTES:], time.monotonic_ns())
+                self._send_units(entity)
+            elif request is not None:
+                self._check_refusal(raw, request)
+
+    def _linger(self, entity: FileEntity) -> None:
+        """Say and hear the last words; without them the transfer is good all the same."""
+        until_s = time.monotonic() + LINGER_S
+        while not entity.is_idle and time.monotonic() < until_s:
+            self._look(entity, None)
+        self._send_units(entity)
+
+    def _withdraw(self, entity: FileEntity) -> None:
+        """Tell the other end that nobody is here any more."""
+        for transfer in entity.transfers():
+            if transfer.key[0] == GROUND or transfer.name:
+                entity.cancel(transfer.key)
+        try:
             self._send_units(entity)
-            for raw in self._link.packets(now_s + LOOK_S):
-                if apid(raw) == FILE_APID:
-                    entity.receive(raw[HEADER_BYTES:], round(time.monotonic() * 1e9))
-                elif words is not None:
-                    confirmed |= self._ends(raw, words)
-            for _, good, text in entity.finished():
-                if not good:
-                    self._send_units(entity)
-                    raise GroundError(text, FAILED)
-                whole_s = time.monotonic()
-            if confirmed and whole_s < math.inf:
-                self._send_units(entity)  # the last acknowledgement
-                return
-            if now_s - whole_s > CONFIRM_S:
-                self._tell("the file is here; the daemon has not heard so")
-                return
-            if now_s - told_s > 1.0:
-                told_s = now_s
-                counters = entity.counters()
-                self._tell(f"{counters['pdus_received']} units in, {counters['pdus_sent']} out")
-        raise GroundError(f"not over after {self._timeout_s:g} s", NO_ANSWER)
+        except GroundError:
+            return  # the link is lost: the other end finds out by itself
 
     def _send_units(self, entity: FileEntity) -> None:
-        for unit in entity.poll(round(time.monotonic() * 1e9)):
+        for unit in entity.poll(time.monotonic_ns()):
             self._link.send(self._wrapped(unit))
 
-    def _ends(self, raw: bytes, words: tuple[bytes, bytes]) -> bool:
-        """Whether the request to send a file is completed. Raises GroundError when refused."""
+    def _check_refusal(self, raw: bytes, request: bytes) -> None:
+        """Look for a report that the request was refused. Raises RefusedError."""
         sample = self._decoder.decode(raw)
-        if sample.service != 1:
-            return False
+        if sample.service != 1 or "error" not in sample.values:
+            return
+        words = (request[:2], request[2:4])
         named = (sample.values["request_packet_id"], sample.values["request_sequence"])
-        if named != tuple(int.from_bytes(word, "big") for word in words):
-            return False
-        if "error" in sample.values:
-            code = EXIT_CODES[Outcome.REJECTED if sample.subtype == 2 else Outcome.FAILED]
-            raise GroundError(f"DOWNLINK_FILE: {sample.values['error']}", code)
-        return sample.packet == COMPLETED
+        if named == tuple(int.from_bytes(word, "big") for word in words):
+            outcome = Outcome.REJECTED if sample.subtype == 2 else Outcome.FAILED
+            error = str(sample.values["error"])
+            raise RefusedError(f"the daemon: {error}", EXIT_CODES[outcome], error)
 
     def _wrapped(self, unit: bytes) -> bytes:
         """Return a unit in a packet: no secondary header, no CRC."""
@@ -154,3 +221,12 @@ class Delivery:
             sec_header_flag=False,
         )
         return bytes(SpacePacket(header, b"", unit).pack())
+
+
+def facts_of(path: Path) -> Facts:
+    """Return size and CRC of a file here. Raises OSError."""
+    size = crc32 = 0
+    with path.open("rb") as file:
+        while data := file.read(1 << 20):
+            size, crc32 = size + len(data), zlib.crc32(data, crc32)
+    return Facts(size, crc32)

@@ -9,11 +9,9 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ground.commands import Argument, Catalogue, given_arguments
-from ground.delivery import Delivery
 from ground.downlink import PacketStream
 from ground.errors import LinkError, UsageError
 from ground.link import Link
@@ -26,15 +24,23 @@ PING = "PING"
 SYNCHRONISE_S = 10.0
 
 
+def opened(
+    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
+) -> Link:
+    """Open a link; one with a key that is new here finds its number first."""
+    link = Link(arguments.host, arguments.port, sealer, stream)
+    if sealer is not None and sealer.is_new and link.stream.is_authenticated:
+        _synchronise(link)
+    return link
+
+
 @contextmanager
 def connected(
     arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
 ) -> Iterator[Link]:
     """Give a link for a block."""
-    link = Link(arguments.host, arguments.port, sealer, stream)
+    link = opened(arguments, sealer, stream)
     try:
-        if sealer is not None and sealer.is_new and link.stream.is_authenticated:
-            _synchronise(link)
         yield link
         if link.stream.rejected:
             text = f"{link.stream.rejected} frames were not authentic, or repeated"
@@ -140,47 +146,6 @@ def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
     if arguments.count is not None:
         raise LinkError(f"{shown} of {arguments.count} packets in {arguments.seconds:g} s")
     return 0
-
-
-def get_file(
-    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
-) -> int:
-    """Fetch a file."""
-    local = arguments.local or Path(PurePosixPath(arguments.remote).name)
-    with connected(arguments, sealer, stream) as link:
-        size = _delivery(arguments, link).get(arguments.remote, local.absolute())
-    print(f"{local}: {size} bytes")
-    return 0
-
-
-def put_file(
-    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
-) -> int:
-    """Send a file."""
-    remote = arguments.remote or arguments.local.name
-    with connected(arguments, sealer, stream) as link:
-        size = _delivery(arguments, link).put(arguments.local, remote)
-    print(f"{remote}: {size} bytes")
-    return 0
-
-
-def list_files(
-    arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
-) -> int:
-    """List a folder."""
-    with connected(arguments, sealer, stream) as link:
-        for sample in _delivery(arguments, link).ask("LIST_FILES", path=arguments.remote):
-            if sample.values["entry"]:
-                print(f"{sample.values['size_bytes']:12d}  {sample.values['path']}")
-    return 0
-
-
-def _delivery(arguments: argparse.Namespace, link: Link) -> Delivery:
-    def tell(text: str) -> None:
-        if sys.stderr.isatty():
-            print(f"\r{text}", end="", file=sys.stderr, flush=True)
-
-    return Delivery(link, Catalogue(), Decoder(), arguments.timeout, tell)
 
 
 def _follow(

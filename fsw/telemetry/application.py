@@ -47,6 +47,7 @@ from fsw.telemetry.services.playback import Outlet
 from fsw.telemetry.services.summaries import Summaries
 from fsw.telemetry.services.tables import Tables
 from fsw.telemetry.services.time_reports import TimeReports
+from fsw.telemetry.services.transfers import Transfers
 from fsw.telemetry.state.boot import Boot
 from fsw.telemetry.state.command_log import CommandLog, CommandRecord
 from fsw.telemetry.state.knowledge import Knowledge
@@ -137,7 +138,8 @@ class TelemetryApplication:
         )
         self.down.keep = self.onboard.playback.keep
         self.dispatcher.add(self._handlers())
-        self.loop.dispatcher = self.filing.dispatcher = self.dumps.dispatcher = self.dispatcher
+        dispatcher = self.dispatcher
+        self.loop.dispatcher = self.transfers.dispatcher = self.dumps.dispatcher = dispatcher
 
     def _wire_reports(self) -> None:
         get = self.parameters.get
@@ -180,7 +182,8 @@ class TelemetryApplication:
 
     def _wire_storage(self, config: Config, base: Config, state: Path) -> None:
         files = state / self._telemetry.file_directory
-        self.filing = filing_of(config, files, self.host.recording, self.down.send, self.report)
+        self.filing = filing_of(config, files, self.host.recording, self.down.send)
+        self.transfers = Transfers(self.filing, self.host.now_ns, self.down.send, self.report)
         self.effects = TableEffects(
             base, state, self.loop, self.housekeeping, self.monitoring, self._configured
         )
@@ -204,7 +207,7 @@ class TelemetryApplication:
 
     def deliver_by(self, delivery: FileDelivery) -> None:
         """Use this file delivery."""
-        self.delivery = self.filing.delivery = delivery
+        self.delivery = self.transfers.delivery = delivery
 
     def open(self) -> None:
         """Open the link; what cannot be opened is an event."""
@@ -235,8 +238,8 @@ class TelemetryApplication:
         self.onboard.poll(now_ns)
         self.supervision.poll(now_ns)
         self.monitoring.poll(now_ns)
-        self.filing.poll()
-        if self.delivery is not None:
+        self.transfers.poll()
+        if self.delivery is not None and (self.link is None or self.link.has_receiver):
             for pdu in self.delivery.poll(now_ns):
                 self.down.file_unit(pdu)
         self.housekeeping.poll(now_ns)
@@ -400,6 +403,7 @@ class TelemetryApplication:
             self.functions,
             self.monitoring,
             self.filing,
+            self.transfers,
             self.tables,
             self.onboard,
         ):

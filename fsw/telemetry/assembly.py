@@ -6,6 +6,7 @@ import os
 from functools import partial
 
 from file_delivery.entity import FileEntity
+from file_delivery.numbers import Numbers
 from fsw.config import Config
 from fsw.messages.errors import ConfigError
 from fsw.telemetry.application import TelemetryApplication
@@ -13,7 +14,7 @@ from fsw.telemetry.link.security import Security
 from fsw.telemetry.ports import Host
 from fsw.telemetry.services.eventing import SEVERITIES
 
-RUN_BITS = 4  # transactions of successive runs begin so far apart
+TRANSACTIONS_NAME = "transactions.number"  # of the state directory: the number of the last one
 
 
 def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryApplication:
@@ -39,8 +40,8 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
     application = TelemetryApplication(
         config, config.as_read(), telemetry, host, security=security, resume=resume
     )
-    first = application.boot.count << RUN_BITS
-    application.deliver_by(FileEntity(state / telemetry.file_directory, first))
+    transactions = Numbers(state / TRANSACTIONS_NAME)
+    application.deliver_by(FileEntity(state / telemetry.file_directory, transactions.take))
     return application
 
 

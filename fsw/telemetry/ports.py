@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from file_delivery.transfer import Key, Transfer
 from fsw.config import Config
 from fsw.messages.commands import Command
 from fsw.telemetry.state.epoch import Epoch
@@ -15,8 +16,15 @@ from fsw.telemetry.state.epoch import Epoch
 class FileDelivery(Protocol):
     """Class 2 file delivery (CFDP); never blocks. Its packets are what goes over the link."""
 
-    def send(self, path: Path, *, remove: bool) -> int:
+    def send(
+        self, path: Path, *, remove: bool, name: str = "", piece: tuple[int, int] | None = None
+    ) -> int:
         """Begin to send a file down; return the transaction's number, at least 1.
+
+        Parameters
+        ----------
+        name : at the other end; empty: its own
+        piece : offset and size [B] of what to send; None: all
 
         Raises
         ------
@@ -37,6 +45,22 @@ class FileDelivery(Protocol):
 
         A file that came up on the ground's initiative has number 0; the text names it.
         """
+        ...
+
+    def transfers(self) -> list[Transfer]:
+        """Return the transfers that are not over."""
+        ...
+
+    def cancel(self, key: Key) -> None:
+        """End a transfer at both ends. Raises DeliveryError FILE_NOT_FOUND."""
+        ...
+
+    def suspend(self, key: Key) -> None:
+        """Let a transfer rest. Raises DeliveryError FILE_NOT_FOUND."""
+        ...
+
+    def resume(self, key: Key, now_ns: int) -> None:
+        """Continue a transfer that rests. Raises DeliveryError FILE_NOT_FOUND."""
         ...
 
     def counters(self) -> Mapping[str, int]:

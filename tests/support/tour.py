@@ -79,7 +79,7 @@ class Tour:
         for name in PARAMETERS:
             self.do("REPORT_PARAMETERS", parameter=name)
         self.do("COPY_FILE", path="files/tour.bin", target="files/copy.bin")
-        self.do("LIST_FILES", path="files")
+        self.do("LIST_FILES", path="files", first="1")
         self.do("REPORT_FILE_ATTRIBUTES", path="files/copy.bin")
 
     def _schedule(self) -> None:

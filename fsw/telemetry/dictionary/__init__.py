@@ -11,11 +11,13 @@ import zlib
 from fsw.telemetry.dictionary.codes import ERROR
 from fsw.telemetry.dictionary.commands import TELECOMMANDS
 from fsw.telemetry.dictionary.events import EVENTS
+from fsw.telemetry.dictionary.files import FILE_REPORTS, FILE_TELECOMMANDS
 from fsw.telemetry.dictionary.housekeeping import SETS
 from fsw.telemetry.dictionary.onboard_commands import ONBOARD_TELECOMMANDS
 from fsw.telemetry.dictionary.onboard_reports import ONBOARD_REPORTS
 from fsw.telemetry.dictionary.parameters import PARAMETERS
 from fsw.telemetry.dictionary.reports import REPORTS
+from fsw.telemetry.dictionary.significance import annotated
 from fsw.telemetry.dictionary.types import (
     Concern,
     Dictionary,
@@ -49,8 +51,8 @@ __all__ = [
 ]
 
 DICTIONARY = Dictionary(
-    packets=(*SETS, *REPORTS, *ONBOARD_REPORTS),
-    telecommands=(*TELECOMMANDS, *ONBOARD_TELECOMMANDS),
+    packets=(*SETS, *REPORTS, *FILE_REPORTS, *ONBOARD_REPORTS),
+    telecommands=annotated((*TELECOMMANDS, *FILE_TELECOMMANDS, *ONBOARD_TELECOMMANDS)),
     parameters=PARAMETERS,
     events=EVENTS,
     errors=dict(ERROR.labels),

@@ -82,6 +82,10 @@ class Function(IntEnum):
     REC_START = 40
     REC_STOP = 41
     DOWNLINK_FILE = 42
+    DOWNLINK_PIECE = 60
+    APPEND_FILE = 61
+    REPORT_TRANSFERS = 62
+    REPORT_FREE_SPACE = 63
 
 
 class Table(IntEnum):
@@ -137,6 +141,11 @@ STORE = _of("store", Store)
 COMMAND_OUTCOME = _of("command_outcome", CommandOutcome)
 MEMORY = _of("memory", Memory)
 SEQUENCE_STATUS = _of("sequence_status", SequenceStatus)
+FILE_KIND = Enumeration(name="file_kind", labels={0: "FILE", 1: "FOLDER", 2: "OTHER"})
+TRANSFER_STATE = Enumeration(
+    name="transfer_state",
+    labels={0: "NONE", 1: "WAITING", 2: "SENDING", 3: "RECEIVING", 4: "SUSPENDED"},
+)
 YES_NO = Enumeration(name="yes_no", labels={0: "NO", 1: "YES"})
 METHOD = Enumeration(
     name="method", labels={0: "NONE", 1: "MRNEA", 2: "RDA", 3: "CM", 4: "CE", 5: "FUSED"}

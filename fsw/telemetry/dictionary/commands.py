@@ -9,13 +9,11 @@ from fsw.telemetry.dictionary.codes import (
     TABLE,
     TABLE_COPY,
     UNKNOWN,
-    YES_NO,
     Function,
 )
 from fsw.telemetry.dictionary.events import EVENT
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID
 from fsw.telemetry.dictionary.parameters import PARAMETER
-from fsw.telemetry.dictionary.significance import annotated
 from fsw.telemetry.dictionary.types import Enumeration, Field, Telecommand, Type
 
 MAX_INTERVAL_MS = 3_600_000
@@ -141,17 +139,6 @@ _SERVICES = (
         Field(name="value", type=Type.BYTES),
         repeats=True,
     ),
-    _tc(23, 2, "DELETE_FILE", "Remove a file", _PATH),
-    _tc(23, 3, "REPORT_FILE_ATTRIBUTES", "Tell size, date and CRC of a file", _PATH),
-    _tc(23, 12, "LIST_FILES", "Tell what is in a directory", _PATH),
-    _tc(
-        23,
-        14,
-        "COPY_FILE",
-        "Copy a file below the file directory",
-        _PATH,
-        Field(name="target", type=Type.TEXT, size=PATH_BYTES),
-    ),
 )
 
 _FUNCTIONS = (
@@ -259,17 +246,6 @@ _FUNCTIONS = (
     _function(Function.REC_START, "Begin a recording"),
     _function(Function.REC_STOP, "Close the recording"),
     _function(Function.LOAD_KEYS, "Read the key files of the link again and use them"),
-    _function(
-        Function.DOWNLINK_FILE,
-        "Send a file down by CFDP",
-        _PATH,
-        Field(
-            name="remove",
-            type=Type.U8,
-            enumeration=YES_NO,
-            doc="remove it here once it has arrived",
-        ),
-    ),
 )
 
-TELECOMMANDS = annotated((*_SERVICES, *_FUNCTIONS))
+TELECOMMANDS = (*_SERVICES, *_FUNCTIONS)

@@ -263,30 +263,6 @@ _OTHERS = (
     ),
     _report(17, 2, "alive", "Answer to a ping", ()),
     _report(
-        23,
-        4,
-        "file_attributes",
-        "Attributes of a file",
-        (
-            text("path", PATH_BYTES),
-            number("size_bytes", Type.U64, "B"),
-            number("modified_s", Type.F64, "s", "Unix time"),
-            number("crc32", Type.U32),
-        ),
-    ),
-    _report(
-        23,
-        13,
-        "file_entry",
-        "One entry of a directory",
-        (
-            number("entry", Type.U16, doc="from 1; 0: the directory is empty"),
-            number("entries", Type.U16),
-            text("path", PATH_BYTES),
-            number("size_bytes", Type.U64, "B"),
-        ),
-    ),
-    _report(
         8,
         133,
         "table_dumped",

@@ -34,6 +34,7 @@ HAZARDS: dict[str, tuple[Significance, str]] = {
     "REC_STOP": (_VITAL, "measurements after it are not recorded"),
     "SET_PARAMETERS": (_VITAL, "in force at once and kept over restarts"),
     "DELETE_FILE": (_VITAL, "the file cannot be brought back"),
+    "ABORT_TRANSFER": (_VITAL, "what the transfer has brought so far is lost"),
     "DISABLE_SCHEDULE": (_VITAL, "time-tagged commands that come due are discarded"),
     "RESET_SCHEDULE": (_VITAL, "all time-tagged commands are discarded"),
     "DELETE_ACTIVITY": (_VITAL, "a time-tagged command is discarded"),
@@ -44,6 +45,7 @@ WITH_PROGRESS = (1, 3, 5, 7)
 SLOW: dict[str, tuple[tuple[int, ...], float]] = {  # reports, time until the last [s]
     "RUN_BATCH": (WITH_PROGRESS, 3600.0),
     "DOWNLINK_FILE": ((1, 3, 7), 3600.0),
+    "DOWNLINK_PIECE": ((1, 3, 7), 3600.0),
 }
 
 

@@ -85,6 +85,11 @@ class LinkServer:
             self._open_udp(config.udp.host, config.udp.port)
 
     @property
+    def has_receiver(self) -> bool:
+        """Whether somebody may receive what is sent."""
+        return bool(self._clients) or self._udp is not None
+
+    @property
     def clients(self) -> int:
         """Connected clients."""
         return len(self._clients)

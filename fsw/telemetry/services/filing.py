@@ -1,30 +1,28 @@
-"""Service 23: what lies in the daemon's folders, and sending it down."""
+"""Service 23: what lies in the daemon's folders."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import zlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path, PurePosixPath
 
-from file_delivery.errors import DeliveryError
+from file_delivery.paths import HIDDEN
 from fsw.config import Config
-from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.dictionary.codes import FILE_KIND, Error
+from fsw.telemetry.dictionary.files import PAGE_ENTRIES
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.ports import FileDelivery, Recording
+from fsw.telemetry.ports import Recording
 from fsw.telemetry.services.eventing import SECURITY_NAME
-from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send, TcDispatcher
+from fsw.telemetry.services.executor import Action, Done, Handler, Send
 from fsw.telemetry.state.command_log import COMMANDS_NAME
 
 MAX_AT_ONCE_BYTES = 64 << 20  # read or copied in one go: the service has other things to do
-MAX_LISTED = 256
-LOGS = (
-    "events.jsonl",
-    COMMANDS_NAME,
-    SECURITY_NAME,
-    "status.json",
-)  # of the state directory, that may go down
+MAX_DEPTH = 8  # folders in one another
+# of the state directory, that may go down
+LOGS = ("events.jsonl", COMMANDS_NAME, SECURITY_NAME, "status.json")
 
 
 class Filing:
@@ -33,8 +31,7 @@ class Filing:
     Parameters
     ----------
     folders : folder names and where they are; `files` is what file delivery works in
-    single : names of single files outside the folders
-    writable : those of them in which files may be made and removed
+    single : names of single files outside the folders, which are only read
     in_use : the file that is being written now
     """
 
@@ -42,50 +39,49 @@ class Filing:
         self,
         folders: Mapping[str, Path],
         single: Mapping[str, Path],
-        writable: tuple[str, ...],
         in_use: Callable[[], Path | None],
         send: Send,
-        report: Report,
     ) -> None:
         self._folders, self._single = dict(folders), dict(single)
-        self._writable, self._in_use = writable, in_use
-        self._send, self._report = send, report
-        self.delivery: FileDelivery | None = None
-        self._sending: dict[int, tuple[Request, Path | None]] = {}
-        self.dispatcher: TcDispatcher | None = None
+        self._in_use, self._send = in_use, send
 
-    def find(self, name: str) -> Path:
+    def find(self, name: str, argument: int = 1) -> Path:
         """Return the path a name stands for. Raises TcError when it leads outside."""
         if name in self._single:
             return self._single[name]
         parts = PurePosixPath(name).parts
         root = self._folders.get(parts[0]) if parts else None
-        if root is None or ".." in parts:
-            raise TcError(Error.BAD_ARG, 1, text=f"{name!r}: begins with {sorted(self._folders)}")
+        if root is None or any(part.startswith(HIDDEN) for part in parts):
+            text = f"{name!r}: begins with {sorted(self._folders)}, no part with {HIDDEN!r}"
+            raise TcError(Error.BAD_ARG, argument, text=text)
         path = root.joinpath(*parts[1:])
         try:
             inside = path.resolve().is_relative_to(root.resolve())
-        except (OSError, RuntimeError) as error:  # a loop of links
-            raise TcError(Error.BAD_ARG, 1, text=f"{name!r}: {error}") from error
+        except (OSError, RuntimeError, ValueError) as error:  # a loop of links
+            raise TcError(Error.BAD_ARG, argument, text=f"{name!r}: {error}") from error
         if not inside:
-            raise TcError(Error.BAD_ARG, 1, text=f"{name!r} leads outside")
+            raise TcError(Error.BAD_ARG, argument, text=f"{name!r} leads outside")
         return path
 
-    def poll(self) -> None:
-        """Tell what became of transfers."""
-        if self.delivery is None:
-            return
-        for number, success, text in self.delivery.finished():
-            request, remove = self._sending.pop(number, (None, None))
-            if request is None:
-                self._report("FILE_RECEIVED" if success else "FILE_FAILED", text)
-                continue
-            self._report("FILE_SENT" if success else "FILE_FAILED", text)
-            if success and remove is not None:
-                remove.unlink(missing_ok=True)
-            error = None if success else TcError(Error.TIMEOUT, text=text)
-            if self.dispatcher is not None:
-                self.dispatcher.finish(request, error)
+    def existing(self, name: str) -> Path:
+        """Return the path of a file that is there. Raises TcError."""
+        path = self.find(name)
+        if not path.is_file():
+            raise TcError(Error.FILE_NOT_FOUND, 1)
+        return path
+
+    def free(self, path: Path) -> Path:
+        """Return a path that nobody writes to. Raises TcError."""
+        if path == self._in_use():
+            raise TcError(Error.BUSY, 1, text="it is being written")
+        return path
+
+    def writable(self, name: str, argument: int = 1) -> Path:
+        """Return the path of what may be made or removed. Raises TcError."""
+        path = self.find(name, argument)
+        if name in self._single or len(PurePosixPath(name).parts) < 2:
+            raise TcError(Error.BAD_ARG, argument, text=f"{name!r} cannot be written")
+        return path
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommands."""
@@ -94,28 +90,22 @@ class Filing:
             "REPORT_FILE_ATTRIBUTES": self._attributes,
             "LIST_FILES": self._list,
             "COPY_FILE": self._copy,
-            "DOWNLINK_FILE": self._downlink,
+            "MOVE_FILE": self._move,
+            "APPEND_FILE": self._append,
+            "CREATE_DIRECTORY": self._create_folder,
+            "DELETE_DIRECTORY": self._delete_folder,
+            "RENAME_DIRECTORY": self._move,
+            "REPORT_FREE_SPACE": self._space,
         }
 
-    def _existing(self, request: Request, argument: int = 1) -> Path:
-        path = self.find(request.text("path"))
-        if not path.is_file():
-            raise TcError(Error.FILE_NOT_FOUND, argument)
-        return path
-
-    def _removable(self, name: str) -> None:
-        if PurePosixPath(name).parts[0] not in self._writable:
-            raise TcError(Error.BAD_ARG, 1, text=f"{name!r} cannot be written")
-
     def _delete(self, request: Request) -> Action:
-        path = self._existing(request)
-        self._removable(request.text("path"))
-        if path == self._in_use():
-            raise TcError(Error.BUSY, 1, text="it is being written")
-        return partial(_guarded, path.unlink)
+        path = self.free(self.writable(request.text("path")))
+        if not path.is_file() and not path.is_symlink():
+            raise TcError(Error.FILE_NOT_FOUND, 1)
+        return partial(guarded, path.unlink)
 
     def _attributes(self, request: Request) -> Action:
-        path = self._existing(request)
+        path = self.existing(request.text("path"))
 
         def act() -> None:
             facts = path.stat()
@@ -128,36 +118,44 @@ class Filing:
             }
             self._send("file_attributes", values)
 
-        return partial(_guarded, act)
+        return partial(guarded, act)
 
     def _list(self, request: Request) -> Action:
-        name = request.text("path")
+        name, first = request.text("path"), request.whole("first")
         path = self.find(name)
         if not path.is_dir():
             raise TcError(Error.FILE_NOT_FOUND, 1)
 
         def act() -> None:
-            files = sorted(item for item in path.iterdir() if item.is_file())[:MAX_LISTED]
-            if not files:
-                empty = {"entry": 0, "entries": 0, "path": name, "size_bytes": 0}
-                self._send("file_entry", empty)
-            for place, item in enumerate(files, start=1):
-                values = {
-                    "entry": place,
-                    "entries": len(files),
-                    "path": f"{name.rstrip('/')}/{item.name}",
-                    "size_bytes": item.stat().st_size,
-                }
-                self._send("file_entry", values)
+            with os.scandir(path) as found:
+                entries = sorted(
+                    (item for item in found if not item.name.startswith(HIDDEN)),
+                    key=lambda item: item.name,
+                )
+            page = entries[first - 1 : first - 1 + PAGE_ENTRIES]
+            for place, item in enumerate(page, start=first):
+                kind = _kind(item)
+                size = item.stat(follow_symlinks=False).st_size if kind == "FILE" else 0
+                path_there = f"{name.rstrip('/')}/{item.name}"
+                self._entry(place, len(entries), kind, path_there, size)
+            if not page:
+                self._entry(0, len(entries), "FILE", name, 0)
 
-        return partial(_guarded, act)
+        return partial(guarded, act)
+
+    def _entry(self, place: int, total: int, kind: str, path: str, size: int) -> None:
+        values = {
+            "entry": place,
+            "entries": total,
+            "kind": FILE_KIND.value(kind),
+            "path": path,
+            "size_bytes": size,
+        }
+        self._send("file_entry", values)
 
     def _copy(self, request: Request) -> Action:
-        source, name = self._existing(request), request.text("target")
-        target = self.find(name)
-        self._removable(name)
-        if target.exists():
-            raise TcError(Error.BUSY, 2, text=f"{name} exists")
+        source = self.existing(request.text("path"))
+        target = self._new(request.text("target"))
         size = source.stat().st_size
         if size > MAX_AT_ONCE_BYTES:
             raise TcError(Error.OUT_OF_RANGE, 1, size)
@@ -166,51 +164,86 @@ class Filing:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, target)
 
-        return partial(_guarded, act)
+        return partial(guarded, act)
 
-    def _downlink(self, request: Request) -> Action:
-        path = self._existing(request)
-        delivery = self.delivery
-        if delivery is None:
-            raise TcError(Error.NOT_SUPPORTED)
-        if path == self._in_use():  # it would grow on its way, and have another check value
-            raise TcError(Error.BUSY, 1, text="it is being written")
-        remove = bool(request.whole("remove"))
-        if remove:
-            self._removable(request.text("path"))
+    def _move(self, request: Request) -> Action:
+        """Rename a file or a folder."""
+        source = self.free(self.writable(request.text("path")))
+        target = self._new(request.text("target"))
+        wanted = source.is_file() if request.telecommand.name == "MOVE_FILE" else source.is_dir()
+        if not wanted:
+            raise TcError(Error.FILE_NOT_FOUND, 1)
+        return partial(guarded, partial(source.rename, target))
 
-        def act() -> Done:
-            try:
-                here = self._within_delivery(path)
-                number = delivery.send(here, remove=remove or here != path)
-            except DeliveryError as error:
-                known = error.code in Error.__members__
-                code = Error[error.code] if known else Error.FAILED
-                raise TcError(code, text=str(error)) from error
-            except OSError as error:
-                raise TcError(Error.FAILED, text=error.strerror or str(error)) from error
-            self._sending[number] = (request, path if remove and here != path else None)
-            return Done.LATER
+    def _append(self, request: Request) -> Action:
+        source = self.free(self.existing(request.text("path")))
+        target = self.free(self.writable(request.text("target"), 2))
+        self.writable(request.text("path"))
+        size, offset = source.stat().st_size, request.whole("offset")
+        there = target.stat().st_size if target.is_file() else 0
+        if there != offset:
+            raise TcError(Error.OUT_OF_RANGE, 3, there, text=f"the target has {there} bytes")
+        if size > MAX_AT_ONCE_BYTES:
+            raise TcError(Error.OUT_OF_RANGE, 1, size)
 
-        return act
+        def act() -> None:
+            if not offset:  # nothing to append to: a piece that arrived whole is whole here too
+                source.replace(target)
+                return
+            with target.open("r+b") as file:
+                try:
+                    file.seek(offset)
+                    file.write(source.read_bytes())
+                except OSError:
+                    file.truncate(offset)
+                    raise
+            source.unlink()
 
-    def _within_delivery(self, path: Path) -> Path:
-        """Return the file, or a second name of it in the folder that delivery works in."""
-        root = self._folders["files"]
-        if path.is_relative_to(root):
-            return path
-        outbox = root / "outbox"
-        outbox.mkdir(parents=True, exist_ok=True)
-        link = outbox / path.name
-        link.unlink(missing_ok=True)
-        try:
-            link.hardlink_to(path)
-        except OSError:  # on another file system
-            shutil.copyfile(path, link)
-        return link
+        return partial(guarded, act)
+
+    def _new(self, name: str) -> Path:
+        """Return the path of what is to be made. Raises TcError."""
+        target = self.writable(name, 2)
+        if target.exists() or target.is_symlink():
+            raise TcError(Error.BUSY, 2, text=f"{name} exists")
+        return target
+
+    def _create_folder(self, request: Request) -> Action:
+        name = request.text("path")
+        path = self.writable(name)
+        if path.exists():
+            raise TcError(Error.BUSY, 1, text=f"{name} exists")
+        if len(PurePosixPath(name).parts) > MAX_DEPTH:
+            raise TcError(Error.OUT_OF_RANGE, 1, text=f"more than {MAX_DEPTH} folders")
+        return partial(guarded, path.mkdir)
+
+    def _delete_folder(self, request: Request) -> Action:
+        path = self.writable(request.text("path"))
+        if not path.is_dir():
+            raise TcError(Error.FILE_NOT_FOUND, 1)
+        return partial(guarded, path.rmdir)
+
+    def _space(self, _request: Request) -> Action:
+        def act() -> None:
+            for name, path in self._folders.items():
+                if not path.is_dir():
+                    continue
+                room = shutil.disk_usage(path)
+                values = {"path": name, "total_bytes": room.total, "free_bytes": room.free}
+                self._send("file_space", values)
+
+        return partial(guarded, act)
 
 
-def _guarded(act: Callable[[], object]) -> Done:
+def _kind(item: os.DirEntry[str]) -> str:
+    """Return what an entry is; links are not followed."""
+    if item.is_dir(follow_symlinks=False):
+        return "FOLDER"
+    return "FILE" if item.is_file(follow_symlinks=False) else "OTHER"
+
+
+def guarded(act: Callable[[], object]) -> Done:
+    """Do it; a system error fails the telecommand with the system's words. Raises TcError."""
     try:
         act()
     except OSError as error:
@@ -218,9 +251,7 @@ def _guarded(act: Callable[[], object]) -> Done:
     return Done.NOW
 
 
-def filing_of(
-    config: Config, files: Path, recording: Recording, send: Send, report: Report
-) -> Filing:
+def filing_of(config: Config, files: Path, recording: Recording, send: Send) -> Filing:
     """Return the files of a daemon.
 
     Parameters
@@ -236,4 +267,4 @@ def filing_of(
     def in_use() -> Path | None:
         return recording.path if recording.values()["recording"] else None
 
-    return Filing(folders, single, tuple(folders), in_use, send, report)
+    return Filing(folders, single, in_use, send)

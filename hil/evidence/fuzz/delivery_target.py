@@ -13,8 +13,8 @@ from spacepackets.cfdp import ChecksumType
 from spacepackets.cfdp.pdu import EofPdu, FileDataPdu, MetadataPdu
 from spacepackets.cfdp.pdu.helper import PduHolder
 
-from file_delivery.entity import FileEntity
-from file_delivery.receiver import PARTIAL
+from file_delivery.entity import RECEIVING_LIMIT, FileEntity
+from file_delivery.incoming import PARTIAL
 from file_delivery.units import UnitError, packed, parse, transaction_of
 from hil.evidence.fuzz.oracle import SEALED, OracleError, Target, require, segments
 
@@ -125,8 +125,8 @@ def delivery_target() -> Target:
         shutil.rmtree(folder, ignore_errors=True)
         (folder / "sub").mkdir(parents=True)
         (folder / DOWN).write_bytes(DOWN_BYTES)
-        entity = FileEntity(folder, max_file_bytes=MAX_FILE_BYTES)
-        entity.send(DOWN, remove=False)
+        entity = FileEntity(folder, lambda: 1, max_file_bytes=MAX_FILE_BYTES)
+        entity.send(folder / DOWN, remove=False)
         uplink, model, now_ns, count = Uplink(), Model(), 0, 0
         for op, payload in segments(data):
             raw = uplink.seal(payload) if op & SEALED else payload
@@ -164,4 +164,4 @@ def _look(entity: FileEntity, folder: Path, model: Model) -> None:
             path = os.path.join(where, name)
             require(os.stat(path).st_size <= MAX_FILE_BYTES, "too large a file", path)
     partial = [name for name in os.listdir(folder) if name.startswith(PARTIAL)]
-    require(len(partial) <= 1, "more than one file begun", partial)
+    require(len(partial) <= RECEIVING_LIMIT, "too many files begun", partial)

@@ -70,11 +70,11 @@ ARGUMENTS = [
     ("REPORT_PARAMETERS", {"count": 1, "parameter": 99}, Error.BAD_ARG),
     ("REPORT_PARAMETERS", {"count": 0, "parameter": 1}, Error.OUT_OF_RANGE),
     ("REPORT_PARAMETERS", {"count": 2, "parameter": 1}, Error.BAD_LENGTH),
-    ("LIST_FILES", {"path": ""}, Error.BAD_ARG),
-    ("LIST_FILES", {"path": "f\nles"}, Error.BAD_ARG),
-    ("LIST_FILES", {"path": "elsewhere"}, Error.BAD_ARG),
-    ("LIST_FILES", {"path": "files/../.."}, Error.BAD_ARG),
-    ("LIST_FILES", {"path": "files/none"}, Error.FILE_NOT_FOUND),
+    ("LIST_FILES", {"path": "", "first": 1}, Error.BAD_ARG),
+    ("LIST_FILES", {"path": "f\nles", "first": 1}, Error.BAD_ARG),
+    ("LIST_FILES", {"path": "elsewhere", "first": 1}, Error.BAD_ARG),
+    ("LIST_FILES", {"path": "files/../..", "first": 1}, Error.BAD_ARG),
+    ("LIST_FILES", {"path": "files/none", "first": 1}, Error.FILE_NOT_FOUND),
     ("REPORT_MONITOR", {"monitor": 1}, Error.BAD_ARG),
     ("EVENT_LOG_DUMP", {"entries": 0}, Error.OUT_OF_RANGE),
     ("RESTART", {"key": 0xB007}, Error.WRONG_MODE),
@@ -102,7 +102,7 @@ def test_an_unknown_function_is_named(flight: Flight):
 
 
 def test_text_that_no_zero_ends_is_refused():
-    packet = telecommand_packet(DICTIONARY.telecommand("LIST_FILES"), {"path": "f" * 999}, 1)
+    packet = telecommand_packet(DICTIONARY.telecommand("DELETE_FILE"), {"path": "f" * 999}, 1)
     assert packet[-3] == 0
     TelecommandReader().read(packet)
     with pytest.raises(TcError) as caught:

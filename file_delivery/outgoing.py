@@ -1,0 +1,196 @@
+"""One file on its way to the other end."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+from cfdppy.handler.source import SourceHandler
+from cfdppy.request import PutRequest
+from cfdppy.user import TransactionFinishedParams
+from spacepackets.cfdp import ConditionCode, PduConfig, TransmissionMode
+from spacepackets.cfdp.pdu import DirectiveType, EofPdu, FinishedPdu, NakPdu, TransactionStatus
+from spacepackets.cfdp.pdu.helper import GenericPduPacket, PduHolder
+from spacepackets.seqcount import SeqCountProvider
+from spacepackets.util import ByteFieldU8, ByteFieldU64
+
+from file_delivery.library import (
+    REFUSALS,
+    TIMEOUT_S,
+    CheckTimers,
+    Ends,
+    Pair,
+    PieceOfFile,
+    is_good,
+    local_entity,
+    reason_of,
+    remote_entity,
+)
+from file_delivery.transfer import Key, Outcome, State, Transfer
+from file_delivery.units import acknowledgement, checked_request, packed, with_number
+
+INBOUND_LIMIT = 256  # units that wait for the state machine
+
+
+class _Numbered(SourceHandler):
+    """The library's sender with a number of 64 bits; its own end at 32."""
+
+    def __init__(self, ends: Pair, user: Ends, number: int) -> None:
+        here, there = local_entity(ends.here), remote_entity(ends.there)
+        super().__init__(here, user, there, CheckTimers(), SeqCountProvider(32))
+        self._number = number
+
+    def _get_next_transfer_seq_num(self) -> None:
+        self._params.pdu_conf.transaction_seq_num = ByteFieldU64(self._number)
+
+
+class Outgoing:
+    """One file, or a piece of it, on its way to the other end.
+
+    Parameters
+    ----------
+    name : at the other end
+    piece : offset and size [B]; None: all
+    remove : remove the file once it has arrived
+    """
+
+    def __init__(
+        self,
+        ends: Pair,
+        number: int,
+        path: Path,
+        name: str,
+        piece: tuple[int, int] | None,
+        *,
+        remove: bool,
+    ) -> None:
+        offset, size = piece if piece is not None else (0, path.stat().st_size)
+        self.key: Key = (ends.here, number)
+        self.last_ns = 0  # of the newest word from the other end, or of new data sent
+        self.outcome: Outcome | None = None
+        self.suspended = False
+        self._ends, self._path, self._name, self._remove = ends, path, name, remove
+        self._size, self._started = size, False
+        user = Ends(PieceOfFile(path, offset, size), self._note_end)
+        self._handler = _Numbered(ends, user, number)
+        self._inbound: deque[GenericPduPacket] = deque(maxlen=INBOUND_LIMIT)
+        self._last_words: deque[bytes] = deque()
+        self._drained = False
+
+    @property
+    def transfer(self) -> Transfer:
+        """How far it is."""
+        state = State.SENDING if self._started else State.WAITING
+        if self.suspended:
+            state = State.SUSPENDED
+        done = self._handler.progress
+        return Transfer(self.key, self._path.name, self._size, done, state, self.last_ns)
+
+    def begin(self, now_ns: int) -> None:
+        """Start the transaction."""
+        self.last_ns, self._started = now_ns, True
+        request = PutRequest(
+            destination_id=ByteFieldU8(self._ends.there),
+            source_file=Path(self._path.name),
+            dest_file=Path(self._name),
+            trans_mode=TransmissionMode.ACKNOWLEDGED,
+            closure_requested=True,
+        )
+        try:
+            self._handler.put_request(request)
+        except REFUSALS as error:  # removed while it waited
+            self.give_up(str(error))
+
+    def answer(self, unit: GenericPduPacket, now_ns: int) -> None:
+        """Use a unit of the other end. Raises UnitError when it requests what is not there."""
+        unit = with_number(unit, self.key[1])
+        if isinstance(unit, NakPdu):
+            unit = checked_request(unit, self._size)
+        self.last_ns = now_ns
+        if isinstance(unit, FinishedPdu):
+            if not is_good(unit.finished_params):  # the library has no ear for it at every time
+                self._refused(unit)
+                return
+            # it says that the end was announced, should that acknowledgement have been lost
+            self._inbound.append(
+                acknowledgement(
+                    unit, DirectiveType.EOF_PDU, unit.condition_code, TransactionStatus.ACTIVE
+                )
+            )
+        self._inbound.append(unit)
+
+    def pump(self, limit: int, now_ns: int) -> list[bytes]:
+        """Return at most so many units to send now."""
+        units = [self._last_words.popleft() for _ in range(min(limit, len(self._last_words)))]
+        handler = self._handler
+        while not self.suspended and len(units) < limit:
+            holder = handler.get_next_packet()
+            if holder is not None:
+                unit_bytes = packed(holder)
+                if unit_bytes is not None:
+                    units.append(unit_bytes)
+                continue
+            if self.outcome is not None:
+                self._drained = True  # its last acknowledgement is sent
+                break
+            progress = handler.progress
+            unit = self._inbound.popleft() if self._inbound else None
+            try:
+                handler.state_machine(unit)
+            except REFUSALS as error:
+                if isinstance(error, OSError):
+                    self.give_up(error.strerror or str(error))
+            if handler.progress != progress:
+                self.last_ns = now_ns
+            if unit is None and not handler.packets_ready:
+                break
+        silent = self.outcome is None and not self.suspended
+        if silent and now_ns - self.last_ns > TIMEOUT_S * 1e9:
+            self.give_up(f"no answer for {TIMEOUT_S:g} s")
+        return units
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is over and nothing is left to be sent."""
+        return self._drained and not self._last_words
+
+    def cancel(self, reason: str) -> None:
+        """End the transfer and say so."""
+        if self._started and self.outcome is None:
+            conf: PduConfig = self._handler.pdu_conf
+            condition = ConditionCode.CANCEL_REQUEST_RECEIVED
+            end = EofPdu(conf, bytes(4), self._handler.progress, condition_code=condition)
+            unit = packed(PduHolder(end))
+            if unit is not None and self._handler.transaction_id is not None:
+                self._last_words.append(unit)
+        self._handler.reset()
+        self._end(ConditionCode.CANCEL_REQUEST_RECEIVED, reason)
+
+    def give_up(self, reason: str) -> None:
+        """End the transfer without a word to the other end."""
+        self._handler.reset()
+        self._end(ConditionCode.INACTIVITY_DETECTED, reason)
+
+    def _refused(self, unit: FinishedPdu) -> None:
+        status, kind = TransactionStatus.TERMINATED, DirectiveType.FINISHED_PDU
+        words = packed(PduHolder(acknowledgement(unit, kind, unit.condition_code, status)))
+        if words is not None:
+            self._last_words.append(words)
+        self._handler.reset()
+        self._end(ConditionCode.CANCEL_REQUEST_RECEIVED, reason_of(unit.finished_params))
+
+    def _note_end(self, params: TransactionFinishedParams) -> None:
+        outcome = params.finished_params
+        if is_good(outcome):
+            self._end(ConditionCode.NO_ERROR, "")
+        else:
+            self._end(ConditionCode.CANCEL_REQUEST_RECEIVED, reason_of(outcome))
+
+    def _end(self, condition: ConditionCode, reason: str) -> None:
+        if self.outcome is not None:
+            return
+        self.suspended = False
+        text = f"{self._path.name}: {reason}" if reason else self._path.name
+        self.outcome = Outcome(condition, text)
+        if self._remove and self.outcome.is_good:
+            self._path.unlink(missing_ok=True)

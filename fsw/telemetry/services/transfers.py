@@ -1,0 +1,138 @@
+"""Files on their way over the link: begun, reported, suspended, resumed and cancelled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from file_delivery.errors import DeliveryError
+from file_delivery.transfer import Key
+from fsw.telemetry.dictionary.codes import TRANSFER_STATE, Error
+from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.ports import FileDelivery
+from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send, TcDispatcher
+from fsw.telemetry.services.filing import Filing
+
+
+class Transfers:
+    """The telecommands of file transfer; the protocol itself is `delivery`'s."""
+
+    def __init__(
+        self, filing: Filing, now_ns: Callable[[], int], send: Send, report: Report
+    ) -> None:
+        self._filing, self._now_ns = filing, now_ns
+        self._send, self._report = send, report
+        self.delivery: FileDelivery | None = None
+        self._sending: dict[int, Request] = {}
+        self.dispatcher: TcDispatcher | None = None
+
+    def poll(self) -> None:
+        """Report how transfers ended."""
+        if self.delivery is None:
+            return
+        for number, success, text in self.delivery.finished():
+            request = self._sending.pop(number, None)
+            good = "FILE_RECEIVED" if request is None else "FILE_SENT"
+            self._report(good if success else "FILE_FAILED", text)
+            if request is not None and self.dispatcher is not None:
+                error = None if success else TcError(Error.TIMEOUT, text=text)
+                self.dispatcher.finish(request, error)
+
+    def handlers(self) -> dict[str, Handler]:
+        """Return what takes these telecommands."""
+        return {
+            "DOWNLINK_FILE": self._downlink,
+            "DOWNLINK_PIECE": self._downlink_piece,
+            "REPORT_TRANSFERS": self._list,
+            "SUSPEND_TRANSFER": self._suspend,
+            "RESUME_TRANSFER": self._resume,
+            "ABORT_TRANSFER": self._abort,
+        }
+
+    def _downlink(self, request: Request) -> Action:
+        remove = bool(request.whole("remove"))
+        if remove:
+            self._filing.writable(request.text("path"))
+        return self._begin(request, "", None, remove=remove)
+
+    def _downlink_piece(self, request: Request) -> Action:
+        piece = (request.whole("offset"), request.whole("size_bytes"))
+        return self._begin(request, request.text("name"), piece, remove=False)
+
+    def _begin(
+        self, request: Request, name: str, piece: tuple[int, int] | None, *, remove: bool
+    ) -> Action:
+        # a file that is being written would grow on its way, and have another checksum
+        path = self._filing.free(self._filing.existing(request.text("path")))
+        delivery = self._delivery()
+        size = path.stat().st_size
+        if piece is not None and sum(piece) > size:
+            raise TcError(Error.OUT_OF_RANGE, 3, size, text=f"the file has {size} bytes")
+
+        def act() -> Done:
+            try:
+                number = delivery.send(path, remove=remove, name=name, piece=piece)
+            except DeliveryError as error:
+                raise _failure(error) from error
+            except OSError as error:
+                raise TcError(Error.FAILED, text=error.strerror or str(error)) from error
+            self._sending[number] = request
+            return Done.LATER
+
+        return act
+
+    def _list(self, _request: Request) -> Action:
+        delivery = self._delivery()
+
+        def act() -> Done:
+            found = delivery.transfers()
+            for entry, item in enumerate(found, start=1):
+                values = {
+                    "entry": entry,
+                    "entries": len(found),
+                    "source": item.key[0],
+                    "number": item.key[1],
+                    "path": item.name,
+                    "size_bytes": item.size,
+                    "done_bytes": item.done,
+                    "state": TRANSFER_STATE.value(item.state.value),
+                }
+                self._send("transfer_status", values)
+            if not found:
+                names = ("entry", "entries", "source", "number", "size_bytes", "done_bytes")
+                none = dict.fromkeys((*names, "state"), 0)
+                self._send("transfer_status", none | {"path": ""})
+            return Done.NOW
+
+        return act
+
+    def _suspend(self, request: Request) -> Action:
+        return partial(_done, partial(self._delivery().suspend, _key(request)))
+
+    def _resume(self, request: Request) -> Action:
+        return partial(_done, partial(self._delivery().resume, _key(request), self._now_ns()))
+
+    def _abort(self, request: Request) -> Action:
+        return partial(_done, partial(self._delivery().cancel, _key(request)))
+
+    def _delivery(self) -> FileDelivery:
+        if self.delivery is None:
+            raise TcError(Error.NOT_SUPPORTED)
+        return self.delivery
+
+
+def _key(request: Request) -> Key:
+    return request.whole("source"), request.whole("number")
+
+
+def _done(act: partial[None]) -> Done:
+    try:
+        act()
+    except DeliveryError as error:
+        raise _failure(error) from error
+    return Done.NOW
+
+
+def _failure(error: DeliveryError) -> TcError:
+    known = error.code in Error.__members__
+    return TcError(Error[error.code] if known else Error.FAILED, text=str(error))

@@ -1,0 +1,217 @@
+"""The `file` subcommands: transfers and what lies in the daemon's folders."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+
+from file_delivery.numbers import Numbers
+from ground.commands import Catalogue
+from ground.delivery import NOT_FOUND, Delivery, RefusedError
+from ground.errors import GroundError, LinkError
+from ground.link import Link
+from ground.telemetry import Decoder
+from ground.transfers import Connect, Records, SpoiledError, Transfer, carry_on
+
+RECORDS, NUMBERS = "transfers", "transactions"  # in the state folder
+PLACE = "/"  # between source and number of a transaction
+
+LinkMaker = Callable[[], Link]
+
+
+class Files:
+    """The daemon's files, for one command line.
+
+    Parameters
+    ----------
+    make_link : opens a link
+    """
+
+    def __init__(self, arguments: argparse.Namespace, make_link: LinkMaker) -> None:
+        self._arguments, self._make_link = arguments, make_link
+        self._catalogue, self._decoder = Catalogue(), Decoder()
+        state: Path = arguments.state.expanduser()
+        state.mkdir(parents=True, exist_ok=True)
+        self._records, self._numbers = Records(state / RECORDS), Numbers(state / NUMBERS)
+        self._until_s = time.monotonic() + arguments.timeout
+
+    def get(self) -> int:
+        """Fetch a file."""
+        remote = self._arguments.remote
+        local = (self._arguments.local or Path(PurePosixPath(remote).name)).absolute()
+        return self._run(Transfer.get(remote, local, self._records, _tell, self._arguments.piece))
+
+    def put(self) -> int:
+        """Send a file."""
+        remote = self._arguments.remote or self._arguments.local.name
+        local = self._arguments.local.absolute()
+        return self._run(Transfer.put(remote, local, self._records, _tell, self._arguments.piece))
+
+    def resume(self) -> int:
+        """Continue one transfer, or all."""
+        wanted = self._arguments.id
+        records = self._records.all() if wanted is None else [self._records.find(wanted)]
+        if not records:
+            print("nothing to resume")
+        codes = []
+        for record in records:
+            try:
+                codes.append(self._run(Transfer(record, self._records, _tell)))
+            except GroundError as error:
+                print(f"ground: {error}", file=sys.stderr)
+                codes.append(error.exit_code)
+        return max(codes, default=0)
+
+    def cancel(self) -> int:
+        """Cancel a transfer: one of ours by its id, one on board by source and number."""
+        name = self._arguments.id
+        source, place, number = name.partition(PLACE)
+        if place:
+            return self._tell_daemon("ABORT_TRANSFER", source=source, number=number)
+        transfer = Transfer(self._records.find(name), self._records, _tell)
+        transfer.discard(None)  # this ends a program that is at it
+        try:
+            with self._connected()() as delivery:
+                transfer.discard(delivery)
+        except LinkError as error:
+            if transfer.record.direction == "put":
+                print(f"ground: {error}: its pieces on board are left", file=sys.stderr)
+        print(f"{name}: cancelled")
+        return 0
+
+    def transfers(self) -> int:
+        """List the transfers that are not over: ours, then those on board."""
+        for record in self._records.all():
+            print(
+                f"{record.id}  {record.direction}  {record.size:12d}  "
+                f"{record.remote}  {record.local}"
+            )
+        with self._connected()() as delivery:
+            for sample in delivery.ask("REPORT_TRANSFERS"):
+                v = sample.values
+                if v["entry"]:
+                    done = f"{v['done_bytes']:>12} of {v['size_bytes']:>12}"
+                    print(f"{v['source']}{PLACE}{v['number']}  {v['state']}  {done}  {v['path']}")
+        return 0
+
+    def list(self) -> int:
+        """List a folder, page by page."""
+        first, total = 1, 0
+        with self._connected()() as delivery:
+            while True:
+                page = delivery.ask("LIST_FILES", path=self._arguments.remote, first=str(first))
+                entries = [sample.values for sample in page if sample.values["entry"]]
+                for values in entries:
+                    size = values["size_bytes"] if values["kind"] == "FILE" else values["kind"]
+                    print(f"{size:>12}  {values['path']}")
+                last = int(page[-1].values["entries"])
+                if total and last != total:
+                    print("ground: the folder changed meanwhile; list it again", file=sys.stderr)
+                total, first = last, first + len(entries)
+                if not entries or first > total:
+                    return 0
+
+    def free(self) -> int:
+        """Show the free space of each folder."""
+        with self._connected()() as delivery:
+            for sample in delivery.ask("REPORT_FREE_SPACE"):
+                v = sample.values
+                print(f"{v['free_bytes']:>16} of {v['total_bytes']:>16} bytes free  {v['path']}")
+        return 0
+
+    def rename(self) -> int:
+        """Move or rename a file or a folder."""
+        given = {"path": self._arguments.remote, "target": self._arguments.target}
+        return self._either("MOVE_FILE", "RENAME_DIRECTORY", **given)
+
+    def remove(self) -> int:
+        """Remove a file or an empty folder."""
+        return self._either("DELETE_FILE", "DELETE_DIRECTORY", path=self._arguments.remote)
+
+    def make_folder(self) -> int:
+        """Create a folder."""
+        return self._tell_daemon("CREATE_DIRECTORY", path=self._arguments.remote)
+
+    def _either(self, of_file: str, of_folder: str, **given: str) -> int:
+        with self._connected()() as delivery:
+            try:
+                delivery.ask(of_file, **given)
+            except RefusedError as error:
+                if error.error != NOT_FOUND:
+                    raise
+                delivery.ask(of_folder, **given)
+        return 0
+
+    def _tell_daemon(self, name: str, **given: str) -> int:
+        with self._connected()() as delivery:
+            delivery.ask(name, **given)
+        return 0
+
+    def _run(self, transfer: Transfer) -> int:
+        connect = self._connected(Wanted(self._records, transfer))
+        try:
+            size = carry_on(connect, transfer.run, self._until_s, _tell)
+        except (GroundError, KeyboardInterrupt) as error:
+            if isinstance(error, SpoiledError) or not transfer.is_worth_keeping:
+                self._discard(transfer)
+            elif self._records.holds(transfer.record):
+                text = f"continue with `ground file resume {transfer.record.id}`"
+                print(f"ground: {text}", file=sys.stderr)
+            raise
+        record = transfer.record
+        arrow = f"{record.remote} -> {record.local}"
+        if record.direction == "put":
+            arrow = f"{record.local} -> {record.remote}"
+        print(f"{arrow}: {size} bytes")
+        return 0
+
+    def _discard(self, transfer: Transfer) -> None:
+        try:
+            with self._connected()() as delivery:
+                transfer.discard(delivery)
+        except GroundError:
+            transfer.discard(None)
+
+    def _connected(self, wanted: Callable[[], bool] = lambda: True) -> Connect:
+        @contextmanager
+        def connected() -> Iterator[Delivery]:
+            link = self._make_link()
+            try:
+                yield Delivery(
+                    link,
+                    self._catalogue,
+                    self._decoder,
+                    self._arguments.timeout,
+                    _tell,
+                    number=self._numbers.take,
+                    is_wanted=wanted,
+                )
+            finally:
+                link.close()
+
+        return connected
+
+
+class Wanted:
+    """Whether a transfer's record is still there: `ground file cancel` removes it."""
+
+    def __init__(self, records: Records, transfer: Transfer) -> None:
+        self._records, self._transfer = records, transfer
+        self._looked_s = 0.0
+
+    def __call__(self) -> bool:
+        """Look, at most five times a second."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s < 0.2:
+            return True
+        self._looked_s = now_s
+        return self._records.holds(self._transfer.record)
+
+
+def _tell(text: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)

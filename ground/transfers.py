@@ -1,0 +1,306 @@
+"""Transfers that outlive a lost link and a killed program: in pieces, with a record of each.
+
+A piece that arrived whole is kept, so an interrupted transfer continues with the next one. On
+board the pieces of an upload are appended to NAME.ID.part, here those of a download to
+.NAME.ID.part; both take their final name when size and CRC are right.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Literal, Self
+
+from ground.delivery import (
+    DELIVERED,
+    NOT_FOUND,
+    Delivery,
+    EndedError,
+    Facts,
+    Progress,
+    RefusedError,
+    facts_of,
+)
+from ground.errors import FAILED, REJECTED, GroundError, LinkError, UsageError
+
+RETRY_S = 0.5
+ATTEMPTS = 4  # to get a file that changes
+OUT_OF_RANGE = "OUT_OF_RANGE"  # a piece that the file no longer has
+Connect = Callable[[], AbstractContextManager[Delivery]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """What has to be known to continue a transfer."""
+
+    id: str
+    direction: Literal["get", "put"]
+    remote: str
+    local: str
+    size: int
+    crc32: int
+    modified_s: float  # of a file there
+    piece_bytes: int
+    moving: bool = False  # an upload is whole; only its final name may be missing
+
+    @property
+    def partial(self) -> Path:
+        """What has come down so far."""
+        local = Path(self.local)
+        return local.with_name(f".{local.name}.{self.id}.part")
+
+    @property
+    def uploaded(self) -> str:
+        """What has gone up so far."""
+        return f"{self.remote}.{self.id}.part"
+
+    @property
+    def piece(self) -> str:
+        """The piece that goes up now."""
+        return f"{self.remote}.{self.id}.piece"
+
+
+class SpoiledError(GroundError):
+    """What was transferred so far is of no use."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, FAILED)
+
+
+class Records:
+    """Records of transfers that are not over, one file each."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def all(self) -> list[Record]:
+        """Return all that can be read."""
+        found = []
+        for path in sorted(self._folder.glob("*.json")):
+            try:
+                found.append(Record(**json.loads(path.read_text())))
+            except (OSError, ValueError, TypeError):
+                continue
+        return found
+
+    def find(self, name: str) -> Record:
+        """Return one. Raises UsageError."""
+        for record in self.all():
+            if record.id == name:
+                return record
+        raise UsageError(f"{name}: no such transfer; see `ground file transfers`")
+
+    def keep(self, record: Record) -> None:
+        """Write one; it is on the disk when this returns."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        temporary = self._path(record).with_suffix(".new")
+        with temporary.open("w") as file:
+            json.dump(asdict(record), file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(self._path(record))
+
+    def holds(self, record: Record) -> bool:
+        """Whether it was neither finished nor cancelled."""
+        return self._path(record).exists()
+
+    def remove(self, record: Record) -> None:
+        """Forget one."""
+        self._path(record).unlink(missing_ok=True)
+
+    def _path(self, record: Record) -> Path:
+        return self._folder / f"{record.id}.json"
+
+
+class Transfer:
+    """One transfer on its way; `run` again continues it."""
+
+    def __init__(self, record: Record, records: Records, tell: Progress) -> None:
+        self.record, self._records, self._tell = record, records, tell
+
+    @classmethod
+    def get(
+        cls, remote: str, local: Path, records: Records, tell: Progress, piece_bytes: int
+    ) -> Self:
+        """Return the transfer of a file there to a place here. Raises UsageError."""
+        if not local.parent.is_dir() or local.is_dir():
+            raise UsageError(f"{local}: no place for a file")
+        return cls._begin("get", remote, local, Facts(0, 0), records, tell, piece_bytes)
+
+    @classmethod
+    def put(
+        cls, remote: str, local: Path, records: Records, tell: Progress, piece_bytes: int
+    ) -> Self:
+        """Return the transfer of a file here to the daemon. Raises UsageError."""
+        if not local.is_file():
+            raise UsageError(f"{local}: no such file")
+        name = remote if remote.startswith(f"{DELIVERED}/") else f"{DELIVERED}/{remote}"
+        return cls._begin("put", name, local, facts_of(local), records, tell, piece_bytes)
+
+    @classmethod
+    def _begin(
+        cls,
+        direction: Literal["get", "put"],
+        remote: str,
+        local: Path,
+        facts: Facts,
+        records: Records,
+        tell: Progress,
+        piece_bytes: int,
+    ) -> Self:
+        record = Record(
+            id=secrets.token_hex(3),
+            direction=direction,
+            remote=remote,
+            local=str(local.absolute()),
+            **asdict(facts),
+            piece_bytes=piece_bytes,
+        )
+        records.keep(record)
+        return cls(record, records, tell)
+
+    def run(self, delivery: Delivery) -> int:
+        """Carry it to its end; return the size [B].
+
+        Raises
+        ------
+        LinkError when it can be continued; GroundError when it has failed.
+        """
+        if self.record.direction == "put":
+            self._put(delivery)
+        else:
+            self._get_as_it_is(delivery)
+        self._records.remove(self.record)
+        return self.record.size
+
+    @property
+    def is_worth_keeping(self) -> bool:
+        """Whether a later run would find something that this one has done."""
+        if self.record.direction == "put":
+            return self.record.size > self.record.piece_bytes
+        partial = self.record.partial
+        return partial.exists() and partial.stat().st_size > 0
+
+    def discard(self, delivery: Delivery | None) -> None:
+        """Remove what is left of it, here and there."""
+        self._records.remove(self.record)
+        if self.record.direction == "get":
+            self.record.partial.unlink(missing_ok=True)
+        elif delivery is not None:
+            for name in (self.record.uploaded, self.record.piece):
+                _delete(delivery, name)
+
+    def _get_as_it_is(self, delivery: Delivery) -> None:
+        """Get a file that may be written meanwhile, as the status file is every second."""
+        for left in reversed(range(ATTEMPTS)):
+            try:
+                self._get(delivery)
+            except (SpoiledError, EndedError, RefusedError) as error:
+                is_other = not isinstance(error, RefusedError) or error.error == OUT_OF_RANGE
+                is_small = self.record.size <= self.record.piece_bytes
+                if not (left and is_other and is_small and self._records.holds(self.record)):
+                    raise
+                self.record.partial.unlink(missing_ok=True)
+            else:
+                return
+
+    def _get(self, delivery: Delivery) -> None:
+        record, facts = self.record, delivery.facts(self.record.remote)
+        if facts is None:
+            raise RefusedError(f"{record.remote}: no such file", REJECTED, NOT_FOUND)
+        if not self.is_worth_keeping:
+            self.record = record = replace(record, **asdict(facts))
+            self._records.keep(record)
+        elif facts != Facts(record.size, record.crc32, record.modified_s):
+            raise SpoiledError(f"{record.remote} has changed since; get it again")
+        partial = record.partial
+        with partial.open("ab") as file:
+            done = file.tell()
+            if done != record.size:
+                done -= done % record.piece_bytes
+            file.truncate(done)
+            while done < record.size:
+                size = min(record.piece_bytes, record.size - done)
+                file.write(delivery.fetch(record.remote, done, size))
+                file.flush()
+                os.fsync(file.fileno())
+                done += size
+                self._tell(f"{record.remote}: {done} of {record.size} bytes")
+        found = facts_of(partial)
+        if found.size != record.size or record.crc32 not in (0, found.crc32):
+            partial.unlink()
+            raise SpoiledError(f"{record.remote}: the CRC differs; it may have changed")
+        partial.replace(record.local)
+
+    def _put(self, delivery: Delivery) -> None:
+        record, local = self.record, Path(self.record.local)
+        here = facts_of(local) if local.is_file() else None
+        if here is None or (here.size, here.crc32) != (record.size, record.crc32):
+            raise SpoiledError(f"{local} has changed since; put it again")
+        if record.size <= record.piece_bytes:
+            delivery.store(local, _delivered(record.remote))
+            self._check(delivery.facts(record.remote))
+            return
+        there = delivery.facts(record.uploaded)
+        if there is None and record.moving:
+            self._check(delivery.facts(record.remote))
+            return
+        done = there.size if there is not None else 0
+        while done < record.size:
+            size = min(record.piece_bytes, record.size - done)
+            delivery.store(local, _delivered(record.piece), (done, size))
+            delivery.ask("APPEND_FILE", path=record.piece, target=record.uploaded, offset=str(done))
+            done += size
+            self._tell(f"{record.remote}: {done} of {record.size} bytes")
+        self._check(delivery.facts(record.uploaded))
+        self.record = record = replace(record, moving=True)
+        self._records.keep(record)
+        _delete(delivery, record.remote)
+        delivery.ask("MOVE_FILE", path=record.uploaded, target=record.remote)
+
+    def _check(self, facts: Facts | None) -> None:
+        """Compare what is there with what was sent. Raises GroundError."""
+        record = self.record
+        good = facts is not None and facts.size == record.size
+        if not good or (facts is not None and facts.crc32 not in (0, record.crc32)):
+            raise SpoiledError(f"{record.remote}: not what was sent")
+
+
+def carry_on(
+    connect: Connect, work: Callable[[Delivery], int], until_s: float, tell: Progress
+) -> int:
+    """Do some work over a link, again whenever the link is lost. Raises GroundError.
+
+    Parameters
+    ----------
+    until_s : time of the monotonic clock at which a lost link is not waited for any longer
+    """
+    while True:
+        try:
+            with connect() as delivery:
+                return work(delivery)
+        except LinkError as error:
+            if time.monotonic() + RETRY_S > until_s:
+                raise
+            tell(f"{error}; trying again")
+            time.sleep(RETRY_S)
+
+
+def _delivered(remote: str) -> str:
+    """Return a name as file delivery has it, relative to its folder."""
+    return remote.removeprefix(f"{DELIVERED}/")
+
+
+def _delete(delivery: Delivery, name: str) -> None:
+    """Remove a file there, if it is there."""
+    try:
+        delivery.ask("DELETE_FILE", path=name)
+    except RefusedError as error:
+        if error.error != NOT_FOUND:
+            raise
