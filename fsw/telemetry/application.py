@@ -368,7 +368,8 @@ class TelemetryApplication:
     def take(self, item: Uplinked, now_ns: int) -> None:
         """Pass one packet from the ground to where it belongs."""
         if item.error is not None:
-            self.dispatcher.refuse(item.packet, item.error, item.text, item.value)
+            text = f"{item.text} ({item.source})".strip() if item.source else item.text
+            self.dispatcher.refuse(item.packet, item.error, text, item.value)
         elif not item.is_file:
             if self.dispatcher.receive(item.packet, item.source):
                 self.supervision.commanded()

@@ -30,9 +30,9 @@ PLOTS: dict[str, tuple[str, str, tuple[str, ...]]] = {  # name, axis, points
     ),
     "innovation": ("Innovation: NIS", "NIS", ("estimate.nis", "estimate.nis_dof")),
     "residual-torque": (
-        "Residual torque, rms per window",
-        "N m",
-        tuple(f"estimate.residual_torque_{k}_nm" for k in range(1, JOINTS + 1)),
+        "Residual torque over its declared noise, rms per window",
+        "ratio",
+        tuple(f"estimate.residual_torque_{k}_ratio" for k in range(1, JOINTS + 1)),
     ),
     "timing": (
         "Scheduler: time of a tick",

@@ -176,13 +176,21 @@ ESTIMATE_FIELDS = (
         for k in range(1, JOINT_SLOTS + 1)
     ),
     *(
-        number(
-            f"residual_torque_{k}_nm",
-            Type.F32,
-            "N.m",
-            f"rms over the newest window of measured less modelled torque of joint {k}",
-        )
+        part
         for k in range(1, JOINT_SLOTS + 1)
+        for part in (
+            number(
+                f"residual_torque_{k}_nm",
+                Type.F32,
+                "N.m",
+                f"rms over the newest window of measured less predicted torque of joint {k}",
+            ),
+            number(
+                f"residual_torque_{k}_ratio",
+                Type.F32,
+                doc=f"the same of joint {k} over what the declared noise explains; about 1 is good",
+            ),
+        )
     ),
 )
 

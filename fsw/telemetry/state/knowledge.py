@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fsw.config import Config
 from fsw.messages import Block, Estimate
 from fsw.messages.commands import JobReport
 from fsw.messages.errors import ConfigError
 from fsw.telemetry.state import values as fields
+
+if TYPE_CHECKING:
+    from fsw.telemetry.state.residuals import TorqueResidual
 
 NEVER_S = 1e6  # age of what was never heard
 
@@ -21,7 +24,7 @@ class Knowledge:
         self._config, self._now_ns = config, now_ns
         self._residuals: Any = None
         self._residuals_tried = False
-        self._residual_nm: list[float] = []
+        self._residual: list[TorqueResidual] = []
         self.status: Mapping[str, Any] = {}
         self._status_ns: int | None = None
         self.estimate: Estimate | None = None
@@ -38,7 +41,7 @@ class Knowledge:
     def configured(self, config: Config) -> None:
         """Take another configuration."""
         self._config, self._residuals, self._residuals_tried = config, None, False
-        self._residual_nm = []
+        self._residual = []
 
     def heard_status(self, status: Mapping[str, Any]) -> None:
         """Take a summary."""
@@ -52,7 +55,7 @@ class Knowledge:
             self._residuals_tried = True
             self._residuals = _residuals(self._config)
         if self._residuals is not None:
-            self._residual_nm = self._residuals.of(block, self.estimate)
+            self._residual = self._residuals.of(block, self.estimate)
 
     def asked(self, method: str, bodies: tuple[str, ...]) -> None:
         """Remember what a batch job was asked for."""
@@ -75,7 +78,7 @@ class Knowledge:
     def estimates(self) -> dict[str, Any]:
         """Return set 2."""
         joints = [joint.name for joint in self._config.joints]
-        return fields.estimate_values(self.estimate, self._now_ns(), self._residual_nm, joints)
+        return fields.estimate_values(self.estimate, self._now_ns(), self._residual, joints)
 
     def covariance(self) -> dict[str, Any]:
         """Return set 3."""

@@ -1,20 +1,39 @@
-"""Residual joint torques of the newest window: measured less what the estimate explains.
+"""Residual joint torques of the newest window: measured less what the estimate predicts.
 
 Made here, in the service process, so that the loop has no work with it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.model.problem import Problem, build_problem, present
+from fsw.estimators.measurement.fused import Rate, fused_rows
+from fsw.estimators.measurement.impulse import needed
+from fsw.estimators.model.problem import Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
-from fsw.messages import Block, Estimate, FloatArray
+from fsw.messages import Block, Estimate
+
+OF_MEASURED_RATE = ("mrnea", "rda")  # methods that use the gyro's rate, not the momentum's
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueResidual:
+    """Residual torque of one joint over a window's instants."""
+
+    rms_nm: float = 0.0
+    ratio: float = 0.0  # rms after whitening with the declared noise: 1 is what noise explains
 
 
 class TorqueResiduals:
-    """Root mean square over a window's instants, per joint in the configuration's order [N m].
+    """Residual torques by the torque channel of the estimator in force.
+
+    The base's motion is predicted from the joints' motion and the momentum; methods that use the
+    measured rate (MRNEA, RDA), and runs in which external moments change the momentum, take the
+    gyro's rate. A measured acceleration enters nowhere: its noise times the arm's inertia would
+    hide the residual.
 
     Raises
     ------
@@ -27,35 +46,28 @@ class TorqueResiduals:
         names = [joint.name for joint in config.joints]
         self._places = [model.joint_names.index(name) for name in names]
 
-    def of(self, block: Block, estimate: Estimate) -> list[float]:
-        """Return the residuals; none without all sensors, or of an estimate of other states."""
-        complete = block.has_gyro and block.has_accelerometer and bool(np.all(block.has_joint))
-        if not complete or estimate.names != self._problem.names:
-            return []
-        problem, x = self._problem, estimate.mean
-        pi = problem.pi(x)
-        errors = np.stack([self._errors(block, k, x, pi) for k in range(len(block.t_ns))])
-        rms = np.sqrt(np.mean(errors**2, axis=0))
-        return [float(rms[place]) for place in self._places]
+    def of(self, block: Block, estimate: Estimate) -> list[TorqueResidual]:
+        """Return the residuals in the configuration's order; a joint without torque has zeros.
 
-    def _errors(self, block: Block, k: int, x: FloatArray, pi: FloatArray) -> FloatArray:
-        """Return measured less modelled torque at one instant (n,).
-
-        The base's acceleration is the specific force at the accelerometer taken to B's origin:
-        a_B = f - wd x p - w x (w x p), in free fall (eq. (3) of the paper).
+        None at all of an estimate of other states, or whose inertia is not positive definite.
         """
         problem = self._problem
-        w, wd, f = block.w_NB_B_rad_s[k], block.wd_NB_B_rad_s2[k], block.f_NS_B_m_s2[k]
-        if present(problem.gyro_bias):
-            w = w - x[problem.gyro_bias]
-        if present(problem.acc_bias):
-            f = f - x[problem.acc_bias]
-        p = problem.p_BS_m
-        acceleration = f - np.cross(wd, p) - np.cross(w, np.cross(w, p))
-        a = np.concatenate([acceleration, wd, block.qdd_rad_s2[k]])
-        Y = problem.model.regressor(block.q_rad[k], w, block.qd_rad_s[k], a)
-        modelled = Y[6:] @ pi
-        if present(problem.torque_offset):
-            modelled = modelled + x[problem.torque_offset]
-        error: FloatArray = block.tau_nm[k] - modelled
-        return error
+        if estimate.names != problem.names or not block.has_joint.any():
+            return []
+        by_gyro = estimate.method.lower() in OF_MEASURED_RATE or needed(problem)
+        rate: Rate = "measured" if by_gyro and block.has_gyro else "momentum"
+        try:
+            rows = fused_rows(block, estimate.mean, problem, ("torque",), rate)
+        except np.linalg.LinAlgError:
+            return []
+        if rows.root is None:
+            return []
+        joints, m = np.flatnonzero(block.has_joint), len(block.t_ns)
+        r = (rows.root @ rows.b).reshape(m, -1)
+        S = (rows.root @ rows.root.T).reshape(m, len(joints), m, len(joints))
+        found = [TorqueResidual()] * len(block.has_joint)
+        for column, joint in enumerate(joints):
+            white = np.linalg.solve(np.linalg.cholesky(S[:, column, :, column]), r[:, column])
+            rms_nm, ratio = (float(np.sqrt(np.mean(part**2))) for part in (r[:, column], white))
+            found[joint] = TorqueResidual(rms_nm, ratio)
+        return [found[place] for place in self._places]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.messages import BodyEstimate, Estimate
@@ -23,6 +23,9 @@ from fsw.telemetry.dictionary.housekeeping import (
     TASKS,
 )
 from fsw.telemetry.dictionary.types import Enumeration
+
+if TYPE_CHECKING:
+    from fsw.telemetry.state.residuals import TorqueResidual
 
 Values = dict[str, Any]
 BODIES = ("base", "target")
@@ -111,18 +114,23 @@ def _labelled(enumeration: Enumeration, label: str, fallback: int) -> int:
 
 
 def estimate_values(
-    estimate: Estimate | None, now_ns: int, residuals_nm: Sequence[float], joints: Sequence[str]
+    estimate: Estimate | None,
+    now_ns: int,
+    residuals: Sequence[TorqueResidual],
+    joints: Sequence[str],
 ) -> Values:
     """Return the online estimate; before there is one, zeros with the reason NO_ESTIMATE.
 
     Parameters
     ----------
-    residuals_nm : of the joints, in the order of `joints`
+    residuals : of the joints, in the order of `joints`
     joints : names, in the order of the configuration
     """
-    residuals = [*residuals_nm[:JOINT_SLOTS]]
-    residuals += [0.0] * (JOINT_SLOTS - len(residuals))
-    values: Values = {f"residual_torque_{k + 1}_nm": x for k, x in enumerate(residuals)}
+    values: Values = {}
+    for k in range(JOINT_SLOTS):
+        found = residuals[k] if k < len(residuals) else None
+        values[f"residual_torque_{k + 1}_nm"] = found.rms_nm if found else 0.0
+        values[f"residual_torque_{k + 1}_ratio"] = found.ratio if found else 0.0
     if estimate is None:
         return values | _no_estimate()
     named = dict(zip(estimate.names, estimate.mean.tolist(), strict=True))
