@@ -1,4 +1,4 @@
-"""Records of the rings: messages from the loop to the service, commands and reports back."""
+"""Records of the rings: messages from the loop to the service, and commands back."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import pickle
 import struct
 from dataclasses import replace
 from enum import IntEnum
-from typing import Any
 
 from fsw.exchange.recording import raw_traffic
 from fsw.exchange.ring import RingReader, RingRecord, RingWriter
@@ -17,11 +16,12 @@ from fsw.exchange.sinks import (
     SerialTraffic,
     StatusReport,
 )
-from fsw.messages import Block, Snapshot
-from fsw.messages.commands import BatchRequest, Command, JobReport
+from fsw.messages import Snapshot
+from fsw.messages.commands import Command
 
 DOWN_BYTES = 8 << 20  # loop to service: some 20 s of everything
 UP_BYTES = 1 << 20  # service to loop
+COMMANDS_AT_ONCE = 16
 _STAMPED = struct.Struct("<qI")  # stamp [ns], length
 
 
@@ -30,11 +30,8 @@ class Kind(IntEnum):
 
     TRAFFIC = 2  # bytes of a link as they are recorded
     MESSAGE = 3  # any other message, pickled
-    JOB_SUBMIT = 10
-    JOB_ABORT = 11
     END = 12
     COMMAND = 20  # service to loop
-    JOB_REPORT = 21
 
 
 def pack_traffic(traffic: RawTraffic) -> bytes:
@@ -94,46 +91,6 @@ def message_of(record: RingRecord) -> Message | None:
     return None
 
 
-def load(record: RingRecord) -> Any:  # noqa: ANN401
-    """Return the value of a pickled record."""
-    return pickle.loads(record.payload)
-
-
-class RingJobs:
-    """The loop's end of batch jobs and commands: requests go down, reports and commands come up."""
-
-    def __init__(self, down: RingWriter, up: RingReader) -> None:
-        self._down, self._up = down, up
-        self._reports: list[JobReport] = []
-        self._commands: list[Command] = []
-
-    def store(self, block: Block) -> None:
-        """Nothing: the service keeps the blocks the sink gets."""
-
-    def submit(self, request: BatchRequest, now_ns: int) -> None:  # noqa: ARG002
-        """Ask the service to start a job."""
-        self._down.push(Kind.JOB_SUBMIT, pickle.dumps(request, protocol=5))
-
-    def abort(self) -> None:
-        """Ask the service to end the job."""
-        self._down.push(Kind.JOB_ABORT, b"")
-
-    def poll(self, now_ns: int) -> list[JobReport]:  # noqa: ARG002
-        """Return new reports."""
-        self._look()
-        reports, self._reports = self._reports, []
-        return reports
-
-    def commands(self) -> list[Command]:
-        """Return new commands."""
-        self._look()
-        commands, self._commands = self._commands, []
-        return commands
-
-    def _look(self) -> None:
-        for record in self._up.read(limit=16):
-            value = pickle.loads(record.payload)
-            if record.kind == Kind.COMMAND:
-                self._commands.append(value)
-            elif record.kind == Kind.JOB_REPORT:
-                self._reports.append(value)
+def commands_of(ring: RingReader) -> list[Command]:
+    """Return the commands that the service has passed since the last call."""
+    return [pickle.loads(record.payload) for record in ring.read(limit=COMMANDS_AT_ONCE)]

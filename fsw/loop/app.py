@@ -98,10 +98,10 @@ def run_live(config: Config, *, cold: bool = False) -> int:
 
         config = effective_config(config)
     service = ServiceProcess(config, clock)
-    sink, jobs = service.sink, service.jobs
+    sink = service.sink
     _import_all()
     sink.put(Event(clock.now_ns(), "info", "STARTED", f"imports done; process {os.getpid()}"))
-    daemon = build(config, clock, open_ports(config, clock, sink), sink, jobs=jobs)
+    daemon = build(config, clock, open_ports(config, clock, sink), sink)
     if not cold and config.service.checkpoint_period_s is not None:
         go_on(daemon, config, clock, sink)
     for text in realtime.prepare(config.scheduler):
@@ -112,7 +112,7 @@ def run_live(config: Config, *, cold: bool = False) -> int:
 
     def turn() -> int:
         index = daemon.step().index
-        for command in jobs.commands():
+        for command in service.commands():
             daemon.submit(command)
         return index
 

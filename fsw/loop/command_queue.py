@@ -1,4 +1,4 @@
-"""The one command queue, applied at the tick boundary, and the state of the batch job."""
+"""The command queue of the loop, applied between two windows."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from typing import Any, Protocol, runtime_checkable
 
 from fsw.exchange.restart import Adopting, put_back, take
 from fsw.exchange.sinks import AppliedCommand, Sink
-from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.messages import Estimate, Event, Snapshot
 from fsw.messages.commands import (
-    BatchRequest,
     Code,
     Command,
     CommandName,
-    JobPort,
-    JobReport,
     Reply,
 )
 from fsw.messages.errors import CommandError, ConfigError, EstimatorError, unforeseen
@@ -72,7 +69,7 @@ Reconfigure = Callable[[Mapping[str, Any]], Resettable]
 
 
 class Dispatcher:
-    """Applies commands in order of arrival and follows the one batch job.
+    """Applies commands in order of arrival.
 
     Every applied command is handed to the sink with the index of the window it came before, and
     with what it needs to be applied again: so a replay applies it at the same place.
@@ -82,21 +79,17 @@ class Dispatcher:
         self,
         estimator: Resettable,
         sink: Sink,
-        jobs: JobPort | None,
         *,
         reconfigure: Reconfigure | None = None,
         identifying: bool = True,
     ) -> None:
-        self._estimator, self._sink, self._jobs = estimator, sink, jobs
+        self._estimator, self._sink = estimator, sink
         self._reconfigure = reconfigure
         self.identifying = identifying  # whether windows reach the estimator
         self.first_window = 0  # that reaches it
         self.changes: list[Mapping[str, Any]] = []  # other unknowns, in order: for checkpoints
         self._queue: deque[Command] = deque()
         self._planned: deque[tuple[int, int, Command]] = deque()
-        self._running: BatchRequest | None = None
-        self._report: JobReport | None = None
-        self._result: Mapping[str, Any] | None = None
         self.stop_requested = False
         self.restart_requested = False
         self.saved: Snapshot | None = None  # what restore_state goes back to
@@ -116,11 +109,6 @@ class Dispatcher:
         `clean_window` is the first that began after the command.
         """
         self._planned.append((window, clean_window, command))
-
-    def store(self, block: Block) -> None:
-        """Keep a block for later jobs."""
-        if self._jobs is not None:
-            self._jobs.store(block)
 
     def before_window(self, index: int, now_ns: int) -> list[Estimate]:
         """Apply recorded commands that came before this window; return the estimates they gave."""
@@ -142,23 +130,12 @@ class Dispatcher:
         next_window : index of the window that closes next
         clean_window : of the first that begins from now on
         """
-        if self._jobs is not None:
-            for report in self._jobs.poll(now_ns):
-                self._follow(report, now_ns)
         estimates = []
         while self._queue and not held:
             estimate = self._apply(self._queue.popleft(), now_ns, next_window, clean_window)
             if estimate is not None:
                 estimates.append(estimate)
         return estimates
-
-    def job_summary(self) -> dict[str, Any] | None:
-        """Return the newest report of the batch job as plain values."""
-        report = self._report
-        if report is None:
-            return None
-        summary = {"id": report.id, "state": report.state, "progress": report.progress}
-        return summary | {"text": report.text, "result": report.result}
 
     def _apply(
         self, command: Command, now_ns: int, next_window: int, clean_window: int
@@ -194,7 +171,7 @@ class Dispatcher:
             self._estimator.reset()
             text += "; the estimator is back at its prior"
         event = Event(now_ns, "high", "COMMAND_FAILED", f"{command.name}: {text}")
-        self._sink.event(event)
+        self._sink.put(event)
         self._answer(command, Code.FAILED, text)
 
     def diagnose(self) -> Mapping[str, Any]:
@@ -228,10 +205,8 @@ class Dispatcher:
         elif name in (CommandName.STOP, CommandName.RESTART):
             self.stop_requested = True
             self.restart_requested = name is CommandName.RESTART
-        elif name is CommandName.RUN_BATCH:
-            self._run_batch(command, now_ns)
-        elif name is CommandName.ABORT_BATCH:
-            self._abort()
+        elif name in (CommandName.RUN_BATCH, CommandName.ABORT_BATCH):
+            raise CommandError(Code.NOT_SUPPORTED, "batch jobs belong to the service process")
         elif name is CommandName.ADOPT:
             args = {"result": self._adopt(command)}
         elif name in (CommandName.REST, CommandName.RESUME):
@@ -257,48 +232,14 @@ class Dispatcher:
             self.changes.append({"unknown": changes["unknown"]})
         self.saved = None
 
-    def _run_batch(self, command: Command, now_ns: int) -> None:
-        if self._jobs is None:
-            raise CommandError(Code.NOT_SUPPORTED, "no batch worker here")
-        if self._running is not None:
-            raise CommandError(Code.JOB_RUNNING, f"job {self._running.id} is running")
-        request = BatchRequest(
-            id=command.id,
-            method=str(command.args["method"]),
-            unknown=tuple(command.args["unknown"]),
-            last_s=command.args.get("last_s"),
-        )
-        self._jobs.submit(request, now_ns)
-        self._running = request
-        self._result = None
-        self._report = JobReport(id=request.id, state="running", progress=0.0)
-
-    def _abort(self) -> None:
-        if self._jobs is None or self._running is None:
-            raise CommandError(Code.NO_JOB, "no batch job is running")
-        self._jobs.abort()
-
     def _adopt(self, command: Command) -> Mapping[str, Any]:
-        result = command.args.get("result", self._result)
+        result = command.args.get("result")
         if result is None:
-            raise CommandError(Code.NO_RESULT, "no batch job has ended with a result")
+            raise CommandError(Code.NO_RESULT, "a result must come with the command")
         if not isinstance(self._estimator, Adopting):
             raise CommandError(Code.NOT_SUPPORTED, "this estimator adopts no batch result")
         self._estimator.adopt(result)
         return dict(result)
-
-    def _follow(self, report: JobReport, now_ns: int) -> None:
-        if self._running is None or report.id != self._running.id:
-            return
-        self._report = report
-        if report.state == "running":
-            return
-        self._running = None
-        if report.state == "done":
-            self._result = report.result
-        severity = "info" if report.state == "done" else "medium"
-        text = f"batch job {report.id} {report.state}" + (f": {report.text}" if report.text else "")
-        self._sink.put(Event(now_ns, severity, "BATCH_" + report.state.upper(), text))
 
     def _answer(
         self, command: Command, code: Code, text: str, data: Mapping[str, Any] | None = None

@@ -31,8 +31,8 @@ from fsw.loop.inputs import Inputs
 from fsw.loop.loop_status import sample_status, tick_status, window_status
 from fsw.loop.science import Science
 from fsw.loop.window_work import WindowWork
-from fsw.messages import Block, Estimate, Event, Window
-from fsw.messages.commands import Command, JobPort
+from fsw.messages import Estimate, Event, Window
+from fsw.messages.commands import Command
 from fsw.messages.errors import CommandError, EstimatorError, unforeseen
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
@@ -53,7 +53,6 @@ class Daemon:
         buses: list[BusInput],
         lines: list[LineInput],
         pipeline: Pipeline,
-        jobs: JobPort | None,
         passive: bool,
     ) -> None:
         self._config, self._clock, self._sink = config, clock, sink
@@ -68,7 +67,6 @@ class Daemon:
         self.dispatcher = Dispatcher(
             pipeline.estimator,
             sink,
-            jobs,
             reconfigure=self._reconfigure,
             identifying=telemetry is None or telemetry.start_mode == "identify",
         )
@@ -162,7 +160,6 @@ class Daemon:
             "health": self.health.status(),
             "identifying": self.dispatcher.identifying,
             "unknown": list(self._config.unknown),
-            "job": self.dispatcher.job_summary(),
             "estimate": estimate_summary(self.latest),
         }
 
@@ -256,7 +253,7 @@ class Daemon:
             self.unusable_windows += 1
             return
         if not self.dispatcher.identifying or window.index < self.dispatcher.first_window:
-            self._store(block)
+            self._sink.put(block)
             return
         yield
         estimator = self._pipeline.estimator
@@ -264,13 +261,9 @@ class Daemon:
             estimate = yield from estimator.stages(block)
         finally:
             # without what was found not to fit: batch jobs and checkpoints are to have the same
-            self._store(estimator.screened(block) if isinstance(estimator, Screening) else block)
+            self._sink.put(estimator.screened(block) if isinstance(estimator, Screening) else block)
         yield
         self._publish(estimate)
-
-    def _store(self, block: Block) -> None:
-        self._sink.put(block)
-        self.dispatcher.store(block)
 
     def _finish_windows(self) -> None:
         """Work off what has been closed: a command or the end comes after all of it."""

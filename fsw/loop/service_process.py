@@ -12,8 +12,9 @@ from pathlib import Path
 from fsw.clock import Clock
 from fsw.config import Config
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import DOWN_BYTES, UP_BYTES, RingJobs, RingSink
+from fsw.exchange.ringlink import DOWN_BYTES, UP_BYTES, RingSink, commands_of
 from fsw.messages import Event
+from fsw.messages.commands import Command
 from fsw.messages.errors import MEMORY_EXIT, PortError
 
 LOCK_NAME = "loop.lock"
@@ -65,13 +66,17 @@ class ServiceProcess:
         self._consumed = -1
         self._consumed_ns = clock.now_ns()
         self.sink = RingSink(self._down)
-        self.jobs = RingJobs(self._down, RingReader(os.dup(self._up.fd)))
+        self._commands = RingReader(os.dup(self._up.fd))
         self._process = self._start(resume=False)
 
     @property
     def pid(self) -> int:
         """Process identifier of the service."""
         return self._process.pid
+
+    def commands(self) -> list[Command]:
+        """Return the commands that have come from the service since the last call."""
+        return commands_of(self._commands)
 
     def watch(self) -> bool:
         """Start the service again if it has died; tell whether it is alive and at work."""

@@ -15,7 +15,6 @@ from fsw.loop.acquisition import BusInput, ChunkSource, LineInput
 from fsw.loop.daemon import Daemon
 from fsw.loop.link import Link
 from fsw.loop.ports import CAN, IMU, SECOND, STAR_TRACKER, Ports
-from fsw.messages.commands import JobPort
 
 
 def build(
@@ -25,14 +24,12 @@ def build(
     sink: Sink,
     *,
     pipeline: Pipeline | None = None,
-    jobs: JobPort | None = None,
 ) -> Daemon:
     """Wire one daemon; opens and sends nothing.
 
     Parameters
     ----------
     pipeline : conditioning and estimation; None: as the configuration says
-    jobs : where batch jobs run; None: they are refused
     """
     from fsw.drivers.sources import ImuSource, StarTrackerSource
 
@@ -52,7 +49,6 @@ def build(
         buses=buses,
         lines=lines,
         pipeline=pipeline or default_pipeline(config),
-        jobs=jobs,
         passive=ports.passive,
     )
 

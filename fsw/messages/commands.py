@@ -6,9 +6,8 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
-from fsw.messages import Block
 from fsw.messages.errors import CommandError, brief
 
 METHODS = ("mrnea", "rda", "cm", "ce", "fused")
@@ -94,26 +93,6 @@ class JobReport:
     progress: float  # 0..1
     text: str = ""
     result: Mapping[str, Any] | None = None
-
-
-class JobPort(Protocol):
-    """Where batch jobs run: a worker process, or inline in virtual time."""
-
-    def store(self, block: Block) -> None:
-        """Keep a block for later jobs."""
-        ...
-
-    def submit(self, request: BatchRequest, now_ns: int) -> None:
-        """Start a job; at most one runs."""
-        ...
-
-    def abort(self) -> None:
-        """Abandon the running job."""
-        ...
-
-    def poll(self, now_ns: int) -> list[JobReport]:
-        """Return what has been reported since the last call; never blocks."""
-        ...
 
 
 def parse_command(line: bytes, command_id: int) -> Command:

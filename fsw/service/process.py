@@ -15,6 +15,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from fsw.clock import Clock, MonotonicClock, monotonic_less_realtime_ns
 from fsw.config import Config
 from fsw.exchange.checkpoint_store import boot_id
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import Kind, load, message_of
+from fsw.exchange.ringlink import Kind, message_of
 from fsw.exchange.sinks import (
     Message,
     Record,
@@ -32,12 +33,12 @@ from fsw.exchange.sinks import (
     StatusReport,
 )
 from fsw.messages import Block, Estimate, Event, Snapshot
-from fsw.messages.commands import BatchRequest, Command, JobReport, Reply
-from fsw.messages.errors import MEMORY_EXIT, ConfigError, PortError
+from fsw.messages.commands import Code, Command, Reply
+from fsw.messages.errors import MEMORY_EXIT, CommandError, ConfigError, PortError
+from fsw.service.batch_jobs import BatchJobs
 from fsw.service.blockstore import BlockStoreError, BlockWriter, read_blocks
 from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.control import SOCKET_NAME, ControlServer
-from fsw.service.job_process import JobProcess
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
 from fsw.telemetry.ports import Host
@@ -75,7 +76,8 @@ class Service:
         self._blocks_failed = False
         self._blocks = self._resumed(blocks) if resume else BlockWriter(blocks)
         self._control: ControlServer | None = None
-        self._jobs = JobProcess(config, self._directory / BLOCKS_NAME)
+        self._jobs = BatchJobs(config, self._directory / BLOCKS_NAME, self._report)
+        self._answers: list[Reply] = []  # of commands carried out here
         self._drops_told = 0
 
     def _resumed(self, path: Path) -> BlockWriter:
@@ -126,17 +128,18 @@ class Service:
             taken += 1
             if record.kind == Kind.END:
                 going = False
-            elif record.kind == Kind.JOB_SUBMIT:
-                self._submit(load(record))
-            elif record.kind == Kind.JOB_ABORT:
-                self._jobs.abort()
             elif (message := message_of(record)) is not None:
+                if isinstance(message, StatusReport):
+                    values = {**message.values, "job": self._jobs.summary()}
+                    message = replace(message, values=values)
                 if self._switch.sink is not None:
                     self._switch.sink.put(message)
                 self.put(message)
         self._watch_drops()
+        answers, self._answers = self._answers, []
+        for answer in answers:
+            self._reply(answer)
         for report in self._jobs.poll():
-            self._send(Kind.JOB_REPORT, report)
             if self._telemetry is not None:
                 self._telemetry.job(report)
         if self._telemetry is not None:
@@ -236,7 +239,7 @@ class Service:
         self._config = config
         self._switch.configured(config)
         self._keeper.configured(config)
-        self._jobs.configured(config)
+        self._jobs.config = config
 
     def _counted_before(self) -> Mapping[str, int]:
         """Return the events that the service which died had counted, as far as it told."""
@@ -278,14 +281,6 @@ class Service:
             self._drops_told = dropped
             self._report("high", "RING_DROPS", text)
 
-    def _submit(self, request: BatchRequest) -> None:
-        try:
-            self._jobs.submit(request)
-        except OSError as error:
-            text = f"worker cannot be started: {error.strerror or error}"
-            failed = JobReport(id=request.id, state="failed", progress=0.0, text=text)
-            self._send(Kind.JOB_REPORT, failed)
-
     def _forward_local(self, command: Command) -> bool:
         """Forward a command of the local control socket, and note it."""
         if self._telemetry is not None:
@@ -295,10 +290,20 @@ class Service:
         return self._forward(command)
 
     def _forward(self, command: Command) -> bool:
-        return self._send(Kind.COMMAND, command)
-
-    def _send(self, kind: Kind, value: Command | JobReport) -> bool:
-        return self._up.push(kind, pickle.dumps(value, protocol=5))
+        """Carry out a command of batch jobs here, pass any other to the loop; False: no room."""
+        name, number = str(command.name), command.id
+        try:
+            passed = self._jobs.carry_out(command)
+        except CommandError as error:
+            code = Code(error.code)
+            self._answers.append(
+                Reply(id=number, command=name, accepted=False, code=code, text=str(error))
+            )
+            return True
+        if passed is not None:
+            return self._up.push(Kind.COMMAND, pickle.dumps(passed, protocol=5))
+        self._answers.append(Reply(id=number, command=name, accepted=True, code=Code.ACCEPTED))
+        return True
 
     def _report(self, severity: str, code: str, text: str) -> None:
         event = Event(self._clock.now_ns(), severity, code, text)

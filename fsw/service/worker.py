@@ -1,4 +1,4 @@
-"""The batch worker: one job in a process of its own at nice 19, and its inline twin.
+"""The batch worker: one job in a process of its own at nice 19.
 
 `python -m fsw.service.worker PID` reads one pickled `Job` from standard input, writes JSON lines:
 progress, then the result or the failure. SIGTERM ends it, and so does the end of process PID.
@@ -12,7 +12,6 @@ import os
 import pickle
 import signal
 import sys
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from fsw.config import Config
 from fsw.messages import Block
 from fsw.messages.commands import BatchRequest, JobReport
 from fsw.messages.errors import EstimatorError
-from fsw.service.blockstore import CAPACITY, BlockStoreError, newest, read_blocks
+from fsw.service.blockstore import BlockStoreError, read_blocks
 
 NICE = 19
 _PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -68,44 +67,6 @@ def run_job(
     except EstimatorError as error:
         return JobReport(id=request.id, state="failed", progress=1.0, text=str(error))
     return JobReport(id=request.id, state="done", progress=1.0, result=result)
-
-
-class InlineJobs:
-    """Jobs in virtual time: run inline, the result delivered after a virtual delay."""
-
-    def __init__(self, config: Config, delay_s: float, run: RunBatch = default_batch) -> None:
-        self._config = config
-        self._delay_ns = round(delay_s * 1e9)
-        self._run = run
-        self._blocks: deque[Block] = deque(maxlen=CAPACITY)
-        self._due: tuple[int, JobReport] | None = None
-
-    def store(self, block: Block) -> None:
-        """Keep a block."""
-        self._blocks.append(block)
-
-    def submit(self, request: BatchRequest, now_ns: int) -> None:
-        """Run the job now, deliver later."""
-        blocks = newest(list(self._blocks), request.last_s)
-        report = run_job(self._config, blocks, request, _ignore, self._run)
-        self._due = (now_ns + self._delay_ns, report)
-
-    def abort(self) -> None:
-        """Deliver an aborted job instead."""
-        if self._due is not None:
-            report = JobReport(id=self._due[1].id, state="aborted", progress=0.0)
-            self._due = (0, report)
-
-    def poll(self, now_ns: int) -> list[JobReport]:
-        """Return the report when its time has come."""
-        if self._due is None or now_ns < self._due[0]:
-            return []
-        report, self._due = self._due[1], None
-        return [report]
-
-
-def _ignore(_ratio: float, _text: str) -> bool:
-    return True
 
 
 def main(source: IO[bytes], target: IO[str]) -> int:

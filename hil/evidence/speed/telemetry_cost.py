@@ -160,9 +160,7 @@ def _fly(path: Path, port: int | None, seconds: int) -> tuple[Phase, Phase]:
     state = config.resolve(config.service.state_directory)
     lock_state(state, clock)
     service = ServiceProcess(config, clock)
-    daemon = build(
-        config, clock, open_ports(config, clock, service.sink), service.sink, jobs=service.jobs
-    )
+    daemon = build(config, clock, open_ports(config, clock, service.sink), service.sink)
     realtime.prepare(config.scheduler)
     realtime.freeze_garbage()
     phases = (Phase(), Phase())
@@ -229,7 +227,7 @@ def _count(
         daemon.step()
         if counting and inside:
             phases[on].work_us.append(slips.work.last_ns / 1e3)
-        for command in service.jobs.commands():
+        for command in service.commands():
             daemon.submit(command)
 
 

@@ -1,36 +1,14 @@
 import pytest
 
 from fsw.loop.command_queue import QUEUE_LIMIT, Dispatcher
-from fsw.messages.commands import Code, Command, CommandName, JobReport
+from fsw.messages.commands import Code, Command, CommandName
 from tests.support.loop_cases import FakeEstimator, KeepSink
-
-BATCH = {"method": "mrnea", "unknown": ["target"], "last_s": None}
-
-
-class FakeJobs:
-    def __init__(self) -> None:
-        self.submitted: list = []
-        self.aborted = 0
-        self.reports: list[JobReport] = []
-
-    def store(self, block) -> None:
-        self.submitted.append(block)
-
-    def submit(self, request, now_ns) -> None:  # noqa: ARG002
-        self.submitted.append(request)
-
-    def abort(self) -> None:
-        self.aborted += 1
-
-    def poll(self, now_ns) -> list[JobReport]:  # noqa: ARG002
-        taken, self.reports = self.reports, []
-        return taken
 
 
 class Bench:
-    def __init__(self, jobs: FakeJobs | None = None) -> None:
-        self.estimator, self.sink, self.jobs = FakeEstimator(), KeepSink(), jobs
-        self.dispatcher = Dispatcher(self.estimator, self.sink, jobs)
+    def __init__(self) -> None:
+        self.estimator, self.sink = FakeEstimator(), KeepSink()
+        self.dispatcher = Dispatcher(self.estimator, self.sink)
 
     def tell(self, name: CommandName, number: int = 1, **args) -> Code:
         self.dispatcher.submit(Command(name=name, id=number, args=args))
@@ -40,7 +18,7 @@ class Bench:
 
 @pytest.fixture
 def bench() -> Bench:
-    return Bench(FakeJobs())
+    return Bench()
 
 
 def test_nothing_happens_before_the_tick_boundary(bench: Bench):
@@ -60,7 +38,7 @@ def test_what_a_checkpoint_carries_is_the_choice_of_unknowns_and_no_table(bench:
     given: list = []
     sink = KeepSink()
     dispatcher = Dispatcher(
-        bench.estimator, sink, None, reconfigure=lambda c: given.append(dict(c)) or bench.estimator
+        bench.estimator, sink, reconfigure=lambda c: given.append(dict(c)) or bench.estimator
     )
     orders = ({"noise": {"joints": {}}}, {"unknown": ["base"]}, {"estimator": {"settle_blocks": 3}})
     for changes in orders:
@@ -83,7 +61,7 @@ def test_windows_of_before_a_new_beginning_are_left_out(bench: Bench, name: Comm
 
 
 def test_a_refused_command_is_not_recorded(bench: Bench):
-    assert bench.tell(CommandName.ABORT_BATCH) is Code.NO_JOB
+    assert bench.tell(CommandName.RESTORE_STATE) is Code.NO_STATE
     assert bench.sink.commands == []
 
 
@@ -98,41 +76,17 @@ def test_stop_is_a_request_to_the_loop(bench: Bench):
     assert bench.dispatcher.stop_requested
 
 
-def test_one_job_runs_at_a_time_and_its_end_is_an_event(bench: Bench):
-    assert bench.tell(CommandName.RUN_BATCH, 3, **BATCH) is Code.ACCEPTED
-    assert bench.tell(CommandName.RUN_BATCH, 4, **BATCH) is Code.JOB_RUNNING
-    bench.jobs.reports = [JobReport(id=3, state="running", progress=0.5, text="half")]
-    bench.dispatcher.run(0, 0)
-    assert bench.dispatcher.job_summary()["progress"] == 0.5
-    bench.jobs.reports = [JobReport(id=3, state="done", progress=1.0, result={"mean": [1.0]})]
-    bench.dispatcher.run(0, 0)
-    assert bench.sink.codes == ["BATCH_DONE"]
-    assert bench.tell(CommandName.RUN_BATCH, 5, **BATCH) is Code.ACCEPTED
-
-
-def test_adopt_takes_the_last_result_and_records_it_for_a_replay(bench: Bench):
+def test_adopt_needs_its_result_and_records_it_for_a_replay(bench: Bench):
     assert bench.tell(CommandName.ADOPT) is Code.NO_RESULT
-    bench.tell(CommandName.RUN_BATCH, 3, **BATCH)
-    bench.jobs.reports = [JobReport(id=3, state="done", progress=1.0, result={"mean": [1.0]})]
-    assert bench.tell(CommandName.ADOPT) is Code.ACCEPTED
+    assert bench.tell(CommandName.ADOPT, result={"mean": [1.0]}) is Code.ACCEPTED
     assert bench.estimator.adopted == [{"mean": [1.0]}]
-    again = Bench()
-    assert again.tell(CommandName.ADOPT, **bench.sink.commands[-1]["args"]) is Code.ACCEPTED
-    assert again.estimator.adopted == [{"mean": [1.0]}]
+    assert bench.sink.commands[-1]["args"] == {"result": {"mean": [1.0]}}
 
 
-def test_abort_reaches_the_worker_and_ends_the_job(bench: Bench):
-    bench.tell(CommandName.RUN_BATCH, 3, **BATCH)
-    assert bench.tell(CommandName.ABORT_BATCH) is Code.ACCEPTED
-    assert bench.jobs.aborted == 1
-    bench.jobs.reports = [JobReport(id=3, state="aborted", progress=0.2)]
-    bench.dispatcher.run(0, 0)
-    assert bench.dispatcher.job_summary()["state"] == "aborted"
-    assert bench.tell(CommandName.ADOPT) is Code.NO_RESULT
-
-
-def test_without_a_worker_batches_are_refused():
-    assert Bench().tell(CommandName.RUN_BATCH, **BATCH) is Code.NOT_SUPPORTED
+@pytest.mark.parametrize("name", [CommandName.RUN_BATCH, CommandName.ABORT_BATCH])
+def test_the_loop_refuses_batch_jobs(bench: Bench, name: CommandName):
+    assert bench.tell(name) is Code.NOT_SUPPORTED
+    assert bench.sink.commands == []
 
 
 def test_planned_commands_apply_right_before_their_window(bench: Bench):
@@ -159,16 +113,13 @@ COMMANDS = [
     (CommandName.SAVE_STATE, {}),
     (CommandName.ADOPT, {"result": {}}),
     (CommandName.CONFIGURE, {"unknown": ["base"]}),
-    (CommandName.RUN_BATCH, {"method": "rda", "unknown": []}),
 ]
 
 
 @pytest.mark.parametrize(("name", "args"), COMMANDS)
 def test_an_error_nobody_foresaw_fails_the_command_and_the_loop_continues(name, args):
     estimator, sink = Breaking(), KeepSink()
-    jobs = FakeJobs()
-    jobs.submit = estimator._raise
-    dispatcher = Dispatcher(estimator, sink, jobs, reconfigure=estimator._raise)
+    dispatcher = Dispatcher(estimator, sink, reconfigure=estimator._raise)
     dispatcher.submit(Command(name=name, id=7, args=args))
     assert dispatcher.run(1000, 5, 7) == []
     (reply,) = sink.replies
@@ -185,17 +136,10 @@ def test_an_error_nobody_foresaw_fails_the_command_and_the_loop_continues(name, 
 @pytest.mark.parametrize("name", [CommandName.FINISH, CommandName.ADOPT])
 def test_an_estimator_left_in_the_middle_of_a_failed_command_returns_to_its_prior(name):
     estimator = Breaking()
-    dispatcher = Dispatcher(estimator, KeepSink(), None)
+    dispatcher = Dispatcher(estimator, KeepSink())
     dispatcher.submit(Command(name=name, args={"result": {}}))
     dispatcher.run(0, 0)
     assert estimator.calls[-1] == "reset"
-
-
-def test_a_job_that_could_not_be_started_does_not_count_as_running(bench: Bench):
-    bench.jobs.submit = Breaking()._raise
-    assert bench.tell(CommandName.RUN_BATCH, 3, **BATCH) is Code.FAILED
-    del bench.jobs.submit
-    assert bench.tell(CommandName.RUN_BATCH, 4, **BATCH) is Code.ACCEPTED
 
 
 def test_no_memory_is_no_failed_command(bench: Bench):

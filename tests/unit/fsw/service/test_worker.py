@@ -10,7 +10,7 @@ from fsw.messages.commands import BatchRequest
 from fsw.messages.errors import EstimatorError
 from fsw.service import worker
 from fsw.service.blockstore import BlockWriter
-from fsw.service.worker import InlineJobs, Job
+from fsw.service.worker import Job, run_job
 from tests.conftest import ArmProject
 from tests.support.loop_cases import arm_config, make_block
 
@@ -29,42 +29,21 @@ def config(arm: ArmProject) -> Config:
     return arm_config(arm)
 
 
-def inline(config: Config, run=fake_run) -> InlineJobs:
-    jobs = InlineJobs(config, 2.0, run)
-    for k in range(5):
-        jobs.store(make_block(k))
-    return jobs
-
-
-def test_an_inline_result_arrives_after_the_virtual_delay(config: Config):
-    jobs = inline(config)
-    jobs.submit(request(last_s=1.0), 10**9)
-    assert jobs.poll(3 * 10**9 - 1) == []
-    (report,) = jobs.poll(3 * 10**9)
+def test_a_job_takes_the_configured_bodies_unless_it_names_others(config: Config):
+    blocks = [make_block(k) for k in range(2)]
+    report = run_job(config, blocks, request(), lambda *_: True, fake_run)
     assert (report.id, report.state) == (1, "done")
-    assert report.result == {"method": "mrnea", "unknown": ["target"], "blocks": [3, 4]}
-    assert jobs.poll(10**12) == []
+    assert report.result == {"method": "mrnea", "unknown": ["target"], "blocks": [0, 1]}
 
 
-def test_an_aborted_inline_job_gives_no_result(config: Config):
-    jobs = inline(config)
-    jobs.submit(request(), 0)
-    jobs.abort()
-    (report,) = jobs.poll(1)
-    assert (report.state, report.result) == ("aborted", None)
-
-
-def test_what_the_data_cannot_give_is_a_failed_job(config: Config):
+def test_data_that_do_not_suffice_are_a_failed_job(config: Config):
     def fail(*_args):
         raise EstimatorError("INSUFFICIENT_EXCITATION")
 
-    jobs = inline(config, fail)
-    jobs.submit(request(), 0)
-    (report,) = jobs.poll(2 * 10**9)
+    report = run_job(config, [make_block(0)], request(), lambda *_: True, fail)
     assert (report.state, report.text) == ("failed", "INSUFFICIENT_EXCITATION")
-    empty = InlineJobs(config, 0.0, fake_run)
-    empty.submit(request(), 0)
-    assert empty.poll(0)[0].text.startswith("NO_DATA")
+    empty = run_job(config, [], request(), lambda *_: True, fake_run)
+    assert empty.text.startswith("NO_DATA")
 
 
 def test_the_process_tells_progress_then_the_result(

@@ -1,0 +1,153 @@
+"""Batch jobs: the commands that start, end and adopt one, and the worker process that runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from fsw.config import Config
+from fsw.messages.commands import BatchRequest, Code, Command, CommandName, JobReport
+from fsw.messages.errors import CommandError
+from fsw.service.worker import Job
+
+Report = Callable[[str, str, str], None]  # severity, code, text
+
+
+class BatchJobs:
+    """At most one batch job, in a process of its own.
+
+    Parameters
+    ----------
+    config : configuration of the next job; may be replaced by the effective one
+    blocks : file of the stored blocks
+    report : called with severity, code and text of an event when a job ends
+    """
+
+    def __init__(self, config: Config, blocks: Path, report: Report) -> None:
+        self.config = config
+        self._blocks, self._report = blocks, report
+        self._process: subprocess.Popen[bytes] | None = None
+        self._buffer = b""
+        self._newest: JobReport | None = None
+        self._result: Mapping[str, Any] | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a job has not reported its end yet."""
+        return self._newest is not None and self._newest.state == "running"
+
+    def summary(self) -> dict[str, Any] | None:
+        """Return the newest report as plain values; None before the first job."""
+        return None if self._newest is None else asdict(self._newest)
+
+    def carry_out(self, command: Command) -> Command | None:
+        """Carry out a command of batch jobs.
+
+        Returns
+        -------
+        The command that the loop must carry out: any other one as it came, ADOPT with the newest
+        result; None when nothing is left to do.
+
+        Raises
+        ------
+        CommandError JOB_RUNNING, NO_JOB, NO_RESULT, or FAILED when no worker can be started.
+        """
+        if command.name is CommandName.RUN_BATCH:
+            self._start(command)
+            return None
+        if command.name is CommandName.ABORT_BATCH:
+            self._abort()
+            return None
+        if command.name is CommandName.ADOPT and "result" not in command.args:
+            if self._result is None:
+                raise CommandError(Code.NO_RESULT, "no batch job has ended with a result")
+            return replace(command, args={"result": dict(self._result)})
+        return command
+
+    def poll(self) -> list[JobReport]:
+        """Return what the worker has reported; its death without a result is a failure."""
+        process = self._process
+        if process is None or process.stdout is None:
+            return []
+        code = process.poll()  # before the read: what it wrote last is still read
+        self._buffer += process.stdout.read() or b""
+        *lines, self._buffer = self._buffer.split(b"\n")
+        reports = [self._follow(json.loads(line)) for line in lines]
+        if code is not None:
+            if self.is_running:
+                failed = ("failed", f"worker ended with {code}")
+                state, text = ("aborted", "") if code == -signal.SIGTERM else failed
+                reports.append(self._follow({"state": state, "progress": 0.0, "text": text}))
+            self.close()
+        return reports
+
+    def close(self) -> None:
+        """Make sure that no worker is left."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.terminate()
+            process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+
+    def _start(self, command: Command) -> None:
+        if self.is_running and self._newest is not None:
+            raise CommandError(Code.JOB_RUNNING, f"job {self._newest.id} is running")
+        request = BatchRequest(
+            id=command.id,
+            method=str(command.args["method"]),
+            unknown=tuple(command.args["unknown"]),
+            last_s=command.args.get("last_s"),
+        )
+        self.close()
+        try:
+            self._process = _worker(Job(config=self.config, request=request, blocks=self._blocks))
+        except OSError as error:
+            text = f"worker cannot be started: {error.strerror or error}"
+            raise CommandError(Code.FAILED, text) from error
+        self._buffer, self._result = b"", None
+        self._newest = JobReport(id=request.id, state="running", progress=0.0)
+
+    def _abort(self) -> None:
+        if self._process is None or not self.is_running:
+            raise CommandError(Code.NO_JOB, "no batch job is running")
+        self._process.terminate()
+
+    def _follow(self, values: Mapping[str, Any]) -> JobReport:
+        job = self._newest.id if self._newest is not None else 0
+        report = JobReport(id=job, **values)
+        self._newest = report
+        if report.state == "done":
+            self._result = report.result
+        if report.state != "running":
+            severity = "info" if report.state == "done" else "medium"
+            text = f"batch job {job} {report.state}" + (f": {report.text}" if report.text else "")
+            self._report(severity, "BATCH_" + report.state.upper(), text)
+        return report
+
+
+def _worker(job: Job) -> subprocess.Popen[bytes]:
+    """Start a worker on a job. Raises OSError."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fsw.service.worker", str(os.getpid())],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )
+    if process.stdin is None or process.stdout is None:
+        raise OSError("worker has no pipes")
+    os.set_blocking(process.stdout.fileno(), False)
+    try:
+        process.stdin.write(pickle.dumps(job))
+        process.stdin.close()
+    except BrokenPipeError:
+        pass  # it died at once; the next poll reports that
+    return process
