@@ -10,7 +10,8 @@ from fsw.telemetry.dictionary.codes import (
     YES_NO,
     Function,
 )
-from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, choice, number, text
+from fsw.telemetry.dictionary.fields import choice, number, text
+from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
 from fsw.telemetry.dictionary.types import Field, Packet, Telecommand, Type
 
 PAGE_ENTRIES = 64  # reports of one LIST_FILES
