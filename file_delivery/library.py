@@ -28,7 +28,7 @@ from spacepackets.util import ByteFieldU8, UnsignedByteField
 from file_delivery.units import UNPARSABLE
 
 DAEMON, GROUND = 1, 2  # entity identifiers
-UNIT_BYTES = 1000  # longest unit sent
+UNIT_BYTES = 976  # longest unit sent: its packet fits an authenticated frame (at most 987 bytes)
 TIMER_S, TIMER_LIMIT = 2.0, 15
 CHECKSUM_BYTES = 1 << 20  # added up at a time; a multiple of 4
 TIMEOUT_S = 60.0  # without a word from the other end; the library itself would wait for ever

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from fsw.telemetry.link.sdls import Accepted, Association, FrameReceiver, FrameSplitter
+from fsw.telemetry.link.sdls import RANDOM_BITS, Accepted, Association, FrameReceiver, FrameSplitter
 from fsw.telemetry.link.sdls_numbers import NumberStore
 from tests.support.fake_daemon import completed, report
 
@@ -61,6 +61,10 @@ class SealedDaemon:
         self._thread.join()
         self._listener.close()
         self.receiver.settle()
+
+    def skip_to(self, number: int) -> None:
+        """Accept nothing below this number any more."""
+        self._numbers.settle({Association(spi=1, key=KEY).fingerprint: number << RANDOM_BITS})
 
     def _run(self) -> None:
         while not self._stop.is_set():

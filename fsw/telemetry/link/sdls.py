@@ -199,8 +199,8 @@ class FrameReceiver:
         following = _next_number(floor)
         text = f"number {number}; accepted are {following} to {following + self._window - 1}"
         if floor <= iv and number < following + self._window:
-            # a sender that counts the whole IV by one stays within a number: keep ahead by its step
-            counts_all = number < following
+            # a sender that counts the whole IV by one: keep ahead by its step
+            counts_all = iv - floor < RESERVE
             kept = iv + 1 + RESERVE if counts_all else (number + 1 + RESERVE) << RANDOM_BITS
             try:
                 self._numbers.claim(association.fingerprint, iv, kept)

@@ -51,10 +51,10 @@ class NumberStore:
     def claim(self, fingerprint: str, used: int, kept: int) -> None:
         """Use all up to `used`; across a crash nothing below `kept` comes back. Raises OSError.
 
-        The file is written only when `used` is not below what it holds already.
+        The file is written only when it holds less than is used, or more than is to be kept.
         """
         key = self._key(fingerprint)
-        if used >= key.kept_floor:
+        if not used < key.kept_floor <= kept:
             self._keep({fingerprint: kept})
         key.floor = used + 1
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from fsw.telemetry.link.sdls import Association, Role
+from fsw.telemetry.link.sdls_numbers import NumberStore
+from fsw.telemetry.link.sdls_sender import FrameSender
 from ground.__main__ import main
 from tests.support.fake_daemon import report
 from tests.support.sealed_daemon import KEY, REPLAY, SealedDaemon
@@ -71,3 +74,83 @@ def test_numbers_are_shown_and_set_with_a_key_only(tmp_path, key_file, capsys):
     assert main([*state, "--key", str(key_file), "number", "40"]) == 0
     assert main([*state, "--key", str(key_file), "number"]) == 0
     assert capsys.readouterr().out == "40\n40\n"
+
+
+TELEMETRY = bytes(range(100, 132))
+
+
+@pytest.fixture
+def tm_key(tmp_path):
+    path = tmp_path / "tm.key"
+    path.write_bytes(TELEMETRY)
+    path.chmod(0o600)
+    return path
+
+
+def frame_sender(folder, key=TELEMETRY) -> FrameSender:
+    return FrameSender(
+        Association(spi=2, key=key, role=Role.TELEMETRY),
+        NumberStore(folder / "tm_numbers.json"),
+        spacecraft_id=42,
+        virtual_channel=0,
+        report=lambda *_: None,
+    )
+
+
+def test_a_ground_that_has_lost_its_numbers_finds_them_by_authentic_reports(
+    tmp_path, key_file, tm_key, capsys
+):
+    words = ("--tm-key", str(tm_key), "tc", "REC_START")
+    with SealedDaemon(tmp_path, seal=frame_sender(tmp_path).seal) as daemon:
+        assert run(daemon, key_file, "number", "5000") == 0
+        daemon.skip_to(5000)
+        assert run(daemon, key_file, *words) == 0
+        first = len(daemon.executed)
+        (tmp_path / "state").rename(tmp_path / "lost")
+        assert run(daemon, key_file, *words) == 0
+        assert len(daemon.executed) == first + 1, (
+            "the ping that asked had no effect, and came first"
+        )
+        assert run(daemon, key_file, "number") == 0
+    assert capsys.readouterr().out.endswith("completed\n5002\n")
+
+
+def test_numbers_too_high_are_set_back_by_an_authentic_report_and_nothing_is_sent_again(
+    tmp_path, key_file, tm_key, capsys
+):
+    words = ("--tm-key", str(tm_key), "tc", "REC_START")
+    with SealedDaemon(tmp_path, seal=frame_sender(tmp_path).seal) as daemon:
+        run(daemon, key_file, "number", str(2**40))
+        assert run(daemon, key_file, *words) == 5
+        assert daemon.executed == []
+        assert "not sent again" in capsys.readouterr().err
+        assert run(daemon, key_file, *words) == 0
+        assert len(daemon.executed) == 1
+
+
+def test_forged_reports_do_not_reach_a_ground_that_opens_frames(tmp_path, key_file, tm_key, capsys):
+    (tmp_path / "other").mkdir()
+    other = frame_sender(tmp_path / "other", bytes(32))
+
+    def forge(packet):
+        refused = report("acceptance_failure", packet, error=REPLAY, error_value=2.0**40)
+        wrong = report("acceptance_failure", packet, error=7)
+        return [refused, wrong, other.seal(refused)]
+
+    with SealedDaemon(tmp_path, forge=forge, seal=frame_sender(tmp_path).seal) as daemon:
+        for _ in range(2):
+            assert run(daemon, key_file, "--tm-key", str(tm_key), "tc", "REC_START") == 0
+        assert len(daemon.executed) == 3, "two, and the ping of the first connection"
+    told = capsys.readouterr()
+    assert "acceptance failure" not in told.out
+    assert "not authentic" in told.err
+
+
+def test_a_frame_that_somebody_doubles_is_executed_and_reported_once(
+    tmp_path, key_file, tm_key, capsys
+):
+    with SealedDaemon(tmp_path, copies=2, seal=frame_sender(tmp_path).seal) as daemon:
+        assert run(daemon, key_file, "--tm-key", str(tm_key), "tc", "REC_START") == 0
+        assert run(daemon, key_file, "--tm-key", str(tm_key), "tc", "REC_STOP") == 0
+        assert len(daemon.executed) == 3
+    assert capsys.readouterr().out.count("completed") == 2

@@ -13,6 +13,7 @@ from spacepackets.ecss import PusTc
 
 from fsw.telemetry.link.sdls import (
     MAX_BYTES,
+    RESERVE,
     Accepted,
     Association,
     FrameReceiver,
@@ -206,3 +207,31 @@ def test_arbitrary_bytes_never_raise_and_never_pass(tmp_path_factory, data, size
         splitter.feed(data[at : at + size])
         assert len(splitter._buffer) <= MAX_BYTES
     assert uplink.accepted == 0
+
+
+def test_a_sender_that_counts_the_whole_iv_is_accepted_in_order(tmp_path, sender):
+    """Yamcs: the IV is one counter of 96 bits, without a random half."""
+    uplink = receiver(tmp_path)
+    for count in range(200):
+        assert reason(uplink.receive(sender.frame(PING, 0, count))) is None
+    for old in (0, 150, 199):
+        assert reason(uplink.receive(sender.frame(PING, 0, old))) is FrameReject.REPLAY
+    crashed = receiver(tmp_path)
+    outcomes = [crashed.receive(sender.frame(PING, 0, 200 + k)) for k in range(RESERVE + 1)]
+    accepted = [isinstance(outcome, Accepted) for outcome in outcomes]
+    assert accepted[-1], "a crash skips at most so many"
+    assert accepted == sorted(accepted)
+    for old in range(200):
+        assert reason(crashed.receive(sender.frame(PING, 0, old))) is FrameReject.REPLAY
+
+
+@given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, (1 << 48) - 1)), max_size=30))
+def test_no_iv_is_accepted_below_one_that_was(tmp_path_factory, ivs):
+    uplink, sender = receiver(tmp_path_factory.mktemp("numbers")), Sender(key=KEY)
+    highest = -1
+    for number, random in ivs:
+        iv = number << 48 | random
+        if isinstance(uplink.receive(sender.frame(PING, number, random)), Accepted):
+            assert iv > highest
+            assert number < (max(highest, 0) >> 48) + 1 + WINDOW
+            highest = iv
