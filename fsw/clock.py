@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
 import select
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 CLOCK_READINGS = 4  # attempts at reading two clocks together
 TOGETHER_NS = 5_000  # apart at most, so that no attempt is made again
+TIME_ERROR = 5  # of adjtimex(2): not synchronised
+UNKNOWN_ERROR_NS = 16_000_000_000  # as the kernel has it when nothing steers its clock
 KERNEL_WAIT_NS = 20_000_000  # of a stamped frame in the kernel's own queues, at most; 16 ms seen
 
 
@@ -50,7 +54,38 @@ class MonotonicClock:
 
 
 def monotonic_less_realtime_ns() -> int:
-    """Return what takes a CLOCK_REALTIME stamp of just now to CLOCK_MONOTONIC [ns].
+    """Return what takes a CLOCK_REALTIME stamp of just now to CLOCK_MONOTONIC [ns]."""
+    return _read_together()[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UtcCorrelation:
+    """UTC against CLOCK_MONOTONIC, as far as the machine knows it.
+
+    Parameters
+    ----------
+    uncertainty_ns : largest error: the kernel's own bound, and half of the time between readings
+    synchronised : whether the kernel's clock is steered by a source of UTC (NTP, PPS, PTP)
+    """
+
+    utc_less_monotonic_ns: int
+    uncertainty_ns: int
+    synchronised: bool
+
+
+def utc_correlation() -> UtcCorrelation:
+    """Return what is UTC less CLOCK_MONOTONIC now, with its largest error."""
+    offset_ns, apart_ns = _read_together()
+    error_ns, synchronised = _kernel_clock_error()
+    return UtcCorrelation(
+        utc_less_monotonic_ns=-offset_ns,
+        uncertainty_ns=error_ns + (apart_ns + 1) // 2,
+        synchronised=synchronised,
+    )
+
+
+def _read_together() -> tuple[int, int]:
+    """Return CLOCK_MONOTONIC less CLOCK_REALTIME and the time the two readings took [ns].
 
     The clocks are read again, a few times, when something came between the readings.
     """
@@ -63,4 +98,30 @@ def monotonic_less_realtime_ns() -> int:
             least_ns, offset_ns = after_ns - before_ns, (before_ns + after_ns) // 2 - realtime_ns
         if least_ns < TOGETHER_NS:
             break
-    return offset_ns
+    return offset_ns, least_ns
+
+
+class _Timex(ctypes.Structure):
+    """The head of `struct timex` of adjtimex(2), and room for the rest."""
+
+    _fields_ = (
+        ("modes", ctypes.c_uint),
+        ("offset", ctypes.c_long),
+        ("freq", ctypes.c_long),
+        ("maxerror_us", ctypes.c_long),
+        ("esterror_us", ctypes.c_long),
+        ("status", ctypes.c_int),
+        ("rest", ctypes.c_long * 32),
+    )
+
+
+def _kernel_clock_error() -> tuple[int, bool]:
+    """Return the kernel's bound of the error of CLOCK_REALTIME [ns], and whether it is steered.
+
+    Never synchronised, the kernel's bound is 16 s, the largest it knows: the true error has none.
+    """
+    timex = _Timex()  # modes 0: nothing is set
+    state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(timex))
+    if state < 0:
+        return UNKNOWN_ERROR_NS, False
+    return 1000 * int(timex.maxerror_us), state != TIME_ERROR

@@ -17,6 +17,7 @@ from ground.errors import LinkError, UsageError
 from ground.link import Link
 from ground.sdls import Sealer
 from ground.telemetry import UNKNOWN, Decoder, Sample, check_names
+from ground.utc import Correlation
 from ground.verification import EXIT_CODES, Outcome, Verification, follow
 
 ASKED_FOR_SET = "REPORT_SET"
@@ -122,6 +123,7 @@ def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
     decoder = Decoder()
     check_names(decoder.fields, arguments.packets, arguments.field)
     shown = unknown = 0
+    dates = Correlation()
     with connected(arguments, None, stream) as link:
         raw_file = arguments.raw.open("wb") if arguments.raw is not None else None
         try:
@@ -129,12 +131,14 @@ def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
                 if raw_file is not None:
                     raw_file.write(raw)
                 sample = decoder.decode(raw)
+                dates.take(sample)
                 is_unknown = sample.packet == UNKNOWN
                 unknown += is_unknown
                 if arguments.packets and sample.packet not in arguments.packets:
                     continue
                 fields = () if is_unknown else arguments.field
-                print(_line(sample, fields, as_json=arguments.json), flush=True)
+                utc = dates.text(sample.time_s)
+                print(_line(sample, fields, as_json=arguments.json, utc=utc), flush=True)
                 shown += 1
                 if shown == arguments.count:
                     return 0
@@ -178,11 +182,12 @@ def _report_words(sample: Sample) -> str:
     return words
 
 
-def _line(sample: Sample, fields: Sequence[str], *, as_json: bool) -> str:
+def _line(sample: Sample, fields: Sequence[str], *, as_json: bool, utc: str | None = None) -> str:
     chosen = {k: v for k, v in sample.values.items() if not fields or k in fields}
     if as_json:
-        return json.dumps(_sample_json(sample) | {"values": chosen})
+        return json.dumps(_sample_json(sample) | {"utc": utc, "values": chosen})
     when = "" if math.isnan(sample.time_s) else f"{sample.time_s:.3f} s  "
+    when += f"{utc}  " if utc is not None else ""
     return f"{when}{sample.packet}  " + "  ".join(
         f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in chosen.items()
     )

@@ -17,7 +17,7 @@ END = "completion"
 REPLAY = "REPLAY"
 REFUSED_CLIENT = "LINK_REFUSED"  # the event that comes last when the daemon closes a connection
 REFUSED = ("acceptance", "routing")
-UNASKED = ("time", "science", *NO_PACKETS)  # packets that come anyhow
+UNASKED = ("time", "time_correlation", "science", *NO_PACKETS)  # packets that come anyhow
 HOUSEKEEPING = (3, 25)
 
 

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fsw.clock import Clock, MonotonicClock, monotonic_less_realtime_ns
+from fsw.clock import Clock, MonotonicClock, utc_correlation
 from fsw.config import Config
 from fsw.exchange.checkpoint_store import boot_id
 from fsw.exchange.ring import RingReader, RingWriter
@@ -314,7 +314,13 @@ class Service:
 
 def _epoch(clock_id: str) -> Epoch:
     """Return the origin of the monotonic clock."""
-    return Epoch(clock_id=clock_id, utc_less_met_ns=-monotonic_less_realtime_ns())
+    known = utc_correlation()
+    return Epoch(
+        clock_id=clock_id,
+        utc_less_met_ns=known.utc_less_monotonic_ns,
+        uncertainty_ns=known.uncertainty_ns,
+        synchronised=known.synchronised,
+    )
 
 
 def wait_for_turn(directory: Path) -> None:

@@ -18,6 +18,7 @@ from ground.errors import GroundError
 from ground.gateway.history import Ring
 from ground.gateway.points import EVENTS, Points, event_of
 from ground.telemetry import FILE_UNIT, UNKNOWN, Decoder, Sample
+from ground.utc import Correlation
 
 RETRY_S = 1.0
 READ_BYTES = 65536
@@ -75,6 +76,7 @@ class Feed:
         self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
         self.latest: dict[str, tuple[float, dict[str, float]]] = {}
         self.offset_ms: float | None = None  # from the daemon's clock to the time of day
+        self.correlation = Correlation()
         self.connected = False
         self.reason = "not connected yet"
         self.packets = 0
@@ -129,6 +131,7 @@ class Feed:
     def _take(self, packet: bytes) -> None:
         sample = self._decoder.decode(packet)
         self.packets += 1
+        self.correlation.take(sample)
         t_ms = self._time_of_day_ms(sample.time_s)
         if sample.packet == UNKNOWN:
             self._count_unknown(sample, t_ms)
@@ -166,10 +169,16 @@ class Feed:
         self._listener(EVENTS, t_ms, {})
 
     def _time_of_day_ms(self, time_s: float) -> float:
-        """Return a mission elapsed time as time of day; the packets that came fastest set it."""
+        """Return a mission elapsed time as time of day [ms].
+
+        The daemon's own correlation gives it while its clock is synchronised to UTC; otherwise this
+        machine's clock and the packets that came fastest.
+        """
         now_ms = time.time_ns() / 1e6
         if math.isnan(time_s):
             return now_ms
+        if self.correlation.synchronised and self.correlation.offset_s is not None:
+            return 1e3 * (self.correlation.offset_s + time_s)
         offset_ms = now_ms - 1e3 * time_s
         known_ms = self.offset_ms
         if known_ms is None or offset_ms < known_ms or offset_ms - known_ms > JUMP_MS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 import zlib
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -290,6 +291,14 @@ def is_time(sample: Sample, log: DaemonLog) -> bool:
     return first_s - 1.0 <= sample.time_s <= last_s + 1.0
 
 
+def is_correlation(sample: Sample, log: DaemonLog) -> bool:
+    """UTC is that of this machine, whose clock the daemon reads too."""
+    values = sample.values
+    apart_s = values["utc_unix_ns"] * 1e-9 - sample.time_s - (time.time() - time.monotonic())
+    steered = values["synchronised"] == "YES" or values["uncertainty_s"] > 10.0
+    return is_time(sample, log) and steered and abs(apart_s) < 1.0
+
+
 CHECKS: dict[str, Callable[[Sample, DaemonLog], bool]] = {
     "health": is_health,
     "estimate": is_estimate,
@@ -302,6 +311,7 @@ CHECKS: dict[str, Callable[[Sample, DaemonLog], bool]] = {
     "science": is_science,
     "time": is_time,
     "alive": is_time,
+    "time_correlation": is_correlation,
     "schedule_entry": is_schedule,
     "monitor_definition": is_definition,
     "monitor_status": is_status,

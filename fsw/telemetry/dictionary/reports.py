@@ -14,10 +14,10 @@ from fsw.telemetry.dictionary.codes import (
     YES_NO,
 )
 from fsw.telemetry.dictionary.events import EVENT
-from fsw.telemetry.dictionary.fields import choice, number, text
+from fsw.telemetry.dictionary.fields import YELLOW, choice, number, text
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID, TEXT_BYTES
 from fsw.telemetry.dictionary.parameters import PARAMETER, PARAMETERS, VALUE
-from fsw.telemetry.dictionary.types import Field, Packet, Severity, Type
+from fsw.telemetry.dictionary.types import Field, Limits, Packet, Severity, Type
 
 DISABLED_SLOTS = 16
 N = number("n", Type.U8, doc="the standard's N: 1; 0: there is none, and the rest is 0")
@@ -197,9 +197,27 @@ _OTHERS = (
         fields=(
             number("rate_exponent", Type.U8, doc="a report every 2^this s"),
             *CUC,
-            number("time_status", Type.U8, doc="0: not synchronised to anything"),
+            number("time_status", Type.U8, doc="0: steered by nothing; UTC: time_correlation"),
         ),
         secondary_header=False,
+    ),
+    _report(
+        9,
+        128,
+        "time_correlation",
+        "UTC of this packet's own time stamp; after every time packet",
+        (
+            number("utc_unix_ns", Type.U64, "ns", "since 1970, leap seconds not counted"),
+            number(
+                "uncertainty_s",
+                Type.F32,
+                "s",
+                "largest error of it",
+                Limits(yellow_high=1.0),
+            ),
+            choice("synchronised", YES_NO, "clock of the machine steered by UTC", NO=YELLOW),
+            text("epoch_utc", 32, "UTC of mission elapsed time 0, the epoch of the CUC"),
+        ),
     ),
     _report(
         11,

@@ -9,7 +9,7 @@ from fsw.telemetry.dictionary.types import Packet
 from fsw.telemetry.link.outbox import Priority
 from fsw.telemetry.link.packets import Packetizer
 
-FIRST = ("health", "time")
+FIRST = ("health", "time", "time_correlation")
 DUMPED = (
     "event_log_entry",
     "command_log_entry",

@@ -1,13 +1,21 @@
-"""Service 9: time packets, every power of two of seconds."""
+"""Service 9: time packets, every power of two of seconds, and with each the UTC correlation.
+
+The time code of packets is mission elapsed time, which no source of UTC moves. Ground tools date
+packets by the correlation.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 
 from fsw.telemetry.link.telecommands import Request
 from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.state.epoch import Epoch
 
 SECOND_NS = 1_000_000_000
+STAMP_NS = 60  # 2^-24 s, the last bit of a packet's time stamp
+UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class TimeReports:
@@ -45,3 +53,14 @@ class TimeReports:
             return Done.NOW
 
         return act
+
+
+def correlation_values(epoch: Epoch, t_ns: int) -> dict[str, object]:
+    """Return UTC at a mission elapsed time [ns], as the packet time_correlation has it."""
+    origin = UNIX + timedelta(microseconds=epoch.utc_less_met_ns // 1000)
+    return {
+        "utc_unix_ns": t_ns + epoch.utc_less_met_ns,
+        "uncertainty_s": (epoch.uncertainty_ns + STAMP_NS) * 1e-9,
+        "synchronised": epoch.synchronised,
+        "epoch_utc": origin.isoformat(timespec="microseconds").replace("+00:00", "Z"),
+    }

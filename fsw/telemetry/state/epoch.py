@@ -16,10 +16,14 @@ class Epoch:
     ----------
     clock_id : changes when the machine, and with it the monotonic clock, starts again
     utc_less_met_ns : time of day (CLOCK_REALTIME) less mission elapsed time [ns]
+    uncertainty_ns : largest error of that difference; not kept
+    synchronised : whether the time of day is steered by a source of UTC; not kept
     """
 
     clock_id: str
     utc_less_met_ns: int
+    uncertainty_ns: int = 0
+    synchronised: bool = False
 
     def document(self) -> dict[str, object]:
         """Return plain values, to be kept beside times."""
