@@ -45,7 +45,9 @@ def _parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser("run", help="identify from live devices until SIGTERM")
     run.add_argument("config", type=Path, metavar="CONFIG")
-    run.add_argument("--cold", action="store_true", help="begin anew, whatever was checkpointed")
+    run.add_argument(
+        "--cold", action="store_true", help="start from the prior, ignoring checkpoints"
+    )
     run.set_defaults(command=_run)
 
     replay = commands.add_parser("replay", help="identify from a recording, as fast as it goes")

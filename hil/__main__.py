@@ -300,7 +300,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _has_socketcan(choice: str, stack: ExitStack) -> bool:
-    """Tell whether the run goes over vcan0, held until the stack is left."""
+    """Return whether the run goes over vcan0, held until the stack is left."""
     from hil.run.live import LiveError
     from hil.vcan import kernel
 

@@ -1,4 +1,4 @@
-"""What the configured rates ask of the links: bus load, line load, and each sensor's delay.
+"""Load of buses and lines, and delay of every sensor, at the configured rates.
 
 Worst cases only, computed before any device is opened. Frame lengths are those of docs/icd.md.
 """

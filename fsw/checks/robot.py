@@ -97,6 +97,6 @@ def _known_links(config: Config, model: RobotModel) -> list[tuple[str, FloatArra
 
 
 def _possible(pi: FloatArray) -> bool:
-    """Tell whether a body can have these parameters; point masses and thin rods can."""
+    """Return whether a body can have these parameters; point masses and thin rods can."""
     moments = np.linalg.eigvalsh(pseudo_inertia(pi))
     return bool(moments[0] >= -1e-9 * moments[-1])

@@ -56,7 +56,7 @@ def check_urdf(content: bytes) -> None:
 
     Raises
     ------
-    ConfigError whose text goes on after the file's name.
+    ConfigError whose text follows the file's name.
     """
     if len(content) > MAX_BYTES:
         raise ConfigError(f"has {len(content)} bytes; must be at most {MAX_BYTES}")

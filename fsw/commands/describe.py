@@ -1,4 +1,4 @@
-"""What the daemon would do with a configuration, in words for `fsw check`."""
+"""A configuration in words, for `fsw check`."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ REPLAYED = (
 
 
 class RecordingFeed:
-    """Messages of a recording, handed out topic by topic as simulated time goes on."""
+    """Messages of a recording, handed out topic by topic as simulated time passes."""
 
     def __init__(self, records: Iterator[Record], topics: Sequence[str]) -> None:
         self._records = records
@@ -151,7 +151,7 @@ class ReplayBytePort:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayResult:
-    """What a replay gave; estimate None: no window could be used."""
+    """Result of a replay; estimate None: no window could be used."""
 
     estimate: Estimate | None
     unknown: tuple[str, ...]
@@ -301,7 +301,7 @@ def _ports(config: Config, feed: RecordingFeed) -> Ports:
 def _plan(daemon: Daemon, commands: Sequence[Record], checkpoint: bytes | None) -> int | None:
     """Plan the recorded commands; return when the run ended [ns], None if it was killed.
 
-    A run that went on from a checkpoint is begun from the same one.
+    A run that continued from a checkpoint starts from the same one.
     """
     end_ns = None
     for record in commands:

@@ -1,4 +1,4 @@
-"""What every section of the configuration shares: strictness, and types with bounds."""
+"""Base of all sections of the configuration: strictness, and types with bounds."""
 
 from typing import Annotated, Literal
 

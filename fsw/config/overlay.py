@@ -16,7 +16,7 @@ S = TypeVar("S", bound=Section)
 
 
 def overlay(config: Config, changes: Mapping[str, Any]) -> Config:
-    """Return the configuration with changes laid over it.
+    """Return the configuration with changes applied.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is done with the samples: the loop, the estimator, the orbit."""
+"""Sections of processing: loop, estimator, orbit."""
 
 from __future__ import annotations
 

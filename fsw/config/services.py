@@ -1,4 +1,4 @@
-"""What the daemon keeps and offers: recordings, local state."""
+"""Sections of the service process: recordings, local state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class RecorderConfig(Section):
     directory: Path | None = None
     compression: Literal["zstd", "lz4", "none"] = "zstd"
     chunk_bytes: int = Field(default=65536, ge=4096)
-    part_bytes: int | None = Field(default=1 << 30, ge=65536)  # a recording goes on in a new file
+    part_bytes: int | None = Field(default=1 << 30, ge=65536)  # a recording continues in a new file
     part_s: Positive | None = 3600.0
 
 

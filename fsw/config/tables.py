@@ -53,7 +53,7 @@ class TrackerNoise(Section):
 
 
 class ModelNoise(Section):
-    """What the model leaves out."""
+    """Effects that the model leaves out."""
 
     wrench_force_sigma_n: ForceNoise | None = None
     wrench_torque_sigma_nm: TorqueNoise | None = None

@@ -56,7 +56,7 @@ class Config(Section):
 
     @property
     def name(self) -> str:
-        """What messages call this configuration: its file."""
+        """Name of this configuration in messages: its file."""
         return self._name
 
     @property
@@ -65,7 +65,7 @@ class Config(Section):
         return self._source
 
     def as_read(self) -> Self:
-        """Return the configuration its text gives: what was laid over it since is left out."""
+        """Return the configuration its text gives: later changes are left out."""
         if not self._source:
             return self
         data = read_yaml(self._source, aliases=True)
@@ -117,7 +117,7 @@ class Config(Section):
         for i, joint in enumerate(self.joints):
             if joint.bus not in names:
                 raise ValueError(
-                    f"joints.{i}.bus: {joint.bus!r} is none of the buses {sorted(names)}"
+                    f"joints.{i}.bus: {joint.bus!r} is not one of the buses {sorted(names)}"
                 )
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")

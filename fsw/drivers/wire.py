@@ -1,4 +1,4 @@
-"""What crosses between ports and codecs: stamped bytes and frames, and the port protocols."""
+"""Stamped bytes and frames between ports and codecs, and the protocols of ports."""
 
 from __future__ import annotations
 

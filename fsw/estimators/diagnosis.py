@@ -41,7 +41,7 @@ class Combination:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What is known, how well, and from where."""
+    """Knowledge of the parameters: how much, and from which source."""
 
     correlation: FloatArray  # (p, p)
     crb_sigma: FloatArray  # (p,) root of the bound's diagonal, prior included
@@ -216,7 +216,7 @@ def verdict(
 ) -> str:
     """Say in a sentence how well a body's mass is known and how much longer a goal needs.
 
-    The data's information is taken to go on growing at its mean rate so far.
+    The data's information is assumed to continue growing at its mean rate so far.
     """
     ratio = sigma_kg / abs(mass_kg) if mass_kg else float("inf")
     rate = (sigma_kg**-2 - prior_sigma_kg**-2) / duration_s if duration_s > 0 else 0.0

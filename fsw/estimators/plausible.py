@@ -23,7 +23,7 @@ LIMITS = {
 
 
 def plausible(block: Block) -> bool:
-    """Tell whether every value is finite and within the widest physical limits."""
+    """Return whether every value is finite and within the widest physical limits."""
     return all(
         bool(np.all(np.abs(getattr(block, name)) <= limit)) for name, limit in LIMITS.items()
     )

@@ -1,6 +1,6 @@
 """Work cut into bounded units: a generator that yields after each and returns the result.
 
-Whoever runs it decides how many units a tick may hold; the result does not depend on that.
+The caller decides how many units run in a tick; the result does not depend on that.
 """
 
 from __future__ import annotations

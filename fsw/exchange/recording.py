@@ -206,7 +206,7 @@ class Record:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What a recording holds besides messages."""
+    """Content of a recording besides messages."""
 
     topics: tuple[str, ...]
     attachments: dict[str, bytes]

@@ -19,7 +19,7 @@ BODY_STATES = 10  # per body, in front of all others
 class Mode(StrEnum):
     """How much of a checkpoint is taken over."""
 
-    EXACT = "exact"  # go on as if nothing had happened
+    EXACT = "exact"  # continue as if nothing had happened
     BODIES = "bodies"  # only what is known of the bodies; everything of the sensors may be new
 
 
@@ -71,7 +71,7 @@ class Restart:
     age_s: float | None  # None: another boot, the age is not known
 
     def text(self) -> str:
-        """Return what an operator is told."""
+        """Return the text of the event."""
         number = self.checkpoint.sequence
         if self.age_s is None:
             return f"checkpoint {number} of another boot; the bodies' part of it"
@@ -105,7 +105,7 @@ def put_back(estimator: object, snapshot: Snapshot) -> Estimate:
 
 
 def put_back_bodies(estimator: object, snapshot: Snapshot) -> Estimate:
-    """Take the bodies' marginal as the prior of a new identification; all else is unknown again.
+    """Use the bodies' marginal as the prior of a new identification; all else is unknown again.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def judge(checkpoint: Checkpoint, boot_id: str, now_ns: int, hold_s: float) -> R
 def resume(
     found: Restart, estimator: Resettable, aligner: Aligner, sink: Sink, now_ns: int
 ) -> Estimate | None:
-    """Continue from a checkpoint; None, told as an event, when it does not fit.
+    """Continue from a checkpoint; None, reported as an event, when it does not fit.
 
     An exact continuation keeps the windows on their grid, so that the time of everything that is
     counted from the first SYNC stays what it was.

@@ -1,4 +1,4 @@
-"""What a trajectory, or data already recorded, tells about the unknown bodies."""
+"""Information of a trajectory or of a recording about the unknown bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fsw.messages import Block, FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Growth:
-    """Predicted sigmas of the reported quantities while a motion goes on."""
+    """Predicted sigmas of the reported quantities during a motion."""
 
     t_s: FloatArray  # (m,)
     sigma: FloatArray  # (m, p)

@@ -22,7 +22,7 @@ from fsw.messages import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Geometry:
-    """What the expressions need of the arm: placements, axes and the tool."""
+    """Geometry of the arm for the expressions: placements, axes and the tool."""
 
     R: tuple[FloatArray, ...]  # joint i in its parent at zero, (3, 3)
     p: tuple[FloatArray, ...]  # (3,)

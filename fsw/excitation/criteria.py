@@ -34,7 +34,7 @@ POWER = 8  # of the power mean in place of an extreme eigenvalue
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scale:
-    """What turns the covariance of the state into the reported quantities'."""
+    """Matrix from the covariance of the state to that of the reported quantities."""
 
     T: FloatArray  # (p, p) d(report)/d(pi)
     prior_sigma: FloatArray  # (p,) of the reported quantities

@@ -52,7 +52,7 @@ class InfeasibleError(FswError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What is asked for, besides the subject and the limits."""
+    """A request, besides its subject and limits."""
 
     criterion: criteria.Name = "sigma"
     gamma: criteria.Gamma = PAPER_GAMMA
@@ -181,7 +181,7 @@ class Planner:
         return np.asarray((rest + low * direction).ravel())
 
     def feasible(self, z: FloatArray) -> bool:
-        """Tell whether all limits hold on the optimiser's grid, a margin kept, for every body."""
+        """Return whether all limits hold on the optimiser's grid, a margin kept, for every body."""
         rows = self.rows.rows(z, self.members)
         return all(bool(np.all(r.value <= r.upper) and np.all(r.value >= r.lower)) for r in rows)
 

@@ -1,4 +1,4 @@
-"""What is to be identified, and what is already known of it: the fixed part of one request."""
+"""The bodies to be identified and the prior knowledge of them: the fixed part of a request."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 An incident is open from its first finding until none has come for the recovery time. What windows
 show is known of a time only when its window has been judged, so the recovery time begins then: a
-fault that goes on is one incident, however short that time. A finding that
+fault that continues is one incident, however short that time. A finding that
 an open incident explains (a silent node of a bus that is off) is a consequence: counted as such, it
 keeps the incident open and raises nothing of its own.
 """
@@ -135,7 +135,7 @@ class Incidents:
         return events
 
     def is_open(self, fault: Fault, subject: str) -> bool:
-        """Tell whether an incident goes on."""
+        """Return whether an incident is open."""
         return (fault, subject) in self._open
 
     def status(self) -> dict[str, object]:

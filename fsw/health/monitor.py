@@ -1,4 +1,4 @@
-"""The daemon's health: what everybody found, what follows for the window, what is told.
+"""The daemon's health: findings in, marks on windows and events out.
 
 What changes an estimate depends on stamped samples and windows alone, so a replay isolates the same
 samples. Silence and overruns, which only a clock shows, change nothing but events.
@@ -50,7 +50,7 @@ class Health:
         return sample if self._stuck is None else self._stuck.screen(sample)
 
     def take(self, findings: Iterable[Finding], now_ns: int) -> None:
-        """Take findings in, in order."""
+        """Accept findings in order."""
         for finding in findings:
             event = self._incidents.take(finding, now_ns)
             if event is not None:

@@ -85,7 +85,7 @@ class RotationMonitor:
         return window, [f for f in findings if f.text]
 
     def _forget(self) -> None:
-        """Start anew: without the gyro nothing ties the next solution to the last."""
+        """Restart: without the gyro nothing ties the next solution to the last."""
         self._trusted = self._newest = None
         self._bad_pairs = self._good_pairs = self._off = 0
 

@@ -19,7 +19,7 @@ FALSE_ALARM = 1e-12  # per sample
 QUIETER = 3.0
 TORQUE_STEP_NM: Mapping[str, float] = {"classic": 1e-2, "fd": 1e-4}
 CLUSTER_SAMPLES = 3  # equal vectors of three noisy 24-bit readings: below 1e-12 for any real unit
-REPEAT_NS = 100_000_000  # what is still stuck is told again after so long
+REPEAT_NS = 100_000_000  # what is still stuck is reported again after so long
 
 
 def equal_readings(step: float, sigma: float) -> int:
@@ -42,7 +42,7 @@ class _Run:
         self._told_ns: int | None = None
 
     def add(self, reading: object) -> bool:
-        """Take a reading in; True while the channel is stuck."""
+        """Accept a reading; True while the channel is stuck."""
         if reading != self.newest:
             self.newest, self.count, self._told_ns = reading, 1, None
             return False
@@ -50,7 +50,7 @@ class _Run:
         return bool(self.limit) and self.count >= self.limit
 
     def is_to_be_told(self, t_ns: int) -> bool:
-        """Tell whether it is stuck anew, or has been for a while since it was told."""
+        """Return whether a report is due: newly stuck, or stuck for long since the last report."""
         if self._told_ns is not None and t_ns - self._told_ns < REPEAT_NS:
             return False
         self._told_ns = t_ns

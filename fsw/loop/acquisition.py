@@ -43,7 +43,7 @@ class FrameSource(Protocol):
         ...
 
     def watch(self, now_ns: int, *, up: bool) -> None:
-        """Take in whether the bus has its port."""
+        """Note whether the bus has its port."""
         ...
 
     def next_sync(self) -> tuple[int, bytes]:
@@ -51,7 +51,7 @@ class FrameSource(Protocol):
         ...
 
     def sync_sent(self) -> None:
-        """Take note that the next SYNC is out."""
+        """Note that the next SYNC was sent."""
         ...
 
     def events(self) -> Sequence[tuple[str, str, str]]:
@@ -92,11 +92,11 @@ class Selector(Protocol):
 
     @property
     def name(self) -> str:
-        """What the active bus is called."""
+        """Name of the active bus."""
         ...
 
     def hear(self) -> None:
-        """Take note of a frame of a configured node, read from the active bus just now."""
+        """Note a frame of a configured node, read from the active bus just now."""
         ...
 
     def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:
@@ -137,7 +137,7 @@ class BusInput:
         self._newest_ns = -(1 << 62)
         self.overflowed = 0  # received frames the port had no room for
         self.unsent = 0  # frames its transmit queue had no room for
-        self._trouble = (0, 0)  # of both, as last told
+        self._trouble = (0, 0)  # of both, as last reported
         self._told_ns = self._newest_ns
         self.pending: list[CanFrame] = []
 
@@ -225,7 +225,7 @@ class BusInput:
         return self.source.feed(ready) if ready else ()
 
     def watch(self, now_ns: int) -> None:
-        """Tell the source whether it has its port; a lost one is an event of its own."""
+        """Report to the source whether it has its port; a lost port is an event."""
         self.source.watch(now_ns, up=self.link.up)
 
     def _send(self, can_id: int, data: bytes) -> bool:
@@ -244,7 +244,7 @@ class BusInput:
         return True
 
     def _is_answer(self, frame: CanFrame) -> bool:
-        """Tell whether a frame came after the computer's first word on this bus.
+        """Return whether a frame came after the computer's first word on this bus.
 
         Older ones have waited in the port; their nodes may have toggled away since.
         """

@@ -80,7 +80,7 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
 
 
 def run_live(config: Config, *, cold: bool = False) -> int:
-    """Run until told to stop; return the exit code. `cold` ignores checkpoints.
+    """Run until it is stopped; return the exit code. `cold` ignores checkpoints.
 
     Returns RESTART_EXIT when a restart was commanded.
 

@@ -27,14 +27,14 @@ KEPT_AFTER = (
     CommandName.SAVE_STATE,
     CommandName.RESTORE_STATE,
 )
-# after which the estimator begins anew: windows that began before are of the time before
+# the estimator restarts at its prior after these: windows that began earlier are left out
 ANEW = (CommandName.RESET, CommandName.RESUME, CommandName.CONFIGURE)
 # that may leave the estimator neither as it was nor as it is to be, when they fail
 UNFINISHED = (CommandName.FINISH, CommandName.ADOPT, CommandName.RESTORE_STATE)
 
 
 class Resettable(Protocol):
-    """What commands need of the estimator."""
+    """The part of an estimator that commands use."""
 
     def work(self) -> bool:
         """Do one bounded unit of background work; True while more is due."""
@@ -223,7 +223,7 @@ class Dispatcher:
         table that has been replaced since.
         """
         if self._reconfigure is None:
-            raise CommandError(Code.NOT_SUPPORTED, "nothing here can be configured anew")
+            raise CommandError(Code.NOT_SUPPORTED, "no configuration can be changed here")
         try:
             self._estimator = self._reconfigure(changes)
         except ConfigError as error:

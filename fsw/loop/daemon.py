@@ -87,7 +87,7 @@ class Daemon:
         return self.executive.step()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Tick until told to stop, by `stop` or by command."""
+        """Tick until stopped by `stop` or by a command."""
         while not (stop() or self.dispatcher.stop_requested):
             self.step()
 

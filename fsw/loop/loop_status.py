@@ -1,4 +1,4 @@
-"""What the loop counts, as plain values: ticks, samples, links, buses, windows."""
+"""The loop's counters as plain values: ticks, samples, links, buses, windows."""
 
 from __future__ import annotations
 

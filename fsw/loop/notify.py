@@ -1,4 +1,4 @@
-"""What systemd is told: ready, stopping, and that the daemon is healthy. Source: sd_notify(3)."""
+"""Notifications to systemd: ready, stopping, healthy. Source: sd_notify(3)."""
 
 from __future__ import annotations
 

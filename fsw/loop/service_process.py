@@ -79,7 +79,7 @@ class ServiceProcess:
         return commands_of(self._commands)
 
     def watch(self) -> bool:
-        """Start the service again if it has died; tell whether it is alive and at work."""
+        """Start the service again if it has died; return whether it is alive and at work."""
         now_ns = self._clock.now_ns()
         if self._gave_up:
             return False

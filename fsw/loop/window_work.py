@@ -35,17 +35,17 @@ class WindowWork:
         return len(self._closed) > (self._job is None)
 
     def add(self, windows: Iterable[Window]) -> None:
-        """Take windows that have closed in this tick."""
+        """Accept the windows that closed in this tick."""
         self._closed += windows
         self._fresh = True
 
     def take_fresh(self) -> bool:
-        """Tell whether a window has closed since the last call."""
+        """Return whether a window has closed since the last call."""
         fresh, self._fresh = self._fresh, False
         return fresh
 
     def advance(self) -> None:
-        """Do one unit of the window at hand; where there is none, begin the next."""
+        """Do one unit of the current window; without one, begin the next."""
         if self._job is None and self._closed:
             self._job = self._use(self._closed.popleft())
         if self._job is not None and next(self._job, ENDED) is ENDED:

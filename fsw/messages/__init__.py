@@ -125,7 +125,7 @@ class BodyEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimate:
-    """What the estimator publishes: never a mean without its covariance and validity."""
+    """A published estimate: never a mean without its covariance and validity."""
 
     t_ns: int
     valid: bool

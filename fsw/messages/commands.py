@@ -17,7 +17,7 @@ MAX_LAST_S = 1e6  # as the telecommand RUN_BATCH has it
 
 
 class CommandName(StrEnum):
-    """What the daemon can be told."""
+    """Commands of the daemon."""
 
     STATUS = "status"  # answered by the service from the newest summary
     RESET = "reset"  # estimator back to its prior
@@ -27,7 +27,7 @@ class CommandName(StrEnum):
     ABORT_BATCH = "abort_batch"
     ADOPT = "adopt"  # make the last batch result the online estimator's prior
     REST = "rest"  # windows are stored but no longer identified from
-    RESUME = "resume"  # go on identifying
+    RESUME = "resume"  # continue identifying
     CONFIGURE = "configure"  # other unknowns, noise, robot or settings: begin at the prior
     SAVE_STATE = "save_state"  # checkpoint now, and remember the state to come back to
     RESTORE_STATE = "restore_state"  # back to what was saved, or restored at the start
@@ -64,7 +64,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """What became of a command."""
+    """The answer to a command."""
 
     id: int
     command: str
@@ -113,7 +113,8 @@ def parse_command(line: bytes, command_id: int) -> Command:
     text = data.pop("command").replace("-", "_").lower()
     if text not in set(CommandName):
         raise CommandError(
-            Code.UNKNOWN_COMMAND, f"{brief(text)} is none of {[str(name) for name in CommandName]}"
+            Code.UNKNOWN_COMMAND,
+            f"{brief(text)} is not one of {[str(name) for name in CommandName]}",
         )
     name = CommandName(text)
     if name is CommandName.RUN_BATCH:
@@ -139,7 +140,9 @@ def _batch_args(data: dict[str, Any]) -> dict[str, Any]:
         )
     method = data.get("method")
     if method not in METHODS:
-        raise CommandError(Code.BAD_ARGUMENT, f"method {brief(method)} is none of {list(METHODS)}")
+        raise CommandError(
+            Code.BAD_ARGUMENT, f"method {brief(method)} is not one of {list(METHODS)}"
+        )
     unknown = _unknown(data)
     last_s = data.get("last_s")
     if last_s is not None and not _is_duration(last_s):

@@ -1,6 +1,6 @@
-"""What a part of the daemon finds wrong: one code per fault, found by a rule of stamps and values.
+"""Findings: one code per fault, found by a rule on stamps and values.
 
-Whoever sees it first (source, conditioning, estimator, health monitor) makes a `Finding`;
+The part that sees a fault first (source, conditioning, estimator, monitor) makes a `Finding`;
 `fsw.health` turns findings into incidents with hysteresis, events and counters.
 """
 

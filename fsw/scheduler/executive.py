@@ -27,7 +27,7 @@ class Executive:
     period_ns : tick period [ns]
     tasks : table; every row whose rate group is due runs, in table order
     wake_fds : descriptors that may end the wait early
-    drain : run after an early wake, nothing else; then the wait goes on
+    drain : run after an early wake, nothing else; then the wait continues
     """
 
     def __init__(

@@ -63,7 +63,7 @@ class Slips:
 
 
 def is_due(divisor: int, index: int, previous: int) -> bool:
-    """Tell whether a multiple of `divisor` lies in (previous, index].
+    """Return whether a multiple of `divisor` lies in (previous, index].
 
     A rate group whose own grid point was skipped runs at the next tick instead of a period later.
     """

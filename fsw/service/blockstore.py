@@ -76,7 +76,7 @@ def _unpack(row: np.void) -> Block:
 class BlockWriter:
     """The writing end; the file is made when the first block comes.
 
-    `keep` goes on in the file of a writer that has died.
+    `keep` continues the file of a writer that has died.
 
     Raises
     ------

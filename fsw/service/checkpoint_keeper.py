@@ -19,7 +19,7 @@ class CheckpointKeeper:
 
     Parameters
     ----------
-    report : told when writing fails, once until it succeeds again: severity, code, text
+    report : called once when writing fails, until it succeeds again: severity, code, text
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class CheckpointKeeper:
         self.configured(config)
 
     def configured(self, config: Config) -> None:
-        """Take the configuration in force: whose checkpoints are written from now on."""
+        """Adopt the effective configuration for checkpoints written from now on."""
         if config.service.checkpoint_period_s is None:
             return
         try:
@@ -47,7 +47,7 @@ class CheckpointKeeper:
             self._blocks[block.index] = block
 
     def adopt(self, sequence: int) -> bytes | None:
-        """Take over the blocks of the checkpoint a run continues from; return its bytes."""
+        """Adopt the blocks of the checkpoint this run continues from; return its bytes."""
         if self._store is None:
             return None
         data, checkpoint = self._store.find(sequence)
@@ -81,7 +81,7 @@ class CheckpointKeeper:
         return [index for index in wanted if index not in self._blocks]
 
     def _take_back(self, store: CheckpointStore, grid_ns: int | None) -> None:
-        """Take blocks from what was written before, by a service of the same loop that has died.
+        """Read blocks from the checkpoint of a service of the same loop that has died.
 
         Only on the same grid does an index mean the same block.
         """

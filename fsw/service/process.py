@@ -62,7 +62,7 @@ class Service:
     def __init__(
         self, config: Config, clock: Clock, down: RingReader, up: RingWriter, *, resume: bool
     ) -> None:
-        """`resume`: go on where a service process of the same loop has died."""
+        """`resume`: continue the files of a service process of the same loop that has died."""
         self._config, self._clock, self._resume = config, clock, resume
         self._down, self._up = down, up
         self._directory = config.resolve(config.service.state_directory)
@@ -81,7 +81,7 @@ class Service:
         self._drops_told = 0
 
     def _resumed(self, path: Path) -> BlockWriter:
-        """Go on in the store of a service that has died; a store that is none is begun anew."""
+        """Reopen the block store of a crashed service; start a new one if the file is none."""
         try:
             for block in read_blocks(path):
                 self._keeper.block(block)
@@ -121,7 +121,7 @@ class Service:
             self._telemetry.open()
 
     def cycle(self) -> bool:
-        """Take what the ring holds, serve clients, follow the worker; False at the loop's end."""
+        """Empty the ring, serve clients, follow the worker; False when the loop has ended."""
         going = True
         taken = 0
         for record in self._down.read(BATCH_RECORDS):
@@ -235,14 +235,14 @@ class Service:
             self._control.reply(reply)
 
     def _configured(self, config: Config) -> None:
-        """Take what was laid over the configuration: all that is written is to go with it."""
+        """Adopt the effective configuration for everything written from now on."""
         self._config = config
         self._switch.configured(config)
         self._keeper.configured(config)
         self._jobs.config = config
 
     def _counted_before(self) -> Mapping[str, int]:
-        """Return the events that the service which died had counted, as far as it told."""
+        """Return the event counts in the status file of the service that died."""
         try:
             status = json.loads((self._directory / STATUS_NAME).read_text())
         except (OSError, ValueError):
@@ -332,7 +332,7 @@ def wait_for_turn(directory: Path) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         fcntl.flock(os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT), fcntl.LOCK_EX)
     except OSError:
-        return  # a directory that cannot be written is told by everything that is to be written
+        return  # whatever is to be written there reports the directory
 
 
 def serve(service: Service, down: RingReader, parent: int, clock: Clock) -> int:

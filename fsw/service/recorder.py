@@ -36,7 +36,7 @@ from fsw.messages.errors import ConfigError
 
 CONFIGURATION = "configuration.yaml"
 ROBOT = "robot.urdf"
-CHECKPOINT = "checkpoint.bin"  # what the recorded run went on from
+CHECKPOINT = "checkpoint.bin"  # what the recorded run continued from
 CHUNK_PERIOD_NS = 1_000_000_000  # a chunk is finished at least this often
 RETRY_NS = 500_000_000  # after a failure, a new part is tried this often
 SOON = -1  # failed, and the time of the next attempt not set yet
@@ -137,7 +137,7 @@ class RecorderSink:
     Parameters
     ----------
     writer : the open recording; None: `parts` is to be tried
-    report : told when writing fails (disk full) and when it goes on: severity, code, text
+    report : called when writing fails (disk full) and when it continues: severity, code, text
     parts : opens the next file when one is full or has failed; None: the first file is the only one
     part_bytes, part_s : when a file is full; None: never
     """
@@ -244,7 +244,7 @@ class RecorderSink:
         self._last_path = self._writer.path
         self._began_ns, self._chunk_ns, self._retry_ns = t_ns, t_ns, 0
         if code is not None:
-            text = f"{self._last_path}: goes on; {self.lost} messages were lost"
+            text = f"{self._last_path}: recording continues; {self.lost} messages were lost"
             self._report("medium", code, text)
 
     def _write(self, count: int, write: Callable[[RecordingWriter], None]) -> None:

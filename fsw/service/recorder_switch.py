@@ -34,7 +34,7 @@ class RecorderSwitch:
         return self._lost + (0 if self.sink is None else self.sink.lost)
 
     def configured(self, config: Config) -> None:
-        """Take the configuration that the next recording will carry."""
+        """Adopt the configuration that the next recording carries."""
         self._config = config
 
     def open(self, *, resume: bool) -> None:

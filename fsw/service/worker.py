@@ -31,7 +31,7 @@ RunBatch = Callable[[Config, Sequence[Block], str, tuple[str, ...], Progress], M
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """What the worker needs."""
+    """Input of the worker."""
 
     config: Config
     request: BatchRequest

@@ -29,7 +29,7 @@ class BusToggle:
         self._deadline_ns = t_ns + self._patience_ns()
 
     def heard(self, t_ns: int) -> None:
-        """Take the master's heartbeat on the bus the node listens on."""
+        """Accept the master's heartbeat on the bus the node listens on."""
         self.bdefault, self.ctoggle = self.line, 0
         self._deadline_ns = t_ns + self._patience_ns()
 

@@ -117,7 +117,7 @@ class CanSegment:
         return {joint: node for joint, node in self.nodes.items() if node.line == line}
 
     def on_frame(self, t_ns: int, can_id: int, data: bytes, line: int = 0) -> list[TimedFrame]:
-        """Take a frame of the host; return what the nodes of that line answer, in bus order."""
+        """Accept a frame of the host; return what the nodes of that line answer, in bus order."""
         listening = self._listening(t_ns, line)
         nodes = listening.values()
         if can_id == canopen.SYNC_ID and len(data) == 1:

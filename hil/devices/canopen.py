@@ -37,7 +37,7 @@ class NodeState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a node measured at one latch, in its own sign and zero."""
+    """Measurement of a node at one latch, in its own sign and zero."""
 
     position_rad: float
     velocity_rad_s: float

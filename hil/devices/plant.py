@@ -136,7 +136,7 @@ class Plant:
     def on_frame(
         self, t_ns: int, can_id: int, data: bytes, bus: str | None = None, line: int = 0
     ) -> list[TimedFrame]:
-        """Take a frame the host sent at `t_ns`; return the answers with their arrival times."""
+        """Accept a frame the host sent at `t_ns`; return the answers with their arrival times."""
         if can_id == SYNC_ID:
             self.clock.start(t_ns)
         return self._bus(bus).on_frame(t_ns, can_id, data, line)

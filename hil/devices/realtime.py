@@ -204,7 +204,7 @@ class PtyEnd:
         return self._back_ns is None
 
     def hang_up(self, back_ns: int) -> None:
-        """Take the terminal away until a time, as when a converter is unplugged."""
+        """Remove the terminal until a time, as when a converter is unplugged."""
         if self._back_ns is None:
             self.close()
         self._back_ns = back_ns
@@ -262,7 +262,7 @@ def serve(
     stopping: Callable[[], bool],
     hang_ups: list[int],
 ) -> None:
-    """Answer and transmit until told to stop; hang the first terminal up when told so.
+    """Answer and transmit until it is stopped; hang up the first terminal on request.
 
     Serial bytes are discarded until the first SYNC: nobody listens before the host is up.
     """

@@ -79,7 +79,7 @@ class StarTracker:
         return sagitta.frame(sagitta.solution_payload(solution))
 
     def write(self, t_ns: int, data: bytes) -> None:
-        """Take bytes from the host; answers go out a little later."""
+        """Accept bytes from the host; answers follow a little later."""
         self._advance(t_ns)
         for payload in self._requests.feed(data):
             ids = sagitta.subscription_of(payload)

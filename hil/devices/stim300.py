@@ -31,7 +31,7 @@ _REVERSE = bytes(int(f"{i:08b}"[::-1], 2) for i in range(256))
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What one datagram identifier carries."""
+    """Content of the datagrams of one identifier."""
 
     acc: bool
     incl: bool

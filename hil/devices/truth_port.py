@@ -1,4 +1,4 @@
-"""What the devices need to know of the truth: its state as a function of time.
+"""The devices' view of the truth: its state as a function of time.
 
 Frames: N inertial, B base body; `R_NB` takes B components to N. SI units.
 """

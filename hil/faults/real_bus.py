@@ -74,7 +74,7 @@ class Babble:
         self.sent = 0
 
     def run(self) -> None:
-        """Send until told to stop.
+        """Send until it is stopped.
 
         The frames are made before, and all that are due are sent at once: a slow processor that
         others need too does not slow the babble down.
@@ -110,7 +110,7 @@ class Echo:
         self.sent = 0
 
     def run(self) -> None:
-        """Repeat until told to stop."""
+        """Repeat until it is stopped."""
         only = [{"can_id": self._can_id, "can_mask": 0x7FF}]
         with can.Bus(interface="socketcan", channel=self._channel, can_filters=only) as bus:
             while not self._stop.is_set():
@@ -128,7 +128,7 @@ class Echo:
 
 @contextmanager
 def running(disturbance: Babble | Echo) -> Iterator[None]:
-    """Let a disturbance go on beside what the block does; what stopped it early is raised."""
+    """Run a disturbance beside what the block does; what stopped it early is raised."""
     with ThreadPoolExecutor(1, "disturbance") as pool:
         ended = pool.submit(disturbance.run)
         try:

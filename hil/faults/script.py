@@ -38,7 +38,7 @@ def install(
     for index, entry in enumerate(entries):
         put = TYPES.get(entry.type)
         if put is None:
-            raise ScenarioError(f"faults: type {entry.type!r} is none of {sorted(TYPES)}")
+            raise ScenarioError(f"faults: type {entry.type!r} is not one of {sorted(TYPES)}")
         place = Place(entry, world, 1000 * seed + index, reference, start_ns)
         put(place)
         places.append(place)

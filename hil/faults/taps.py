@@ -299,7 +299,7 @@ def sagitta_fields(
 
 
 def is_tpdo1(frame: TimedFrame) -> bool:
-    """Tell whether a frame carries a joint's position and torque."""
+    """Return whether a frame carries a joint's position and torque."""
     return TPDO1_ID < frame[1] <= TPDO1_ID + NODE_MASK
 
 

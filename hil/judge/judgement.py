@@ -1,4 +1,4 @@
-"""What a run is worth: the case it is judged against, its JSON, and the story of its picture."""
+"""Judgement of a run: its case, its JSON, and the series of its picture."""
 
 from __future__ import annotations
 

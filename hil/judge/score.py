@@ -45,7 +45,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
-    """What a result is judged against."""
+    """The truth and prior that a result is judged against."""
 
     unknown: tuple[str, ...]
     truth: dict[str, FloatArray]  # reports

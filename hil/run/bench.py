@@ -73,7 +73,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
-    """What a run left behind."""
+    """Output of a run."""
 
     estimates: Sequence[Estimate]
     blocks: Sequence[Block]

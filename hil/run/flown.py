@@ -20,7 +20,7 @@ from hil.world.scenario import load
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flown:
-    """What a flight gave; the robot is read, the flight's folder is gone."""
+    """Output of a flight; its robot is read, its folder is deleted."""
 
     config: Config
     model: RobotModel

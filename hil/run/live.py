@@ -33,7 +33,7 @@ class LiveError(RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What the processes left behind."""
+    """Output of the processes."""
 
     recordings: tuple[Path, ...]  # the parts this run has left
     final: Mapping[str, Any]  # the last /estimate message

@@ -47,7 +47,7 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 @contextmanager
 def meter(title: str, total_s: float, console: Console) -> Iterator[Meter]:
-    """Show a bar on the console while the run goes on."""
+    """Show a bar on the console during the run."""
     columns = (
         TextColumn(title),
         BarColumn(bar_width=20),

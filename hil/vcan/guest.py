@@ -82,7 +82,7 @@ class Session:
         os.set_blocking(wake_in, False)
         signal.signal(signal.SIGCHLD, lambda _number, _frame: None)
         signal.set_wakeup_fd(wake_in, warn_on_full_buffer=False)
-        self._pipes: dict[int, int] = {}  # what the command writes to, and where that goes
+        self._pipes: dict[int, int] = {}  # descriptors the command writes to, and their targets
         ends = []
         for line in (out, err):
             read, write = os.pipe()
@@ -122,7 +122,7 @@ class Session:
                     return code
 
     def _reap(self) -> int | None:
-        """Take in every ended process; return the command's return code when it is among them."""
+        """Accept every ended process; return the command's return code when it is among them."""
         while True:
             try:
                 pid, status = os.waitpid(-1, os.WNOHANG)
@@ -167,7 +167,7 @@ def power_off() -> None:
 
 
 def main() -> None:
-    """Serve the job of the file named on the command line; any failure is told and ends it."""
+    """Serve the job of the file named on the command line; any failure is reported and ends it."""
     job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     out, err, control = (raw_line(number) for number in range(3))
     end: dict[str, Any]

@@ -1,4 +1,4 @@
-"""What `hil vcan` runs, and how it ends when not with the command's own exit status.
+"""The job of `hil vcan`, and its exit codes besides those of the command.
 
 The numbers are those of timeout(1) and the shell.
 """

@@ -21,7 +21,7 @@ FORWARDED = (signal.SIGTERM, signal.SIGHUP)
 
 
 def has_can() -> bool:
-    """Tell whether raw CAN sockets can be opened here."""
+    """Return whether raw CAN sockets can be opened here."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError:

@@ -1,4 +1,4 @@
-"""What the plant did, continuous in time: recorded nodes and Hermite interpolation between them."""
+"""The plant's motion, continuous in time: recorded nodes and Hermite interpolation between them."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def report_covariance(pi: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def is_physical(report: FloatArray, margin_ratio: float = 0.0) -> bool:
-    """Tell whether a body of positive density can have these parameters.
+    """Return whether a body of positive density can have these parameters.
 
     Positive mass, and each principal moment below the sum of the other two by `margin_ratio` of
     that sum: the same as a positive definite pseudo-inertia.

@@ -117,7 +117,7 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """What the flight side is told of an unknown body: report and 1 sigma, (10,) each."""
+    """The flight side's prior of an unknown body: value and 1 sigma, (10,) each."""
 
     report: FloatArray
     sigma: FloatArray

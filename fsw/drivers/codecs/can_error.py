@@ -17,7 +17,7 @@ _COUNTERS_CLASS, _TRANSMIT_ERRORS_BYTE, _RECEIVE_ERRORS_BYTE = 0x200, 6, 7
 
 
 class BusCondition(StrEnum):
-    """What an error frame may report; each has its own counter."""
+    """Conditions that an error frame reports; each has its own counter."""
 
     TX_TIMEOUT = "tx_timeout"
     ARBITRATION_LOST = "arbitration_lost"

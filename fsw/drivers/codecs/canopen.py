@@ -108,12 +108,12 @@ class Emergency:
 
 
 def position_usable(status: int) -> bool:
-    """Tell whether the position is valid and real; the brake does not matter."""
+    """Return whether the position is valid and real; the brake does not matter."""
     return status & STATUS_OF_POSITION == STATUS_ENCODER_VALID
 
 
 def torque_usable(status: int) -> bool:
-    """Tell whether the torque is valid and no fault of its sensor is flagged."""
+    """Return whether the torque is valid and no fault of its sensor is flagged."""
     return status & STATUS_OF_TORQUE == STATUS_TORQUE_VALID
 
 

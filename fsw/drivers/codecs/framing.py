@@ -15,7 +15,7 @@ from fsw.drivers.wire import ByteChunk, Reject
 
 
 class Matcher(Protocol):
-    """What a device's framing looks like."""
+    """Framing of one device."""
 
     def search(self, data: bytearray, start: int) -> int:
         """Return the first position from `start` on where a frame may begin, else len(data)."""
@@ -66,7 +66,7 @@ class Framer:
         return len(self._buffer)
 
     def feed(self, chunk: ByteChunk) -> list[Frame]:
-        """Take a chunk in and return the frames it completes, in order."""
+        """Accept a chunk and return the frames it completes, in order."""
         buffer = self._buffer
         buffer += chunk.data
         self.received_bytes += len(chunk.data)

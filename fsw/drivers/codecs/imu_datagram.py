@@ -1,4 +1,4 @@
-"""What every inertial unit's codec hands to its source, whatever the device."""
+"""The datagram that the codec of every inertial unit hands to its source."""
 
 from __future__ import annotations
 

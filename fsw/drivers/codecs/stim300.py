@@ -121,7 +121,7 @@ class StimDatagram:
 
 
 def check_crc(frame: bytes, layout: Layout) -> bool:
-    """Tell whether the datagram's CRC-32/MPEG-2 holds, dummy zeros included."""
+    """Return whether the datagram's CRC-32/MPEG-2 holds, dummy zeros included."""
     crc = layout.crc
     return crc32.mpeg_2(frame[:crc] + layout.dummies) == int.from_bytes(frame[crc : crc + 4], "big")
 

@@ -90,7 +90,7 @@ class Receiver:
             message.header.vector_count = 1
             message.header.control = control + i * CONTROL_BYTES
         self._view = memoryview(self._data)
-        self._used = BATCH  # messages whose room for ancillary data is to be told again
+        self._used = BATCH  # messages whose buffer for ancillary data needs its length set again
         self._drops = 0  # the kernel's counter, as last reported
         self.dropped = 0  # frames the receive buffer had no room for
 
@@ -122,7 +122,7 @@ class Receiver:
         return out
 
     def _ancillary(self, i: int, length: int) -> int:
-        """Return a frame's stamp, and take in the drop counter where it comes along."""
+        """Return a frame's stamp, and read the drop counter if it comes with it."""
         at = i * CONTROL_BYTES
         end = at + length
         stamp_ns = 0

@@ -31,7 +31,7 @@ class KernelStamps:
         self._doubted_until_ns = 0
 
     def left_empty(self, began_ns: int) -> None:
-        """Take note that a read which began then [ns, monotonic] left nothing waiting."""
+        """Note that a read which began then [ns, monotonic] left nothing waiting."""
         self._empty_ns = began_ns
 
     def monotonic_ns(self, stamps_ns: Iterable[int]) -> list[int]:

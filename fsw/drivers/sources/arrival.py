@@ -41,7 +41,7 @@ class ArrivalTracker:
         self._open: list[Arrival] = []
 
     def is_new_chunk(self, frame: Frame) -> bool:
-        """Tell whether this frame, when added, makes the open chunk final."""
+        """Return whether this frame, when added, makes the open chunk final."""
         return frame.pieces[-1].chunk != self._chunk
 
     def finish(self, frame: Frame) -> list[Arrival]:

@@ -1,11 +1,11 @@
-"""Health of one CAN bus as its controller's error frames tell it."""
+"""Health of one CAN bus as its controller's error frames report it."""
 
 from __future__ import annotations
 
 from fsw.drivers.codecs.can_error import BusCondition, decode_error
 from fsw.drivers.wire import CanFrame, Reject
 
-QUIET_NS = 1_000_000_000  # a condition that keeps coming is told once in so long
+QUIET_NS = 1_000_000_000  # a condition that keeps coming is reported once in so long
 STATES = {
     BusCondition.BUS_OFF: ("high", "the controller is off the bus"),
     BusCondition.ERROR_PASSIVE: ("medium", "the controller is error passive"),
@@ -29,7 +29,7 @@ class BusErrors:
         self._told_ns: dict[BusCondition, int] = {}
 
     def feed(self, frame: CanFrame) -> list[tuple[str, str, str]]:
-        """Take an error frame in; return what an operator should know: severity, code, text."""
+        """Accept an error frame; return severity, code and text of its event, or None."""
         self.frames += 1
         report = decode_error(frame.can_id, frame.data)
         if isinstance(report, Reject):

@@ -2,7 +2,7 @@
 
 The master sends SYNC and its heartbeat on the active bus only. A node that misses the heartbeat
 toggles between the buses until it finds it again. So the master is free to change: it does when no
-node is heard on the active bus any more, or when its own port there is down.
+node is received on the active bus any more, or when its own port there is down.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class BusSelector:
 
     @property
     def name(self) -> str:
-        """What the active bus is called."""
+        """Name of the active bus."""
         return NAMES[self.active]
 
     def hear(self) -> None:
-        """Take note of a frame of a configured node, read from the active bus just now."""
+        """Note a frame of a configured node, read from the active bus just now."""
         self._heard = self._just_heard = True
 
     def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:

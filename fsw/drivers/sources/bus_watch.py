@@ -15,7 +15,7 @@ from fsw.messages.findings import Fault, Finding
 SETTLE_SYNCS = 3
 ESTABLISHED_SYNCS = 50  # a node that answers for longer has started; its next boot-up is another
 EXCUSED_SYNCS = 50  # the longest silence that a restart explains
-REPEAT_S = 0.1  # a silence that goes on is told again after so long
+REPEAT_S = 0.1  # a silence that continues is reported again after so long
 BABBLE_FRAMES_PER_S = 3000.0  # of nobody's, a third of what a bus can carry
 BABBLE_SYNCS = 3
 MAX_FINDINGS = 1024  # until they are taken; the oldest go
@@ -28,12 +28,12 @@ class _Node:
     def __init__(self, name: str) -> None:
         self.name = name
         self.first = 0  # index of the first SYNC answered
-        self.newest = -1  # and of the newest; -1: not heard yet
+        self.newest = -1  # and of the newest; -1: not received yet
         self.excused = 0  # missing answers to SYNCs before this one are explained
-        self.silent_at = -1  # SYNC at which its silence was told last; -1: not silent
+        self.silent_at = -1  # SYNC at which its silence was last reported; -1: not silent
 
     def is_explained(self, index: int) -> bool:
-        """Tell whether it may still be silent for what it is excused for."""
+        """Return whether its excuse for silence still holds."""
         excused = self.excused == FOREVER and self.silent_at < 0
         return excused and index - self.newest < EXCUSED_SYNCS
 
@@ -62,7 +62,7 @@ class BusWatch:
         self._nodes = {node: _Node(name) for node, name in names.items()}
         self._silent, self._late = silent_syncs, late_syncs
         self._answers: dict[int, dict[int, int]] = {}
-        self._heard = 0  # nodes heard at all
+        self._heard = 0  # nodes received at all
         self._index = -1  # of the newest SYNC
         self._bus_silent = False
         self._strangers = 0
@@ -82,7 +82,7 @@ class BusWatch:
         self._found.append(Finding(t_ns, fault, subject, text))
 
     def sync(self, index: int, t_ns: int) -> None:
-        """Take a SYNC in; settle an earlier one."""
+        """Accept a SYNC; settle an earlier one."""
         self._index = index
         self._settle(index - SETTLE_SYNCS, t_ns)
         self._watch_silence(index, t_ns)
@@ -97,7 +97,7 @@ class BusWatch:
         self._strangers += 1
 
     def answer(self, node: int, sync: int, t_ns: int) -> None:
-        """Take in that a node answered a SYNC, whatever its answer is worth."""
+        """Note that a node answered a SYNC, whatever its answer is worth."""
         state = self._nodes[node]
         answers = self._answers.setdefault(sync, {})
         count = answers.get(node, 0)
@@ -116,14 +116,14 @@ class BusWatch:
             self.find(t_ns, Fault.JOINT_ORDER, node, "overtaken by a newer sample")
 
     def answer_of_no_sync(self, node: int) -> None:
-        """Take in a frame that cannot be matched to a SYNC: it stands for the one expected."""
+        """Accept a frame that cannot be matched to a SYNC: it stands for the one expected."""
         state = self._nodes[node]
         if state.newest >= 0:
             state.newest = max(state.newest + 1, self._index - 1)
             self._answers.setdefault(state.newest, {})[node] = 1
 
     def boot(self, node: int, t_ns: int) -> None:
-        """Take in a boot-up message; samples that miss until the next answer are explained."""
+        """Accept a boot-up message; samples that miss until the next answer are explained."""
         state = self._nodes[node]
         established = state.newest - state.first >= ESTABLISHED_SYNCS
         if established and state.silent_at < 0:
@@ -132,7 +132,7 @@ class BusWatch:
             state.excused = FOREVER
 
     def without_port(self) -> None:
-        """Take in that there is no port; what misses until the next answer is explained."""
+        """Note that there is no port; what misses until the next answer is explained."""
         for state in self._nodes.values():
             if state.newest >= 0:
                 state.excused = FOREVER

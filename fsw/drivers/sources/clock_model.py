@@ -49,7 +49,7 @@ class ClockModel:
 
     @property
     def ready(self) -> bool:
-        """Tell whether there is any observation."""
+        """Return whether there is any observation."""
         return not self._empty
 
     @property
@@ -58,7 +58,7 @@ class ClockModel:
         return self._slope * 1e-3
 
     def observe(self, n: int, t_ns: int, rest_ns: float) -> None:
-        """Take in that the item of device time n had been seen by host time t_ns + rest_ns."""
+        """Note that the item of device time n had been seen by host time t_ns + rest_ns."""
         if self._empty:
             self._empty = False
             self._n0, self._t0_ns, self._offset_ns = n, t_ns, rest_ns

@@ -18,7 +18,7 @@ RATE_GAIN = 0.125  # of the running mean of the rate
 
 
 class EncoderWatch:
-    """What the newest raw positions of one joint say."""
+    """Watch over the newest raw positions of one joint."""
 
     def __init__(self, period_s: float, speed_limit_rad_s: float, slack_rad: float) -> None:
         self._gap_ns = GAP_PERIODS * period_s * 1e9
@@ -37,7 +37,7 @@ class EncoderWatch:
         self._since_ns = 0
 
     def look(self, t_ns: int, position_rad: float) -> Fault | None:
-        """Take the next raw position in; return what is wrong with it."""
+        """Accept the next raw position; return its fault, or None."""
         dt_ns, step = t_ns - self._t_ns, position_rad - self._position
         self._t_ns, self._position = t_ns, position_rad
         if not 0 < dt_ns <= self._gap_ns:

@@ -92,7 +92,7 @@ class ImuSource:
         self._watch.watch(now_ns, up=up)
 
     def feed(self, chunks: Sequence[ByteChunk]) -> list[ImuSample]:
-        """Take chunks in, in order, and return the samples they complete."""
+        """Accept chunks in order and return the samples they complete."""
         samples: list[ImuSample] = []
         for chunk in chunks:
             frames = self._codec.framer.feed(chunk)

@@ -48,7 +48,7 @@ class JointTrack:
         self._doubted_rad = 0.0
 
     def has(self, sync: int) -> bool:
-        """Tell whether a sample for the SYNC of this index was accepted."""
+        """Return whether a sample for the SYNC of this index was accepted."""
         back = self._newest - sync
         return 0 <= back < HISTORY_SYNCS and bool(self._seen >> back & 1)
 

@@ -90,7 +90,7 @@ class JointBusSource:
 
     @property
     def node_states(self) -> dict[int, int]:
-        """NMT state by node, as last heard."""
+        """NMT state by node, as last received."""
         return dict(self._states)
 
     def events(self) -> list[tuple[str, str, str]]:
@@ -104,7 +104,7 @@ class JointBusSource:
         return self._watch.take()
 
     def watch(self, _now_ns: int, *, up: bool) -> None:
-        """Take in whether the bus has its port; a silent node is told by the SYNCs it misses."""
+        """Note whether the bus has its port; missed SYNCs then report the silent nodes."""
         if not up:
             self._watch.without_port()
 
@@ -113,7 +113,7 @@ class JointBusSource:
         return canopen.encode_sync(self._syncs.next_counter())
 
     def sync_sent(self) -> None:
-        """Take note that it is out, however long it waits to be fed."""
+        """Note that the SYNC was sent; it may be fed later."""
         self._syncs.issue()
 
     def start_frames(self) -> list[tuple[int, bytes]]:
@@ -121,7 +121,7 @@ class JointBusSource:
         return [canopen.encode_nmt(canopen.NmtCommand.START, node) for node in self._tracks]
 
     def feed(self, frames: Sequence[CanFrame]) -> list[JointSample]:
-        """Take frames in, sent SYNCs included, in order, and return the samples they hold."""
+        """Accept frames in order, sent SYNCs included, and return the samples they hold."""
         samples = []
         first, last = canopen.COB_TPDO1, canopen.COB_TPDO1 | canopen.NODE_MASK
         for frame in frames:
@@ -144,7 +144,7 @@ class JointBusSource:
         return samples
 
     def _error(self, frame: CanFrame) -> None:
-        """Take in what the controller reports of the bus."""
+        """Accept an error frame of the bus controller."""
         for severity, code, text in self._errors.feed(frame):
             self._events.append((severity, code, f"{self._bus.name}: {text}"))
         if frame.can_id & ERROR_BUS_OFF:
@@ -222,7 +222,7 @@ class JointBusSource:
                     track.counts.lost += 1
 
     def _route(self, frame: CanFrame) -> None:
-        """Take in the slower services of the configured nodes; everything else is not ours."""
+        """Accept the slower services of the configured nodes; everything else is not ours."""
         self._other_frames += 1
         function, node = frame.can_id & canopen.FUNCTION_MASK, frame.can_id & canopen.NODE_MASK
         track = self._tracks.get(node)

@@ -1,4 +1,4 @@
-"""What happened between two accepted frames of a serial device, from counts alone.
+"""Losses between two accepted frames of a serial device, judged by counts alone.
 
 So many datagrams are missing by the device's own counter, and so many bytes were in no frame. A
 damaged datagram leaves its own length, one that lost bytes less; junk takes none away.
@@ -13,12 +13,12 @@ from fsw.messages.findings import Fault, Finding
 
 ESCAPED_RATIO = 1.2  # escapes make a frame longer by less
 MAX_FINDINGS = 1024  # until they are taken; the oldest go
-REPEAT_NS = 100_000_000  # a silence that goes on is told again after so long
+REPEAT_NS = 100_000_000  # a silence that continues is reported again after so long
 
 
 @dataclass(frozen=True, slots=True)
 class LineFaults:
-    """What a device's line faults are called."""
+    """Codes of the line faults of one device."""
 
     silent: Fault
     lost: Fault
@@ -74,14 +74,14 @@ class LineWatch:
         self._found.append(Finding(t_ns, fault, self._subject, text))
 
     def refused(self, t_ns: int, skipped: int) -> None:
-        """Take in a frame that was intact and not used, and the bytes skipped before it."""
+        """Accept a frame that was intact and not used, and the bytes skipped before it."""
         if self._last_ns is not None:  # whoever sends it is not silent
             self._last_ns = t_ns
         self._refused += 1
         self._skipped += skipped
 
     def accepted(self, t_ns: int, skipped: int, lost: int, length: int) -> None:
-        """Take in an accepted frame.
+        """Record an accepted frame.
 
         Parameters
         ----------

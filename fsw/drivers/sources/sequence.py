@@ -25,10 +25,10 @@ UNTRUE_RATIO = 0.1  # of a sample period: ahead of the clock by more, for the wa
 
 
 class Step(Enum):
-    """What a counter turned out to be."""
+    """Verdict on a counter."""
 
     NEXT = "next"
-    RESTART = "restart"  # believed, but the clock model must start anew
+    RESTART = "restart"  # believed, but the clock model must restart
     WRONG = "wrong"
     UNTRUE = "untrue"  # the counter may be right, the latency is not
 
@@ -70,7 +70,7 @@ class CounterTrack:
         self.lost = 0
 
     def is_repeated(self, counter: int) -> bool:
-        """Tell whether this is the counter of the last accepted sample."""
+        """Return whether this is the counter of the last accepted sample."""
         return self._started and counter == self._counter
 
     def check(self, item: Counted, clock: ClockModel) -> Step:
@@ -113,7 +113,7 @@ class CounterTrack:
         return self.index
 
     def _is_unbroken(self, item: Counted) -> bool:
-        """Tell whether the silence before is too short for a wrap to go unseen."""
+        """Return whether the silence before is too short for a wrap to go unseen."""
         explained_ns = item.queued * self._step * self._tick_ns
         return item.t_ns - self._t_ns - explained_ns < self._wrap_ns
 
@@ -144,7 +144,7 @@ class CounterTrack:
         return clock.ready and clock.early_ns(index, sent_ns) > limit_ns
 
     def _is_untrue(self, index: int, item: Counted, clock: ClockModel) -> bool:
-        """Tell whether a longer wait than the last one puts the sample ahead of the clock."""
+        """Return whether a longer wait than the last one puts the sample ahead of the clock."""
         longer_ns = item.latency_ns - self._latency_ns
         limit_ns = UNTRUE_RATIO * self._step * self._tick_ns
         if longer_ns <= limit_ns or not clock.ready:

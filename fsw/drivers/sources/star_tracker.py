@@ -101,7 +101,7 @@ class StarTrackerSource:
         return encode_subscribe((SOLUTION_ID,)) if self._config.subscribe else b""
 
     def feed(self, chunks: Sequence[ByteChunk]) -> list[AttitudeSample]:
-        """Take chunks in, in order, and return the attitudes they complete."""
+        """Accept chunks in order and return the attitudes they complete."""
         samples = []
         for chunk in chunks:
             frames = [(f, self._codec.decode(f.data)) for f in self._codec.framer.feed(chunk)]
@@ -228,6 +228,6 @@ class StarTrackerSource:
     def _follows(
         self, now: tuple[int, int], before: tuple[int, int], least_ns: float = 0.0
     ) -> bool:
-        """Tell whether unit time went on, by more than the least, and about as far as host time."""
+        """Return whether unit time advanced, by at least the minimum and about as host time did."""
         unit_ns, host_ns = (now[0] - before[0]) * 1e3, now[1] - before[1]
         return unit_ns > least_ns and abs(unit_ns - host_ns) < JUMP_NS + self._waited_ns

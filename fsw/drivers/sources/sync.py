@@ -26,7 +26,7 @@ class SyncHistory:
         self.invalid = 0
 
     def add(self, data: bytes, t_ns: int) -> bool:
-        """Take a SYNC in; False when it is an echo or carries no counter of this bus."""
+        """Accept a SYNC; False when it is an echo or carries no counter of this bus."""
         counter = decode_sync(data, self._counter_max)
         if isinstance(counter, Reject):
             self.invalid += 1
@@ -43,7 +43,7 @@ class SyncHistory:
         return True
 
     def _is_echo(self, counter: int, t_ns: int) -> bool:
-        """Tell whether this SYNC was seen before: the newest, or one whose repetition came late."""
+        """Return whether this SYNC is known: the newest, or one whose repetition came late."""
         behind = (self._last_counter - counter) % self._counter_max
         before = self._latest[counter]
         recent = before is not None and t_ns - before[0] < self._echo_ns
@@ -54,7 +54,7 @@ class SyncHistory:
         return (self._issued or self._last_counter) % self._counter_max + 1
 
     def issue(self) -> None:
-        """Take note that a SYNC with `next_counter` was sent; it may be added much later."""
+        """Note that a SYNC with `next_counter` was sent; it may be added much later."""
         self._issued = self.next_counter()
 
     def find(self, counter: int, t_ns: int) -> tuple[int, int] | None:

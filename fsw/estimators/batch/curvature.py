@@ -35,7 +35,7 @@ OPEN_NOTE = "not bounded by the data along {}"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Widening:
-    """What the profile showed. `note` is empty where the linearisation holds."""
+    """Result of the profile. `note` is empty where the linearisation holds."""
 
     covariance: FloatArray
     bounded: bool
@@ -43,7 +43,7 @@ class Widening:
 
     @property
     def nonlinear(self) -> bool:
-        """Tell whether the linearisation fails somewhere."""
+        """Return whether the linearisation fails somewhere."""
         return bool(self.note)
 
 

@@ -286,7 +286,7 @@ def _covariance(
 
 
 def angles_are_noisy(block: Block) -> bool:
-    """Tell whether the block gives the covariance of the angles beside those of the rates."""
+    """Return whether the block gives the covariance of the angles beside those of the rates."""
     return bool(block.cov_joint.shape[1] == 3 * len(block.t_ns))
 
 

@@ -45,12 +45,12 @@ def _integration(nodes: int) -> tuple[FloatArray, FloatArray]:
 
 
 def needed(problem: Problem) -> bool:
-    """Tell whether anything in this problem changes the momentum."""
+    """Return whether anything in this problem changes the momentum."""
     return problem.orbit is not None or pulled(problem)
 
 
 def pulled(problem: Problem) -> bool:
-    """Tell whether an external wrench is estimated."""
+    """Return whether an external wrench is estimated."""
     return present(problem.wrench) or present(problem.target_wrench)
 
 

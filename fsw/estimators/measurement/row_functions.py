@@ -59,5 +59,5 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
         "fused": fused,
     }
     if method not in functions:
-        raise EstimatorError(f"method {method!r} is none of {', '.join(functions)}")
+        raise EstimatorError(f"method {method!r} is not one of {', '.join(functions)}")
     return functions[method]

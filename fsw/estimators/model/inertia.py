@@ -100,7 +100,7 @@ def from_pseudo_inertia(P: FloatArray) -> FloatArray:
 
 
 def is_consistent(pi: FloatArray) -> bool:
-    """Tell whether the pseudo-inertia is finite and positive definite."""
+    """Return whether the pseudo-inertia is finite and positive definite."""
     if not np.all(np.isfinite(pi)):
         return False
     return bool(np.linalg.eigvalsh(pseudo_inertia(pi))[0] > 0)

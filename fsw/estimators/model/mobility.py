@@ -47,12 +47,12 @@ class Mapped:
 
     @property
     def bent(self) -> bool:
-        """Tell whether the linearisation in pi understates the covariance."""
+        """Return whether the linearisation in pi understates the covariance."""
         return self.stretch > STRAIGHT
 
     @property
     def holds(self) -> bool:
-        """Tell whether nearly all of the Gaussian in the mobility are possible bodies."""
+        """Return whether nearly all of the Gaussian in the mobility are possible bodies."""
         return self.impossible <= IMPOSSIBLE
 
 
@@ -126,7 +126,7 @@ def _inverse(six: FloatArray) -> FloatArray:
 
 
 def _bodies(mobility: FloatArray) -> NDArray[np.bool_]:
-    """Tell which mobilities (10, k) are those of a body.
+    """Return which mobilities (10, k) are those of a body.
 
     Mass positive, and the second moments of mass about its centre, tr(I) / 2 - I, positive
     definite (Wensing et al., RA-L 2018, sec. III), told by their leading minors.

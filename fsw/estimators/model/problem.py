@@ -27,7 +27,7 @@ NO_STATES = slice(0, 0)
 
 
 def present(states: slice) -> bool:
-    """Tell whether a nuisance is part of the state."""
+    """Return whether a nuisance is part of the state."""
     return bool(states.stop > states.start)
 
 

@@ -31,7 +31,7 @@ LEVEL_SIGMAS = 5.0  # how far above one a noise level must stand out to be belie
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What a block's innovation says."""
+    """Statistics of the innovation of one block."""
 
     accepted: bool
     changed: bool
@@ -97,7 +97,7 @@ class InnovationMonitor:
         self._previous = None
 
     def judge(self, white: FloatArray, *, armed: bool) -> Judgement:
-        """Take the innovation of the next block, whitened to unit covariance if all is well.
+        """Accept the innovation of the next block, whitened to unit covariance if all is well.
 
         Not armed (before the estimate has settled), everything is accepted and nothing summed.
         """

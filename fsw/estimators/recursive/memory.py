@@ -1,4 +1,4 @@
-"""What the recursion remembers: a prior, retired information, and the newest blocks themselves.
+"""Memory of the recursion: a prior, retired information, and the newest blocks.
 
 The information of the data is kept apart from the prior's, so that either can be replaced. Rows of
 a stored block are re-linearised by passes, one block at a time; a block that leaves the full store
@@ -104,7 +104,7 @@ class Memory:
 
     @property
     def in_pass(self) -> bool:
-        """Tell whether a pass is under way."""
+        """Return whether a pass is under way."""
         return self._pass is not None
 
     def replace_prior(self, prior: SquareRootInformation) -> None:

@@ -243,7 +243,7 @@ class OnlineEstimator:
 
     @property
     def _bent(self) -> bool:
-        """Tell whether the likelihood is bent in pi and straight in the mobility."""
+        """Return whether the likelihood is bent in pi and straight in the mobility."""
         torque = self._settings.method in TORQUE and not self.linear
         return torque and "base" in self.problem.unknown
 

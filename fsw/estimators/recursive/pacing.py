@@ -31,7 +31,7 @@ class Pacing:
         self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
 
     def is_worth_a_pass(self, drift: float, since: int) -> bool:
-        """Tell whether re-linearising now is expected to move the estimate.
+        """Return whether re-linearising now is expected to move the estimate.
 
         The last pass's effect, scaled linearly or quadratically with how far the point would move.
 

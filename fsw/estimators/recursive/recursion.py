@@ -3,7 +3,7 @@
 A block is folded into the square-root information at once; passes over the stored blocks then
 re-linearise them at the current estimate, one block per unit of work. A run of blocks that noise
 does not explain re-opens the estimate to the prior's spread; a prior that the data contradict is
-widened. Both are told as events. When units are run is for `online` to decide.
+widened. Both are reported as events. When units are run is for `online` to decide.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ class Recursion:
         return self._rss / spare if spare > 0 else 1.0
 
     def begin_again(self, why: str) -> None:
-        """Return to the problem's prior and tell why."""
+        """Return to the prior of the problem and report why."""
         self.start(self.problem.prior_mean, self._spread())
         self.monitor.restart()
         self._events.append(("high", "ESTIMATOR_RESET", why))
@@ -324,7 +324,7 @@ class Recursion:
             self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
 
     def _check_prior(self) -> None:
-        """Widen a prior that the data contradict, and have the estimate settle anew."""
+        """Widen a prior that the data contradict, and let the estimate settle again."""
         self._check_due = False
         covariance = self.memory.tempered(self.monitor.level).covariance()
         bodies = len(self.problem.unknown)

@@ -72,7 +72,7 @@ class CuboidSection(_Section):
 
 
 class EnvironmentSection(_Section):
-    """What acts on the robot; a part of null or false does not."""
+    """Forces that act on the robot; null or false switches a part off."""
 
     orbit: OrbitSection
     gravity_gradient: bool = False

@@ -1,4 +1,4 @@
-"""Orekit's JB2006 (extra `orekit`): densities now, or the bench's table anew.
+"""Orekit's JB2006 (extra `orekit`): densities now, or make the bench's table again.
 
 `python -m hil.world.environment.jb2006 [FILE.npz]` writes the table in a minute. All it needs
 is here: no data files of Orekit, the time scale TAI, an ellipsoid at rest, the Sun given.

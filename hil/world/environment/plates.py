@@ -30,7 +30,7 @@ class Plates:
 
 
 class Air(NamedTuple):
-    """What free molecular flow depends on beside density and velocity."""
+    """Parameters of free molecular flow besides density and velocity."""
 
     normal: float  # accommodation
     tangential: float

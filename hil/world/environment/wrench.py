@@ -67,7 +67,7 @@ def simulate_in(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What a plate meets, on a grid of times: (k,) and (k, 3), vectors in N."""
+    """Flow at a plate on a grid of times: (k,) and (k, 3), vectors in N."""
 
     start_s: float
     v_air_m_s: FloatArray
