@@ -28,6 +28,11 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     kills.add_argument("--seed", type=int, default=0, metavar="K", help="of instants and victims")
     kills.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     kills.set_defaults(command=_kills)
+    transfers = commands.add_parser("transfers", help="file transfers, a quarter interrupted")
+    transfers.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
+    transfers.add_argument("--seed", type=int, default=0, metavar="K", help="of files and instants")
+    transfers.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed there")
+    transfers.set_defaults(command=_transfers)
     soak = commands.add_parser("soak", help="hours in virtual time under random faults")
     soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
@@ -64,6 +69,22 @@ def _fuzz(arguments: argparse.Namespace) -> int:
         keep(arguments.out.absolute(), arguments.keep, most=24, most_bytes=2048)
     print(json.dumps(result))
     return FAILED_EXIT if result["failed"] else 0
+
+
+def _transfers(arguments: argparse.Namespace) -> int:
+    from hil.evidence.transfers.campaign import campaign, summary
+
+    folder = arguments.out.absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    with bar() as progress:
+        task = progress.add_task("transfers", total=arguments.count)
+        for result in campaign(arguments.count, folder, arguments.seed):
+            progress.update(task, completed=result.number + 1)
+            if result.fault:
+                progress.console.print(f"{result.number}: {result.fault}", markup=False)
+    found = summary(folder)
+    print(json.dumps(found))
+    return FAILED_EXIT if found["faults"] else 0
 
 
 def _kills(arguments: argparse.Namespace) -> int:

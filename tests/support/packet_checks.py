@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 import zlib
 from collections.abc import Callable, Mapping
@@ -233,12 +234,24 @@ def is_version(sample: Sample, log: DaemonLog) -> bool:
 
 def is_file(sample: Sample, log: DaemonLog) -> bool:
     values, path = sample.values, log.file(str(sample.values["path"]))
+    if values.get("kind", "FILE") != "FILE":
+        return path.is_dir() and values["kind"] == "FOLDER" and values["size_bytes"] == 0
     expected: dict[str, Any] = {"size_bytes": path.stat().st_size}
     if "crc32" in values:
         expected["crc32"] = zlib.crc32(path.read_bytes())
     if "modified_s" in values:
         expected["modified_s"] = path.stat().st_mtime
     return holds(values, expected)
+
+
+def is_transfer(sample: Sample, _log: DaemonLog) -> bool:
+    """Nothing is under way when the tour asks."""
+    return all(value in (0, "", "NONE") for value in sample.values.values())
+
+
+def is_space(sample: Sample, log: DaemonLog) -> bool:
+    total = shutil.disk_usage(log.file(str(sample.values["path"]))).total
+    return sample.values["total_bytes"] == total >= int(sample.values["free_bytes"]) > 0
 
 
 def is_dumped(sample: Sample, log: DaemonLog) -> bool:
@@ -324,6 +337,8 @@ CHECKS: dict[str, Callable[[Sample, DaemonLog], bool]] = {
     "check_transition": is_transition,
     "file_attributes": is_file,
     "file_entry": is_file,
+    "transfer_status": is_transfer,
+    "file_space": is_space,
     **{f"event_{severity}": is_event for severity in ("info", "low", "medium", "high")},
     **{p.name: is_report for p in DICTIONARY.packets if p.service == 1},
     **{p.name: is_parameter for p in DICTIONARY.packets if p.service == 20},

@@ -81,6 +81,14 @@ class Tour:
         self.do("COPY_FILE", path="files/tour.bin", target="files/copy.bin")
         self.do("LIST_FILES", path="files", first="1")
         self.do("REPORT_FILE_ATTRIBUTES", path="files/copy.bin")
+        self.do("CREATE_DIRECTORY", path="files/tour")
+        self.do("COPY_FILE", path="files/tour.bin", target="files/moving.bin")
+        self.do("MOVE_FILE", path="files/moving.bin", target="files/tour/moved.bin")
+        self.do("RENAME_DIRECTORY", path="files/tour", target="files/toured")
+        self.do("DELETE_FILE", path="files/toured/moved.bin")
+        self.do("DELETE_DIRECTORY", path="files/toured")
+        self.do("REPORT_TRANSFERS")
+        self.do("REPORT_FREE_SPACE")
 
     def _schedule(self) -> None:
         release_s = self.wait("health").time_s // 1 + LATER_S

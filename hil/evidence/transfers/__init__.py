@@ -1,0 +1,1 @@
+"""File transfers in a row, many of them interrupted: each must end right or with its reason."""

@@ -1,0 +1,258 @@
+"""Uploads and downloads in a row by the `ground` program, a quarter of them interrupted.
+
+The daemon is `fsw run` with its service process and no plant. An interruption cuts the cable, kills
+the ground program or the daemon's service, at a random instant of the transfer. Then the same
+operator does what an operator would: wait, or `ground file resume`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.errors import same_settings
+from hil.evidence.transfers.cable import Cable
+from hil.run.bench import prepare
+from hil.run.live import LiveError, children
+from hil.world.scenario import at_rates, load
+
+SCENARIO, RATE_HZ, IMU_RATE_HZ = "target_leo", 100.0, 125
+INTERRUPTIONS = ("cut", "ground killed", "service killed")
+PERIOD, INTERRUPTED = 8, (3, 6)  # of so many in a row these: an upload and a download
+PIECE_BYTES = 1 << 17
+SIZES_BYTES = (0, 2_000_000)
+CUT_S = (0.2, 3.0)
+INSTANT_S = (0.0, 1.5)  # after the program's connection
+BOUND_S = 10.0  # from the link's return to an end
+PATIENCE_S = 120.0
+STATUS_S = 30.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """One transfer."""
+
+    number: int
+    direction: str
+    size: int
+    interruption: str  # empty: none
+    exit_code: int
+    reason: str
+    is_right: bool  # bit by bit, where it ended well
+    took_s: float
+    after_return_s: float  # from the return of link or program to the end; 0 without interruption
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with it; empty: nothing."""
+        if self.exit_code == 0 and not self.is_right:
+            return "reported as good, and is not"
+        if self.exit_code != 0 and not self.reason:
+            return "ended without a reason"
+        if self.exit_code != 0 and not self.interruption:
+            return f"failed: {self.reason}"
+        if self.after_return_s > BOUND_S:
+            return f"{self.after_return_s:.1f} s after the return"
+        return ""
+
+
+class Daemon:
+    """`fsw run` without a plant, in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        telemetry = {"port": 0}
+        scenario = at_rates(load(SCENARIO), RATE_HZ, IMU_RATE_HZ)
+        setup = prepare(scenario, 1, folder, real_time=True, telemetry=telemetry)
+        self.state = folder / "state"
+        self._log = (folder / "daemon.log").open("ab")
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "fsw", "run", str(setup.config_path)],
+            stdout=self._log,
+            stderr=self._log,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+
+    def port(self) -> int:
+        """Return the port of the link; 0 when there is none. Raises LiveError."""
+        if self._process.poll() is not None:
+            raise LiveError("the daemon has ended")
+        try:
+            status = json.loads((self.state / "status.json").read_text(encoding="utf-8"))
+            return int(status["telemetry"]["port"] or 0)
+        except (OSError, ValueError, KeyError):
+            return 0
+
+    def wait(self) -> None:
+        """Wait for a link. Raises LiveError."""
+        until_s = time.monotonic() + PATIENCE_S
+        while not self.port():
+            if time.monotonic() > until_s:
+                raise LiveError("the daemon opens no link")
+            time.sleep(0.05)
+
+    def kill_service(self) -> None:
+        """Kill the service process; wait for its successor's link. Raises LiveError."""
+        status = self.state / "status.json"
+        before = status.stat().st_mtime_ns
+        (old, *_) = children(self._process.pid)
+        os.kill(old, signal.SIGKILL)
+        status.write_text("{}", encoding="utf-8")  # the port in it is of the one that died
+        until_s = time.monotonic() + PATIENCE_S
+        while status.stat().st_mtime_ns == before or not self.port():
+            if time.monotonic() > until_s:
+                raise LiveError("the service does not come back")
+            time.sleep(0.05)
+
+    def close(self) -> None:
+        """End it."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(STATUS_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        self._log.close()
+
+
+def campaign(count: int, folder: Path, seed: int) -> Iterator[Result]:
+    """Yield transfers until there are so many in the folder.
+
+    Raises
+    ------
+    LiveError when the daemon does not come back. ScenarioError for a folder with another seed.
+    """
+    same_settings(folder, {"seed": seed})
+    path = folder / "transfers.jsonl"
+    done = len(held(path))
+    if done >= count:
+        return
+    place = folder / f"run_{done:05d}"
+    place.mkdir(exist_ok=True)
+    with ExitStack() as stack, path.open("a", encoding="utf-8") as file:
+        daemon = Daemon(place)
+        stack.callback(daemon.close)
+        daemon.wait()
+        cable = Cable(daemon.port)
+        stack.callback(cable.close)
+        for number in range(done, count):
+            result = Exchange(daemon, cable, place, number, seed).run()
+            file.write(json.dumps(asdict(result)) + "\n")
+            file.flush()
+            yield result
+
+
+class Exchange:
+    """One transfer, and what is done to it."""
+
+    def __init__(self, daemon: Daemon, cable: Cable, place: Path, number: int, seed: int) -> None:
+        self._daemon, self._cable, self._number = daemon, cable, number
+        self._place, self._rng = place, np.random.default_rng((seed, number))
+        self._port = cable.port
+
+    def run(self) -> Result:
+        """Do it."""
+        rng, number = self._rng, self._number
+        direction = "put" if number % 2 else "get"
+        data = rng.bytes(int(rng.integers(*SIZES_BYTES)))
+        here, there = self._place / f"{number}.bin", self._daemon.state / "files" / f"{number}.bin"
+        source, target = (here, there) if direction == "put" else (there, here)
+        source.write_bytes(data)
+        words = (
+            ["put", str(here)] if direction == "put" else ["get", f"files/{here.name}", str(here)]
+        )
+        interruption = ""
+        if number % PERIOD in INTERRUPTED:
+            interruption = INTERRUPTIONS[int(rng.integers(len(INTERRUPTIONS)))]
+        begun_s = time.monotonic()
+        process = self._ground(*words)
+        returned_s, process = self._interrupt(process, interruption)
+        reason = process.communicate(timeout=PATIENCE_S)[1].strip()
+        ended_s = time.monotonic()
+        is_right = target.exists() and target.read_bytes() == data
+        if process.returncode == 0:
+            source.unlink()
+            target.unlink(missing_ok=True)
+        return Result(
+            number=number,
+            direction=direction,
+            size=len(data),
+            interruption=interruption,
+            exit_code=process.returncode,
+            reason=reason,
+            is_right=is_right,
+            took_s=ended_s - begun_s,
+            after_return_s=ended_s - returned_s if interruption else 0.0,
+        )
+
+    def _interrupt(
+        self, process: subprocess.Popen[str], kind: str
+    ) -> tuple[float, subprocess.Popen[str]]:
+        """Return when link and program were there again, and the program that ends it."""
+        if not kind:
+            return time.monotonic(), process
+        self._wait_for_record(process)
+        time.sleep(float(self._rng.uniform(*INSTANT_S)))
+        if kind == "cut":
+            self._cable.cut()
+            time.sleep(float(self._rng.uniform(*CUT_S)))
+            self._cable.mend()
+        elif kind == "service killed":
+            self._daemon.kill_service()
+        else:
+            process.kill()
+            process.communicate()
+            if not list((self._place / "ground" / "transfers").glob("*.json")):
+                return time.monotonic(), self._ground("list", "files")  # it was over before
+            process = self._ground("resume")
+        return time.monotonic(), process
+
+    def _wait_for_record(self, process: subprocess.Popen[str]) -> None:
+        """Wait until the program has begun, or ended."""
+        records = self._place / "ground" / "transfers"
+        while process.poll() is None and not list(records.glob("*.json")):
+            time.sleep(0.01)
+
+    def _ground(self, *words: str) -> subprocess.Popen[str]:
+        options = ["--port", str(self._port), "--state", str(self._place / "ground")]
+        piece = ["--timeout", str(PATIENCE_S / 2), "--piece", str(PIECE_BYTES)]
+        return subprocess.Popen(
+            [sys.executable, "-m", "ground", *options, "file", *piece, *words],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+
+def held(path: Path) -> list[Result]:
+    """Return the transfers of a campaign so far."""
+    if not path.exists():
+        return []
+    return [Result(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    """Return counts, the longest times, and every fault."""
+    results = held(folder / "transfers.jsonl")
+    found: dict[str, Any] = {"transfers": len(results), "bytes": sum(r.size for r in results)}
+    for kind in ("", *INTERRUPTIONS):
+        of_kind = [r for r in results if r.interruption == kind]
+        found[kind or "undisturbed"] = {
+            "transfers": len(of_kind),
+            "right": sum(r.exit_code == 0 and r.is_right for r in of_kind),
+            "longest_s": max((r.after_return_s or r.took_s for r in of_kind), default=0.0),
+        }
+    found["with_reason"] = [r.reason for r in results if r.exit_code != 0]
+    found["faults"] = [{"number": r.number, "fault": r.fault} for r in results if r.fault]
+    return found

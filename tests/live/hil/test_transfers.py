@@ -1,0 +1,31 @@
+"""File transfers in a row, some of them interrupted: a short form of `hil transfers`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+
+import pytest
+
+from hil.evidence.transfers.campaign import INTERRUPTIONS
+
+COUNT = 32
+LATE = "after the return"  # asked of `hil transfers` on a machine with time to spare
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_every_transfer_ends_right_or_with_its_reason() -> None:
+    with tempfile.TemporaryDirectory(prefix="files-") as short:  # a socket's path must be
+        command = [sys.executable, "-m", "hil", "transfers", "--out", short, "--seed", "1"]
+        done = subprocess.run(
+            [*command, "--count", str(COUNT)], capture_output=True, text=True, check=False
+        )
+    result = json.loads(done.stdout)
+    assert result["transfers"] == COUNT, done.stderr
+    assert [fault for fault in result["faults"] if LATE not in fault["fault"]] == []
+    assert result["undisturbed"]["right"] == result["undisturbed"]["transfers"]
+    assert sum(result[kind]["transfers"] for kind in INTERRUPTIONS) == COUNT // 4
+    assert all(result[kind]["transfers"] for kind in INTERRUPTIONS)
