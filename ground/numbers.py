@@ -8,6 +8,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from ground.errors import UsageError
+
 
 class NumberFile:
     """The next number of something; 0 when there is no file.
@@ -18,7 +20,6 @@ class NumberFile:
     """
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
 
     @property
@@ -27,7 +28,21 @@ class NumberFile:
         return not self._path.exists()
 
     def change(self, step: Callable[[int], int]) -> int:
-        """Replace the number by `step` of it, on the disk when this returns; return the old one."""
+        """Replace the number by `step` of it, on the disk when this returns; return the old one.
+
+        Raises
+        ------
+        UsageError when the file is damaged or cannot be written.
+        """
+        try:
+            return self._change(step)
+        except OSError as error:
+            raise UsageError(f"{self._path}: {error.strerror}") from error
+        except (ValueError, KeyError, TypeError) as error:
+            raise UsageError(f"{self._path}: damaged; remove it, no IV is used twice") from error
+
+    def _change(self, step: Callable[[int], int]) -> int:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
         with self._path.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             current = 0 if self.is_new else int(json.loads(self._path.read_text())["next"])

@@ -20,6 +20,7 @@ from ground.numbers import NumberFile
 OVERHEAD_BYTES = 5 + 2 + 12 + 16 + 2  # header, SPI, IV, MAC, frame error control
 MAX_FRAME_BYTES = 1024
 HALF_IV_BYTES = 6
+MAX_NUMBER = (1 << 8 * HALF_IV_BYTES) - 1
 BYPASS = 1 << 13
 
 
@@ -70,7 +71,9 @@ class Sealer:
         return 0 if self.is_new else self._numbers.change(lambda current: current)
 
     def set_next(self, number: int) -> None:
-        """Continue at this number, higher or lower."""
+        """Continue at this number, higher or lower. Raises UsageError."""
+        if not 0 <= number <= MAX_NUMBER:
+            raise UsageError(f"number {number}; must be 0 to {MAX_NUMBER}")
         self._numbers.change(lambda _current: number)
 
     @property

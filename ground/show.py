@@ -111,10 +111,11 @@ def _numbers_words(sealer: Sealer, verification: Verification) -> str:
             f"the next number is {sealer.next_number} now, as the daemon says; it was not sent "
             "again: look at what the daemon has done first"
         )
+    number = verification.expected_number
     return (
-        f"a report that nothing authenticates says that number {verification.expected_number} "
-        "comes next; it was not sent again and the numbers were left as they are. If you trust "
-        f"it: ground --key FILE number {verification.expected_number}"
+        f"a report that nothing authenticates says that number {number} comes next; it was not "
+        "sent again and the numbers were left as they are. If you trust it: "
+        f"ground --key FILE number {number}"
     )
 
 

@@ -9,6 +9,7 @@ from enum import StrEnum
 
 from ground.errors import FAILED, NO_ANSWER, REJECTED, LinkError
 from ground.link import Link
+from ground.sdls import MAX_NUMBER
 from ground.telemetry import NO_PACKETS, Decoder, Sample
 
 SUCCESS = "_success"
@@ -64,7 +65,7 @@ class Verification:
         if named != self.request:
             return False
         self.reports.append(sample)
-        if sample.values.get("error") == REPLAY:
+        if _is_replay(sample):
             if self.outcome is Outcome.NO_ANSWER:
                 self.outcome = Outcome.REPEATED
             return True
@@ -86,8 +87,12 @@ class Verification:
     @property
     def expected_number(self) -> int | None:
         """The next number of the key that the daemon accepts, when it has refused this one."""
-        refusals = [s.values for s in self.reports if s.values.get("error") == REPLAY]
-        return int(refusals[-1]["error_value"]) if refusals else None
+        named = [float(s.values["error_value"]) for s in self.reports if _is_replay(s)]
+        return int(named[-1]) if named and 0.0 <= named[-1] <= MAX_NUMBER else None
+
+
+def _is_replay(sample: Sample) -> bool:
+    return sample.values.get("error") == REPLAY
 
 
 def _is_answer(sample: Sample) -> bool:

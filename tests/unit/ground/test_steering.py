@@ -38,7 +38,7 @@ def test_a_forged_replay_makes_no_command_run_twice(tmp_path, key_file, capsys):
     assert capsys.readouterr().out.endswith("completed\n")
 
 
-@pytest.mark.parametrize("number", [2.0**20, 2.0**47, 2.0**60, 1e300, -1.0])
+@pytest.mark.parametrize("number", [2.0**20, 2.0**47, 2.0**60, 1e300, -1.0, float("nan")])
 def test_a_forged_replay_locks_nobody_out(tmp_path, key_file, number):
     with SealedDaemon(tmp_path, forge=forged(number)) as daemon:
         run(daemon, key_file, "tc", "PING", "--timeout", "0.5")
@@ -74,6 +74,11 @@ def test_numbers_are_shown_and_set_with_a_key_only(tmp_path, key_file, capsys):
     assert main([*state, "--key", str(key_file), "number", "40"]) == 0
     assert main([*state, "--key", str(key_file), "number"]) == 0
     assert capsys.readouterr().out == "40\n40\n"
+    assert main([*state, "--key", str(key_file), "number", str(2**48)]) == 2
+    (path,) = (tmp_path / "state").glob("*.json")
+    path.write_text("{")
+    assert main([*state, "--key", str(key_file), "number"]) == 2
+    assert "damaged" in capsys.readouterr().err
 
 
 TELEMETRY = bytes(range(100, 132))
