@@ -58,6 +58,10 @@ class FrameSource(Protocol):
         """Return and forget what happened: severity, code, text."""
         ...
 
+    def motor_side(self) -> Mapping[str, Mapping[str, float]]:
+        """Return the newest slow values of every joint by name."""
+        ...
+
     def findings(self) -> Sequence[Finding]:
         """Return and forget what was found wrong."""
         ...

@@ -35,6 +35,7 @@ def sample_status(config: Config, align: Aligner, inputs: Inputs) -> dict[str, A
         "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in inputs},
         "links": {link.name.removeprefix(CAN): link.summary() for m in inputs for link in m.links},
         "buses": {bus.name: bus.summary() for bus in buses},
+        "joints": {name: slow for bus in buses for name, slow in bus.source.motor_side().items()},
         "late_joints": {joint.name: late[joint.name] for joint in config.joints},
     }
 

@@ -114,10 +114,10 @@ def is_devices(sample: Sample, log: DaemonLog) -> bool:
     slots = {"bus1": bus, "imu": "imu", "star_tracker": "star_tracker"}
     if not sample.values["imu_received"]:
         return True  # before the first summary
-    return any(holds(sample.values, _counters(slots, summary)) for summary in log.summaries)
+    return any(holds(sample.values, _counters(slots, summary, log)) for summary in log.summaries)
 
 
-def _counters(slots: Mapping[str, str], summary: Values) -> dict[str, Any]:
+def _counters(slots: Mapping[str, str], summary: Values, log: DaemonLog) -> dict[str, Any]:
     expected: dict[str, Any] = {}
     for slot, name in slots.items():
         samples, link = summary["samples"][name], summary["links"][name]
@@ -125,6 +125,8 @@ def _counters(slots: Mapping[str, str], summary: Values) -> dict[str, Any]:
         expected[f"{slot}_losses"] = link["losses"]
         for key in COUNTS:
             expected[f"{slot}_{key}"] = samples.get(key, 0)
+    for k, joint in enumerate(log.config.joints, start=1):
+        expected[f"joint_{k}_motor_present"] = "YES" if joint.name in summary["joints"] else "NO"
     return expected
 
 

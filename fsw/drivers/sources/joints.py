@@ -64,7 +64,7 @@ class JointBusSource:
         self._errors = BusErrors()
         self._torque_unusable = 0
         self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
-        self.slow: dict[int, canopen.Tpdo2] = {}  # newest TPDO2 by joint index
+        self._slow: dict[str, canopen.Tpdo2] = {}  # newest TPDO2 by joint
 
     @property
     def counters(self) -> dict[str, int]:
@@ -92,6 +92,21 @@ class JointBusSource:
     def node_states(self) -> dict[int, int]:
         """NMT state by node, as last received."""
         return dict(self._states)
+
+    def motor_side(self) -> dict[str, dict[str, float]]:
+        """Return the newest slow values of every joint that sends TPDO2, in the joint's own sign.
+
+        `velocity_rad_s`, `motor_torque_ratio` (of the rated torque), `temperature_degc`, by name.
+        """
+        signs = {track.config.name: track.config.sign for track in self._tracks.values()}
+        return {
+            name: {
+                "velocity_rad_s": signs[name] * slow.velocity_rad_s,
+                "motor_torque_ratio": signs[name] * slow.motor_torque_ratio,
+                "temperature_degc": slow.temperature_c,
+            }
+            for name, slow in self._slow.items()
+        }
 
     def events(self) -> list[tuple[str, str, str]]:
         """Return and forget what an operator should know: severity, code, text."""
@@ -232,7 +247,7 @@ class JointBusSource:
         if function == canopen.COB_TPDO2:
             slow = canopen.decode_tpdo2(frame.data)
             if not isinstance(slow, Reject):
-                self.slow[track.index] = slow
+                self._slow[track.config.name] = slow
         elif function == canopen.COB_EMCY:
             emergency = canopen.decode_emcy(frame.data)
             if not isinstance(emergency, Reject):

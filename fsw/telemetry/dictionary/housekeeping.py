@@ -90,6 +90,16 @@ def _device(name: str) -> tuple[Field, ...]:
     )
 
 
+def _motor(joint: int) -> tuple[Field, ...]:
+    name = f"joint_{joint}"
+    return (
+        choice(f"{name}_motor_present", YES_NO, f"whether joint {joint} has sent a TPDO2"),
+        number(f"{name}_velocity_rad_s", Type.F32, "rad/s", "of its newest TPDO2"),
+        number(f"{name}_motor_torque_ratio", Type.F32, doc="motor torque over rated torque"),
+        number(f"{name}_temperature_degc", Type.F32, "degC", "of its newest TPDO2"),
+    )
+
+
 HEALTH_FIELDS = (
     choice("mode", MODE, SAFE=YELLOW),
     number(
@@ -213,6 +223,7 @@ DEVICE_FIELDS = (
     *(part for k in range(1, BUS_SLOTS + 1) for part in _device(f"bus{k}")),
     *_device("imu"),
     *_device("star_tracker"),
+    *(part for k in range(1, JOINT_SLOTS + 1) for part in _motor(k)),
 )
 
 JOB_FIELDS = (

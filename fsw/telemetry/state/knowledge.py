@@ -86,7 +86,9 @@ class Knowledge:
 
     def devices(self) -> dict[str, Any]:
         """Return set 4."""
-        return fields.device_values(self.status, [bus.name for bus in self._config.buses])
+        buses = [bus.name for bus in self._config.buses]
+        joints = [joint.name for joint in self._config.joints]
+        return fields.device_values(self.status, buses, joints)
 
     def job(self) -> dict[str, Any]:
         """Return set 5."""

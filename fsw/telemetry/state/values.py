@@ -54,8 +54,8 @@ def _times(prefix: str, times: Mapping[str, float]) -> Values:
     return {f"{prefix}_{kind}_us": times.get(kind, 0.0) for kind in ("last", "mean", "max")}
 
 
-def device_values(status: Mapping[str, Any], buses: Sequence[str]) -> Values:
-    """Return links and counters of every device."""
+def device_values(status: Mapping[str, Any], buses: Sequence[str], joints: Sequence[str]) -> Values:
+    """Return links and counters of every device, and the motor side of every joint."""
     names = {f"bus{k}": "" for k in range(1, BUS_SLOTS + 1)}
     names |= {f"bus{k}": name for k, name in enumerate(buses[:BUS_SLOTS], start=1)}
     names |= {"imu": "imu", "star_tracker": "star_tracker"}
@@ -69,6 +69,16 @@ def device_values(status: Mapping[str, Any], buses: Sequence[str]) -> Values:
             values[f"{slot}_{word}"] = samples.get(word, 0)
         for reason in REASONS:
             values[f"{slot}_reject_{reason}"] = samples.get(f"reject_{reason}", 0)
+    return values | _motor_values(status.get("joints", {}), joints)
+
+
+def _motor_values(motors: Mapping[str, Mapping[str, float]], joints: Sequence[str]) -> Values:
+    values: Values = {}
+    for k in range(1, JOINT_SLOTS + 1):
+        motor = motors.get(joints[k - 1], {}) if k <= len(joints) else {}
+        values[f"joint_{k}_motor_present"] = bool(motor)
+        for word in ("velocity_rad_s", "motor_torque_ratio", "temperature_degc"):
+            values[f"joint_{k}_{word}"] = motor.get(word, 0.0)
     return values
 
 

@@ -191,7 +191,7 @@ def test_other_services_are_routed_or_ignored_and_never_rejected() -> None:
     assert bus.events() == []
     assert (counters["error_frames"], counters["can_bus_off"]) == (1, 1)
     assert bus.node_states == {0x11: 5}
-    assert bus.slow[0].temperature_c == 25.0
+    assert [m["temperature_degc"] for m in bus.motor_side().values()] == [25.0]
 
 
 def test_sync_counts_to_its_maximum_and_starts_again() -> None:
@@ -256,3 +256,16 @@ def test_arbitrary_frames_never_raise(frames: list[CanFrame]) -> None:
     c = bus.counters
     assert c["accepted"] + c["rejected"] == c["received"]
     assert c["accepted_bytes"] + c["rejected_bytes"] == c["received_bytes"]
+
+
+def test_the_newest_tpdo2_of_a_joint_is_reported_in_its_own_sign() -> None:
+    bus = source(2, sign=-1)
+    assert bus.motor_side() == {}
+    for torque in (100, -250):
+        data = struct.pack("<ihh", 2**24, torque, 215)
+        bus.feed([CanFrame(T0, 0x280 + 0x12, data)])
+    ((name, motor),) = bus.motor_side().items()
+    assert name == joint_config(0x12).name
+    assert motor["velocity_rad_s"] == pytest.approx(-math.tau)
+    assert motor["motor_torque_ratio"] == pytest.approx(0.25)
+    assert motor["temperature_degc"] == pytest.approx(21.5)
