@@ -15,10 +15,10 @@ from typing import Any
 
 from fsw.clock import MonotonicClock
 from fsw.config import Config
-from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.drivers.wire import ByteChunk, CanFrame, unpack_frame
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
-from fsw.exchange.recording import Record, unpack_frame
+from fsw.exchange.recording import Record
 from fsw.exchange.recording_parts import contents_of, messages_of, parts_of
 from fsw.exchange.restart import Mode, Restart
 from fsw.exchange.sinks import NullSink, Sink

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
+
+# of linux/can.h
+EFF_FLAG, RTR_FLAG, ERR_FLAG = 0x80000000, 0x40000000, 0x20000000
+EFF_MASK, SFF_MASK = 0x1FFFFFFF, 0x7FF
+FD_BRS, FD_FDF = 0x01, 0x04
+CLASSIC_BYTES, FD_BYTES = 16, 72
+_CLASSIC = struct.Struct("<IB3x8s")
+_FD = struct.Struct("<IBB2x64s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,3 +102,41 @@ class BytePort(Protocol):
     def close(self) -> None:
         """Release the line."""
         ...
+
+
+def pack_frame(frame: CanFrame) -> bytes:
+    """Return the Linux structure of a frame, flag bits in `can_id`."""
+    can_id = frame.can_id
+    can_id |= EFF_FLAG * frame.is_extended | RTR_FLAG * frame.is_remote | ERR_FLAG * frame.is_error
+    if frame.is_fd:
+        flags = FD_FDF | FD_BRS * frame.bitrate_switch
+        return _FD.pack(can_id, len(frame.data), flags, frame.data)
+    return _CLASSIC.pack(can_id, len(frame.data), frame.data)
+
+
+def unpack_frame(t_ns: int, data: bytes) -> CanFrame | None:
+    """Return the frame of a Linux structure; None when it is neither of the two.
+
+    The identifier of an error frame is its error classes, of 29 bits.
+    """
+    if len(data) == CLASSIC_BYTES:
+        word, length, payload = _CLASSIC.unpack(data)
+        is_fd = brs = False
+    elif len(data) == FD_BYTES:
+        word, length, flags, payload = _FD.unpack(data)
+        is_fd, brs = True, bool(flags & FD_BRS)
+    else:
+        return None
+    if length > len(payload):
+        return None
+    extended, error = bool(word & EFF_FLAG), bool(word & ERR_FLAG)
+    return CanFrame(
+        t_ns=t_ns,
+        can_id=word & (EFF_MASK if extended or error else SFF_MASK),
+        data=payload[:length],
+        is_fd=is_fd,
+        is_extended=extended,
+        is_remote=bool(word & RTR_FLAG),
+        is_error=error,
+        bitrate_switch=brs,
+    )

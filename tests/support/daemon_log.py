@@ -13,8 +13,8 @@ from typing import Any
 
 from fsw.config import load
 from fsw.drivers.sources import ImuSource, JointBusSource, StarTrackerSource
-from fsw.drivers.wire import ByteChunk
-from fsw.exchange.recording import messages, unpack_frame
+from fsw.drivers.wire import ByteChunk, unpack_frame
+from fsw.exchange.recording import messages
 from fsw.telemetry.state.store import GenerationStore
 from tests.support.live_run import LiveRun
 

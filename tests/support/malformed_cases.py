@@ -18,8 +18,8 @@ import numpy as np
 
 from fsw.commands.replay import replay
 from fsw.config import Config
-from fsw.drivers.wire import CanFrame
-from fsw.exchange.recording import Record, RecordingWriter, messages, pack_frame, unpack_frame
+from fsw.drivers.wire import CanFrame, pack_frame, unpack_frame
+from fsw.exchange.recording import Record, RecordingWriter, messages
 from fsw.exchange.sinks import CanTraffic, Message, NullSink, RawTraffic
 from fsw.messages import Block, Estimate, Event
 from hil.judge.score import normalised_error_squared

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import socket
-import struct
 from typing import Any
 
 import can
@@ -14,16 +13,13 @@ from fsw.clock import Clock
 from fsw.config import BusConfig
 from fsw.drivers.ports import linux_can
 from fsw.drivers.ports.stamps import KernelStamps
-from fsw.drivers.wire import CanFrame, FramePort
+from fsw.drivers.wire import CanFrame, FramePort, unpack_frame
 from fsw.messages.errors import PortError
 
 RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
-_HEADER = struct.Struct("=IBB2x")
-_EFF, _RTR, _ERR = socket.CAN_EFF_FLAG, socket.CAN_RTR_FLAG, socket.CAN_ERR_FLAG
-_BRS = 0x01
 
 
 def open_can(bus: BusConfig, clock: Clock) -> FramePort:
@@ -178,11 +174,8 @@ class SocketCanPort:
         if not batch:
             return []
         times_ns = self._stamps.monotonic_ns(frame.realtime_ns for frame in batch)
-        return [
-            frame_of(frame.data, t_ns)
-            for frame, t_ns in zip(batch, times_ns, strict=True)
-            if len(frame.data) in (linux_can.CLASSIC_BYTES, linux_can.FD_BYTES)
-        ]
+        frames = map(unpack_frame, times_ns, (received.data for received in batch))
+        return [frame for frame in frames if frame is not None]
 
     def take_dropped(self) -> int:
         """Return and forget how many frames the receive buffer had no room for."""
@@ -206,21 +199,3 @@ class SocketCanPort:
     def close(self) -> None:
         """Release the interface."""
         self._device.shutdown()
-
-
-def frame_of(data: bytes, t_ns: int) -> CanFrame:
-    """Return the frame a Linux `can_frame` (16 bytes) or `canfd_frame` (72 bytes) holds."""
-    word, length, flags = _HEADER.unpack_from(data)
-    is_fd = len(data) == linux_can.FD_BYTES
-    extended = bool(word & _EFF)
-    mask = socket.CAN_EFF_MASK if word & (_EFF | _ERR) else socket.CAN_SFF_MASK
-    return CanFrame(
-        t_ns,
-        word & mask,
-        data[8 : 8 + length],
-        is_fd,
-        extended,
-        bool(word & _RTR),
-        bool(word & _ERR),
-        is_fd and bool(flags & _BRS),
-    )

@@ -13,8 +13,8 @@ from pathlib import Path
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK, decode_fd, decode_tpdo1
-from fsw.drivers.wire import CanFrame, Reject
-from fsw.exchange.recording import RecordingWriter, unpack_frame
+from fsw.drivers.wire import CanFrame, Reject, unpack_frame
+from fsw.exchange.recording import RecordingWriter
 from fsw.exchange.recording_parts import contents_of, messages_of, parts_of
 from fsw.exchange.sinks import CanTraffic, RawTraffic
 from fsw.loop.ports import IMU, STAR_TRACKER

@@ -9,8 +9,7 @@ from fsw.config import BusConfig, JointConfig
 from fsw.drivers.codecs import canopen
 from fsw.drivers.codecs.can_error import decode_error
 from fsw.drivers.sources import JointBusSource
-from fsw.drivers.wire import CanFrame, Reject
-from fsw.exchange.recording import pack_frame, unpack_frame
+from fsw.drivers.wire import CanFrame, Reject, pack_frame, unpack_frame
 from hil.evidence.fuzz.oracle import Target, require, segments
 
 MS = 1_000_000

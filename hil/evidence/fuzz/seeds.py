@@ -9,9 +9,9 @@ from pathlib import Path
 import msgpack
 import numpy as np
 
-from fsw.drivers.wire import CanFrame
+from fsw.drivers.wire import CanFrame, pack_frame
 from fsw.exchange.checkpoint import Checkpoint, Identity, encode
-from fsw.exchange.recording import RecordingWriter, pack_frame
+from fsw.exchange.recording import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, RawTraffic
 from fsw.messages import Snapshot
 from fsw.messages.commands import CommandName

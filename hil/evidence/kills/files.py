@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from fsw.drivers.wire import unpack_frame
 from fsw.exchange.checkpoint import CheckpointError, decode
 from fsw.exchange.checkpoint_store import NAMES
-from fsw.exchange.recording import unpack_frame
 from fsw.exchange.recording_parts import contents_of, messages_of
 from hil.devices.canopen import SYNC_ID
 

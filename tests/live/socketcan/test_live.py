@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from fsw.exchange.recording import unpack_frame
+from fsw.drivers.wire import unpack_frame
 from hil.faults.real_bus import ErrorKind, babbling, inject, set_link
 from hil.run import bench
 from hil.run.flight import on_socketcan

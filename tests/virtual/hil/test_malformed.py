@@ -17,8 +17,8 @@ from fsw.drivers.codecs import stim300 as flight_stim300
 from fsw.drivers.codecs.sagitta import SagittaCodec
 from fsw.drivers.codecs.stim300 import Stim300Codec, StimDatagram
 from fsw.drivers.sources import StarTrackerSource
-from fsw.drivers.wire import ByteChunk
-from fsw.exchange.recording import Record, unpack_frame
+from fsw.drivers.wire import ByteChunk, unpack_frame
+from fsw.exchange.recording import Record
 from hil.devices import canopen, sagitta, stim300
 from hil.faults import taps as faults
 from hil.faults.taps import (

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from fsw.drivers.wire import CanFrame
-from fsw.exchange.recording import RecordingWriter, contents, messages, pack_frame, unpack_frame
+from fsw.drivers.wire import CanFrame, pack_frame, unpack_frame
+from fsw.exchange.recording import RecordingWriter, contents, messages
 from fsw.exchange.sinks import CanTraffic, RawTraffic
 from fsw.messages.errors import ConfigError
 

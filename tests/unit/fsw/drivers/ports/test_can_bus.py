@@ -7,7 +7,8 @@ import can
 import pytest
 
 from fsw.clock import MonotonicClock
-from fsw.drivers.ports.can_bus import CanPort, frame_of, open_can
+from fsw.drivers.ports.can_bus import CanPort, open_can
+from fsw.drivers.wire import unpack_frame
 from fsw.messages.errors import PortError
 from tests.support.driver_configs import bus_config
 from tests.support.kernel_stamps import WAITING_ID, wait_for_kernel_stamps
@@ -67,15 +68,25 @@ def test_a_bus_that_cannot_be_opened_is_named(interface: str) -> None:
 
 def test_linux_frames_are_read_field_by_field() -> None:
     classic = struct.pack("=IB3x8s", 0x191 | socket.CAN_RTR_FLAG, 2, b"ab")
-    frame = frame_of(classic, 5)
+    frame = unpack_frame(5, classic)
+    assert frame is not None
     assert (frame.t_ns, frame.can_id, frame.data) == (5, 0x191, b"ab")
     assert (frame.is_remote, frame.is_fd, frame.is_extended, frame.is_error) == (True,) + 3 * (
         False,
     )
     fd = struct.pack("=IBB2x64s", 0x18FF0001 | socket.CAN_EFF_FLAG, 20, 0x01, bytes(range(64)))
-    frame = frame_of(fd, 6)
+    frame = unpack_frame(6, fd)
+    assert frame is not None
     assert (frame.can_id, frame.data) == (0x18FF0001, bytes(range(20)))
     assert (frame.is_fd, frame.is_extended, frame.bitrate_switch) == (True, True, True)
+
+
+def test_the_classes_of_an_error_frame_are_read_whole() -> None:
+    classes = 0x1000_0204
+    error = struct.pack("=IB3x8s", classes | socket.CAN_ERR_FLAG, 8, bytes(8))
+    frame = unpack_frame(7, error)
+    assert frame is not None
+    assert (frame.is_error, frame.is_extended, frame.can_id) == (True, False, classes)
 
 
 def test_a_broken_bus_raises_a_port_error() -> None:
