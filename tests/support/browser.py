@@ -34,7 +34,7 @@ def chromium(folder: Path) -> Iterator[Any]:
     if None in found:
         pytest.skip("needs Debian's chromium and chromium-driver: sh tests/setup")
     options = webdriver.ChromeOptions()
-    options.binary_location = found[0]
+    options.binary_location = str(_ending_with_driver(folder, str(found[0])))
     for flag in (*FLAGS, f"--user-data-dir={folder}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
@@ -46,6 +46,15 @@ def chromium(folder: Path) -> Iterator[Any]:
         yield browser
     finally:
         browser.quit()
+
+
+def _ending_with_driver(folder: Path, program: str) -> Path:
+    """Return a program that starts the browser, which then ends when its driver does."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "browser"
+    path.write_text(f'#!/bin/sh\nexec setpriv --pdeathsig KILL -- {program} "$@"\n')
+    path.chmod(0o700)
+    return path
 
 
 def console_errors(browser: Any) -> list[str]:
