@@ -35,7 +35,7 @@ import numpy as np
 import fsw
 from fsw.drivers.wire import CanFrame
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import DOWN_BYTES, UP_BYTES, RingJobs, RingSink
+from fsw.exchange.ringlink import DOWN_BYTES, UP_BYTES, RingSink
 from fsw.loop.ports import SECOND, Ports
 from fsw.loop.wiring import build
 from fsw.messages import Estimate
@@ -226,8 +226,7 @@ def _followed(setup: Setup) -> Tracer:
         star_tracker=world.star_tracker,
     )
     down, up = RingWriter.create(DOWN_BYTES), RingWriter.create(UP_BYTES)
-    jobs = RingJobs(down, RingReader(os.dup(up.fd)))
-    daemon = build(setup.config, world.clock, ports, RingSink(down), jobs=jobs)
+    daemon = build(setup.config, world.clock, ports, RingSink(down))
     service = Service(setup.config, world.clock, RingReader(os.dup(down.fd)), up, resume=False)
     service.open()
     tracer: Tracer | None = None
