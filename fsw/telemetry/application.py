@@ -46,7 +46,7 @@ from fsw.telemetry.services.parameters import Parameters
 from fsw.telemetry.services.playback import Outlet
 from fsw.telemetry.services.summaries import Summaries
 from fsw.telemetry.services.tables import Tables
-from fsw.telemetry.services.time_reports import TimeReports, correlation_values
+from fsw.telemetry.services.time_reports import TimeReports
 from fsw.telemetry.services.transfers import Transfers
 from fsw.telemetry.state.boot import Boot
 from fsw.telemetry.state.command_log import CommandLog, CommandRecord
@@ -151,7 +151,9 @@ class TelemetryApplication:
             self.state,
             self.boot.count,
         )
-        self.times = TimeReports(self._report_time, lambda: int(get("time_report_exponent")))
+        self.times = TimeReports(
+            self.down, self.host.epoch, lambda: int(get("time_report_exponent"))
+        )
         self.housekeeping = Housekeeping(
             self._telemetry, self.sets.builders(), self.down.send, self.down.wrap
         )
@@ -375,11 +377,6 @@ class TelemetryApplication:
                 self.supervision.commanded()
         elif self.delivery is not None:
             self.delivery.receive(item.packet[HEADER_BYTES:], now_ns)
-
-    def _report_time(self, exponent: int) -> None:
-        self.down.time(exponent)
-        now_ns = self.host.now_ns()
-        self.down.send_at("time_correlation", now_ns, correlation_values(self.host.epoch(), now_ns))
 
     def _mode_changed(self) -> None:
         self.supervision.mode_changed()

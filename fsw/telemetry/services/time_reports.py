@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 
+from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.telecommands import Request
 from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.state.epoch import Epoch
@@ -23,12 +24,14 @@ class TimeReports:
 
     Parameters
     ----------
-    send : sends one, which tells the exponent of their interval
+    epoch : the origin of mission elapsed time, as it is known now
     configured : exponent as long as none was commanded in this run
     """
 
-    def __init__(self, send: Callable[[int], None], configured: Callable[[], int]) -> None:
-        self._send, self._configured = send, configured
+    def __init__(
+        self, down: Downlink, epoch: Callable[[], Epoch], configured: Callable[[], int]
+    ) -> None:
+        self._down, self._epoch, self._configured = down, epoch, configured
         self._due_ns = 0
         self._commanded: int | None = None
 
@@ -41,7 +44,10 @@ class TimeReports:
         """Send one if its time has come."""
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + (SECOND_NS << self.exponent)
-            self._send(self.exponent)
+            self._down.time(self.exponent)
+            self._down.send_at(
+                "time_correlation", now_ns, correlation_values(self._epoch(), now_ns)
+            )
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommand."""
