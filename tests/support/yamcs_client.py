@@ -10,21 +10,20 @@ import sys
 import time
 from typing import Any
 
-from yamcs.client import YamcsClient
+from yamcs.client import ConnectionFailure, YamcsClient
 
-PATIENCE_S = 120.0
+PATIENCE_S = 600.0
 INSTANCE = "inertia"
 SENT: tuple[tuple[str, dict[str, Any]], ...] = (
     ("PING", {}),
     ("REPORT_SET", {"sid": "HEALTH"}),
     ("TBL_VALIDATE", {"table": "NOISE"}),  # nothing is staged
-    ("REC_START", {}),  # it is recording
     ("RUN_BATCH", {"method": "FUSED", "unknown": "TARGET", "last_s": 10.0}),
 )
 SHOWN = ("health_mode", "health_met_s", "estimate_target_mass_kg", "estimate_valid")
 
 
-def wait_for(condition: Any) -> Any:  # noqa: ANN401
+def wait_for(condition: Any) -> Any:
     """Return the condition's value once it is true; raises TimeoutError."""
     until_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < until_s:
@@ -35,7 +34,17 @@ def wait_for(condition: Any) -> Any:  # noqa: ANN401
     raise TimeoutError
 
 
-def give(connection: Any, name: str, arguments: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
+def _connect(port: int) -> YamcsClient | None:
+    """Return a client once the server listens and its instance runs."""
+    try:
+        client = YamcsClient(f"http://127.0.0.1:{port}")
+        states = {item.name: item.state for item in client.list_instances()}
+        return client if states.get(INSTANCE) == "RUNNING" else None
+    except ConnectionFailure:
+        return None
+
+
+def give(connection: Any, name: str, arguments: dict[str, Any]) -> dict[str, Any]:
     """Send one command; return what Yamcs made of its verification."""
     command = connection.issue(f"/{INSTANCE}/{name}", args=arguments)
     wait_for(command.is_complete)
@@ -48,7 +57,7 @@ def give(connection: Any, name: str, arguments: dict[str, Any]) -> dict[str, Any
 
 
 def main(port: int) -> int:
-    client = YamcsClient(f"http://127.0.0.1:{port}")
+    client = wait_for(lambda: _connect(port))
     processor = client.get_processor(INSTANCE, "realtime")
     names = [f"/{INSTANCE}/{name}" for name in SHOWN]
     wait_for(lambda: all(v is not None for v in processor.get_parameter_values(names)))

@@ -12,13 +12,14 @@ PAGE = "docs/dictionary.md"
 def documents(dictionary: Dictionary = DICTIONARY) -> dict[str, str]:
     """Return every export: path below the project's folder, and text."""
     from fsw.telemetry.export import cosmos, page, tables
+    from fsw.telemetry.export.verifiers import with_names
     from fsw.telemetry.export.xtce import system
     from fsw.telemetry.export.xtce_commands import add_commands
 
     root = system(dictionary)
     add_commands(root, dictionary)
     found = {
-        XTCE: root.dumps(top_comment=False),
+        XTCE: with_names(root.dumps(top_comment=False)),
         f"{FOLDER}/cosmos/tlm.txt": cosmos.telemetry(dictionary),
         f"{FOLDER}/cosmos/plugin.txt": cosmos.PLUGIN,
         f"{FOLDER}/cosmos/cmd.txt": cosmos.telecommands(dictionary),

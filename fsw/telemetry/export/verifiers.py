@@ -22,6 +22,7 @@ from fsw.telemetry.dictionary import Telecommand
 
 SENT = "/yamcs/cmdHist/ccsds-seqcount"
 COUNT_MASK = 0x3FFF
+ALGORITHM = '<CustomAlgorithm name="Unnamed"'
 ACCEPTANCE, START, PROGRESS, COMPLETION = 1, 3, 5, 7
 REPORTS = {  # subtype of the success: its packet, those of the failure
     ACCEPTANCE: ("acceptance_success", ("acceptance_failure", "routing_failure")),
@@ -65,3 +66,18 @@ def _line(report: str, result: str) -> str:
 
 def _text(lines: Sequence[str]) -> str:
     return "\n".join([*lines, "return null;"])
+
+
+def with_names(xtce: str) -> str:
+    """Return an XTCE document whose verifiers have algorithms of different names within a command.
+
+    pymdb calls all of them `Unnamed`; Yamcs runs one of a name at a time and refuses the command.
+    """
+    found, count = [], 0
+    for line in xtce.splitlines(keepends=True):
+        count = 0 if "<VerifierSet" in line else count
+        if ALGORITHM in line:
+            count += 1
+            line = line.replace(ALGORITHM, f'<CustomAlgorithm name="verifier_{count}"')  # noqa: PLW2901
+        found.append(line)
+    return "".join(found)

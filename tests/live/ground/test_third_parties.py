@@ -36,11 +36,13 @@ from tests.support.browser import (
 from tests.support.daemon_log import DaemonLog
 from tests.support.live_run import ENVIRONMENT, LiveRun, wait_for
 from tests.support.packet_checks import CHECKS, NEVER_SENT
+from tests.support.tool import run_tool
 from tests.support.tour import Tour
 
 pytestmark = pytest.mark.timeout(900)  # a busy machine draws the page slowly
 
 TMTCCMD = Path(sys.prefix) / "tmtccmd" / "bin" / "python"
+OPENC3 = Path(sys.prefix) / "openc3" / "bin" / "python"
 FILE_BYTES = 250_000
 LOSS, SEED = 0.01, 3
 
@@ -123,6 +125,16 @@ def test_tmtccmd_pings_and_sees_the_whole_verification_chain(live):
     assert (found["accepted"], found["ended"]) == ("SUCCESS", "SUCCESS")
     assert {1, 7} <= set(found["stages"])
     assert found["others"] > 0, "telemetry of other services goes by"
+
+
+def test_openc3_sends_commands_by_the_export_and_sees_them_verified(live):
+    found = run_tool(OPENC3, "openc3_client.py", XTCE.parent / "cosmos", live.port, timeout_s=400.0)
+    ping, report, refused = found["sent"]
+    chain = ["ACCEPTANCE_SUCCESS", "START_SUCCESS", "COMPLETION_SUCCESS"]
+    assert (ping["reports"], report["reports"]) == (chain, chain)
+    assert "ALIVE" in ping["seen"]
+    assert "HEALTH" in report["seen"]
+    assert refused["reports"] == ["ACCEPTANCE_FAILURE"]  # data of a table that is not loading
 
 
 def test_librecube_gets_a_file_byte_by_byte_with_one_percent_of_the_units_lost(live, tmp_path):

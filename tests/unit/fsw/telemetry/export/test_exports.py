@@ -141,6 +141,10 @@ def test_xtce_has_a_verifier_for_every_report_of_every_command(metacommands):
         found = [item.tag for item in metacommands[command.name].find(f"{X}VerifierSet")]
         reports = command.telecommand.verification
         assert found == [X + kinds.get(subtype, "CompleteVerifier") for subtype in reports]
+        names = [
+            item.get("name") for item in metacommands[command.name].iter(f"{X}CustomAlgorithm")
+        ]
+        assert len(set(names)) == len(reports)  # Yamcs runs one of a name
     timeout = metacommands["RUN_BATCH"].find(f".//{X}CompleteVerifier/{X}CheckWindow")
     assert timeout.get("timeToStopChecking") == "PT1H"
 
