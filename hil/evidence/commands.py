@@ -84,7 +84,7 @@ def _transfers(arguments: argparse.Namespace) -> int:
                 progress.console.print(f"{result.number}: {result.fault}", markup=False)
     found = summary(folder)
     print(json.dumps(found))
-    return FAILED_EXIT if found["faults"] else 0
+    return FAILED_EXIT if found["faults"] or found["late"] else 0
 
 
 def _kills(arguments: argparse.Namespace) -> int:

