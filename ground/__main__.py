@@ -10,10 +10,14 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ground.downlink import ClearStream, FrameStream
 from ground.errors import LINK, USAGE, GroundError
 from ground.sdls import Sealer
+
+if TYPE_CHECKING:
+    from ground.gateway.desk import Desk
 
 PORT = 10025
 STATE = Path("~/.local/state/ground")
@@ -58,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     number = commands.add_parser("number", help="show or set the next number of --key")
     number.add_argument("number", nargs="?", type=int, metavar="N", help="set it")
     number.set_defaults(command=_number)
+    _history_parser(commands)
     _tm_parser(commands)
     _file_parser(commands)
     _serve_parser(commands)
@@ -97,6 +102,13 @@ def _tc_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     tc.add_argument("--force", action="store_true", help="send values out of range")
     tc.add_argument("--json", action="store_true", help="print one JSON object")
     tc.set_defaults(command=_tc)
+
+
+def _history_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    history = commands.add_parser("history", help="show the commands that were sent from here")
+    history.add_argument("--count", type=_count, default=20, metavar="N", help="20")
+    history.add_argument("--json", action="store_true", help="one JSON object a line")
+    history.set_defaults(command=_history)
 
 
 def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -145,7 +157,13 @@ def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     fetch = commands.add_parser("fetch-assets", help="fetch Open MCT by npm, once")
     fetch.add_argument("--assets", type=Path, metavar="DIR", help="where to keep it")
     fetch.set_defaults(command=_fetch)
-    serve = commands.add_parser("serve", help="live page in the browser; shows, commands nothing")
+    serve = commands.add_parser("serve", help="live page in the browser")
+    serve.add_argument(
+        "--command",
+        dest="command_from_page",
+        action="store_true",
+        help="the page may command too, each command after a confirmation",
+    )
     serve.add_argument(
         "--http-host", default="127.0.0.1", help="127.0.0.1; another needs --http-token"
     )
@@ -203,7 +221,26 @@ def _fetch(arguments: argparse.Namespace) -> int:
 def _serve(arguments: argparse.Namespace) -> int:
     from ground.gateway.server import serve
 
-    return serve(arguments, lambda: _stream(arguments) or ClearStream())
+    desk = _desk(arguments) if arguments.command_from_page else None
+    return serve(arguments, lambda: _stream(arguments) or ClearStream(), desk)
+
+
+def _desk(arguments: argparse.Namespace) -> Desk:
+    from ground.gateway.desk import Desk
+    from ground.history import CommandHistory
+    from ground.show import opened
+
+    target = f"{arguments.host}:{arguments.port}"
+    return Desk(
+        lambda: opened(arguments, _sealer(arguments), _stream(arguments)),
+        CommandHistory(arguments.state, target),
+    )
+
+
+def _history(arguments: argparse.Namespace) -> int:
+    from ground.show import show_history
+
+    return show_history(arguments)
 
 
 def _sealer(arguments: argparse.Namespace) -> Sealer | None:

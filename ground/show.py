@@ -14,6 +14,7 @@ from typing import Any
 from ground.commands import Argument, Catalogue, given_arguments
 from ground.downlink import PacketStream
 from ground.errors import LinkError, UsageError
+from ground.history import CommandHistory
 from ground.link import Link
 from ground.sdls import Sealer
 from ground.telemetry import UNKNOWN, Decoder, Sample, check_names
@@ -85,6 +86,9 @@ def send(arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStr
         if arguments.at is not None:
             packet = catalogue.at(packet, arguments.at, link.next_sequence())
         verification = _follow(link, decoder, packet, arguments, wanted)
+        target = f"{arguments.host}:{arguments.port}"
+        words = " ".join(arguments.arguments)
+        CommandHistory(arguments.state, target).add(arguments.name, words, verification, "tc")
     if arguments.json:
         print(json.dumps(_as_json(verification)))
     else:
@@ -101,6 +105,18 @@ def show_number(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
     if arguments.number is not None:
         sealer.set_next(arguments.number)
     print(sealer.next_number)
+    return 0
+
+
+def show_history(arguments: argparse.Namespace) -> int:
+    """Show the newest commands that were sent from this ground."""
+    for line in CommandHistory(arguments.state).read(arguments.count):
+        if arguments.json:
+            print(json.dumps(line))
+            continue
+        words = f"{line.get('command', '')} {line.get('arguments', '')}".strip()
+        ending = f"{line.get('outcome', '')} {line.get('error', '')}".strip()
+        print(f"{line.get('utc', '')}  {line.get('who', '')}  {words}: {ending}")
     return 0
 
 

@@ -17,6 +17,7 @@ from ground.telemetry import CRC, HEADER, SHARED, Sample, Value
 
 SIGMA = "sigma"
 EVENTS = "events"
+BODIES, PRESENT = ("base", "target"), "_present"
 EVENT_SERVICE = 5
 
 
@@ -51,6 +52,9 @@ class Points:
             name: float(value) if not isinstance(value, str) else self._numbers[name_of][value]
             for name, value, name_of in self._numeric(sample)
         }
+        for body in BODIES:
+            if numbers.get(f"{body}{PRESENT}") == 0.0:  # not identified is not 0 kg
+                numbers = {k: v for k, v in numbers.items() if not _is_value_of(k, body)}
         for field, (value, sigma) in _pairs(numbers):
             numbers[f"{field}_low"] = value - sigma
             numbers[f"{field}_high"] = value + sigma
@@ -108,6 +112,10 @@ def _pairs(numbers: Mapping[str, float]) -> list[tuple[str, tuple[float, float]]
     ]
 
 
+def _is_value_of(field: str, body: str) -> bool:
+    return field.startswith(f"{body}_") and not field.endswith(PRESENT)
+
+
 def _sigma_of(field: str) -> str:
     """Return the name of a field's sigma: BODY_sigma_REST."""
     body, _, rest = field.partition("_")
@@ -123,3 +131,10 @@ def event_of(sample: Sample) -> dict[str, str] | None:
         "code": str(sample.values["event"]),
         "text": str(sample.values["text"]).rstrip("\0"),
     }
+
+
+def health_bits(points: Points) -> dict[int, str]:
+    """Return the names of the health word's bits, which its description lists."""
+    words = points.by_key["health.health"].doc.partition("bits: ")[2]
+    pairs = (item.partition(" ") for item in words.split(", ") if item)
+    return {int(bit): name for bit, _, name in pairs}

@@ -16,12 +16,13 @@ from aiohttp import WSMsgType, web
 
 from ground.assets import ENTRY, default_folder
 from ground.downlink import ClearStream, PacketStream
-from ground.errors import UsageError
+from ground.errors import GroundError, UsageError
+from ground.gateway.desk import Desk
 from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard, read_token
 from ground.gateway.history import Recordings, thinned
 from ground.gateway.objects import page_objects
-from ground.gateway.points import EVENTS, Points
+from ground.gateway.points import EVENTS, Points, health_bits
 
 STATIC = Path(__file__).parent / "static"
 PERIOD_S = 0.1  # at most ten messages a second to a client
@@ -61,8 +62,15 @@ class Gateway:
     """Handlers of the page's requests."""
 
     def __init__(
-        self, host: str, port: int, recordings: Recordings, make_stream: Callable[[], PacketStream]
+        self,
+        host: str,
+        port: int,
+        recordings: Recordings,
+        make_stream: Callable[[], PacketStream],
+        desk: Desk | None = None,
     ) -> None:
+        self._desk = desk  # None: the page may look only
+        self._one_command = asyncio.Lock()  # at a time
         self._points, self._recordings = Points(), recordings
         self.feed = Feed(host, port, self._points, self.take, make_stream)
         self._clients: set[Client] = set()
@@ -77,8 +85,44 @@ class Gateway:
                 client.offer(packet, t_ms, numbers)
 
     async def index(self, _request: web.Request) -> web.FileResponse:
-        """Return the page."""
+        """Return the overview."""
+        return web.FileResponse(STATIC / "summary.html")
+
+    async def explore(self, _request: web.Request) -> web.FileResponse:
+        """Return Open MCT, with every value of the dictionary."""
         return web.FileResponse(STATIC / "index.html")
+
+    async def words(self, _request: web.Request) -> web.Response:
+        """Return names of bits and labels, and the telecommands where the page may command."""
+        labels = {p.key: p.labels for p in self._points.by_key.values() if p.labels is not None}
+        commands = [] if self._desk is None else self._desk.commands()
+        words = {"bits": health_bits(self._points), "labels": labels}
+        return web.json_response(
+            words | {"commands": commands, "may_command": self._desk is not None}
+        )
+
+    async def command(self, request: web.Request) -> web.Response:
+        """Send a telecommand that was confirmed on the page; return what became of it."""
+        if self._desk is None:
+            raise web.HTTPForbidden(text="this page may look only")
+        if request.content_type != "application/json":
+            raise web.HTTPUnsupportedMediaType(text="application/json")
+        try:
+            message = await request.json()
+            name, given = str(message["name"]), message["arguments"]
+            given = {str(key): str(value) for key, value in given.items()}
+            confirmed = message["confirmed"] is True
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise web.HTTPBadRequest(text="name, arguments, confirmed") from error
+        if not confirmed:
+            raise web.HTTPBadRequest(text="not confirmed")
+        loop = asyncio.get_running_loop()
+        try:
+            async with self._one_command:
+                told = await loop.run_in_executor(None, self._desk.send, name, given)
+        except GroundError as error:
+            told = {"error": str(error)}
+        return web.json_response(told)
 
     async def objects(self, _request: web.Request) -> web.Response:
         """Return everything the page's tree holds."""
@@ -173,16 +217,20 @@ def application(
     recordings: Path | None,
     guard: Guard,
     make_stream: Callable[[], PacketStream] = ClearStream,
+    desk: Desk | None = None,
 ) -> web.Application:
     """Return the server. Raises UsageError when Open MCT is not there."""
     if not (assets / ENTRY).exists():
         raise UsageError(f"{assets}: Open MCT is not there; run `ground fetch-assets`")
-    gateway = Gateway(host, port, Recordings(recordings), make_stream)
+    gateway = Gateway(host, port, Recordings(recordings), make_stream, desk)
     app = web.Application(middlewares=[guard.middleware()])
     app.on_response_prepare.append(guard.add_headers)
     app.add_routes(
         [
             web.get("/", gateway.index),
+            web.get("/explore", gateway.explore),
+            web.get("/words", gateway.words),
+            web.post("/command", gateway.command),
             web.get("/objects", gateway.objects),
             web.get("/history/{key}", gateway.history),
             web.get("/latest/{key}", gateway.latest),
@@ -203,13 +251,15 @@ def application(
     return app
 
 
-def serve(arguments: argparse.Namespace, make_stream: Callable[[], PacketStream]) -> int:
+def serve(
+    arguments: argparse.Namespace, make_stream: Callable[[], PacketStream], desk: Desk | None
+) -> int:
     """Serve until interrupted; the first line printed is the page's address."""
     assets = arguments.assets or default_folder()
     token = None if arguments.http_token is None else read_token(arguments.http_token)
     guard = Guard(arguments.http_host, token)
     app = application(
-        arguments.host, arguments.port, assets, arguments.recordings, guard, make_stream
+        arguments.host, arguments.port, assets, arguments.recordings, guard, make_stream, desk
     )
     asyncio.run(_serve(app, arguments.http_host, arguments.http_port))
     return 0

@@ -59,7 +59,7 @@ def report(name: str, telecommand: bytes, **values: Any) -> bytes:
 
 
 class FakeDaemon:
-    """Serves one client at a time on a port of its own; `with` ends it."""
+    """Serves clients on a port of its own; `with` ends it."""
 
     def __init__(
         self,
@@ -74,6 +74,7 @@ class FakeDaemon:
         self.received = bytearray()
         self.pause = threading.Event()
         self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
         self._thread = threading.Thread(target=self._run)
 
     def __enter__(self) -> FakeDaemon:
@@ -95,11 +96,18 @@ class FakeDaemon:
                 client, _ = self._listener.accept()
             except TimeoutError:
                 continue
-            with client:
-                client.settimeout(self._period_s)
-                self._serve(client)
+            thread = threading.Thread(target=self._serve, args=(client,))
+            thread.start()
+            self._threads.append(thread)
+        for thread in self._threads:
+            thread.join()
 
     def _serve(self, client: socket.socket) -> None:
+        with client:
+            client.settimeout(self._period_s)
+            self._answer(client)
+
+    def _answer(self, client: socket.socket) -> None:
         buffer = bytearray()
         while not self._stop.is_set():
             try:
@@ -144,6 +152,7 @@ def run_of_estimates(seed: int = 1) -> Callable[[], bytes]:
             "nis_dof": 70,
             "noise_ratio": float(rng.normal(1.0, 0.02)),
             "condition_number": 2e4,
+            "whole_present": 1,
             "target_present": 1,
             "target_consistent": 1,
             "target_mass_kg": mass_kg,

@@ -16,6 +16,7 @@ from fsw.telemetry.dictionary.codes import (
     TABLE_STATE,
     UNKNOWN,
     YES_NO,
+    Health,
     Table,
 )
 from fsw.telemetry.dictionary.fields import (
@@ -100,11 +101,12 @@ def _motor(joint: int) -> tuple[Field, ...]:
     )
 
 
+HEALTH_DOC = "latched health word, 0 healthy; bits: " + ", ".join(
+    f"{bit.value} {bit.name.lower().replace('_', ' ')}" for bit in Health
+)
 HEALTH_FIELDS = (
     choice("mode", MODE, SAFE=YELLOW),
-    number(
-        "health", Type.U32, doc="latched health word, one bit per fault, 0 healthy", limits=ZERO
-    ),
+    number("health", Type.U32, doc=HEALTH_DOC, limits=ZERO),
     number(
         "health_now", Type.U32, doc="the same bits, as of this packet, not latched", limits=ZERO
     ),

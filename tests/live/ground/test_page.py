@@ -24,7 +24,7 @@ def test_the_page_follows_the_mass_and_shows_what_is_stale(tmp_path):
         try:
             assert gateway.stdout is not None
             with chromium(tmp_path / "profile") as browser:
-                browser.get(gateway.stdout.readline().strip())
+                browser.get(gateway.stdout.readline().strip() + "explore")
                 first = wait_for("a mass", lambda: shown(browser, "target mass")[0])
                 wait_for("another", lambda: shown(browser, "target mass")[0] not in ("", first))
                 wait_for("LIVE", lambda: "LIVE" in head(browser))

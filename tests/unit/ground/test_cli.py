@@ -10,6 +10,13 @@ from ground.__main__ import main
 from tests.support.fake_daemon import OUTSIDE, FakeDaemon, completed, packet, report
 
 
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    """A home of its own: the command history is kept there."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path
+
+
 def run(daemon: FakeDaemon, *words: str) -> int:
     return main(["--port", str(daemon.port), *words])
 
@@ -181,3 +188,23 @@ def test_a_packet_outside_the_dictionary_does_not_disturb_a_command(capsys):
     with FakeDaemon(answer) as daemon:
         assert run(daemon, "tc", "PING") == 0
     assert "unknown" not in capsys.readouterr().out
+
+
+def test_every_command_that_was_sent_is_in_the_history(capsys, home):
+    with FakeDaemon() as daemon:
+        assert run(daemon, "tc", "PING") == 0
+        assert run(daemon, "tc", "ENABLE_SET", "sid=HEALTH") == 0
+    with FakeDaemon(lambda _tc: []) as daemon:
+        assert run(daemon, "tc", "PING", "--timeout", "0.2") == 5
+    capsys.readouterr()
+    with (home / ".local/state/ground/commands.jsonl").open("a") as file:
+        file.write("{cut")
+    assert main(["history", "--count", "2"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith("ENABLE_SET sid=HEALTH: completed")
+    assert lines[1].endswith("PING: no answer")
+    assert main(["history", "--json"]) == 0
+    first = json.loads(capsys.readouterr().out.splitlines()[0])
+    assert (first["command"], first["outcome"], first["via"]) == ("PING", "completed", "tc")
+    assert first["target"].startswith("127.0.0.1:")
+    assert (home / ".local/state/ground/commands.jsonl").stat().st_mode & 0o077 == 0

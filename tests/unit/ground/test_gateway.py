@@ -14,10 +14,15 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from fsw.exchange.recording import RecordingWriter
 from ground.errors import UsageError
+from ground.gateway.desk import Desk
 from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard
 from ground.gateway.history import MAX_ROWS, Ring, thinned
+from ground.gateway.points import Points
 from ground.gateway.server import KEPT, PERIOD_S, Client, application
+from ground.history import CommandHistory
+from ground.link import Link
+from ground.telemetry import Decoder
 from tests.support.fake_daemon import OUTSIDE, FakeDaemon, packet, run_of_estimates
 
 MASS = "estimate.target_mass_kg"
@@ -29,6 +34,14 @@ def assets(tmp_path):
     folder.mkdir()
     (folder / "openmct.js").write_text("// Open MCT")
     return folder
+
+
+@asynccontextmanager
+async def commanding(port, assets, desk):
+    guard = Guard("127.0.0.1")
+    app = application("127.0.0.1", port, assets, None, guard, desk=desk)
+    async with TestClient(TestServer(app)) as client:
+        yield client
 
 
 @asynccontextmanager
@@ -58,6 +71,8 @@ def test_the_page_and_its_files_are_served(assets):
     async def check():
         async with gateway(1, assets) as client:
             page = await (await client.get("/")).text()
+            assert 'src="static/summary.js"' in page
+            page = await (await client.get("/explore")).text()
             assert 'src="static/start.js"' in page
             start = await (await client.get("/static/start.js")).text()
             assert "openmct.start(document.getElementById" in start
@@ -280,3 +295,73 @@ def test_a_reader_that_fails_says_so_and_connects_again(assets, monkeypatch):
 
     with FakeDaemon(stream=run_of_estimates()) as daemon:
         asyncio.run(check(daemon.port))
+
+
+def test_health_is_given_in_words_and_labels(assets):
+    async def check():
+        async with gateway(1, assets) as client:
+            words = await (await client.get("/words")).json()
+            assert words["bits"]["1"] == "port lost"
+            assert words["bits"]["14"] == "loop silent"
+            assert len(words["bits"]) == 20
+            assert words["labels"]["health.mode"]["3"] == "IDENTIFY"
+            assert words["may_command"] is False
+            assert words["commands"] == []
+
+    asyncio.run(check())
+
+
+@pytest.mark.parametrize(
+    ("message", "status"),
+    [
+        ({"name": "PING", "arguments": {}, "confirmed": False}, 400),
+        ({"name": "PING", "arguments": {}}, 400),
+        ({"name": "PING", "arguments": 5, "confirmed": True}, 400),
+        ([], 400),
+    ],
+)
+def test_a_command_that_is_not_confirmed_or_not_whole_is_not_sent(
+    assets, tmp_path, message, status
+):
+    async def check(daemon):
+        desk = Desk(lambda: Link("127.0.0.1", daemon.port, None), CommandHistory(tmp_path))
+        async with commanding(daemon.port, assets, desk) as client:
+            answer = await client.post("/command", json=message)
+            assert answer.status == status
+            wrong = await client.post("/command", data=json.dumps(message))
+            assert wrong.status == 415
+            assert not daemon.received
+
+    with FakeDaemon() as daemon:
+        asyncio.run(check(daemon))
+
+
+def test_a_page_that_may_only_look_sends_nothing_and_another_site_never(assets, tmp_path):
+    message = {"name": "PING", "arguments": {}, "confirmed": True}
+
+    async def check(daemon):
+        async with gateway(daemon.port, assets) as client:
+            assert (await client.post("/command", json=message)).status == 403
+        desk = Desk(lambda: Link("127.0.0.1", daemon.port, None), CommandHistory(tmp_path))
+        async with commanding(daemon.port, assets, desk) as client:
+            foreign = {"Origin": "http://evil.example"}
+            assert (await client.post("/command", json=message, headers=foreign)).status == 403
+            assert not daemon.received
+            told = await (await client.post("/command", json=message)).json()
+            assert told["outcome"] == "completed"
+            wrong = message | {"name": "PNIG"}
+            told = await (await client.post("/command", json=wrong)).json()
+            assert "did you mean PING" in told["error"]
+
+    with FakeDaemon() as daemon:
+        asyncio.run(check(daemon))
+    assert [line["command"] for line in CommandHistory(tmp_path).read(9)] == ["PING"]
+
+
+def test_a_body_that_is_not_identified_has_no_values():
+    points = Points()
+    decoded = Decoder().decode(packet("estimate", target_present=1, target_mass_kg=300.0))
+    numbers = points.numbers(decoded)
+    assert numbers["target_mass_kg"] == 300.0
+    assert numbers["base_present"] == 0.0
+    assert not any(name.startswith("base_") and name != "base_present" for name in numbers)
