@@ -88,6 +88,7 @@ def test_an_operator_sees_the_verdict_the_values_and_commands(page):
     assert "Slips" in tiles
     assert "Recording\nyes" in tiles
     wait_for("a burst", lambda: "TC_REJECTED × " in text(browser, "#events"))  # noqa: RUF001
+    wait_for("the loss", lambda: "PORT_LOST" in text(browser, "#events"))
     lines = text(browser, "#events").splitlines()
     assert sum("TC_REJECTED" in line for line in lines) == 1, "one line per burst"
     assert any("PORT_LOST" in line and "<b>gone</b>" in line for line in lines), "as text"

@@ -88,7 +88,7 @@ def page(live, tmp_path) -> Iterator[object]:
         assert gateway.stdout is not None
         address = gateway.stdout.readline().strip()
         with chromium(tmp_path / "profile") as browser:
-            browser.get(address)
+            browser.get(f"{address}explore")
             yield browser
     finally:
         gateway.terminate()
