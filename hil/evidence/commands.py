@@ -22,6 +22,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     fuzz.add_argument("--seed", type=int, default=0, metavar="K", help="of the mutations")
     fuzz.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     fuzz.add_argument("--keep", type=Path, metavar="DIR", help="copy a small corpus there")
+    fuzz.add_argument("--only", default="", metavar="TARGET", help="all inputs for one target")
     fuzz.set_defaults(command=_fuzz)
     kills = commands.add_parser("kills", help="kill -9 of loop and service in a real-time run")
     kills.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
@@ -53,18 +54,22 @@ def bar() -> Progress:
 
 def _fuzz(arguments: argparse.Namespace) -> int:
     from hil.evidence.fuzz.campaign import Bout, keep, run
-    from hil.evidence.fuzz.table import quota
+    from hil.evidence.fuzz.table import TARGETS, quota
+    from hil.world.scenario import ScenarioError
 
-    inputs = int(arguments.inputs)
+    inputs, only = int(arguments.inputs), arguments.only
+    if only and only not in TARGETS:
+        raise ScenarioError(f"--only: {only!r} is none of {', '.join(TARGETS)}")
+    shares = quota(inputs, only)
     with bar() as progress:
-        tasks = {name: progress.add_task(name, total=n) for name, n in quota(inputs).items()}
+        tasks = {name: progress.add_task(name, total=n) for name, n in shares.items()}
 
         def tell(bout: Bout) -> None:
             progress.advance(tasks[bout.target], bout.inputs)
             if bout.failure:
                 progress.console.print(f"{bout.target}: {bout.failure}", markup=False)
 
-        result = run(inputs, arguments.out.absolute(), arguments.seed, tell)
+        result = run(inputs, arguments.out.absolute(), arguments.seed, tell, only)
     if arguments.keep is not None:
         keep(arguments.out.absolute(), arguments.keep, most=24, most_bytes=2048)
     print(json.dumps(result))

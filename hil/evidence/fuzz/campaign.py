@@ -22,6 +22,7 @@ from hil.evidence.store import Row, Store
 from hil.run.processes import tied
 
 BOUT_INPUTS = 50_000
+SEQUENCES = 2_000  # of a bout of the whole daemon: an input is some ten commands
 SHORT_INPUT_BYTES = 128  # of most bouts, or the longest seed: an input's cost goes by its length
 LONG_EVERY = 16  # bouts: one up to MAX_INPUT_BYTES
 RSS_LIMIT_MB = 1024
@@ -87,7 +88,7 @@ def longest(target: str, number: int) -> int:
     return max(SHORT_INPUT_BYTES, *(len(data) for data in seeds(target)))
 
 
-def campaign(inputs: int, folder: Path, seed: int) -> Iterator[Bout]:
+def campaign(inputs: int, folder: Path, seed: int, only: str = "") -> Iterator[Bout]:
     """Yield bouts until every target has had its share; a target that failed is left alone.
 
     What an earlier call in the same folder has done counts.
@@ -98,10 +99,11 @@ def campaign(inputs: int, folder: Path, seed: int) -> Iterator[Bout]:
     """
     store = open_store(folder, seed)
     states = summary(folder, store)["targets"]
-    for target, share in quota(inputs).items():
+    for target, share in quota(inputs, only).items():
         held = states[target]
         while held["inputs"] < share and not held["failure"]:
-            count, number = min(BOUT_INPUTS, share - held["inputs"]), held["bouts"]
+            most = SEQUENCES if target == "operations" else BOUT_INPUTS
+            count, number = min(most, share - held["inputs"]), held["bouts"]
             most_bytes = longest(target, number)
             result = bout(target, count, seed + number + 1, most_bytes, folder)
             store.add(f"{target}-{number}", asdict(result))
@@ -140,9 +142,11 @@ def _count(held: dict[str, Any], row: Row) -> None:
     held["failure"] = row["failure"]
 
 
-def run(inputs: int, folder: Path, seed: int, tell: Callable[[Bout], None]) -> dict[str, Any]:
+def run(
+    inputs: int, folder: Path, seed: int, tell: Callable[[Bout], None], only: str = ""
+) -> dict[str, Any]:
     """Run a campaign to its end and return the summary."""
-    for result in campaign(inputs, folder, seed):
+    for result in campaign(inputs, folder, seed, only):
         tell(result)
     return summary(folder, open_store(folder, seed))
 

@@ -18,6 +18,7 @@ from fsw.messages.commands import CommandName
 from fsw.telemetry.dictionary import DICTIONARY
 from hil.devices import sagitta as sagitta_device
 from hil.evidence.fuzz.delivery_target import ANY, DATA, END, METADATA
+from hil.evidence.fuzz.hostile import PATHS, ROBOT_EDITS, TEXTS
 from hil.evidence.fuzz.oracle import ENDS_CHUNK, SEALED
 from hil.evidence.fuzz.text_targets import CORRECT
 
@@ -51,8 +52,20 @@ def seeds(name: str) -> list[bytes]:
         "tc_packet": _telecommands,
         "tc_frame": lambda: [segment(SEALED | ENDS_CHUNK, b"\0" + bytes(20)) * 3],
         "file_unit": _deliveries,
+        "operations": _operations,
     }
     return makers[name]()
+
+
+def _operations() -> list[bytes]:
+    """Return uploads of every table that has ended a daemon, links, lines, each telecommand."""
+    uploads = [bytes((0, table, 3, k)) for table in (1, 2, 3) for k in range(len(TEXTS))]
+    robots = [bytes((0, 0, 0, 1, k, 0)) for k in range(len(ROBOT_EDITS))]
+    links = bytes((2, 1, 1))
+    named = [k for k, item in enumerate(DICTIONARY.telecommands) if item.service == 23]
+    on_links = [links + bytes((5, k, PATHS.index("files/loop"))) for k in named]
+    others = [bytes((5, k)) for k in range(len(DICTIONARY.telecommands))]
+    return [*uploads, *robots, b"\x01", *on_links, *others]
 
 
 def _serial(payload: bytes) -> list[bytes]:

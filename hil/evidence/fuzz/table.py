@@ -9,7 +9,7 @@ from importlib import import_module
 from hil.evidence.fuzz.oracle import Target
 
 SLOW = frozenset(
-    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit"}
+    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit", "operations"}
 )  # get fewer inputs
 TARGETS: dict[str, tuple[str, str]] = {
     "canopen": ("hil.evidence.fuzz.frame_targets", "canopen_target"),
@@ -24,11 +24,17 @@ TARGETS: dict[str, tuple[str, str]] = {
     "tc_packet": ("hil.evidence.fuzz.telemetry_targets", "packet_target"),
     "tc_frame": ("hil.evidence.fuzz.telemetry_targets", "frame_target"),
     "file_unit": ("hil.evidence.fuzz.delivery_target", "delivery_target"),
+    "operations": ("hil.evidence.fuzz.operations", "operations_target"),
 }
 
 
-def quota(inputs: int) -> dict[str, int]:
-    """Return how many of all inputs each target gets: at least a twentieth, fast ones more."""
+def quota(inputs: int, only: str = "") -> dict[str, int]:
+    """Return how many of all inputs each target gets: at least a twentieth, fast ones more.
+
+    `only` : a target that gets all of them.
+    """
+    if only:
+        return {only: inputs}
     least = -(-inputs // 20)
     fast = len(TARGETS) - len(SLOW)
     rest = max(0, inputs - least * len(SLOW))
