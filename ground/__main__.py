@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 PORT = 10025
 STATE = Path("~/.local/state/ground")
+MET_END_S = float((1 << 32) - 1)  # the last mission elapsed time that a packet can name
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -64,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     number.set_defaults(command=_number)
     _history_parser(commands)
     _tm_parser(commands)
+    _onboard_parser(commands)
     _file_parser(commands)
     _serve_parser(commands)
     return parser
@@ -73,6 +75,13 @@ def _seconds(text: str) -> float:
     value = float(text)
     if not math.isfinite(value) or value <= 0.0:
         raise argparse.ArgumentTypeError(f"{text}: must be a finite number above 0")
+    return value
+
+
+def _met(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= MET_END_S:
+        raise argparse.ArgumentTypeError(f"{text}: must be 0 to {MET_END_S:.0f}")
     return value
 
 
@@ -97,7 +106,11 @@ def _tc_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     tc = commands.add_parser("tc", help="send a telecommand and follow it to its end")
     tc.add_argument("name", metavar="NAME", help="from `ground list`")
     tc.add_argument("arguments", nargs="*", metavar="ARGUMENT=VALUE")
-    tc.add_argument("--at", type=_seconds, metavar="S", help="keep it until then, mission elapsed")
+    kept = tc.add_mutually_exclusive_group()
+    kept.add_argument(
+        "--at", type=_seconds, metavar="S", help="keep it until then, mission elapsed"
+    )
+    kept.add_argument("--on", metavar="EVENT", help="keep it as the action of an event, disabled")
     tc.add_argument("--timeout", type=_seconds, default=10.0, metavar="S", help="10")
     tc.add_argument("--force", action="store_true", help="send values out of range")
     tc.add_argument("--json", action="store_true", help="print one JSON object")
@@ -120,6 +133,27 @@ def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     tm.add_argument("--json", action="store_true", help="one JSON object a line")
     tm.add_argument("--raw", type=Path, metavar="FILE", help="also keep the packets as they come")
     tm.set_defaults(command=_tm)
+
+
+def _onboard_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    back = commands.add_parser("playback", help="retrieve stored telemetry into a file")
+    back.add_argument("stores", nargs="*", metavar="STORE", help="packet stores; all when none")
+    back.add_argument(
+        "--missed", type=Path, metavar="FILE", help="of `tm --raw`: add to it whatever it lacks"
+    )
+    back.add_argument("--out", type=Path, metavar="FILE", help="add the packets to this file")
+    back.add_argument("--from", dest="start", type=_met, default=0.0, metavar="S", help="0: oldest")
+    back.add_argument("--to", dest="end", type=_met, default=MET_END_S, metavar="S", help="now")
+    back.add_argument("--timeout", type=_seconds, default=600.0, metavar="S", help="600")
+    back.set_defaults(command=_playback)
+    sequence = commands.add_parser("sequence", help="load a sequence of telecommands from a text")
+    sequence.add_argument("number", type=_count, metavar="N", help="its place, from 1")
+    sequence.add_argument(
+        "file", type=Path, metavar="FILE", help="a telecommand, or wait S, a line"
+    )
+    sequence.add_argument("--start", action="store_true", help="start it once it is loaded")
+    sequence.add_argument("--timeout", type=_seconds, default=60.0, metavar="S", help="60")
+    sequence.set_defaults(command=_sequence, json=False)
 
 
 def _file_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -188,6 +222,18 @@ def _tc(arguments: argparse.Namespace) -> int:
     from ground.show import send
 
     return send(arguments, _sealer(arguments), _stream(arguments))
+
+
+def _playback(arguments: argparse.Namespace) -> int:
+    from ground.show_onboard import play_back
+
+    return play_back(arguments, _sealer(arguments), _stream(arguments))
+
+
+def _sequence(arguments: argparse.Namespace) -> int:
+    from ground.show_onboard import load_sequence
+
+    return load_sequence(arguments, _sealer(arguments), _stream(arguments))
 
 
 def _number(arguments: argparse.Namespace) -> int:

@@ -21,6 +21,7 @@ ACK_ALL = 0b1111  # acceptance, start, progress, completion
 SETTING = "SET_"
 MULTIPLE = "SET_PARAMETERS"
 INSERT = "INSERT_ACTIVITY"
+ON_EVENT = "ADD_EVENT_ACTION"
 FRACTIONS_PER_S = 1 << 24
 P_FIELD = 0x2F
 
@@ -172,6 +173,11 @@ class Catalogue:
             "telecommand": packet.hex(),
         }
         return self.build(INSERT, given, sequence)
+
+    def on(self, packet: bytes, event: str, sequence: int) -> bytes:
+        """Return the packet that keeps another one as the action of an event."""
+        given = {"apid": str(self.find(ON_EVENT).apid), "event": event, "request": packet.hex()}
+        return self.build(ON_EVENT, given, sequence)
 
     def _set_together(self, given: Mapping[str, str], sequence: int, *, checked: bool) -> bytes:
         """Return one command that sets several parameters, all or none."""

@@ -80,12 +80,16 @@ def send(arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStr
     given = given_arguments(arguments.arguments)
     wanted = given.get("sid", "").lower() if arguments.name.upper() == ASKED_FOR_SET else ""
     checked = not arguments.force
-    catalogue.build(arguments.name, given, 0, checked=checked)  # a wrong one opens no link
+    trial = catalogue.build(arguments.name, given, 0, checked=checked)  # a wrong one opens no link
+    if arguments.on is not None:
+        catalogue.on(trial, arguments.on, 0)
     with connected(arguments, sealer, stream) as link:
         packet = catalogue.build(arguments.name, given, link.next_sequence(), checked=checked)
         if arguments.at is not None:
             packet = catalogue.at(packet, arguments.at, link.next_sequence())
-        verification = _follow(link, decoder, packet, arguments, wanted)
+        if arguments.on is not None:
+            packet = catalogue.on(packet, arguments.on, link.next_sequence())
+        verification = follow_and_show(link, decoder, packet, arguments, wanted)
         target = f"{arguments.host}:{arguments.port}"
         words = " ".join(arguments.arguments)
         CommandHistory(arguments.state, target).add(arguments.name, words, verification, "tc")
@@ -169,7 +173,7 @@ def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
     return 0
 
 
-def _follow(
+def follow_and_show(
     link: Link, decoder: Decoder, packet: bytes, arguments: argparse.Namespace, wanted: str
 ) -> Verification:
     """Follow one telecommand and show what comes of it."""

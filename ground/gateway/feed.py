@@ -26,6 +26,7 @@ MAX_EVENTS = 2000
 MAX_KINDS = 100  # of unknown packets that are counted each by itself
 FEWEST_STALE_S = 2.0
 STALE_INTERVALS = 3.0
+EVENT_LATE_S = 5.0  # an event has the time it happened at, and may come so much later
 JUMP_MS = 1000.0  # a clock that has jumped so far is another clock
 Listener = Callable[[str, float, dict[str, float]], None]
 
@@ -80,6 +81,8 @@ class Feed:
         self.connected = False
         self.reason = "not connected yet"
         self.packets = 0
+        self.played_back = 0
+        self._newest_s: dict[str, float] = {}  # times of the newest packets of this connection
         self.unknown: Counter[str] = Counter()  # packets that are not in the dictionary, by kind
 
     async def run(self) -> None:
@@ -119,6 +122,7 @@ class Feed:
 
     async def _read(self, reader: asyncio.StreamReader) -> None:
         stream = self._make_stream()
+        self._newest_s.clear()  # a machine that has started again counts from 0
         try:
             while data := await reader.read(READ_BYTES):
                 stream.add(data)
@@ -131,13 +135,16 @@ class Feed:
     def _take(self, packet: bytes) -> None:
         sample = self._decoder.decode(packet)
         self.packets += 1
+        if self._is_played_back(sample):
+            self.played_back += 1
+            return
         self.correlation.take(sample)
-        t_ms = self._time_of_day_ms(sample.time_s)
+        event = event_of(sample)
+        t_ms = self._time_of_day_ms(sample.time_s, moves_clock=event is None)
         if sample.packet == UNKNOWN:
             self._count_unknown(sample, t_ms)
         if sample.packet in (UNKNOWN, FILE_UNIT):
             return
-        event = event_of(sample)
         if event is not None:
             self._add_event(event["severity"], event["code"], event["text"], t_ms)
             return
@@ -151,6 +158,17 @@ class Feed:
         self._rings[sample.packet].add(t_ms, numbers)
         self.latest[sample.packet] = t_ms, numbers
         self._listener(sample.packet, t_ms, numbers)
+
+    def _is_played_back(self, sample: Sample) -> bool:
+        """Whether a newer packet of this kind came before: then this one is from a packet store.
+
+        Old values must neither take the place of new ones nor move the clock.
+        """
+        newest_s = self._newest_s.get(sample.packet, -math.inf)
+        if sample.time_s > newest_s:
+            self._newest_s[sample.packet] = sample.time_s
+        late_s = EVENT_LATE_S if event_of(sample) is not None else 0.0
+        return sample.time_s < newest_s - late_s
 
     def _count_unknown(self, sample: Sample, t_ms: float) -> None:
         """Count a packet that is not in the dictionary; show the first of each kind as it came."""
@@ -168,11 +186,12 @@ class Feed:
         self.events.append({"severity": severity, "code": code, "text": text, "utc": t_ms})
         self._listener(EVENTS, t_ms, {})
 
-    def _time_of_day_ms(self, time_s: float) -> float:
+    def _time_of_day_ms(self, time_s: float, *, moves_clock: bool) -> float:
         """Return a mission elapsed time as time of day [ms].
 
         The daemon's own correlation gives it while its clock is synchronised to UTC; otherwise this
-        machine's clock and the packets that came fastest.
+        machine's clock and the packets that came fastest. An event has the time it happened at and
+        says nothing about the clock.
         """
         now_ms = time.time_ns() / 1e6
         if math.isnan(time_s):
@@ -181,6 +200,8 @@ class Feed:
             return 1e3 * (self.correlation.offset_s + time_s)
         offset_ms = now_ms - 1e3 * time_s
         known_ms = self.offset_ms
-        if known_ms is None or offset_ms < known_ms or offset_ms - known_ms > JUMP_MS:
+        if known_ms is None or (
+            moves_clock and (offset_ms < known_ms or offset_ms - known_ms > JUMP_MS)
+        ):
             self.offset_ms = known_ms = offset_ms
         return 1e3 * time_s + known_ms

@@ -275,6 +275,23 @@ def test_packets_outside_the_dictionary_are_counted_and_the_reader_goes_on(asset
         asyncio.run(check(daemon.port))
 
 
+def test_played_back_packets_do_not_take_the_place_of_new_ones():
+    """Before, an old packet was shown as the newest, and moved the clock of the page."""
+    told = []
+    feed = Feed("127.0.0.1", 1, Points(), lambda *parts: told.append(parts))
+    feed._take(packet("health", met_s=5000.0, ticks=7))
+    feed._take(packet("event_info", met_s=5000.0, text="new"))
+    offset_ms = feed.offset_ms
+    feed._take(packet("health", met_s=4000.0, ticks=6))
+    feed._take(packet("event_info", met_s=4000.0, text="old"))
+    feed._take(packet("event_info", met_s=4998.0, text="a little late"))
+    assert feed.played_back == 2
+    assert feed.latest["health"][1]["ticks"] == 7
+    assert feed.offset_ms == pytest.approx(offset_ms, abs=100.0)
+    assert [event["text"] for event in feed.events] == ["new", "a little late"]
+    assert len(told) == 3
+
+
 def test_a_reader_that_fails_says_so_and_connects_again(assets, monkeypatch):
     take, calls = Feed._take, []
 

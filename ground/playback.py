@@ -1,0 +1,146 @@
+"""Playback of missed telemetry: which time ranges a kept stream lacks, and asking for them.
+
+A stream is what `ground tm --raw` writes: packets one after the other. Sequence counts say what it
+lacks; times in the packets say when that was. Retrieved packets are the same bytes as the first
+time, so one that is there already is left out.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+from pathlib import Path
+
+from ground.commands import Catalogue
+from ground.errors import LinkError, UsageError
+from ground.link import Link
+from ground.telemetry import FRACTIONS_PER_S, HEADER_BYTES, Decoder, apid, split
+from ground.verification import Verification
+
+COMMAND = "PLAY_BACK"
+STORES = ("EVENTS", "HOUSEKEEPING", "SCIENCE")
+STORES_OF = {100: ("EVENTS", "HOUSEKEEPING"), 102: ("SCIENCE",)}  # by APID
+COUNT_14 = 1 << 14
+P_FIELD = 0x2F
+TIME_AT = HEADER_BYTES + 7  # of the P-field in a packet with a secondary header
+LAST_S = float((1 << 32) - 1)  # that a time can name: until now
+MOST_RANGES = 32  # of one store; more are asked for as one
+SECONDARY_HEADER = 0x08
+VERIFICATION = 1  # service
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Range:
+    """Mission elapsed times [s], both ends included."""
+
+    from_s: float
+    to_s: float
+
+
+def time_of(packet: bytes) -> float | None:
+    """Return the mission elapsed time in a packet's secondary header [s]; None: it has none."""
+    if not packet[0] & SECONDARY_HEADER or len(packet) < TIME_AT + 8 or packet[TIME_AT] != P_FIELD:
+        return None
+    coarse = int.from_bytes(packet[TIME_AT + 1 : TIME_AT + 5], "big")
+    fine = int.from_bytes(packet[TIME_AT + 5 : TIME_AT + 8], "big")
+    return coarse + fine / FRACTIONS_PER_S
+
+
+def missing_ranges(packets: Iterable[bytes]) -> dict[str, list[Range]]:
+    """Return what a stream lacks by packet store: gaps in sequence counts, and all since its end.
+
+    A stream without packets of an APID lacks everything of its stores.
+    """
+    timed = [(apid(packet), t_s, packet) for packet in packets if (t_s := time_of(packet))]
+    timed.sort(key=lambda item: item[:2])
+    by_apid = {key: list(items) for key, items in groupby(timed, key=lambda item: item[0])}
+    found: dict[str, list[Range]] = {}
+    for number, stores in STORES_OF.items():
+        items = by_apid.get(number, [])
+        ranges = [
+            Range(before_s, after_s)
+            for (_, before_s, before), (_, after_s, after) in pairwise(items)
+            if (_count(after) - _count(before)) % COUNT_14 not in (0, 1)
+        ]
+        ranges.append(Range(items[-1][1] if items else 0.0, LAST_S))
+        found |= {store: merged(ranges) for store in stores}
+    return found
+
+
+def merged(ranges: Sequence[Range]) -> list[Range]:
+    """Return ranges in order without overlap; one around all when there are too many."""
+    joined: list[Range] = []
+    for item in sorted(ranges):
+        if joined and item.from_s <= joined[-1].to_s:
+            joined[-1] = Range(joined[-1].from_s, max(joined[-1].to_s, item.to_s))
+        else:
+            joined.append(item)
+    if len(joined) > MOST_RANGES:
+        return [Range(joined[0].from_s, joined[-1].to_s)]
+    return joined
+
+
+def read_stream(path: Path) -> list[bytes]:
+    """Return the packets of a kept stream. Raises UsageError."""
+    try:
+        return list(split(bytearray(path.read_bytes())))
+    except (OSError, LinkError) as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
+def retrieve(
+    link: Link,
+    catalogue: Catalogue,
+    decoder: Decoder,
+    store: str,
+    wanted: Range,
+    timeout_s: float,
+) -> tuple[Verification, list[bytes]]:
+    """Ask for the packets of a store and time range; return the outcome and what came of it.
+
+    Packets that go down for the first time meanwhile are among them when they are in the range.
+    Raises LinkError.
+    """
+    packet = catalogue.build(COMMAND, _arguments(store, wanted), link.next_sequence())
+    words = int.from_bytes(packet[:2], "big"), int.from_bytes(packet[2:4], "big")
+    is_authenticated = link.stream.is_authenticated
+    verification = Verification(request=words, is_authenticated=is_authenticated)
+    found: list[bytes] = []
+    link.send(packet)
+    for raw in link.packets(time.monotonic() + timeout_s):
+        t_s = time_of(raw)
+        if t_s is None:
+            continue
+        if raw[HEADER_BYTES + 1] == VERIFICATION:
+            verification.take(decoder.decode(raw))
+        elif wanted.from_s <= t_s <= wanted.to_s or wanted.from_s == 0.0:
+            found.append(raw)
+        if verification.over:
+            break
+    return verification, found
+
+
+def _arguments(store: str, wanted: Range) -> dict[str, str]:
+    given = {"store": store}
+    for name, value_s in (("from", wanted.from_s), ("to", wanted.to_s)):
+        coarse, fine = divmod(round(value_s * FRACTIONS_PER_S), FRACTIONS_PER_S)
+        given |= {f"{name}_p_field": str(P_FIELD)}
+        given |= {f"{name}_coarse_s": str(coarse), f"{name}_fine": str(fine)}
+    return given
+
+
+def _count(packet: bytes) -> int:
+    return int.from_bytes(packet[2:4], "big") % COUNT_14
+
+
+def new_packets(known: Iterable[bytes], came: Iterable[bytes]) -> list[bytes]:
+    """Return what came and was not known, each once, in the order in which it came."""
+    seen = set(known)
+    found = []
+    for packet in came:
+        if packet not in seen:
+            seen.add(packet)
+            found.append(packet)
+    return found
