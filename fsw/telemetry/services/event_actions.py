@@ -76,7 +76,7 @@ class EventActions:
                 continue  # deleted in the meantime
             definition.released += 1
             self._context.report("EVENT_ACTION", NAMES[number])
-            self._context.dispatcher.receive(definition.packet)
+            self._context.dispatcher.receive(definition.packet, f"event {NAMES[number]}")
 
     def digest(self) -> list[object]:
         """Return everything a telecommand can change, as plain values."""

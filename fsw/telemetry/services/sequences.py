@@ -106,7 +106,7 @@ class Sequences:
             if run.place == len(entries):
                 self._end(number)
                 self._context.report("SEQUENCE_ENDED", f"sequence {number}")
-            self._context.dispatcher.receive(entry.packet)
+            self._context.dispatcher.receive(entry.packet, f"sequence {number}")
 
     def digest(self) -> list[object]:
         """Return everything a telecommand can change, as plain values."""

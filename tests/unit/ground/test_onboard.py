@@ -147,6 +147,14 @@ class TestSequences:
         assert "START_SEQUENCE: completed" in capsys.readouterr().out
         assert "SEQUENCE_STARTED" in flight.codes
 
+    def test_a_long_one_goes_up_as_a_file(self, flight: Flight, tmp_path):
+        path = tmp_path / "steps.txt"
+        path.write_text("PING\nwait 60\n" * 60)
+        state = ["--state", str(tmp_path / "ground")]
+        with OpenFlight(flight) as served:
+            assert main(["--port", str(served.port), *state, "sequence", "1", str(path)]) == 0
+        assert len(flight.app.onboard.sequences._entries[1]) == 60
+
     def test_a_place_there_is_not_is_refused_by_name_and_bound(self, flight, tmp_path, capsys):
         path = tmp_path / "steps.txt"
         path.write_text("PING\n")

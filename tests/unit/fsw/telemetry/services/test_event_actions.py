@@ -104,21 +104,26 @@ def test_what_cannot_be_kept_is_refused_with_its_reason(flight: Flight):
     assert refused(codes[-1], PING) is Error.BUSY
 
 
-@pytest.mark.parametrize("cause", ["EVENT_ACTION", "TC_REJECTED", "EVENT_ACTION_LIMITED"])
+@pytest.mark.parametrize("cause", ["EVENT_ACTION", "TC_COMPLETED"])
 def test_an_action_that_causes_its_own_event_is_disabled_after_a_few_times(
     flight: Flight, cause: str
 ):
-    """PING once, then a telecommand that is refused: each release is its own cause again."""
-    request = packet("START_SEQUENCE", sequence=1)  # none is loaded: rejected
-    add(flight, cause, request)
+    add(flight, cause)
+    happens(flight, cause)
+    flight.wait(5.0)
+    assert flight.codes.count("EVENT_ACTION") == MOST_RELEASES
+    assert flight.codes.count("EVENT_ACTION_LIMITED") == 1
+    ((_, enabled),) = status(flight)
+    assert not enabled
+    assert not Flight(flight.config).app.onboard.actions._definitions.popitem()[1].enabled
+
+
+@pytest.mark.parametrize("cause", ["TC_REJECTED", "EVENT_ACTION_LIMITED"])
+def test_an_action_that_is_refused_each_time_ends_too(flight: Flight, cause: str):
+    add(flight, cause, packet("START_SEQUENCE", sequence=1))  # none is loaded: rejected
     happens(flight, cause)
     flight.wait(5.0)
     assert flight.codes.count("EVENT_ACTION") <= MOST_RELEASES
-    if cause != "EVENT_ACTION_LIMITED":
-        assert flight.codes.count("EVENT_ACTION_LIMITED") == 1
-        ((_, enabled),) = status(flight)
-        assert not enabled
-        assert not Flight(flight.config).app.onboard.actions._definitions.popitem()[1].enabled
 
 
 def test_two_that_cause_each_other_end_too(flight: Flight):
