@@ -53,7 +53,7 @@ def yamcs(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     command += ["org.yamcs.YamcsServer", "--etc-dir", str(folder / "etc")]
     command += ["--data-dir", str(folder / "data")]
     with (folder / "log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)
+        process = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
         try:
             yield process
         finally:

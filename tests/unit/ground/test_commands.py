@@ -35,12 +35,12 @@ def test_every_telecommand_of_the_dictionary_is_there(catalogue):
     [
         ("PING", {}, (17, 1, b"")),
         ("ping", {}, (17, 1, b"")),
-        ("ENABLE_SET", {"sid": "estimate"}, (3, 5, struct.pack(">H", 2))),
-        ("ENABLE_SET", {"sid": "20"}, (3, 5, struct.pack(">H", 20))),
+        ("ENABLE_SET", {"sid": "estimate"}, (3, 5, struct.pack(">BH", 1, 2))),
+        ("ENABLE_SET", {"sid": "20"}, (3, 5, struct.pack(">BH", 1, 20))),
         (
             "SET_INTERVAL",
             {"sid": "HEALTH", "interval_ms": "100"},
-            (3, 31, struct.pack(">HI", 1, 100)),
+            (3, 31, struct.pack(">BHI", 1, 1, 100)),
         ),
         ("SET_MODE", {"mode": "SAFE"}, (8, 1, struct.pack(">HB", 1, 1))),
         (
@@ -79,7 +79,7 @@ def test_a_command_can_wait_for_its_time(catalogue):
     inner = catalogue.build("PING", {}, 8)
     service, subtype, data = data_of(catalogue.at(inner, 100.25, 9))
     assert (service, subtype) == (11, 4)
-    assert data == b"\x2f" + struct.pack(">I", 100) + bytes((0x40, 0, 0)) + inner
+    assert data == b"\x01\x2f" + struct.pack(">I", 100) + bytes((0x40, 0, 0)) + inner
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_what_the_dictionary_does_not_have_is_refused_here(catalogue, name, give
 def test_by_force_values_out_of_range_are_sent(catalogue):
     given = {"sid": "HEALTH", "interval_ms": "1"}
     packet = catalogue.build("SET_INTERVAL", given, 9, checked=False)
-    assert data_of(packet) == (3, 31, struct.pack(">HI", 1, 1))
+    assert data_of(packet) == (3, 31, struct.pack(">BHI", 1, 1, 1))
 
 
 def test_arguments_need_a_name():
