@@ -21,7 +21,6 @@ from fsw.messages import FloatArray
 Profile = Callable[[FloatArray, float, FloatArray], tuple[FloatArray, float]]
 
 WEAK = 0.05  # of the prior's sigma: an axis known better than this is taken as straight
-VERY_WEAK = 0.5  # the same for methods that are nearly linear
 MAX_AXES = 2
 STEPS = (1.0, 3.0, 12.0)  # sigma of the linearisation
 ENOUGH = 9.0  # rise of the cost at which a side is ended

@@ -8,26 +8,14 @@ from typing import Any
 import numpy as np
 
 from fsw.estimators.diagnosis import diagnose, plain, whiteness
-from fsw.estimators.measurement.impulse import Impulse
-from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.measurement.row_functions import RowsFunction, row_function
+from fsw.estimators.measurement.row_functions import row_function, stack
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, BodyEstimate, FloatArray
 
 
-def stack(rows: RowsFunction, blocks: Sequence[Block], x: FloatArray) -> list[Rows]:
-    """Return the whitened rows of every block at a state, momentum carried from block to block."""
-    parts: list[Rows] = []
-    before: Impulse | None = None
-    for block in blocks:
-        parts.append(rows(block, x, before))
-        before = parts[-1].after
-    return parts
-
-
 def diagnose_batch(
     problem: Problem,
-    rows: RowsFunction,
+    residuals: Sequence[FloatArray],
     blocks: Sequence[Block],
     mean: FloatArray,
     covariance: FloatArray,
@@ -36,12 +24,13 @@ def diagnose_batch(
 ) -> dict[str, Any] | None:
     """Return the diagnosis of a batch estimate as plain values; None without a proper covariance.
 
+    `residuals` are the method's whitened ones, block by block.
+
     The Cramer-Rao bound is that of all sensors: the Fisher information of the fused rows at the
     estimate, for a noise variance `level` times the declared. So a method that does not use them
     all has an efficiency below one.
     """
     try:
-        residuals = [part.b for part in stack(rows, blocks, mean)]
         fused = stack(row_function("fused", "eiv", problem), blocks, mean)
         diagnosis = diagnose(
             names=problem.names,

@@ -18,17 +18,17 @@ import numpy as np
 from scipy.special import chdtri
 
 from fsw.config import Config
-from fsw.estimators.batch.diagnosis import diagnose_batch, stack
+from fsw.estimators.batch.diagnosis import diagnose_batch
 from fsw.estimators.batch.solver import (
     BatchSolution,
     Progress,
+    Target,
     linear_covariance,
-    solve,
+    minimise,
+    regress,
     straighten,
 )
-from fsw.estimators.measurement.impulse import Impulse
-from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.measurement.row_functions import RowsFunction, row_function
+from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
@@ -63,6 +63,7 @@ class _Found:
     biased: bool
     level: float  # variance of the noise over the declared one
     used: Sequence[Block]
+    residuals: Sequence[FloatArray]  # whitened, block by block
 
 
 def run_batch(
@@ -90,7 +91,6 @@ def run_batch(
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem, settings = build_problem(chosen, model), config.estimator
     weighting = settings.weighting if method == "mrnea" else "eiv"
-    rows = row_function(method, weighting, problem)
     if weighting == "eiv":
         found = _likelihood(problem, method, sound, settings.gate_probability, progress)
     else:
@@ -121,7 +121,7 @@ def run_batch(
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
         "whole": _plain(whole, "") | {"sigma": _plain(whole, "sigma")},
         "diagnosis": diagnose_batch(
-            problem, rows, found.used, found.mean, covariance, bodies, found.level
+            problem, found.residuals, found.used, found.mean, covariance, bodies, found.level
         ),
     }
 
@@ -134,19 +134,21 @@ def _likelihood(
     progress: Progress | None,
 ) -> _Found:
     """Maximise the likelihood of what fits."""
-    rows, start = row_function(method, "eiv", problem), None
+    linear, start = Linearisation(row_function(method, "eiv", problem), blocks), None
     if method in WARM:
-        start = solve(problem, row_function("mrnea", "eiv", problem), blocks).mean
+        near = Linearisation(row_function("mrnea", "eiv", problem), blocks)
+        start = minimise(problem, Target(near)).mean
     fits, level, mismatch = [True] * len(blocks), 1.0, False
     for more in reversed(range(GATE_ROUNDS)):
-        weighted, used = _at_level(rows, level), list(compress(blocks, fits))
-        solution = solve(problem, weighted, used, progress, start)
+        used, target = list(compress(blocks, fits)), Target(linear, fits, level)
+        solution = minimise(problem, target, progress, start)
+        residuals = [part.b for part in linear(solution.mean)]
+        left = list(compress(residuals, fits))
         if solution.status == "ABORTED":
             break
-        residuals = [part.b for part in stack(rows, blocks, solution.mean)]
         before, level = level, _noise_level(residuals, len(problem.names))
         limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
-        slow, most = slow_power(list(compress(residuals, fits)), level)
+        slow, most = slow_power(left, level)
         fitted = fits
         fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
         mismatch = level > MISMATCH_LEVEL or slow > most
@@ -160,7 +162,7 @@ def _likelihood(
     status = solution.status
     covariance, note = linear_covariance(problem, method, "eiv", solution)
     if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
-        looked = straighten(problem, weighted, used, solution)
+        looked = straighten(problem, target, solution)
         covariance, note = looked.covariance, looked.note
         status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
     return _Found(
@@ -172,6 +174,7 @@ def _likelihood(
         biased=bool(note) and method in CURVED,
         level=level,
         used=used,
+        residuals=left,
     )
 
 
@@ -185,6 +188,7 @@ def _regression(
     """Solve the paper's regression and measure its bias by the errors in variables."""
     near = _likelihood(problem, "mrnea", blocks, gate_probability, progress)
     used, x, solution = near.used, near.mean, near.solution
+    linear = Linearisation(row_function("mrnea", weighting, problem), used)
     if weighting == "bc":
         sums = no_sums(len(x))
         for block in used:
@@ -194,13 +198,14 @@ def _regression(
         )
         mean = compensated_mean(sums, problem.prior_mean, precision)
     else:
-        solution = solve(problem, row_function("mrnea", weighting, problem), used)
+        solution = regress(problem, Target(linear))
         mean = solution.mean
     bias = mean - x
     return replace(
         near,
         solution=solution,
         mean=mean,
+        residuals=[part.b for part in linear(mean)],
         covariance=near.covariance + np.outer(bias, bias),
         note=BIAS_NOTES[weighting],
         biased=True,
@@ -213,18 +218,6 @@ def _noise_level(residuals: Sequence[FloatArray], parameters: int) -> float:
     means = [float(b @ b) / len(b) for b in residuals if len(b) == longest]
     monitor.learn_level(np.array(means), longest, parameters)
     return monitor.level
-
-
-def _at_level(rows: RowsFunction, level: float) -> RowsFunction:
-    """Return the rows of a noise variance that is so many times the declared one."""
-    if level == 1.0:
-        return rows
-
-    def weighted(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        made, weight = rows(block, x, before), level**-0.5
-        return replace(made, A=weight * made.A, b=weight * made.b)
-
-    return weighted
 
 
 def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from fsw.estimators.batch.curvature import WEAK, Widening, constrained_prior, widen
-from fsw.estimators.batch.diagnosis import stack
-from fsw.estimators.measurement.row_functions import RowsFunction
+from fsw.estimators.measurement.row_functions import Linearisation, RowsFunction
 from fsw.estimators.model.inertia import (
     from_log_cholesky,
     is_consistent,
@@ -50,16 +50,49 @@ class BatchSolution:
     rows: int
 
 
+class Target:
+    """What a batch minimises: whitened rows of some blocks at a state, scaled to a noise level.
+
+    Parameters
+    ----------
+    linear : rows of all blocks
+    fits : which blocks count; None: all
+    level : variance of the noise over the declared one
+    """
+
+    def __init__(
+        self, linear: Linearisation, fits: Sequence[bool] | None = None, level: float = 1.0
+    ) -> None:
+        self._linear, self._fits, self._weight = linear, fits, level**-0.5
+
+    def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return A (k, p) and b (k,) of all rows."""
+        parts = self._linear(x)
+        used = parts if self._fits is None else list(compress(parts, self._fits))
+        A, b = np.vstack([part.A for part in used]), np.concatenate([part.b for part in used])
+        return (A, b) if self._weight == 1.0 else (self._weight * A, self._weight * b)
+
+
 def solve(
     problem: Problem,
     rows: RowsFunction,
     blocks: Sequence[Block],
     progress: Progress | None = None,
     start: FloatArray | None = None,
+) -> BatchSolution:
+    """Return `minimise` over the rows of some blocks."""
+    return minimise(problem, Target(Linearisation(rows, blocks)), progress, start)
+
+
+def minimise(
+    problem: Problem,
+    target: Target,
+    progress: Progress | None = None,
+    start: FloatArray | None = None,
     max_iterations: int = MAX_ITERATIONS,
     plain: bool = True,
 ) -> BatchSolution:
-    """Minimise prior plus whitened residuals of all blocks.
+    """Minimise prior plus whitened residuals.
 
     With `plain`, re-weighted Gauss-Newton first; then, from where it settles or else the start,
     Levenberg-Marquardt over the consistent bodies.
@@ -69,11 +102,11 @@ def solve(
     prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
     x = problem.prior_mean if start is None else start
     if plain:
-        x = _gauss_newton(problem, rows, blocks, prior, x)
+        x = _gauss_newton(problem, target, prior, x)
     theta = _to_theta(problem, x)
     x = _to_x(problem, theta)
     damping, iterations, status = 1e-3, 0, "NOT_CONVERGED"
-    stacked, b = _stack(rows, blocks, x)
+    stacked, b = target(x)
     cost = _cost(prior, x, b)
     while iterations < max_iterations:
         iterations += 1
@@ -87,7 +120,7 @@ def solve(
             step = np.linalg.solve(N + damping * np.diag(np.diag(N)), g)
             trial_theta = theta + _bounded(problem, step)
             trial = _to_x(problem, trial_theta)
-            trial_stacked, trial_b = _stack(rows, blocks, trial)
+            trial_stacked, trial_b = target(trial)
             trial_cost = _cost(prior, trial, trial_b)
             accepted = trial_cost <= cost * (1 + 1e-9)
             damping = max(damping / 10, 1e-12) if accepted else damping * 10
@@ -103,25 +136,48 @@ def solve(
         if moved < CONVERGED:
             status = "OK"
             break
-    information = prior.update(stacked, b + stacked @ x)
     if status == "OK" and _weakest_gain(problem, stacked) < WEAKEST_GAIN:
         status = "INSUFFICIENT_EXCITATION"
     return BatchSolution(
         status=status,
         mean=x,
-        information=information,
+        information=prior.update(stacked, b + stacked @ x),
         iterations=iterations,
         cost=cost,
         rows=len(b),
     )
 
 
+def regress(problem: Problem, target: Target) -> BatchSolution:
+    """Return the least squares of rows that are linear in the bodies, consistent or not.
+
+    Plain steps: one settles the bodies, the next ones the biases, which enter bilinearly.
+    """
+    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    x, iterations, status = problem.prior_mean, 0, "NOT_CONVERGED"
+    A, b = target(x)
+    while status != "OK" and iterations < MAX_PLAIN_STEPS:
+        iterations += 1
+        information = prior.update(A, b + A @ x)
+        before, x = x, information.mean()
+        step = information.R @ (x - before)
+        A, b = target(x)
+        if step @ step < CONVERGED**2 * len(x):
+            status = "OK"
+    if status == "OK" and _weakest_gain(problem, A) < WEAKEST_GAIN:
+        status = "INSUFFICIENT_EXCITATION"
+    return BatchSolution(
+        status=status,
+        mean=x,
+        information=prior.update(A, b + A @ x),
+        iterations=iterations,
+        cost=_cost(prior, x, b),
+        rows=len(b),
+    )
+
+
 def _gauss_newton(
-    problem: Problem,
-    rows: RowsFunction,
-    blocks: Sequence[Block],
-    prior: SquareRootInformation,
-    start: FloatArray,
+    problem: Problem, target: Target, prior: SquareRootInformation, start: FloatArray
 ) -> FloatArray:
     """Return where undamped steps in the linear parameters settle, or the start if they do not.
 
@@ -132,7 +188,7 @@ def _gauss_newton(
     for _ in range(MAX_PLAIN_STEPS):
         at = _to_x(problem, _to_theta(problem, x))
         try:
-            A, b = _stack(rows, blocks, at)
+            A, b = target(at)
             information = prior.update(A, b + A @ at)
             x = information.mean()
         except (EstimatorError, np.linalg.LinAlgError):
@@ -161,9 +217,7 @@ def linear_covariance(
     return covariance, ""
 
 
-def straighten(
-    problem: Problem, rows: RowsFunction, blocks: Sequence[Block], solution: BatchSolution
-) -> Widening:
+def straighten(problem: Problem, target: Target, solution: BatchSolution) -> Widening:
     """Return the solution's covariance, widened where its linearisation does not hold."""
     weight = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
     information = weight.R.T @ weight.R
@@ -174,10 +228,8 @@ def straighten(
         inverse = np.linalg.solve(joined / np.outer(scale, scale), np.diag(1.0 / scale))
         covariance = inverse / scale[:, None]
         held = replace(problem, prior_mean=mean, prior_covariance=0.5 * (covariance + covariance.T))
-        x = solve(
-            held, rows, blocks, start=start, max_iterations=PROFILE_ITERATIONS, plain=False
-        ).mean
-        return x, _cost(weight, x, _stack(rows, blocks, x)[1])
+        x = minimise(held, target, start=start, max_iterations=PROFILE_ITERATIONS, plain=False).mean
+        return x, _cost(weight, x, target(x)[1])
 
     return widen(
         solution.mean,
@@ -189,13 +241,6 @@ def straighten(
         profile,
         WEAK,
     )
-
-
-def _stack(
-    rows: RowsFunction, blocks: Sequence[Block], x: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    parts = stack(rows, blocks, x)
-    return np.vstack([part.A for part in parts]), np.concatenate([part.b for part in parts])
 
 
 def _cost(prior: SquareRootInformation, x: FloatArray, b: FloatArray) -> float:

@@ -15,9 +15,9 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.linalg import solve_triangular
 
-from fsw.estimators.measurement.mrnea import Rows, field
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
@@ -40,48 +40,63 @@ def _weak_form(nodes: int) -> tuple[FloatArray, FloatArray]:
 
 
 def energy_rows(block: Block, x: FloatArray, problem: Problem) -> Rows:
-    """Return the whitened work-energy rows of one block, (m - 2, p); needs at least 3 nodes.
+    """Return `stacked_energy_rows` of one block."""
+    return stacked_energy_rows(BlockStack((block,)), x, problem)[0]
+
+
+def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[Rows]:
+    """Return the whitened work-energy rows of every block, (m - 2, p); needs at least 3 nodes.
 
     The kinetic energy's bias by the noise of qd, 1/2 tr(Hhat Sigma_qd), is taken off. Its gradient
     is 1/2 nu^T Y(q, 0, nu) with nu the whole predicted velocity: at the momentum's stationary point
     the base velocity's own derivative drops out.
     """
-    m, n = block.q_rad.shape
-    model, pi = problem.model, problem.pi(x)
+    m, n, B = s.m, s.n, len(s.blocks)
+    model, pi, k = problem.model, problem.pi(x), problem.bodies
     model.set_parameters(pi)
     value, slope = _weak_form(m)
-    half_s = (block.t_ns[-1] - block.t_ns[0]) * 0.5e-9 / legendre.leggauss(m)[0][-1]
-    T = np.empty(m)
-    J_T = np.zeros((m, len(x)))
-    p_qd = np.empty((m, n))
-    P, J_P = np.zeros(m), np.zeros((m, len(x)))  # power of the gravity gradient
-    G = field(block, problem)
-    for i in range(m):
-        q, qd = block.q_rad[i], block.qd_rad_s[i]
-        H = model.mass_matrix(q)
-        N = -np.linalg.solve(H[:6, :6], H[:6, 6:])
-        reduced = H[6:, 6:] + H[:6, 6:].T @ N
-        nu = np.concatenate([N @ qd, qd])
-        p_qd[i] = reduced @ qd
-        cov_qd = block.cov_joint[:, i, i]
-        T[i] = 0.5 * qd @ p_qd[i] - 0.5 * np.diag(reduced) @ cov_qd
-        if problem.orbit is not None:
-            by_pi = nu @ model.field_regressor(q, G[i])
-            P[i], J_P[i, problem.bodies] = by_pi @ pi, by_pi @ problem.U
-        J_T[i, problem.bodies] = 0.5 * nu @ model.momentum_regressor(q, nu) @ problem.U
-    tau = block.tau_nm
-    work = half_s * value
-    J = -slope @ J_T - work @ J_P
+    spans_ns = np.array([block.t_ns[-1] - block.t_ns[0] for block in s.blocks])
+    half_s = spans_ns * 0.5e-9 / legendre.leggauss(m)[0][-1]
+    qd = s.qd_rad_s[:, :, None]
+    H = model.mass_matrices(s.q_rad)
+    N = -np.linalg.solve(H[:, :6, :6], H[:, :6, 6:])
+    reduced = H[:, 6:, 6:] + H[:, :6, 6:].transpose(0, 2, 1) @ N
+    nu = np.concatenate([N @ qd, qd], axis=1)[:, :, 0]
+    p_qd = (reduced @ qd)[:, :, 0]
+    own = np.einsum("bjii->bij", s.cov_joint[:, :, :m, :m]).reshape(-1, n)  # of qd at its node
+    T = 0.5 * np.einsum("ij,ij->i", s.qd_rad_s, p_qd)
+    T -= 0.5 * np.einsum("ijj,ij->i", reduced, own)
+    J_T = np.zeros((B * m, len(x)))
+    Y = model.momentum_regressors(s.q_rad, nu)
+    J_T[:, k] = 0.5 * (nu[:, None, :] @ Y)[:, 0] @ problem.U
+    P, J_P = np.zeros(B * m), np.zeros((B * m, len(x)))  # power of the gravity gradient
+    if problem.orbit is not None:
+        G = field(s, problem)
+        by_pi = np.stack(
+            [v @ model.field_regressor(*at) for v, *at in zip(nu, s.q_rad, G, strict=True)]
+        )
+        P, J_P[:, k] = by_pi @ pi, by_pi @ problem.U
+    work, tau = half_s[:, None, None] * value, s.tau_nm
+    J = -slope @ s.by_block(J_T) - work @ s.by_block(J_P)
     if present(problem.torque_offset):
         tau = tau - x[problem.torque_offset]
-        J[:, problem.torque_offset] += work @ block.qd_rad_s
-    residual = work @ (np.einsum("ij,ij->i", tau, block.qd_rad_s) + P) + slope @ T
-    S = np.zeros((m - 2, m - 2))
-    for j in range(n):
-        by_tau = work * block.qd_rad_s[:, j]
-        S += by_tau @ block.cov_tau[j] @ by_tau.T
-        by_qd = work * tau[:, j] + slope * p_qd[:, j]
-        S += by_qd @ block.cov_joint[j][:m, :m] @ by_qd.T
-    S += 1e-9 * np.trace(S) * np.eye(m - 2) + 1e-24 * np.eye(m - 2)
-    L = np.linalg.cholesky(S)
-    return Rows(solve_triangular(L, J, lower=True), solve_triangular(L, residual, lower=True))
+        J[:, :, problem.torque_offset] += work @ s.by_block(s.qd_rad_s)
+    power = np.einsum("ij,ij->i", tau, s.qd_rad_s) + P
+    residual = (work @ s.by_block(power)[:, :, None])[:, :, 0] + s.by_block(T) @ slope.T
+    L = np.linalg.cholesky(_covariance(s, work, slope, tau, p_qd))
+    return [Rows(*whitened(*parts)) for parts in zip(L, J, residual, strict=True)]
+
+
+def _covariance(
+    s: BlockStack, work: FloatArray, slope: FloatArray, tau: FloatArray, p_qd: FloatArray
+) -> FloatArray:
+    """Return the covariance (B, m - 2, m - 2) of the balances by noise of torque and rate."""
+    by_tau = np.einsum("brm,bmj->bjrm", work, s.by_block(s.qd_rad_s))
+    by_qd = np.einsum("brm,bmj->bjrm", work, s.by_block(tau))
+    by_qd += np.einsum("rm,bmj->bjrm", slope, s.by_block(p_qd))
+    rates = s.cov_joint[:, :, : s.m, : s.m]
+    S = np.sum(by_tau @ s.cov_tau @ by_tau.transpose(0, 1, 3, 2), axis=1)
+    S += np.sum(by_qd @ rates @ by_qd.transpose(0, 1, 3, 2), axis=1)
+    floor = 1e-9 * np.trace(S, axis1=1, axis2=2) + 1e-24
+    total: FloatArray = S + floor[:, None, None] * np.eye(S.shape[1])
+    return total

@@ -15,13 +15,12 @@ with Y_h the base rows of Y(q, 0, nu) at the full predicted nu (v_b included) an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
+from scipy.linalg.lapack import dpotrs
 
+from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import (
     Impulse,
     external_force,
@@ -29,30 +28,12 @@ from fsw.estimators.measurement.impulse import (
     needed,
     pulled,
 )
-from fsw.estimators.measurement.mrnea import Rows, field
+from fsw.estimators.measurement.motion_noise import residual_covariance, smoothed
+from fsw.estimators.measurement.mrnea import Rows, field, whitened
+from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
-
-CHANNELS = ("torque", "accelerometer", "gyro")
-Rate = Literal["momentum", "measured"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
-    """Predicted channels at m nodes and their Jacobians with respect to the state (p)."""
-
-    tau_nm: FloatArray  # (m, n)
-    f_m_s2: FloatArray  # (m, 3)
-    w_rad_s: FloatArray  # (m, 3)
-    J_tau: FloatArray  # (m, n, p)
-    J_f: FloatArray  # (m, 3, p)
-    J_w: FloatArray  # (m, 3, p)
-    D_qdd: FloatArray  # (m, n + 3, n): d[tau; f]/d qdd
-    D_qd: FloatArray  # (m, n + 6, n): d[tau; f; w]/d qd
-    D_w: FloatArray  # (m, n + 3, 3): d[tau; f]/dw
-    D_q: FloatArray | None  # (m, n + 6, n): d[tau; f; w]/dq where angles are noisy
-    after: Impulse | None  # momentum gained up to the block's end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +44,7 @@ class _Dynamics:
     H_bb_inverse: FloatArray  # (m, 6, 6)
     C: FloatArray  # (m, 6+n, 6+n)
     Y: FloatArray  # (m, 6+n, k) at the predicted acceleration, unknown bodies' columns
-    Y_h: FloatArray  # (m, 6, k) momentum regressor
+    Y_h: FloatArray | None  # (m, 6, k) momentum regressor, where the rate is predicted by it
     nu: FloatArray  # (m, 6) predicted base velocity
     a: FloatArray  # (m, 6) predicted base acceleration
     force: FloatArray  # (m, n) joint torque
@@ -72,87 +53,96 @@ class _Dynamics:
 
 
 def _dynamics(
-    block: Block, x: FloatArray, problem: Problem, rate: Rate, L_B: FloatArray, G: FloatArray
+    s: BlockStack, x: FloatArray, problem: Problem, rate: Rate, L_B: FloatArray, G: FloatArray
 ) -> _Dynamics:
-    """Evaluate the model at the nodes; L_B (m, 3) is the angular momentum, G the field.
+    """Evaluate the model at the nodes; L_B (N, 3) is the angular momentum, G the field.
 
     Raises
     ------
     numpy.linalg.LinAlgError if the base's inertia is not positive definite at these parameters.
     """
-    model, n, m = problem.model, problem.model.n, len(block.t_ns)
+    model, n, N = problem.model, s.n, len(s.q_rad)
     pi = problem.pi(x)
     model.set_parameters(pi)
-    H, C = np.empty((2, m, 6 + n, 6 + n))
-    Y, Y_h = np.empty((2, m, 6 + n, pi.size))
-    nu, a = np.zeros((2, m, 6 + n))
-    nu[:, 6:], a[:, 6:] = block.qd_rad_s, block.qdd_rad_s2
-    momentum = np.concatenate([np.zeros((m, 3)), L_B], axis=1)
-    noisy = angles_are_noisy(block)
-    by_angle = np.empty((m, 6 + n, n)) if noisy else None
-    h_by_angle = np.empty((m, 6, n)) if noisy else None
-    force = external_force(block, x, problem)[0] if pulled(problem) else np.zeros((m, 6 + n))
-    w_measured = block.w_NB_B_rad_s
-    if present(problem.gyro_bias):
-        w_measured = w_measured - x[problem.gyro_bias]
-    for i in range(m):
-        q, qd = block.q_rad[i], block.qd_rad_s[i]
-        H[i] = model.mass_matrix(q)
-        L, info = dpotrf(H[i, :6, :6], lower=1)
-        if info != 0:
-            raise np.linalg.LinAlgError("base inertia is not positive definite")
-        nu[i, :6] = dpotrs(L, momentum[i] - H[i, :6, 6:] @ qd, lower=1)[0]
-        if rate == "measured":
-            nu[i, 3:6] = w_measured[i]
-        Y_h[i] = model.momentum_regressor(q, nu[i])
-        w = nu[i, 3:6]
-        bias = model.generalised_force(q, w, qd, a[i])[:6]
-        Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else None
-        if Y_field is not None:
-            bias = bias - Y_field[:6] @ pi
-        a[i, :6] = dpotrs(L, force[i, :6] - bias, lower=1)[0]
-        Y[i] = model.regressor(q, w, qd, a[i])
-        if Y_field is not None:
-            Y[i] -= Y_field
-        C[i] = model.bias_derivative(q, w, qd, a[i])
-        if by_angle is not None and h_by_angle is not None:
-            by_angle[i] = model.angle_derivative(q, w, qd, a[i])
-            h_by_angle[i] = model.momentum_derivative(q, nu[i])
+    q, qd = s.q_rad, s.qd_rad_s
+    H = model.mass_matrices(q)
+    np.linalg.cholesky(H[:, :6, :6])  # raises
+    inverse = np.linalg.solve(H[:, :6, :6], np.eye(6))
+    nu, a = np.zeros((2, N, 6 + n))
+    nu[:, 6:], a[:, 6:] = qd, s.qdd_rad_s2
+    momentum = -_times(H[:, :6, 6:], qd)
+    momentum[:, 3:] += L_B
+    nu[:, :6] = _times(inverse, momentum)
+    Y_h = None
+    if rate == "measured":
+        nu[:, 3:6] = s.w_NB_B_rad_s
+        if present(problem.gyro_bias):
+            nu[:, 3:6] -= x[problem.gyro_bias]
+    else:
+        Y_h = model.momentum_regressors(q, nu)[:, :6] @ problem.U
+    w = nu[:, 3:6]
+    load = -model.generalised_forces(q, w, qd, a)[:, :6]
+    Y_field = None
+    if problem.orbit is not None:
+        Y_field = np.stack([model.field_regressor(q[i], G[i]) for i in range(N)])
+        load += Y_field[:, :6] @ pi
+    outside = external_force(s, x, problem)[0] if pulled(problem) else None
+    if outside is not None:
+        load += outside[:, :6]
+    a[:, :6] = _times(inverse, load)
+    Y = model.regressors(q, w, qd, a)
+    if Y_field is not None:
+        Y -= Y_field
+    C = model.bias_derivatives(q, w, qd, a)
+    force = Y[:, 6:] @ pi
+    by_angle = h_by_angle = None
+    if s.angles_are_noisy:
+        by_angle, h_by_angle = np.empty((N, 6 + n, n)), np.empty((N, 6, n))
+        for i in range(N):
+            by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])
+            h_by_angle[i] = model.momentum_derivative(q[i], nu[i])
     return _Dynamics(
         H,
-        np.linalg.solve(H[:, :6, :6], np.eye(6)),
+        inverse,
         C,
         Y @ problem.U,
-        Y_h[:, :6] @ problem.U,
+        Y_h,
         nu[:, :6],
         a[:, :6],
-        Y[:, 6:] @ pi - force[:, 6:],
+        force if outside is None else force - outside[:, 6:],
         by_angle,
         h_by_angle,
     )
 
 
+def _times(A: FloatArray, v: FloatArray) -> FloatArray:
+    """Return A v at every node, A (N, r, k), v (N, k)."""
+    product: FloatArray = (A @ v[:, :, None])[:, :, 0]
+    return product
+
+
 def predict(
-    block: Block,
+    block: Block | BlockStack,
     x: FloatArray,
     problem: Problem,
     rate: Rate = "momentum",
     before: Impulse | None = None,
 ) -> Prediction:
-    """Predict every channel at the nodes of a block from joint motion, with exact Jacobians.
+    """Predict every channel at the nodes of blocks from joint motion, with exact Jacobians.
 
     `rate` says where the base's angular velocity comes from: `momentum` predicts it (fused, CM),
     `measured` takes the gyro less its bias (RDA as the paper has it). `before` is the momentum
     gained from external moments up to the block.
     """
-    m, n = block.q_rad.shape
+    s = block if isinstance(block, BlockStack) else BlockStack((block,))
+    m, n = s.q_rad.shape
     p, k, r = len(x), problem.bodies, problem.p_BS_m
-    G = field(block, problem)
-    L_B, J_L, after = _momentum(block, x, problem, G, before)
-    d = _dynamics(block, x, problem, rate, L_B, G)
+    G = field(s, problem)
+    L_B, J_L, after = _momentum(s, x, problem, G, before)
+    d = _dynamics(s, x, problem, rate, L_B, G)
     H_bm, C_w = d.H[:, :6, 6:], d.C[:, :, 3:6]
     J_w = np.zeros((m, 3, p))
-    if rate == "momentum":
+    if d.Y_h is not None:
         gained = np.concatenate([np.zeros((m, 3, p)), J_L], axis=1)
         gained[:, :, k] -= d.Y_h
         J_w = d.H_bb_inverse[:, 3:] @ gained
@@ -160,7 +150,7 @@ def predict(
         J_w[:, :, problem.gyro_bias] = -np.eye(3)
     reaction = C_w[:, :6] @ J_w
     reaction[:, :, k] += d.Y[:, :6]
-    outside = external_force(block, x, problem)[1] if pulled(problem) else None
+    outside = external_force(s, x, problem)[1] if pulled(problem) else None
     if outside is not None:
         reaction -= outside[:, :6]
     J_a = -(d.H_bb_inverse @ reaction)
@@ -185,22 +175,30 @@ def predict(
         w = w + x[problem.gyro_bias]
         J_w = J_w.copy()
         J_w[:, :, problem.gyro_bias] += np.eye(3)
-    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w, D_q, after)
+    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w, D_q, after[-1], after)
 
 
 def _momentum(
-    block: Block, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
-) -> tuple[FloatArray, FloatArray, Impulse | None]:
-    """Return the angular momentum in base axes (m, 3), its Jacobian (m, 3, p), and what follows."""
-    m = len(block.t_ns)
-    L_N, J, after = np.zeros((m, 3)), np.zeros((m, 3, len(x))), None
+    s: BlockStack, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
+) -> tuple[FloatArray, FloatArray, tuple[Impulse | None, ...]]:
+    """Return the angular momentum in base axes (N, 3), its Jacobian (N, 3, p), and what follows."""
+    N = len(s.q_rad)
+    after: tuple[Impulse | None, ...] = (None,) * len(s.blocks)
+    if not needed(problem) and not present(problem.momentum):
+        return np.zeros((N, 3)), np.zeros((N, 3, len(x))), after
+    L_N, J = np.zeros((N, 3)), np.zeros((N, 3, len(x)))
     if needed(problem):
-        L_N, J, after = momentum_at_nodes(block, x, problem, G, before)
+        ends: list[Impulse | None] = []
+        for i, block in enumerate(s.blocks):
+            k = slice(i * s.m, (i + 1) * s.m)
+            L_N[k], J[k], before = momentum_at_nodes(block, x, problem, G[k], before)
+            ends.append(before)
+        after = tuple(ends)
     if present(problem.momentum):
         L_N = L_N + x[problem.momentum]
         J[:, :, problem.momentum] += np.eye(3)
-    R_BN = block.R_NB.transpose(0, 2, 1)
-    return np.einsum("mij,mj->mi", R_BN, L_N), R_BN @ J, after
+    R_BN = s.R_NB.transpose(0, 2, 1)
+    return _times(R_BN, L_N), R_BN @ J, after
 
 
 def _torque_errors(
@@ -227,97 +225,54 @@ def fused_rows(
     rate: Rate = "momentum",
     before: Impulse | None = None,
 ) -> Rows:
-    """Return the whitened rows of one block for the chosen channels.
+    """Return `stacked_fused_rows` of one block."""
+    return stacked_fused_rows(BlockStack((block,)), x, problem, channels, rate, before)[0]
+
+
+def stacked_fused_rows(
+    s: BlockStack,
+    x: FloatArray,
+    problem: Problem,
+    channels: tuple[str, ...] = CHANNELS,
+    rate: Rate = "momentum",
+    before: Impulse | None = None,
+) -> list[Rows]:
+    """Return the whitened rows of every block for the chosen channels.
 
     The noise of the joints' own derivatives, and of a measured base rate, enters through the exact
-    sensitivities, correlated over the nodes of the block and over the channels.
+    sensitivities, correlated over the nodes of a block and over the channels.
     """
-    prediction = predict(block, x, problem, rate, before)
+    prediction = predict(s, x, problem, rate, before)
     use = np.concatenate(
         [
-            block.has_joint & ("torque" in channels),
-            np.full(3, "accelerometer" in channels and block.has_accelerometer),
-            np.full(3, "gyro" in channels and block.has_gyro),
+            s.has_joint & ("torque" in channels),
+            np.full(3, "accelerometer" in channels and s.has_accelerometer),
+            np.full(3, "gyro" in channels and s.has_gyro),
         ]
     )
     r = np.concatenate(
         [
-            block.tau_nm - prediction.tau_nm,
-            block.f_NS_B_m_s2 - prediction.f_m_s2,
-            block.w_NB_B_rad_s - prediction.w_rad_s,
+            s.tau_nm - prediction.tau_nm,
+            s.f_NS_B_m_s2 - prediction.f_m_s2,
+            s.w_NB_B_rad_s - prediction.w_rad_s,
         ],
         axis=1,
     )[:, use]
-    size, p = r.size, len(x)
-    L = np.asarray(np.linalg.cholesky(_covariance(block, prediction, use, rate)), np.float64)
-    at = prediction
+    S = residual_covariance(s, prediction, use, rate)
+    L = np.asarray(np.linalg.cholesky(S), np.float64)
+    at, size = prediction, S.shape[1]
+    residuals = r.reshape(len(s.blocks), size)
     if prediction.D_q is not None:
-        weighted = np.asarray(dpotrs(L, r.ravel(), lower=1)[0]).reshape(r.shape)
-        at = predict(_smoothed(block, prediction, use, weighted), x, problem, rate, before)
+        weighted = [dpotrs(root, own, lower=1)[0] for root, own in zip(L, residuals, strict=True)]
+        moved = smoothed(s, prediction, use, np.array(weighted).reshape(r.shape))
+        at = predict(moved, x, problem, rate, before)
     X = np.concatenate([at.J_tau, at.J_f, at.J_w], axis=1)[:, use]
-    stacked = np.empty((size, p + 1), order="F")
-    stacked[:, :p], stacked[:, p] = X.reshape(size, p), r.ravel()
-    white = dtrtrs(L, stacked, lower=1, overwrite_b=1)[0]
-    return Rows(white[:, :p], white[:, p], prediction.after, L, use)
-
-
-def _covariance(
-    block: Block, prediction: Prediction, use: NDArray[np.bool_], rate: Rate
-) -> FloatArray:
-    """Return the covariance of the stacked residuals (node-major) of the channels in use."""
-    m, n = block.q_rad.shape
-    S = np.zeros((m, n + 6, m, n + 6))
-    for j in range(n):
-        S[:, j, :, j] = block.cov_tau[j]
-    for axis in range(3):
-        S[:, n + axis, :, n + axis] = block.cov_acc
-        S[:, n + 3 + axis, :, n + 3 + axis] = block.cov_gyro[:m, :m]
-    size = m * int(use.sum())
-    S = S[:, use][:, :, :, use].reshape(size, size)
-    D = _by_motion(prediction)[:, :, use]
-    orders = len(D)
-    S += _through(D, block.cov_joint.reshape(n, orders, m, orders, m)).reshape(size, size)
-    if rate == "measured":
-        D_w = np.zeros((1, m, n + 6, 3))
-        D_w[0, :, : n + 3] = prediction.D_w
-        gyro = np.broadcast_to(block.cov_gyro[:m, :m], (3, m, m)).reshape(3, 1, m, 1, m)
-        S += _through(D_w[:, :, use], gyro).reshape(size, size)
-    return S
-
-
-def angles_are_noisy(block: Block) -> bool:
-    """Return whether the block gives the covariance of the angles beside those of the rates."""
-    return bool(block.cov_joint.shape[1] == 3 * len(block.t_ns))
-
-
-def _by_motion(prediction: Prediction) -> FloatArray:
-    """Return (2 or 3, m, n + 6, n): by qd, by qdd, and by q where angles are noisy."""
-    m, rows, n = prediction.D_qd.shape
-    D = np.zeros((2 if prediction.D_q is None else 3, m, rows, n))
-    D[0], D[1, :, : n + 3] = prediction.D_qd, prediction.D_qdd
-    if prediction.D_q is not None:
-        D[2] = prediction.D_q
-    return D
-
-
-def _smoothed(
-    block: Block, prediction: Prediction, use: NDArray[np.bool_], weighted: FloatArray
-) -> Block:
-    """Return the block with the joint motion that residuals S^-1 r (m, rows) make more likely.
-
-    At the measured motion the Jacobian is correlated with the residuals by the motion's noise,
-    which shrinks the estimate; at z + Sigma D^T S^-1 r it is not. Source: as mrnea.py.
-    """
-    m, n = block.q_rad.shape
-    D = _by_motion(prediction)[:, :, use]
-    pulled = np.einsum("dmrj,mr->jdm", D, weighted).reshape(n, -1, 1)
-    step = (block.cov_joint @ pulled).reshape(n, 3, m).transpose(1, 2, 0)
-    return replace(
-        block,
-        qd_rad_s=block.qd_rad_s + step[0],
-        qdd_rad_s2=block.qdd_rad_s2 + step[1],
-        q_rad=block.q_rad + step[2],
-    )
+    X = X.reshape(len(s.blocks), size, len(x))
+    found = []
+    for root, columns, own, after in zip(L, X, residuals, prediction.each, strict=True):
+        A, b = whitened(root, columns, own)
+        found.append(Rows(A, b, after, root, use))
+    return found
 
 
 def _angle_gain(d: _Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
@@ -333,18 +288,6 @@ def _angle_gain(d: _Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> Flo
     tau_q = d.by_angle[:, 6:] + H_bm.transpose(0, 2, 1) @ a_q
     direct = np.concatenate([tau_q, lever @ a_q], axis=1)
     return np.concatenate([direct + D_w @ w_q, w_q], axis=1)
-
-
-def _through(D: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return (m, r, m, r): what errors of this covariance (j, d, m, d, m) make of the residuals.
-
-    `D` (d, m, r, j) are sensitivities to the d-th derivatives of channel j at the same node.
-    """
-    d, m, r, j = D.shape
-    left = D.transpose(1, 2, 0, 3).reshape(m, r, d * j)
-    mixed = np.einsum("jdiek,ekrj->idjkr", covariance, D, optimize=False)
-    through: FloatArray = left @ mixed.reshape(m, d * j, m * r)
-    return through.reshape(m, r, m, r)
 
 
 def _motion_gains(

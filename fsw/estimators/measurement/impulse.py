@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
+from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
@@ -112,7 +113,9 @@ def _moment(
     return T, J
 
 
-def external_force(block: Block, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
+def external_force(
+    block: Block | BlockStack, x: FloatArray, problem: Problem
+) -> tuple[FloatArray, FloatArray]:
     """Return the generalised force of the constant wrenches at the nodes (m, 6+n), and d/dx.
 
     Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is

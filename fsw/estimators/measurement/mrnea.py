@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrs, dtrtrs
 
+from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
@@ -31,7 +32,7 @@ class Rows:
 
 
 def base_acceleration(
-    block: Block, x: FloatArray, problem: Problem, G: FloatArray
+    block: Block | BlockStack, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return w_NB_B (m, 3) less its bias, and the classical base acceleration (m, 6) in B.
 
@@ -48,15 +49,33 @@ def base_acceleration(
     return w, np.concatenate([a, wd], axis=1)
 
 
-def field(block: Block, problem: Problem) -> FloatArray:
+def field(block: Block | BlockStack, problem: Problem) -> FloatArray:
     """Return the gravity-gradient field (m, 3, 3) in base axes; zero where none is configured."""
-    if problem.orbit is None:
-        return np.zeros((len(block.t_ns), 3, 3))
-    return problem.orbit.field(block, problem.window_s)
+    orbit = problem.orbit
+    if orbit is None:
+        return np.zeros((len(block.q_rad), 3, 3))
+    blocks = block.blocks if isinstance(block, BlockStack) else (block,)
+    return np.concatenate([orbit.field(own, problem.window_s) for own in blocks])
+
+
+def whitened(L: FloatArray, X: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return L^-1 X (k, p) and L^-1 r (k,) for a lower root L (k, k)."""
+    size, p = X.shape
+    stacked = np.empty((size, p + 1), order="F")
+    stacked[:, :p], stacked[:, p] = X, r
+    white = dtrtrs(L, stacked, lower=1, overwrite_b=1)[0]
+    return white[:, :p], white[:, p]
 
 
 def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) -> Rows:
-    """Return the whitened rows of a block, (6+n) m of them.
+    """Return `stacked_mrnea_rows` of one block."""
+    return stacked_mrnea_rows(BlockStack((block,)), x, problem, weighting)[0]
+
+
+def stacked_mrnea_rows(
+    s: BlockStack, x: FloatArray, problem: Problem, weighting: str
+) -> list[Rows]:
+    """Return the whitened rows of every block, (6+n) m of each.
 
     With H the joint-space inertia and a the measured accelerations, r = y - Y(a) pi has covariance
     S = G Sigma_z G^T + Sigma_y, where z stacks specific force, gyro and joint-motion errors over
@@ -66,53 +85,68 @@ def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) ->
 
     Source: paper eqs. (3)-(16); errors-in-variables weighting as in weighted total least squares.
     """
-    model, n, m = problem.model, problem.model.n, len(block.t_ns)
+    model, n, B = problem.model, s.n, len(s.blocks)
     pi = problem.pi(x)
     model.set_parameters(pi if weighting == "eiv" else problem.pi(problem.prior_mean))
-    G = field(block, problem)
-    w, a_base = base_acceleration(block, x, problem, G)
-    acceleration = np.concatenate([a_base, block.qdd_rad_s2], axis=1)
-    y = np.zeros((m, 6 + n))
-    y[:, 6:] = block.tau_nm
+    G = field(s, problem)
+    w, a_base = base_acceleration(s, x, problem, G)
+    acceleration = np.concatenate([a_base, s.qdd_rad_s2], axis=1)
+    y = np.zeros((len(s.q_rad), 6 + n))
+    y[:, 6:] = s.tau_nm
     if present(problem.torque_offset):
         y[:, 6:] -= x[problem.torque_offset]
     gain = 1.0 + x[problem.torque_scale] if present(problem.torque_scale) else np.ones(n)
     y[:, 6:] /= gain
-    r = np.empty((m, 6 + n))
-    H, C = np.empty((2, m, 6 + n, 6 + n))
-    Y = np.empty((m, 6 + n, pi.size))
-    for i in range(m):
-        q, qd = block.q_rad[i], block.qd_rad_s[i]
-        Y_field = model.field_regressor(q, G[i]) if problem.orbit is not None else 0.0
-        Y[i] = model.regressor(q, w[i], qd, acceleration[i]) - Y_field
-        r[i] = y[i] - Y[i] @ pi
-        H[i] = model.mass_matrix(q)
-        C[i] = model.bias_derivative(q, w[i], qd, acceleration[i])
-    outside = external_force(block, x, problem) if pulled(problem) else None
+    Y = _regressors(s, w, s.qd_rad_s, acceleration, problem, G)
+    r = y - Y @ pi
+    H = model.mass_matrices(s.q_rad)
+    C = model.bias_derivatives(s.q_rad, w, s.qd_rad_s, acceleration)
+    outside = external_force(s, x, problem) if pulled(problem) else None
     if outside is not None:
         r += outside[0]
     D_w = skew(cross(w, problem.p_BS_m)) + skew(w) @ skew(problem.p_BS_m)
     G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
     G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(problem.p_BS_m)
+    residuals = r.reshape(B, -1)
     if weighting == "ols":
-        L = np.sqrt(np.mean(np.einsum("nii->ni", block.cov_tau))) * np.eye(r.size)
+        sigma = np.sqrt(np.mean(np.einsum("bnii->bni", s.cov_tau), axis=(1, 2)))
+        L = sigma[:, None, None] * np.eye(residuals.shape[1])
     else:
-        gains = _input_gains(block, H, C, G_w, G_wd).reshape(r.size, -1)
-        L = np.linalg.cholesky(gains @ gains.T + _output_covariance(block, problem))
-    white = solve_triangular(L, r.ravel(), lower=True)
+        gains = _input_gains(s, H, C, G_w, G_wd)
+        L = np.linalg.cholesky(gains @ gains.transpose(0, 2, 1) + _output_covariance(s, problem))
     if weighting == "eiv":
-        smoothed = gains.T @ solve_triangular(L, white, lower=True, trans=1)
-        w, acceleration, qd = _smooth(block, smoothed, w, acceleration, problem)
-        for i in range(m):
-            Y_field = model.field_regressor(block.q_rad[i], G[i]) if problem.orbit else 0.0
-            Y[i] = model.regressor(block.q_rad[i], w[i], qd[i], acceleration[i]) - Y_field
-    X = np.zeros((m, 6 + n, len(x)))
+        weighted = np.array(
+            [dpotrs(root, own, lower=1)[0] for root, own in zip(L, residuals, strict=True)]
+        )
+        unit = (gains.transpose(0, 2, 1) @ weighted[:, :, None])[:, :, 0]
+        w, acceleration, qd = _smooth(s, unit, w, acceleration, problem)
+        Y = _regressors(s, w, qd, acceleration, problem, G)
+    X = np.zeros((len(s.q_rad), 6 + n, len(x)))
     X[:, :, problem.bodies] = Y @ problem.U
     _nuisance_columns(X, y, gain, H, G_w, problem)
     if outside is not None:
         X -= outside[1]
-    X = X.reshape(m * (6 + n), len(x))
-    return Rows(solve_triangular(L, X, lower=True), white)
+    X = X.reshape(B, residuals.shape[1], len(x))
+    return [
+        Rows(*whitened(root, columns, own))
+        for root, columns, own in zip(L, X, residuals, strict=True)
+    ]
+
+
+def _regressors(
+    s: BlockStack,
+    w: FloatArray,
+    qd: FloatArray,
+    acceleration: FloatArray,
+    problem: Problem,
+    G: FloatArray,
+) -> FloatArray:
+    """Return Y (N, 6+n, 10 (n+1)) at the nodes, the field taken off."""
+    Y = problem.model.regressors(s.q_rad, w, qd, acceleration)
+    if problem.orbit is not None:
+        states = zip(s.q_rad, G, strict=True)
+        Y -= np.stack([problem.model.field_regressor(q, own) for q, own in states])
+    return Y
 
 
 def _nuisance_columns(
@@ -131,77 +165,53 @@ def _nuisance_columns(
 
 
 def _input_gains(
-    block: Block, H: FloatArray, C: FloatArray, G_w: FloatArray, G_wd: FloatArray
+    s: BlockStack, H: FloatArray, C: FloatArray, G_w: FloatArray, G_wd: FloatArray
 ) -> FloatArray:
-    """Return d(Y pi)/d(unit-variance input errors), (m, 6+n, inputs) as [f | gyro | joints].
+    """Return d(Y pi)/d(unit-variance input errors), (B, m (6+n), inputs) as [f | gyro | joints].
 
-    Each input's covariance over the block's nodes is factorised, so that S = G G^T.
+    Each input's covariance over a block's nodes is factorised, so that S = G G^T.
     """
-    m, n = block.q_rad.shape
-    acc = np.linalg.cholesky(block.cov_acc)
-    gyro = covariance_root(block.cov_gyro)
+    m, B = s.m, len(s.blocks)
+    acc, gyro = s.root_acc, s.root_gyro
     # columns ordered (axis, factor)
-    G_f = np.einsum("irk,if->irkf", H[:, :, :3], acc)
-    G_g = np.einsum("irk,if->irkf", G_w, gyro[:m]) + np.einsum("irk,if->irkf", G_wd, gyro[m:])
-    G_q = joint_gains(C[:, :, 6:], H[:, :, 6:], covariance_root(_rates(block)))
-    return np.concatenate([G_f.reshape(m, 6 + n, -1), G_g.reshape(m, 6 + n, -1), G_q], axis=2)
+    G_f = np.einsum("birk,bif->birkf", s.by_block(H[:, :, :3]), acc)
+    G_g = np.einsum("birk,bif->birkf", s.by_block(G_w), gyro[:, :m])
+    G_g += np.einsum("birk,bif->birkf", s.by_block(G_wd), gyro[:, m:])
+    root = s.root_rates
+    G_q = np.einsum("birj,bjif->birjf", s.by_block(C[:, :, 6:]), root[:, :, :m])
+    G_q += np.einsum("birj,bjif->birjf", s.by_block(H[:, :, 6:]), root[:, :, m:])
+    parts = [part.reshape(B, m * H.shape[1], -1) for part in (G_f, G_g, G_q)]
+    return np.concatenate(parts, axis=2)
 
 
-def _rates(block: Block) -> FloatArray:
-    """Return the covariance (n, 2m, 2m) of rates and accelerations; angles are taken as exact."""
-    size = 2 * len(block.t_ns)
-    return block.cov_joint[:, :size, :size]
-
-
-def covariance_root(covariance: FloatArray) -> FloatArray:
-    """Return F (..., k, k) with F F^T = covariance (..., k, k), also for singular ones."""
-    values, vectors = np.linalg.eigh(covariance)
-    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    return root
-
-
-def joint_gains(by_qd: FloatArray, by_qdd: FloatArray, root: FloatArray) -> FloatArray:
-    """Return (m, rows, n 2m): rows by the joints' unit-variance errors of [qd, qdd] at the nodes.
-
-    `by_qd`, `by_qdd` (m, rows, n) are sensitivities, `root` (n, 2m, 2m) the covariances' roots.
-    """
-    m = by_qd.shape[0]
-    gains = np.einsum("irj,jif->irjf", by_qd, root[:, :m])
-    gains += np.einsum("irj,jif->irjf", by_qdd, root[:, m:])
-    stacked: FloatArray = gains.reshape(m, by_qd.shape[1], -1)
-    return stacked
-
-
-def _output_covariance(block: Block, problem: Problem) -> FloatArray:
-    m, n = block.q_rad.shape
-    S = np.zeros((m, 6 + n, m, 6 + n))
+def _output_covariance(s: BlockStack, problem: Problem) -> FloatArray:
+    m, n, B = s.m, s.n, len(s.blocks)
+    S = np.zeros((B, m, 6 + n, m, 6 + n))
     i = np.arange(m)
     for row in range(6):
-        S[i, row, i, row] = problem.wrench_sigma[row] ** 2
+        S[:, i, row, i, row] = problem.wrench_sigma[row] ** 2
     for j in range(n):
-        S[:, 6 + j, :, 6 + j] = block.cov_tau[j]
-    return S.reshape(m * (6 + n), m * (6 + n))
+        S[:, :, 6 + j, :, 6 + j] = s.cov_tau[:, j]
+    return S.reshape(B, m * (6 + n), m * (6 + n))
 
 
 def _smooth(
-    block: Block, unit: FloatArray, w: FloatArray, acceleration: FloatArray, problem: Problem
+    s: BlockStack, unit: FloatArray, w: FloatArray, acceleration: FloatArray, problem: Problem
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Apply unit-variance input corrections; return w, acceleration and qd at the result."""
-    m, n = block.q_rad.shape
-    acc = np.linalg.cholesky(block.cov_acc)
-    gyro = covariance_root(block.cov_gyro)
-    split = 3 * acc.shape[1]
-    f = acc @ unit[:split].reshape(3, -1).T
-    g = gyro @ unit[split : split + 3 * gyro.shape[1]].reshape(3, -1).T
-    rest = unit[split + 3 * gyro.shape[1] :]
-    dw, dwd = g[:m], g[m:]
+    """Apply unit-variance input corrections (B, inputs); return w, acceleration and qd there."""
+    m, n, B = s.m, s.n, len(s.blocks)
+    split = 3 * s.root_acc.shape[2]
+    stop = split + 3 * s.root_gyro.shape[2]
+    f = np.einsum("bmf,bkf->bmk", s.root_acc, unit[:, :split].reshape(B, 3, -1)).reshape(-1, 3)
+    g = np.einsum("bmf,bkf->bmk", s.root_gyro, unit[:, split:stop].reshape(B, 3, -1))
+    dw, dwd = g[:, :m].reshape(-1, 3), g[:, m:].reshape(-1, 3)
     r = problem.p_BS_m
     smoothed = acceleration.copy()
     w_new = w + dw
     smoothed[:, :3] += f - cross(dwd, r) - cross(w_new, cross(w_new, r))
     smoothed[:, :3] += cross(w, cross(w, r))
     smoothed[:, 3:6] += dwd
-    step = np.einsum("jaf,jf->aj", covariance_root(_rates(block)), rest.reshape(n, -1))
-    qd = block.qd_rad_s + step[:m]
-    smoothed[:, 6:] += step[m:]
+    step = np.einsum("bjaf,bjf->baj", s.root_rates, unit[:, stop:].reshape(B, n, -1))
+    qd = s.qd_rad_s + step[:, :m].reshape(-1, n)
+    smoothed[:, 6:] += step[:, m:].reshape(-1, n)
     return w_new, smoothed, qd

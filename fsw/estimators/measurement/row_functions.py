@@ -2,23 +2,88 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
-from fsw.estimators.measurement.energy import energy_rows
-from fsw.estimators.measurement.fused import Rate, fused_rows
+from fsw.estimators.measurement.block_stack import BlockStack, stacks_of
+from fsw.estimators.measurement.energy import stacked_energy_rows
+from fsw.estimators.measurement.fused import CHANNELS, Rate, stacked_fused_rows
 from fsw.estimators.measurement.impulse import Impulse
-from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
+from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
 
-class RowsFunction(Protocol):
-    """Whitened rows of one block at a state, given the momentum gained before it."""
+class RowsFunction(ABC):
+    """Whitened rows of blocks at a state, given the momentum gained before them."""
+
+    @abstractmethod
+    def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
+        """Return A and b of every block with A delta = b, and the momentum gained after it."""
 
     def __call__(self, block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        """Return A and b with A delta = b, and the momentum gained after the block."""
-        ...
+        """Return the rows of one block."""
+        return self.stacked(BlockStack((block,)), x, before)[0]
+
+
+class Linearisation:
+    """The rows of many blocks as a function of the state; the last state's are kept."""
+
+    def __init__(self, rows: RowsFunction, blocks: Sequence[Block]) -> None:
+        self._rows = rows
+        self._stacks = stacks_of(blocks)
+        self._x: FloatArray | None = None
+        self._found: list[Rows] = []
+
+    def __call__(self, x: FloatArray) -> list[Rows]:
+        """Return the rows of every block, momentum carried from block to block."""
+        if self._x is None or self._x.tobytes() != x.tobytes():
+            self._x, found = None, list[Rows]()
+            before: Impulse | None = None
+            for s in self._stacks:
+                found += self._rows.stacked(s, x, before)
+                before = found[-1].after
+            self._x, self._found = x.copy(), found
+        return self._found
+
+
+def stack(rows: RowsFunction, blocks: Sequence[Block], x: FloatArray) -> list[Rows]:
+    """Return the whitened rows of every block at a state, momentum carried from block to block."""
+    return Linearisation(rows, blocks)(x)
+
+
+class _Fused(RowsFunction):
+    def __init__(self, problem: Problem, channels: tuple[str, ...], rate: Rate | None) -> None:
+        self._problem, self._channels, self._rate = problem, channels, rate
+
+    def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
+        """Return the rows; without a rate of its own the gyro's where there is one."""
+        rate: Rate = self._rate or ("measured" if s.has_gyro else "momentum")
+        return stacked_fused_rows(s, x, self._problem, self._channels, rate, before)
+
+
+class _Mrnea(RowsFunction):
+    """MRNEA, and RDA where a measurement of its base rows, or one of the torques, is missing."""
+
+    def __init__(self, problem: Problem, weighting: str) -> None:
+        self._problem, self._weighting = problem, weighting
+        self._otherwise = _Fused(problem, ("torque",), None)
+
+    def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
+        """Return the rows."""
+        if s.has_gyro and s.has_accelerometer and s.has_joint.all():
+            return stacked_mrnea_rows(s, x, self._problem, self._weighting)
+        return self._otherwise.stacked(s, x, before)
+
+
+class _Energy(RowsFunction):
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:  # noqa: ARG002
+        """Return the rows; momentum from outside moves none of them."""
+        return stacked_energy_rows(s, x, self._problem)
 
 
 def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
@@ -32,31 +97,12 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     ------
     EstimatorError for an unknown method.
     """
-
-    def mrnea(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        if block.has_gyro and block.has_accelerometer and block.has_joint.all():
-            return mrnea_rows(block, x, problem, weighting)
-        return rda(block, x, before)
-
-    def rda(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        rate: Rate = "measured" if block.has_gyro else "momentum"
-        return fused_rows(block, x, problem, ("torque",), rate, before)
-
-    def momentum(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        return fused_rows(block, x, problem, ("gyro",), "momentum", before)
-
-    def energy(block: Block, x: FloatArray, _before: Impulse | None = None, /) -> Rows:
-        return energy_rows(block, x, problem)
-
-    def fused(block: Block, x: FloatArray, before: Impulse | None = None, /) -> Rows:
-        return fused_rows(block, x, problem, before=before)
-
     functions: dict[str, RowsFunction] = {
-        "mrnea": mrnea,
-        "rda": rda,
-        "cm": momentum,
-        "ce": energy,
-        "fused": fused,
+        "mrnea": _Mrnea(problem, weighting),
+        "rda": _Fused(problem, ("torque",), None),
+        "cm": _Fused(problem, ("gyro",), "momentum"),
+        "ce": _Energy(problem),
+        "fused": _Fused(problem, CHANNELS, "momentum"),
     }
     if method not in functions:
         raise EstimatorError(f"method {method!r} is not one of {', '.join(functions)}")

@@ -160,6 +160,70 @@ class RobotModel:
         derivative: FloatArray = self.data.dtau_dq[:6, 6:]
         return derivative
 
+    def regressors(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
+        """Return `regressor` at N states, (N, 6+n, 10 (n+1)); arguments with N in front."""
+        Q, V = self._states(q, w, qd)
+        out = np.empty((len(q), self.model.nv, self.pi_links.size))
+        model, data, evaluate = self.model, self.data, pin.computeJointTorqueRegressor
+        for i in range(len(q)):
+            out[i] = evaluate(model, data, Q[i], V[i], a[i])
+        return out
+
+    def momentum_regressors(self, q: FloatArray, nu: FloatArray) -> FloatArray:
+        """Return `momentum_regressor` at N states, (N, 6+n, 10 (n+1))."""
+        Q = self._angles(q)
+        out = np.empty((len(q), self.model.nv, self.pi_links.size))
+        model, data, evaluate = self.model, self.data, pin.computeJointTorqueRegressor
+        for i in range(len(q)):
+            out[i] = evaluate(model, data, Q[i], self._zero, nu[i])
+        return out
+
+    def generalised_forces(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return `generalised_force` at N states, (N, 6+n)."""
+        Q, V = self._states(q, w, qd)
+        out = np.empty((len(q), self.model.nv))
+        model, data, evaluate = self.model, self.data, pin.rnea
+        for i in range(len(q)):
+            out[i] = evaluate(model, data, Q[i], V[i], a[i])
+        return out
+
+    def mass_matrices(self, q: FloatArray) -> FloatArray:
+        """Return `mass_matrix` at N states, (N, 6+n, 6+n)."""
+        Q = self._angles(q)
+        out = np.empty((len(q), self.model.nv, self.model.nv))
+        model, data, evaluate = self.model, self.data, pin.crba
+        for i in range(len(q)):
+            out[i] = evaluate(model, data, Q[i])
+        rows, columns = self._lower
+        out[:, rows, columns] = out[:, columns, rows]  # crba fills the upper triangle
+        return out
+
+    def bias_derivatives(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> FloatArray:
+        """Return `bias_derivative` at N states, (N, 6+n, 6+n)."""
+        Q, V = self._states(q, w, qd)
+        out = np.empty((len(q), self.model.nv, self.model.nv))
+        model, data, evaluate = self.model, self.data, pin.computeRNEADerivatives
+        for i in range(len(q)):
+            evaluate(model, data, Q[i], V[i], a[i])
+            out[i] = data.dtau_dv
+        return out
+
+    def _angles(self, q: FloatArray) -> FloatArray:
+        Q = np.empty((len(q), self._q.size))
+        Q[:, :7], Q[:, 7:] = self._q[:7], q
+        return Q
+
+    def _states(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        V = np.zeros((len(q), self.model.nv))
+        V[:, 3:6], V[:, 6:] = w, qd
+        return self._angles(q), V
+
     def composite(self, q: FloatArray) -> FloatArray:
         """Return (10, 10 (n+1)): parameters of the whole in the base frame = composite @ pi."""
         return np.hstack(list(self._maps_to_base(q)))

@@ -25,8 +25,9 @@ from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
 from fsw.estimators.diagnosis import diagnose, plain
+from fsw.estimators.measurement.block_stack import covariance_root
 from fsw.estimators.measurement.impulse import external_force, pulled
-from fsw.estimators.measurement.mrnea import base_acceleration, covariance_root, field
+from fsw.estimators.measurement.mrnea import base_acceleration, field
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.plausible import plausible

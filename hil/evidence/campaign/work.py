@@ -14,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from fsw.estimators.methods.fused_batch import solve_fused
-from fsw.estimators.methods.system import Options
-from fsw.estimators.samples import Noise, SampleSet, with_noise
 from hil.evidence.campaign.config import Run
-from hil.evidence.methods.cases import SENSOR_SETS
-from hil.evidence.methods.exact import base_velocity, true_robot
-from hil.evidence.methods.flight_side import problem_of, without_biases, write_config
+from hil.evidence.methods.cases import SENSOR_SETS, WIDER
+from hil.evidence.methods.exact import true_robot
+from hil.evidence.methods.flight_side import without_biases, write_config
+from hil.evidence.methods.methods import FUSED, on_blocks
+from hil.evidence.methods.sensed import condition, declared, draws, sensed, with_noise
 from hil.evidence.store import Row
 from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import normalised_error_squared
 from hil.run.bench import prepare, run_virtual
 from hil.world.environment.wrench import simulate_in
+from hil.world.history import TruthState
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario, load
 from hil.world.spline import JointSpline
@@ -64,25 +64,16 @@ def _named(run: Run) -> dict[str, Any]:
 
 
 def _sample(run: Run) -> dict[str, Any]:
-    scenario = scenario_of(run.scenario, run.trajectory)
+    scenario, noise = scenario_of(run.scenario, run.trajectory), SENSOR_SETS[run.noise]
+    state = _exact(run.scenario, run.trajectory, run.duration_s, run.rate_hz)
+    rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(NOISE_STREAM,)))
+    unit = draws(*state.q.shape, rng, shared=noise.shared)
     with tempfile.TemporaryDirectory(prefix="campaign-") as folder:
         told = without_biases(replace(scenario, environment=None))
-        problem = problem_of(write_config(told, run.seed, Path(folder)))
-    exact = _exact(run.scenario, run.trajectory, run.duration_s, run.rate_hz)
-    level = SENSOR_SETS[run.noise]
-    noise = Noise.of(
-        exact.n,
-        tau_nm=level.torque_nm,
-        qdd_rad_s2=level.qdd_rad_s2,
-        w_rad_s=level.rate_rad_s,
-        wd_rad_s2=level.angular_acceleration_rad_s2,
-        a_m_s2=level.acceleration_m_s2,
-    )
-    rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(NOISE_STREAM,)))
-    result = solve_fused(with_noise(exact, noise, rng), problem, Options(body_prior=False))
-    k = problem.bodies
-    bound = np.diag(result.crb)[k]
-    return _judged(run, scenario, result.mean[k], result.covariance[k, k], bound, result.status)
+        config = declared(write_config(told, run.seed, Path(folder), WIDER), noise, run.rate_hz)
+        channels = with_noise(sensed(state, config), noise, unit)
+        found = on_blocks(FUSED, condition(channels, config, run.rate_hz), config)
+    return _judged(run, scenario, found.x, found.covariance, found.status)
 
 
 def _device(run: Run) -> dict[str, Any]:
@@ -97,16 +88,11 @@ def _device(run: Run) -> dict[str, Any]:
     k = slice(0, 10 * len(scenario.unknown))
     covariance = np.array(final.covariance[k, k])
     status = "OK" if final.valid else final.reason
-    return _judged(run, scenario, final.x[k], covariance, np.diag(covariance), status)
+    return _judged(run, scenario, final.x[k], covariance, status)
 
 
 def _judged(
-    run: Run,
-    scenario: Scenario,
-    x: FloatArray,
-    covariance: FloatArray,
-    bound: FloatArray,
-    status: str,
+    run: Run, scenario: Scenario, x: FloatArray, covariance: FloatArray, status: str
 ) -> dict[str, Any]:
     truth = np.concatenate([pi_of(scenario.truth[body]) for body in scenario.unknown])
     tool = verification(run.scenario, run.trajectory).error(x, truth).summary()
@@ -115,7 +101,7 @@ def _judged(
         "status": status,
         "error": (x - truth).tolist(),
         "sigma": np.sqrt(np.diag(covariance)).tolist(),
-        "bound": np.sqrt(bound).tolist(),
+        "bound": np.sqrt(np.diag(covariance)).tolist(),
         "nees": normalised_error_squared(x - truth, covariance),
         "digest": hashlib.sha256(whole.astype("<f8").tobytes()).hexdigest(),
         **tool,
@@ -142,26 +128,13 @@ def verification(name: str, trajectory: Path | None) -> Verification:
 @lru_cache(maxsize=8)
 def _exact(
     name: str, trajectory: Path | None, duration_s: float | None, rate_hz: float
-) -> SampleSet:
+) -> TruthState:
     scenario = scenario_of(name, trajectory)
     spline = JointSpline.load(scenario.identification)
     end_s = min(duration_s or spline.duration_s, spline.duration_s)
     robot = true_robot(scenario)
     history = simulate_in(scenario.environment, robot, spline, 0.0, end_s + STEP_S, STEP_S)
-    s = history.at(np.arange(round(end_s * rate_hz)) / rate_hz)
-    return SampleSet(
-        t_s=s.t_s,
-        q=s.q,
-        qd=s.qd,
-        qdd=s.qdd,
-        tau=s.tau,
-        w_NB_B=s.w_NB_B,
-        wd_NB_B=s.wd_NB_B,
-        a_NB_B=s.a_NB_B - s.g_NB_B,
-        R_NB=s.R_NB,
-        noise=Noise.of(s.q.shape[1], tau_nm=0.0),
-        v_NB_B=base_velocity(s),
-    )
+    return history.at(np.arange(round(end_s * rate_hz)) / rate_hz)
 
 
 class _Silent:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.evidence.methods.sensed import ChannelNoise
 from hil.world.inertia import COUNT, FloatArray, pi_of
 from hil.world.scenario import Scenario, load
 
@@ -21,40 +22,26 @@ GROUPS: Mapping[str, slice] = {
 SAMPLE, DEVICE = "sample", "device"
 RATE_HZ = 100.0
 DURATION_S = 60.0
-DIFFERENTIATION_S = 0.2  # window over which angular acceleration is taken from the gyro
+WINDOW_S, NODES = 0.4, 4  # of the conditioner
+ENCODER_NOISE_RAD = 1.1e-7  # 24 bits, rounded
+WIDER = 100.0  # times the prior's sigma: what is judged is what the data says
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorSet:
-    """1 sigma of one sample at 100 Hz, white; every axis and joint alike."""
+def _sensor_set(gyro_factor: float, acc_factor: float) -> ChannelNoise:
+    """Return torque 0.05 N m and 24-bit encoders at 500 Hz, a STIM300 times the factors.
 
-    torque_nm: float
-    qdd_rad_s2: float
-    rate_rad_s: float
-    angular_acceleration_rad_s2: float
-    acceleration_m_s2: float
-    velocity_m_s: float  # of v_b, used by the printed reading of CM alone; no sensor gives it
-
-
-def _sensor_set(gyro_factor: float, acc_factor: float) -> SensorSet:
-    """Return torque 0.05 N m at 500 Hz, a STIM300 times the factors, a 24-bit encoder.
-
-    White noise at native rates averaged to 100 Hz; angular acceleration as the slope of a line
-    through 0.2 s of gyro, sigma sqrt(12 / (k^3 dt^2)).
+    White noise at native rates averaged to the study's rate.
     """
-    gyro = 4.4e-5 * RATE_HZ**0.5 * gyro_factor
-    k = DIFFERENTIATION_S * RATE_HZ
-    return SensorSet(
-        torque_nm=0.05 * (RATE_HZ / 500.0) ** 0.5,
-        qdd_rad_s2=2.5e-5,
-        rate_rad_s=gyro,
-        angular_acceleration_rad_s2=gyro * (12.0 / k**3) ** 0.5 * RATE_HZ,
+    averaged = (RATE_HZ / 500.0) ** 0.5
+    return ChannelNoise(
+        position_rad=ENCODER_NOISE_RAD * averaged,
+        torque_nm=0.05 * averaged,
+        rate_rad_s=4.4e-5 * RATE_HZ**0.5 * gyro_factor,
         acceleration_m_s2=5.0e-4 * RATE_HZ**0.5 * acc_factor,
-        velocity_m_s=1e-3,
     )
 
 
-SENSOR_SETS: Mapping[str, SensorSet] = {
+SENSOR_SETS: Mapping[str, ChannelNoise] = {
     "data sheet": _sensor_set(1.0, 1.0),
     "poor IMU": _sensor_set(3.0, 10.0),  # 0.45 deg/sqrt(h), 0.3 m/s/sqrt(h): consumer grade
     "good IMU": _sensor_set(0.01, 0.01),  # 0.0015 deg/sqrt(h), 0.0003 m/s/sqrt(h): navigation
@@ -117,9 +104,11 @@ def settings() -> dict[str, Any]:
     from dataclasses import asdict
 
     return {
-        "version": 1,
+        "version": 2,
         "rate_hz": RATE_HZ,
         "duration_s": DURATION_S,
         "cases": dict(CASES),
+        "window_s": WINDOW_S,
+        "nodes": NODES,
         "sensor_sets": {name: asdict(values) for name, values in SENSOR_SETS.items()},
     }

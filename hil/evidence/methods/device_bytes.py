@@ -12,13 +12,11 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.messages import Block
-from fsw.messages.errors import EstimatorError
-from hil.evidence.methods.cases import DEVICE, Key, Record, scenario_of, truth_of
+from hil.evidence.methods.cases import DEVICE, WIDER, Record, scenario_of, truth_of
 from hil.evidence.methods.exact import true_robot
 from hil.evidence.methods.fisher import ALL
-from hil.evidence.methods.flight_side import priors_of, problem_of, write_config
-from hil.evidence.methods.methods import WARM, on_blocks, warm_start
-from hil.evidence.methods.sample_level import failed, judged
+from hil.evidence.methods.flight_side import priors_of, write_config
+from hil.evidence.methods.sample_level import judge_all
 from hil.judge.bound import Sensors, information
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import BOUND_RATE_HZ
@@ -32,7 +30,6 @@ from hil.world.spline import JointSpline
 from hil.world.truth import simulate
 
 SENSORS = "data sheet"  # the scenarios' devices
-WIDER = 100.0  # times the prior's sigma: as for samples, what is judged is what the data says
 SILENT = 1e12  # times the noise of a channel that is not used
 
 
@@ -40,27 +37,15 @@ def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[Record]:
     """Return the results of some methods on the blocks of one run of plant and daemon."""
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         config, blocks = _run(case, seed, Path(folder))
-        problem = problem_of(config)
-    records, warm = [], None
-    for method in methods:
-        key = Key(level=DEVICE, case=case, sensors=SENSORS, method=method, seed=seed)
-        try:
-            if method in WARM and warm is None:
-                warm = warm_start(blocks, problem)
-            outcome = on_blocks(method, blocks, problem, warm)
-        except (EstimatorError, np.linalg.LinAlgError) as error:
-            records.append(failed(key, str(error)))
-            continue
-        records.append(judged(key, outcome, truth_of(case)))
-    return records
+        return judge_all(DEVICE, case, SENSORS, seed, methods, blocks, config)
 
 
 @lru_cache(maxsize=32)
 def native_information(case: str, channels: str) -> FloatArray:
     """Return the Fisher information of the raw sensors' white noise, biases marginalised.
 
-    Native rates, the whole recording with its rests; `channels` is one of the methods' own: all and
-    mrnea (every sensor), torque and rda (torque), cm (gyro). Without the bodies' prior.
+    Native rates, the whole recording with its rests; `channels` is one of the methods' own: all
+    (every sensor), torque and rda (torque), cm (gyro). Without the bodies' prior.
     """
     scenario = scenario_of(case)
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
@@ -78,7 +63,7 @@ def _only(sensors: Sensors, channels: str) -> Sensors:
     """Return the sensors with the channels that are not used drowned in noise."""
     from dataclasses import replace
 
-    if channels in (ALL, "fused", "mrnea"):
+    if channels == ALL:
         return sensors
     acc = sensors.acc_noise_m_s2 * SILENT
     if channels == "cm":

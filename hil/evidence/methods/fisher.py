@@ -1,9 +1,9 @@
-"""Fisher information of white noise on the samples, at the truth, channel by channel.
+"""Fisher information of white noise on raw samples, at the truth, channel by channel.
 
-Independent of the flight software: the bench's own model (Pinocchio regressors, derivatives of the
-recursive Newton-Euler algorithm). Equations as in judge/bound.py; here with angular acceleration as
-a channel of its own and with noisy joint accelerations or a measured rate as latent variables,
-which add their image D Sigma D^T to the covariance of what is predicted from them.
+Independent of the flight software: the bench's own model (judge/bound.py, derivatives of the
+recursive Newton-Euler algorithm). The joints' angles are noisy too. In every window a joint's
+motion is one polynomial fitted to them. The errors of its accelerations have a covariance C over
+the window, and add D C D^T to the covariance of all that is predicted from them.
 """
 
 from __future__ import annotations
@@ -13,29 +13,31 @@ from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
+from numpy.polynomial import legendre
 
-from hil.evidence.methods.cases import SENSOR_SETS, SensorSet, scenario_of, truth_of
+from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
 from hil.evidence.methods.exact import exact_samples
+from hil.evidence.methods.sensed import ChannelNoise
+from hil.judge.bound import Sensors, sensitivity
 from hil.judge.floating import FloatingRobot
 from hil.world.inertia import FloatArray, pi_of
+from hil.world.sensors import SensorConfig, rotation_of
 
-UNMODELLED_WRENCH = 1e-3  # N and N m, 1 sigma per sample: keeps MRNEA's covariance regular
 ALL = "all"
+POSITION_DEGREE = NODES + 2  # of the joints' polynomial in a window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
     """Sensitivities at the truth along a motion of N samples; p unknown parameters."""
 
-    Y: FloatArray  # (N, 6+n, p) regressor at the true accelerations
-    H: FloatArray  # (N, 6+n, 6+n)
-    C_w: FloatArray  # (N, 6+n, 3) d(generalised force)/d w
     J_tau: FloatArray  # (N, n, p) with the rate predicted from momentum
     J_tau_w: FloatArray  # (N, n, p) at a given rate
-    J_a: FloatArray  # (N, 6, p)
-    J_w: FloatArray  # (N, 3, p)
-    J_v: FloatArray  # (N, 3, p) base velocity
-    N: FloatArray  # (N, 6, n) -H_bb^-1 H_bm
+    J_acc: FloatArray  # (N, 3, p) of the accelerometer
+    J_gyro: FloatArray  # (N, 3, p)
+    D_tau: FloatArray  # (N, n, n) by the joint accelerations
+    D_acc: FloatArray  # (N, 3, n)
+    D_tau_w: FloatArray  # (N, n, 3) by a given rate
 
 
 @lru_cache(maxsize=3)
@@ -44,57 +46,64 @@ def sweep(case: str) -> Sweep:
     scenario = scenario_of(case)
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
-    x = truth_of(case)
-    pi, U, n = robot.stacked(x), robot.select, robot.n
+    sensors, x = _sensors(case, robot.n), truth_of(case)
     samples = exact_samples(case)
-    count, m, p = len(samples.t_s), 6 + n, x.size
-    Y, Y_h = np.empty((count, m, p)), np.empty((count, 6, p))
-    H, C = np.empty((count, m, m)), np.empty((count, m, 3))
-    for i in range(count):
-        q, qd, qdd = samples.q[i], samples.qd[i], samples.qdd[i]
-        b = robot.mass_columns(q) @ pi
-        twist = -np.linalg.solve(b[:6], robot.momentum(q, qd) @ pi)
-        Y_h[i] = (robot.regressor(q, np.zeros(m), np.concatenate((twist, qd))) @ U)[:6]
-        nu = np.concatenate((np.zeros(3), twist[3:], qd))
-        held = np.concatenate((np.zeros(6), qdd))
-        a = -np.linalg.solve(b[:6], (robot.regressor(q, nu, held) @ pi)[:6])
-        full = np.concatenate((a, qdd))
-        Y[i] = robot.regressor(q, nu, full) @ U
-        C[i] = robot.bias_derivative(q, nu, full, pi)[:, 3:6]
-        H[i] = _mass_matrix(robot, q)
-    H_bb, H_bm = H[:, :6, :6], H[:, :6, 6:]
-    J_nu = -_solve(H_bb, Y_h)
-    J_w, J_v = J_nu[:, 3:], J_nu[:, :3]
-    J_a = -_solve(H_bb, Y[:, :6] + C[:, :6] @ J_w)
-    J_a_w = -_solve(H_bb, Y[:, :6])
-    H_mb = H_bm.transpose(0, 2, 1)
-    return Sweep(
-        Y=Y,
-        H=H,
-        C_w=C,
-        J_tau=Y[:, 6:] + C[:, 6:] @ J_w + H_mb @ J_a,
-        J_tau_w=Y[:, 6:] + H_mb @ J_a_w,
-        J_a=J_a,
-        J_w=J_w,
-        J_v=J_v,
-        N=-_solve(H_bb, H_bm),
-    )
+    rows = [
+        _row(robot, sensors, x, *state)
+        for state in zip(samples.q, samples.qd, samples.qdd, strict=True)
+    ]
+    return Sweep(*(np.stack(column) for column in zip(*rows, strict=True)))
+
+
+def _row(
+    robot: FloatingRobot,
+    sensors: Sensors,
+    x: FloatArray,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+) -> tuple[FloatArray, ...]:
+    """Return the sensitivities of `Sweep` at one sample."""
+    pi = robot.stacked(x)
+    s = sensitivity(robot, sensors, x, q, qd, qdd)
+    w = sensors.R_BS @ s.w_NS_S_rad_s
+    nu = np.concatenate((np.zeros(3), w, qd))
+    held = np.concatenate((np.zeros(6), qdd))
+    robot.bias_derivative(q, nu, held, pi)  # makes pi the model's inertias
+    H = _mass_matrix(robot, q)
+    a = -np.linalg.solve(H[:6, :6], (robot.regressor(q, nu, held) @ pi)[:6])
+    full = np.concatenate((a, qdd))
+    C_w = robot.bias_derivative(q, nu, full, pi)[:, 3:6]
+    Y = robot.regressor(q, nu, full) @ robot.select
+    N = -np.linalg.solve(H[:6, :6], H[:6, 6:])
+    J_tau_w = Y[6:] - H[6:, :6] @ np.linalg.solve(H[:6, :6], Y[:6])
+    D_w = C_w[6:] - H[6:, :6] @ np.linalg.solve(H[:6, :6], C_w[:6])
+    lever = np.cross(N[3:].T, sensors.p_BS_m).T
+    D_acc = sensors.R_BS.T @ (N[:3] + lever)
+    D_tau = H[6:, 6:] + H[6:, :6] @ N
+    return s.J_tau, J_tau_w, s.J_acc, s.J_gyro, D_tau, D_acc, D_w
 
 
 def information(case: str, sensors: str, channels: str) -> FloatArray:
     """Return the Fisher information (p, p) of the samples for one choice of channels.
 
-    `channels`: all (torque, linear and angular acceleration, rate), fused (without angular
-    acceleration), mrnea (all, but not the law of momentum), rda (torque at the measured rate), cm
-    (rate), cm with v_b (rate and base velocity), torque (torque at the predicted rate). An
-    efficient estimator of that choice reaches its inverse.
+    `channels`: all (torque, accelerometer, gyro), rda (torque at the measured rate), cm (gyro),
+    torque (torque at the predicted rate). An efficient estimator of that choice reaches its
+    inverse.
     """
     s, noise = sweep(case), SENSOR_SETS[sensors]
-    parts = _parts(s, noise, channels)
-    p = s.Y.shape[2]
-    total = np.zeros((p, p))
-    for J, S in parts:
-        total += np.einsum("irp,irq->pq", J, np.linalg.solve(S, J), optimize=True)
+    J, D, variance, shared = _rows(s, noise, channels)
+    k = round(WINDOW_S * RATE_HZ)
+    C = noise.position_rad**2 * _acceleration_covariance(k)
+    total = np.zeros((J.shape[2], J.shape[2]))
+    r = J.shape[1]
+    for first in range(0, len(J) - k + 1, k):
+        part = slice(first, first + k)
+        S = np.einsum("kri,kl,lsi->krls", D[part], C, D[part], optimize=True)
+        at = np.arange(k)
+        S[at, :, at, :] += np.diag(variance) + shared[part]
+        rows = J[part].reshape(k * r, -1)
+        total += rows.T @ np.linalg.solve(S.reshape(k * r, k * r), rows)
     return 0.5 * (total + total.T)
 
 
@@ -106,44 +115,57 @@ def bound(information_matrix: FloatArray) -> FloatArray:
     return 0.5 * (scaled + scaled.T)
 
 
-def _parts(s: Sweep, noise: SensorSet, channels: str) -> list[tuple[FloatArray, FloatArray]]:
-    """Return Jacobians (N, r, p) and covariances (N, r, r) of independent groups of rows."""
-    count, n = s.J_tau.shape[:2]
-    H_mb = s.H[:, 6:, :6]
-    H_hat = s.H[:, 6:, 6:] + H_mb @ s.N
-    tau, qdd = noise.torque_nm**2 * np.eye(n), noise.qdd_rad_s2**2
-    rate = np.broadcast_to(noise.rate_rad_s**2 * np.eye(3), (count, 3, 3))
-    acceleration = np.repeat([noise.acceleration_m_s2**2, noise.angular_acceleration_rad_s2**2], 3)
-    if channels in (ALL, "fused"):
-        width = 6 if channels == ALL else 3
-        D = np.concatenate([H_hat, s.N[:, :width]], axis=1)
-        S = qdd * D @ D.transpose(0, 2, 1)
-        S[:, :n, :n] += tau
-        S[:, n:, n:] += np.diag(acceleration[:width])
-        return [(np.concatenate([s.J_tau, s.J_a[:, :width]], axis=1), S), (s.J_w, rate)]
+def _rows(
+    s: Sweep, noise: ChannelNoise, channels: str
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return J (N, r, p), D (N, r, n), the channels' variances (r,), other noise (N, r, r)."""
+    N, n = s.J_tau.shape[:2]
+    tau = np.full(n, noise.torque_nm**2)
+    gyro = np.full(3, noise.rate_rad_s**2)
+    still = np.zeros((N, 3, n))  # a rate hardly heeds the noise of angles
+    if channels == ALL:
+        J = np.concatenate([s.J_tau, s.J_acc, s.J_gyro], axis=1)
+        D = np.concatenate([s.D_tau, s.D_acc, still], axis=1)
+        variance = np.concatenate([tau, np.full(3, noise.acceleration_m_s2**2), gyro])
+        return J, D, variance, np.zeros((N, 1, 1))
     if channels == "rda":
-        D_w = s.C_w[:, 6:] - H_mb @ np.linalg.solve(s.H[:, :6, :6], s.C_w[:, :6])
-        S = qdd * H_hat @ H_hat.transpose(0, 2, 1) + tau
-        S = S + noise.rate_rad_s**2 * D_w @ D_w.transpose(0, 2, 1)
-        return [(s.J_tau_w, S)]
+        shared = noise.rate_rad_s**2 * s.D_tau_w @ s.D_tau_w.transpose(0, 2, 1)
+        return s.J_tau_w, s.D_tau, tau, shared
     if channels == "torque":
-        return [(s.J_tau, qdd * H_hat @ H_hat.transpose(0, 2, 1) + tau)]
+        return s.J_tau, s.D_tau, tau, np.zeros((N, 1, 1))
     if channels == "cm":
-        return [(s.J_w, rate)]
-    if channels == "cm with v_b":
-        speed = np.broadcast_to(noise.velocity_m_s**2 * np.eye(3), (count, 3, 3))
-        return [(s.J_w, rate), (s.J_v, speed)]
-    if channels == "mrnea":
-        variances = np.concatenate([acceleration, np.full(n, qdd)])
-        S = (s.H * variances) @ s.H + noise.rate_rad_s**2 * s.C_w @ s.C_w.transpose(0, 2, 1)
-        S[:, 6:, 6:] += tau
-        S[:, :6, :6] += UNMODELLED_WRENCH**2 * np.eye(6)
-        return [(s.Y, S)]
+        return s.J_gyro, still, gyro, np.zeros((N, 1, 1))
     raise ValueError(f"channels {channels!r} unknown")
 
 
-def _solve(A: FloatArray, B: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.solve(A, B), dtype=np.float64)
+def _acceleration_covariance(count: int) -> FloatArray:
+    """Return the covariance (k, k) of a window's joint accelerations per unit of angle noise."""
+    half = 0.5 * WINDOW_S
+    at = (np.arange(count) + 0.5) / RATE_HZ / half - 1.0
+    unit = np.eye(POSITION_DEGREE + 1)
+    second = np.stack([legendre.legval(at, legendre.legder(c, 2)) for c in unit], axis=1) / half**2
+    map_to = second @ np.linalg.pinv(legendre.legvander(at, POSITION_DEGREE))
+    covariance: FloatArray = map_to @ map_to.T
+    return covariance
+
+
+def _sensors(case: str, n: int) -> Sensors:
+    """Return sensors of unit noise mounted as in the scenario."""
+    imu = SensorConfig.from_dict(scenario_of(case).sensors).imu
+    if imu is None:
+        raise ValueError("the bound needs an inertial unit")
+    return Sensors(
+        joint_rate_hz=RATE_HZ,
+        torque_noise_nm=np.ones(n),
+        torque_offset_sigma_nm=np.zeros(n),
+        imu_rate_hz=RATE_HZ,
+        gyro_noise_rad_s=1.0,
+        gyro_bias_sigma_rad_s=0.0,
+        acc_noise_m_s2=1.0,
+        acc_bias_sigma_m_s2=0.0,
+        p_BS_m=np.array(imu.p_BS_m),
+        R_BS=rotation_of(imu.q_BS_xyzw),
+    )
 
 
 def _mass_matrix(robot: FloatingRobot, q: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from hil.evidence.methods.summary import Row, Verdict, chance_of_outliers
 
 WIDTH = 260
 LEVELS = {
-    "sample": "Sample level: 60 s at 100 Hz, white noise on the samples, no prior information",
+    "sample": "Sample level: 60 s at 100 Hz, white noise on raw samples, hardly a prior",
     "device": "Device bytes: plant, wire, daemon; raw sensors' white noise at native rates",
 }
 LEGEND = """\

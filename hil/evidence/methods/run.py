@@ -10,7 +10,7 @@ from rich.console import Console
 from hil.evidence import pool, runner
 from hil.evidence.methods import device_bytes, sample_level
 from hil.evidence.methods.cases import CASES, DEVICE, SAMPLE, SENSOR_SETS, Key, Record
-from hil.evidence.methods.methods import names
+from hil.evidence.methods.methods import METHODS
 from hil.evidence.methods.records import records, rows
 from hil.evidence.store import Row, Store
 
@@ -27,8 +27,8 @@ class Plan:
     cases: tuple[str, ...] = tuple(CASES)
     sensor_sets: tuple[str, ...] = tuple(SENSOR_SETS)
     device_cases: tuple[str, ...] = tuple(CASES)
-    sample_methods: tuple[str, ...] = names("sample")
-    device_methods: tuple[str, ...] = names("device")
+    sample_methods: tuple[str, ...] = tuple(METHODS)
+    device_methods: tuple[str, ...] = tuple(METHODS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +64,6 @@ def quick_plan() -> Plan:
         cases=(QUICK_CASE,),
         sensor_sets=(QUICK_SENSORS,),
         device_cases=(QUICK_CASE,),
-        sample_methods=tuple(name for name in names("sample") if name != "cm with v_b"),
         device_methods=("mrnea ols", "mrnea eiv", "rda", "fused"),
     )
 

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 from hil.evidence.methods import device_bytes, fisher
-from hil.evidence.methods.cases import DEVICE, Key, Record, group_slices, scenario_of
+from hil.evidence.methods.cases import DEVICE, WIDER, Key, Record, group_slices, scenario_of
 from hil.evidence.methods.flight_side import priors_of
 from hil.evidence.methods.methods import CONSISTENT, FUSED, METHODS
 from hil.evidence.methods.statistics import CONFIDENCE, Figures, chi_square_ends, figures
@@ -18,7 +18,7 @@ from hil.judge.score import prior_information
 from hil.world.inertia import FloatArray
 
 RARE = 1e-3  # of a right method's few seeds that the short form may call wrong
-FUSED_BOUND: Mapping[str, float] = {"sample": 1.1, "device": 1.5}
+FUSED_BOUND: Mapping[str, float] = {"sample": 1.1, "device": 1.25}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -203,7 +203,7 @@ def _bounds(records: Sequence[Record], channels: str) -> list[FloatArray]:
     data = device_bytes.native_information(key.case, channels)
     found = []
     for record in records:
-        priors = priors_of(scenario_of(key.case), record.key.seed)
+        priors = priors_of(scenario_of(key.case), record.key.seed, WIDER)
         own = block_diag(*(prior_information(prior) for prior in priors.values()))
         found.append(fisher.bound(data + own))
     return found

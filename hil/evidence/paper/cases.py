@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from hil.evidence.methods.sensed import ChannelNoise
 from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.noise import BandLimitedWhiteNoise
@@ -37,18 +38,6 @@ SCENARIOS: Mapping[tuple[str, str], str] = {
     ("geo", "target"): "target_geo",
     ("geo", "both"): "target_geo",
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelNoise:
-    """1 sigma of one sample at the study's rate: angle, torque, rate, acceleration, attitude."""
-
-    position_rad: float
-    torque_nm: float
-    rate_rad_s: float
-    acceleration_m_s2: float
-    attitude_rad: float
-    shared: bool = False  # the same sequence on every channel
 
 
 def _paper_like(noise: BandLimitedWhiteNoise, rate_hz: float, *, shared: bool) -> ChannelNoise:

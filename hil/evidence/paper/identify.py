@@ -11,26 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from fsw.estimators.methods.energy import solve_energy
-from fsw.estimators.methods.fused_batch import solve_fused
-from fsw.estimators.methods.momentum import solve_momentum
-from fsw.estimators.methods.mrnea_batch import solve_mrnea
-from fsw.estimators.methods.rda import solve_rda
-from fsw.estimators.methods.result import BatchResult
-from fsw.estimators.methods.system import Options
+from fsw.config import Config
+from fsw.estimators.batch.solver import BatchSolution, Target, linear_covariance, regress, solve
+from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.samples import SampleSet
 from fsw.messages.errors import EstimatorError
+from hil.evidence.methods.cases import WIDER
 from hil.evidence.methods.flight_side import problem_of, write_config
 from hil.evidence.paper.cases import Unit, exact_sensors, noise_of, scenario_of, truth_of
-from hil.evidence.paper.samples import noisy_samples
+from hil.evidence.paper.motion import solve_with_motion
+from hil.evidence.paper.printed_cm import PrintedMomentum
+from hil.evidence.paper.samples import Conditioned, conditioned
 from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import normalised_error_squared
 from hil.world.inertia import FloatArray, pi_of, report_of
 from hil.world.spline import JointSpline
 
-NO_PRIOR = Options(body_prior=False)
 WRENCH = {"external_force_sigma_n": 0.01, "external_torque_sigma_nm": 0.02}
 DRAWS = 200
 DRAW_STREAM = 137
@@ -38,70 +35,78 @@ DRAW_STREAM = 137
 
 def run_samples(unit: Unit, rate_hz: float) -> dict[str, Any]:
     """Return every method's result on one draw of noise, plain values."""
-    samples = noisy_samples(
-        unit.orbit, unit.system, unit.acting, noise_of(unit.noise, rate_hz), rate_hz, unit.seed
-    )
-    plain = problem(unit.orbit, unit.system, unit.acting, unit.seed, with_wrench=False)
+    with tempfile.TemporaryDirectory(prefix="study-") as folder:
+        config = config_of(unit, Path(folder), with_wrench=False)
+        noise = noise_of(unit.noise, rate_hz)
+        data = conditioned(unit.orbit, unit.system, unit.acting, noise, rate_hz, unit.seed, config)
+        plain = problem_of(config)
+        pulled = plain
+        if unit.acting != "none":
+            pulled = problem_of(config_of(unit, Path(folder), with_wrench=True))
     found: dict[str, Any] = {}
     for method in unit.methods:
         try:
             if method == "fused":
-                found[method] = _fused(unit, samples, plain)
+                found[method] = _fused(unit, data, plain, pulled)
             else:
-                found[method] = judged(unit, PAPER_METHODS[method](samples, plain))
+                found[method] = _judged(unit, plain, PAPER_METHODS[method](data, plain))
         except (EstimatorError, np.linalg.LinAlgError) as error:
             found[method] = {"status": f"FAILED: {error}"}
     return found
 
 
-def problem(orbit: str, system: str, acting: str, seed: int, *, with_wrench: bool) -> Problem:
-    """Return what the flight side is to estimate, its prior drawn from the seed.
+def config_of(unit: Unit, folder: Path, *, with_wrench: bool) -> Config:
+    """Return what the flight side is told, its prior drawn from the seed and made wide.
 
     Of the environment it knows the gravity gradient, as in the paper; samples count from the start
     of the motion.
     """
-    scenario = scenario_of(orbit, system, acting)
+    scenario = scenario_of(unit.orbit, unit.system, unit.acting)
     told = replace(exact_sensors(scenario, WRENCH if with_wrench else {}), before_s=0.0)
-    with tempfile.TemporaryDirectory(prefix="study-") as folder:
-        return problem_of(write_config(told, seed, Path(folder)))
+    return write_config(told, unit.seed, folder, WIDER)
 
 
-def _fused(unit: Unit, samples: SampleSet, plain: Problem) -> dict[str, Any]:
-    """All channels; where something acts from outside, a constant wrench is estimated along."""
-    bare = replace(samples, v_NB_B=None)
-    result = solve_fused(bare, plain, NO_PRIOR)
-    if unit.acting != "none":
-        pulled = problem(unit.orbit, unit.system, unit.acting, unit.seed, with_wrench=True)
-        start = pulled.prior_mean.copy()
-        start[pulled.bodies] = result.mean[plain.bodies]
-        result = solve_fused(bare, pulled, replace(NO_PRIOR, start=start))
-    return judged(unit, result)
+def _fused(unit: Unit, data: Conditioned, plain: Problem, pulled: Problem) -> dict[str, Any]:
+    """All channels and the motion; where something acts from outside, a constant wrench along.
+
+    The motion taken as exact gives the start.
+    """
+    near = solve(plain, row_function("fused", "eiv", plain), data.blocks)
+    start = pulled.prior_mean.copy()
+    start[pulled.bodies] = near.mean[plain.bodies]
+    solution = solve_with_motion(pulled, data.blocks, data.curve, start)
+    k, bound = pulled.bodies, solution.information.covariance()
+    covariance, _ = linear_covariance(pulled, "fused", "eiv", solution)
+    found = scored(unit, solution.mean[k], covariance[k, k], solution.status)
+    return found | _spread(unit, bound[k, k], "bound")
 
 
-def _mrnea(samples: SampleSet, plain: Problem) -> BatchResult:
+def _mrnea(data: Conditioned, plain: Problem) -> BatchSolution:
     """Eqs. 5 to 16: ordinary least squares with the measured base acceleration."""
-    return solve_mrnea(samples, plain, replace(NO_PRIOR, weighting="ols"))
+    rows = row_function("mrnea", "ols", plain)
+    return regress(plain, Target(Linearisation(rows, data.blocks)))
 
 
-def _rda(samples: SampleSet, plain: Problem) -> BatchResult:
+def _rda(data: Conditioned, plain: Problem) -> BatchSolution:
     """Eq. 27: unweighted torque residuals; motion taken as exact."""
-    exact = replace(
-        samples.noise, qdd_rad_s2=np.zeros(samples.n), w_rad_s=np.zeros(3), v_m_s=np.zeros(3)
-    )
-    return solve_rda(replace(samples, v_NB_B=None, noise=exact), plain, NO_PRIOR)
+    exact = [replace(block, cov_gyro=np.zeros_like(block.cov_gyro)) for block in data.blocks]
+    start = solve(plain, row_function("mrnea", "eiv", plain), data.blocks).mean
+    return solve(plain, row_function("rda", "eiv", plain), exact, start=start)
 
 
-def _cm(samples: SampleSet, plain: Problem) -> BatchResult:
+def _cm(data: Conditioned, plain: Problem) -> BatchSolution:
     """Eqs. 30 and 31: base velocity and rate; no sensor gives the velocity, here it is measured."""
-    return solve_momentum(samples, plain, NO_PRIOR)
+    rows = PrintedMomentum(plain, data.velocity_m_s, data.velocity_sigma_m_s)
+    return solve(plain, rows, data.blocks)
 
 
-def _ce(samples: SampleSet, plain: Problem) -> BatchResult:
+def _ce(data: Conditioned, plain: Problem) -> BatchSolution:
     """Eqs. 32 to 34, the measured energy read as the motors' work."""
-    return solve_energy(replace(samples, v_NB_B=None), plain, NO_PRIOR)
+    start = solve(plain, row_function("mrnea", "eiv", plain), data.blocks).mean
+    return solve(plain, row_function("ce", "eiv", plain), data.blocks, start=start)
 
 
-PAPER_METHODS: Mapping[str, Callable[[SampleSet, Problem], BatchResult]] = {
+PAPER_METHODS: Mapping[str, Callable[[Conditioned, Problem], BatchSolution]] = {
     "mrnea": _mrnea,
     "rda": _rda,
     "cm": _cm,
@@ -109,13 +114,10 @@ PAPER_METHODS: Mapping[str, Callable[[SampleSet, Problem], BatchResult]] = {
 }
 
 
-def judged(unit: Unit, result: BatchResult) -> dict[str, Any]:
-    """Return a result's errors against the truth; of the fused one the Cramer-Rao bound's too."""
-    k = slice(0, 10 * len(scenario_of(unit.orbit, unit.system, unit.acting).unknown))
-    found = scored(unit, result.mean[k], np.array(result.covariance[k, k]), result.status)
-    if result.method == "fused":
-        found |= _spread(unit, np.array(result.crb[k, k]), "bound")
-    return found
+def _judged(unit: Unit, problem: Problem, solution: BatchSolution) -> dict[str, Any]:
+    """Return a result's errors against the truth."""
+    k, covariance = problem.bodies, solution.information.covariance()
+    return scored(unit, solution.mean[k], covariance[k, k], solution.status)
 
 
 def scored(unit: Unit, x: FloatArray, covariance: FloatArray, status: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Peers of the benchmark on the same data: regressors, recursions and optimisers of other packages.
+"""Peers of the benchmark on the same data: regressors and recursions of other packages.
 
 Each needs its package (`pip install .[peers]`). A peer that is missing, or refuses the problem,
 gives a line saying so from the try in this very run.
@@ -9,28 +9,42 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import io
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
+from dataclasses import dataclass
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.samples import SampleSet
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import FloatArray
 
 RECURSION_SAMPLES = 300
 REGRESSOR_SAMPLES = 2000
 RIDGE = 1e-6  # information of the recursions' start
-SYSID_ITERATIONS = 200
 REFUSALS = (ImportError, AttributeError, KeyError, RuntimeError, TypeError, ValueError)
 
 Timer = Callable[[Callable[[], object], int], float]
 Figure = tuple[str, float, float | None]  # name, value, upper bound
 Outcome = Figure | str  # or why there is none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Samples:
+    """Decoded samples of a motion; base quantities in base axes."""
+
+    q: FloatArray  # (N, n)
+    qd: FloatArray  # (N, n)
+    w_NB_B: FloatArray  # (N, 3)
+    a: FloatArray  # (N, 6 + n) classical base acceleration, angular and joint accelerations
+    tau: FloatArray  # (N, n)
+
+    def first(self, count: int) -> Samples:
+        """Return the first samples."""
+        q, qd, w, a, tau = (x[:count] for x in (self.q, self.qd, self.w_NB_B, self.a, self.tau))
+        return Samples(q=q, qd=qd, w_NB_B=w, a=a, tau=tau)
 
 
 def attempt(package: str, compare: Callable[[ModuleType], Iterator[Outcome]]) -> list[Outcome]:
@@ -58,9 +72,9 @@ def _version(package: str) -> str:
 
 
 def idyntree(
-    problem: Problem, samples: SampleSet, urdf: str, own_s: float, seconds: Timer
+    problem: Problem, samples: Samples, urdf: str, own_s: float, seconds: Timer
 ) -> list[Outcome]:
-    """Compare build and solve with a loop over iDynTree's inverse dynamics regressor."""
+    """Compare Pinocchio's loop with one over iDynTree's inverse dynamics regressor."""
 
     def compare(idyn: ModuleType) -> Iterator[Outcome]:
         loader = idyn.ModelLoader()
@@ -70,38 +84,36 @@ def idyntree(
         dynamics.loadRobotModel(loader.model())
         dynamics.setFrameVelocityRepresentation(idyn.BODY_FIXED_REPRESENTATION)
         links = int(loader.model().getNrOfLinks())
-        out = idyn.MatrixDynSize(6 + samples.n, 10 * links)
+        out = idyn.MatrixDynSize(6 + samples.q.shape[1], 10 * links)
         base, gravity = np.eye(4), np.zeros(3)
 
         def loop() -> object:
-            for i in range(len(samples)):
+            for i in range(len(samples.q)):
                 velocity = np.concatenate([np.zeros(3), samples.w_NB_B[i]])
-                acceleration = np.concatenate([samples.a_NB_B[i], samples.wd_NB_B[i]])
                 dynamics.setRobotState(base, samples.q[i], velocity, samples.qd[i], gravity)
                 dynamics.inverseDynamicsInertialParametersRegressor(
-                    acceleration, samples.qdd[i], out
+                    samples.a[i, :6], samples.a[i, 6:], out
                 )
             return out
 
-        yield "ols mrnea / iDynTree regressor loop", own_s / seconds(loop, 2), None
+        yield "pinocchio regressor loop / iDynTree's", own_s / seconds(loop, 2), None
 
     return attempt("idyntree.bindings", compare)
 
 
-def figaroh(problem: Problem, samples: SampleSet, own_s: float, seconds: Timer) -> list[Outcome]:
+def figaroh(problem: Problem, samples: Samples, own_s: float, seconds: Timer) -> list[Outcome]:
     """Compare with figaroh's regressor builder: joint rows if it can, the base's rows otherwise."""
     model = problem.model.model
     robot = SimpleNamespace(model=model, data=model.createData())
-    n = len(samples)
+    n = len(samples.q)
     q = np.concatenate([np.zeros((n, 6)), np.ones((n, 1)), samples.q], axis=1)
     v = np.concatenate([np.zeros((n, 3)), samples.w_NB_B, samples.qd], axis=1)
-    a = np.concatenate([samples.a_NB_B, samples.wd_NB_B, samples.qdd], axis=1)
-    actuated = {"act_idxv": list(range(6, 6 + samples.n))}
+    actuated = {"act_idxv": list(range(6, 6 + samples.q.shape[1]))}
 
     def compare(regressor: ModuleType) -> Iterator[Outcome]:
         joints = regressor.RegressorBuilder(robot, regressor.RegressorConfig())
         try:
-            joints.build_basic_regressor(q[:2], v[:2], a[:2], actuated)
+            joints.build_basic_regressor(q[:2], v[:2], samples.a[:2], actuated)
         except ValueError as error:
             yield f"figaroh{_version('figaroh')}: no joint rows of a floating base: {error}"
         forces = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
@@ -109,49 +121,10 @@ def figaroh(problem: Problem, samples: SampleSet, own_s: float, seconds: Timer) 
             is_joint_torques=False, is_external_wrench=True, force_torque=forces
         )
         base = regressor.RegressorBuilder(robot, config)
-        loop_s = seconds(lambda: base.build_basic_regressor(q, v, a), 2)
-        yield "ols mrnea, all 13 rows / figaroh's 6 rows of the base wrench", own_s / loop_s, None
+        loop_s = seconds(lambda: base.build_basic_regressor(q, v, samples.a), 2)
+        yield "pinocchio regressor loop / figaroh's 6 rows of the base wrench", own_s / loop_s, None
 
     return attempt("figaroh.tools.regressor", compare)
-
-
-def sysid(
-    residual: Callable[[FloatArray], FloatArray], start: FloatArray, least: float, own_s: float
-) -> list[Outcome]:
-    """Compare RDA with mujoco.sysid's optimiser over our compiled residual, its own roll-outs off.
-
-    Its models are roll-outs of a simulation from a known state; a base that is not measured has
-    none, so only the optimiser can be given the problem.
-    """
-
-    def compare(module: ModuleType) -> Iterator[Outcome]:
-        wide = np.full(len(start), 50.0)
-        parameters = module.ParameterDict()
-        parameters.add(module.Parameter("bodies", start, start - wide, start + wide))
-
-        def columns(x: FloatArray, _parameters: object) -> tuple[list[FloatArray], None, None]:
-            if x.ndim == 1 or x.shape[1] == 1:
-                return [residual(x.ravel())[:, None]], None, None
-            return [np.stack([residual(column) for column in x.T], axis=1)], None, None
-
-        begin = time.process_time()
-        found = module.optimize(
-            parameters,
-            columns,
-            optimizer="mujoco",
-            verbose=False,
-            x_scale="jac",
-            max_iters=SYSID_ITERATIONS,
-            xtol=1e-12,
-            gtol=1e-12,
-        )[1]
-        spent = time.process_time() - begin
-        r = residual(np.ravel(found.x))
-        name = "mujoco.sysid's optimiser over compiled residual"
-        yield f"{name} / rda", spent / own_s, None
-        yield f"  its cost above rda's, {name}", float(r @ r) / least - 1.0, None
-
-    return attempt("mujoco.sysid", compare)
 
 
 def recursions(rows: FloatArray, height: int, seconds: Timer) -> list[Outcome]:

@@ -9,14 +9,31 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.polynomial import NodeFit, gauss_nodes
-from fsw.messages import Block
-from tests.support.estimator_cases import NODES, RATE_HZ, N, make_problem, motion, random_block
-from tests.support.methods_cases import truth
+from fsw.messages import Block, FloatArray
+from tests.support.estimator_cases import (
+    BASE,
+    NODES,
+    RATE_HZ,
+    TARGET,
+    N,
+    make_problem,
+    motion,
+    parameters,
+    random_block,
+)
 
 ANGLE_RAD, TORQUE_NM, RATE_RAD_S, ACC_M_S2 = 3e-3, 3e-3, 3e-3, 3e-3
 LONG_S, LONG_NODES = 3.0, 6  # window: rates of such angles want one
 WINDOWS = 19
+
+
+def truth(problem: Problem) -> FloatArray:
+    x = np.zeros(len(problem.names))
+    for name in problem.unknown:
+        x[problem.body(name)] = parameters({"base": BASE, "target": TARGET}[name])
+    return x
 
 
 def with_angles(block: Block) -> Block:

@@ -28,7 +28,7 @@ level: sample
 seeds: {first: 5, count: 6}
 scenarios: [target_leo]
 duration_s: 4.0
-rate_hz: 25.0
+rate_hz: 50.0
 """
 
 
@@ -46,7 +46,7 @@ def run_of(seed: int, **changes: Any) -> Run:
         "noise": "data sheet",
         "trajectory": None,
         "duration_s": 4.0,
-        "rate_hz": 25.0,
+        "rate_hz": 50.0,
         "seed": seed,
     }
     return Run(**(values | changes))

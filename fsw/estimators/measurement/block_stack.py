@@ -1,0 +1,113 @@
+"""Blocks of one kind side by side, so that a measurement model is evaluated over all their nodes.
+
+A stack has a block's names for what stands at the nodes, with the nodes of all its blocks one after
+the other; covariances have one more axis in front, over the blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.messages import Block, FloatArray
+
+
+def covariance_root(covariance: FloatArray) -> FloatArray:
+    """Return F (..., k, k) with F F^T = covariance (..., k, k), also for singular ones."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    return root
+
+
+def kind_of(block: Block) -> tuple[object, ...]:
+    """Return what blocks of one stack have in common: shapes and usable channels."""
+    usable = (block.has_gyro, block.has_accelerometer, block.has_attitude)
+    return (block.q_rad.shape, block.cov_joint.shape, block.has_joint.tobytes(), usable)
+
+
+def stacks_of(blocks: Sequence[Block]) -> list[BlockStack]:
+    """Return the blocks in order as stacks: each holds neighbours of one kind."""
+    return [BlockStack(tuple(own)) for _, own in groupby(blocks, kind_of)]
+
+
+class BlockStack:
+    """B blocks of m nodes each, N = B m.
+
+    Attributes
+    ----------
+    q_rad, qd_rad_s, qdd_rad_s2, tau_nm : (N, n)
+    w_NB_B_rad_s, wd_NB_B_rad_s2, f_NS_B_m_s2 : (N, 3)
+    R_NB : (N, 3, 3)
+    cov_joint : (B, n, 2 m, 2 m) or (B, n, 3 m, 3 m)
+    cov_tau : (B, n, m, m)
+    cov_gyro, cov_acc : (B, 2 m, 2 m), (B, m, m)
+    """
+
+    def __init__(self, blocks: tuple[Block, ...]) -> None:
+        self.blocks = blocks
+        first = blocks[0]
+        self.m, self.n = first.q_rad.shape
+        self.has_joint: NDArray[np.bool_] = first.has_joint
+        self.has_gyro = first.has_gyro
+        self.has_accelerometer = first.has_accelerometer
+        self.q_rad = _joined([block.q_rad for block in blocks])
+        self.qd_rad_s = _joined([block.qd_rad_s for block in blocks])
+        self.qdd_rad_s2 = _joined([block.qdd_rad_s2 for block in blocks])
+        self.tau_nm = _joined([block.tau_nm for block in blocks])
+        self.w_NB_B_rad_s = _joined([block.w_NB_B_rad_s for block in blocks])
+        self.wd_NB_B_rad_s2 = _joined([block.wd_NB_B_rad_s2 for block in blocks])
+        self.f_NS_B_m_s2 = _joined([block.f_NS_B_m_s2 for block in blocks])
+        self.R_NB = _joined([block.R_NB for block in blocks])
+
+    @cached_property
+    def cov_joint(self) -> FloatArray:
+        """Covariance of the joints' motion."""
+        return np.stack([block.cov_joint for block in self.blocks])
+
+    @cached_property
+    def cov_tau(self) -> FloatArray:
+        """Covariance of the torques."""
+        return np.stack([block.cov_tau for block in self.blocks])
+
+    @cached_property
+    def cov_gyro(self) -> FloatArray:
+        """Covariance of rate and angular acceleration."""
+        return np.stack([block.cov_gyro for block in self.blocks])
+
+    @cached_property
+    def cov_acc(self) -> FloatArray:
+        """Covariance of the specific force."""
+        return np.stack([block.cov_acc for block in self.blocks])
+
+    @cached_property
+    def root_rates(self) -> FloatArray:
+        """Root of the covariance (B, n, 2m, 2m) of joint rates and accelerations alone."""
+        size = 2 * self.m
+        return covariance_root(self.cov_joint[:, :, :size, :size])
+
+    @cached_property
+    def root_gyro(self) -> FloatArray:
+        """Root of the gyro's covariance."""
+        return covariance_root(self.cov_gyro)
+
+    @cached_property
+    def root_acc(self) -> FloatArray:
+        """Root of the accelerometer's covariance."""
+        return covariance_root(self.cov_acc)
+
+    @property
+    def angles_are_noisy(self) -> bool:
+        """Whether the blocks give the covariance of the angles beside those of the rates."""
+        return bool(self.blocks[0].cov_joint.shape[1] == 3 * self.m)
+
+    def by_block(self, values: FloatArray) -> FloatArray:
+        """Return (B, m, ...) of what stands at the nodes (N, ...)."""
+        return values.reshape(len(self.blocks), self.m, *values.shape[1:])
+
+
+def _joined(parts: list[FloatArray]) -> FloatArray:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

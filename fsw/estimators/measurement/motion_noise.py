@@ -1,0 +1,95 @@
+"""What the noise of a block's own joint motion, and of a measured rate, makes of its residuals.
+
+The channels are predicted from joint motion that is known through noisy angles. Errors of angle,
+rate and acceleration are correlated over the nodes of a block, and enter every channel through the
+exact sensitivities of the prediction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.prediction import Prediction, Rate
+from fsw.messages import FloatArray
+
+
+def residual_covariance(
+    s: BlockStack, prediction: Prediction, use: NDArray[np.bool_], rate: Rate
+) -> FloatArray:
+    """Return the covariances (B, k, k) of the stacked residuals, node-major, of channels in use."""
+    m, n, B = s.m, s.n, len(s.blocks)
+    S = np.zeros((B, m, n + 6, m, n + 6))
+    for j in range(n):
+        S[:, :, j, :, j] = s.cov_tau[:, j]
+    for axis in range(3):
+        S[:, :, n + axis, :, n + axis] = s.cov_acc
+        S[:, :, n + 3 + axis, :, n + 3 + axis] = s.cov_gyro[:, :m, :m]
+    size = m * int(use.sum())
+    S = S[:, :, use][:, :, :, :, use].reshape(B, size, size)
+    D = _by_motion(prediction)[:, :, use]
+    orders = len(D)
+    S += _through(s, D, s.cov_joint.reshape(B, n, orders, m, orders, m)).reshape(B, size, size)
+    if rate == "measured":
+        D_w = np.zeros((1, B * m, n + 6, 3))
+        D_w[0, :, : n + 3] = prediction.D_w
+        gyro = np.repeat(s.cov_gyro[:, None, :m, :m], 3, axis=1).reshape(B, 3, 1, m, 1, m)
+        S += _through(s, D_w[:, :, use], gyro).reshape(B, size, size)
+    return S
+
+
+def _by_motion(prediction: Prediction) -> FloatArray:
+    """Return (2 or 3, m, n + 6, n): by qd, by qdd, and by q where angles are noisy."""
+    m, rows, n = prediction.D_qd.shape
+    D = np.zeros((2 if prediction.D_q is None else 3, m, rows, n))
+    D[0], D[1, :, : n + 3] = prediction.D_qd, prediction.D_qdd
+    if prediction.D_q is not None:
+        D[2] = prediction.D_q
+    return D
+
+
+def smoothed(
+    s: BlockStack, prediction: Prediction, use: NDArray[np.bool_], weighted: FloatArray
+) -> BlockStack:
+    """Return the blocks with the joint motion that residuals S^-1 r (N, rows) make more likely.
+
+    At the measured motion the Jacobian is correlated with the residuals by the motion's noise,
+    which shrinks the estimate; at z + Sigma D^T S^-1 r it is not. Source: as mrnea.py.
+    """
+    m, n, B = s.m, s.n, len(s.blocks)
+    D = _by_motion(prediction)[:, :, use]
+    drawn = np.einsum("dkrj,kr->kjd", D, weighted).reshape(B, m, n, 3)
+    drawn = drawn.transpose(0, 2, 3, 1).reshape(B, n, 3 * m, 1)
+    step = (s.cov_joint @ drawn).reshape(B, n, 3, m).transpose(0, 2, 3, 1)
+    return BlockStack(
+        tuple(
+            replace(
+                block,
+                qd_rad_s=block.qd_rad_s + own[0],
+                qdd_rad_s2=block.qdd_rad_s2 + own[1],
+                q_rad=block.q_rad + own[2],
+            )
+            for block, own in zip(s.blocks, step, strict=True)
+        )
+    )
+
+
+def _through(s: BlockStack, D: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return (B, m, r, m, r): what errors of covariance (B, j, d, m, d, m) make of the residuals.
+
+    `D` (d, N, r, j) are sensitivities to the d-th derivatives of channel j at the same node.
+    """
+    d, _, r, j = D.shape
+    B, m = len(s.blocks), s.m
+    by_node = D.reshape(d, B, m, r, j)
+    left = by_node.transpose(1, 2, 3, 0, 4).reshape(B, m, r, d * j)
+    right = by_node.transpose(1, 4, 2, 0, 3)  # B, j, m, d, r
+    mixed = np.zeros((B, j, d, m, m, r))
+    for order in range(d):
+        own = covariance[:, :, :, :, order, :, None]  # B, j, d, m, m, 1
+        mixed += own * right[:, :, None, None, :, order]
+    inner = mixed.transpose(0, 3, 2, 1, 4, 5).reshape(B, m, d * j, m * r)
+    return (left @ inner).reshape(B, m, r, m, r)

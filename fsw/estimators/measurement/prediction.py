@@ -1,0 +1,30 @@
+"""The channels as predicted from joint motion alone, with their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fsw.estimators.measurement.impulse import Impulse
+from fsw.messages import FloatArray
+
+CHANNELS = ("torque", "accelerometer", "gyro")
+Rate = Literal["momentum", "measured"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Predicted channels at m nodes and their Jacobians with respect to the state (p)."""
+
+    tau_nm: FloatArray  # (m, n)
+    f_m_s2: FloatArray  # (m, 3)
+    w_rad_s: FloatArray  # (m, 3)
+    J_tau: FloatArray  # (m, n, p)
+    J_f: FloatArray  # (m, 3, p)
+    J_w: FloatArray  # (m, 3, p)
+    D_qdd: FloatArray  # (m, n + 3, n): d[tau; f]/d qdd
+    D_qd: FloatArray  # (m, n + 6, n): d[tau; f; w]/d qd
+    D_w: FloatArray  # (m, n + 3, 3): d[tau; f]/dw
+    D_q: FloatArray | None  # (m, n + 6, n): d[tau; f; w]/dq where angles are noisy
+    after: Impulse | None  # momentum gained up to the end
+    each: tuple[Impulse | None, ...]  # up to the end of each block

@@ -1,1 +1,0 @@
-"""Batch identification methods on sample sets; need numba, so never part of the loop process."""

@@ -1,0 +1,159 @@
+"""Raw samples of a motion through the flight conditioner: the blocks that the daemon would make.
+
+Channels are sampled at common instants of any rate, white noise is added, and the configuration
+declares that noise; windows are as long as the configuration says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fsw.config import Config
+from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.model.robot import RobotModel
+from fsw.messages import Block, ChannelWindow, Window
+from hil.world.history import TruthState
+from hil.world.inertia import FloatArray
+from hil.world.sensors import rotation_of, specific_force
+
+LEAST = 1e-12  # of a declared noise: a channel without any has no weight that can be inverted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelNoise:
+    """1 sigma of one sample: angle, torque, rate, acceleration, attitude."""
+
+    position_rad: float
+    torque_nm: float
+    rate_rad_s: float
+    acceleration_m_s2: float
+    attitude_rad: float = 0.0
+    shared: bool = False  # the same sequence on every channel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Channels:
+    """N samples of every raw channel at common instants."""
+
+    t_s: FloatArray  # (N,)
+    q_rad: FloatArray  # (N, n)
+    tau_nm: FloatArray  # (N, n)
+    w_NS_S_rad_s: FloatArray  # (N, 3)
+    f_NS_S_m_s2: FloatArray  # (N, 3) at the accelerometer
+    R_NB: FloatArray  # (N, 3, 3)
+
+
+def sensed(state: TruthState, config: Config) -> Channels:
+    """Return what error-free sensors give, mounted as configured."""
+    mounting = config.imu.mounting
+    px, py, pz = mounting.p_BS_m
+    qx, qy, qz, qw = mounting.q_BS_xyzw
+    R_BS = rotation_of((qx, qy, qz, qw))
+    return Channels(
+        t_s=state.t_s,
+        q_rad=state.q,
+        tau_nm=state.tau,
+        w_NS_S_rad_s=state.w_NB_B @ R_BS,
+        f_NS_S_m_s2=specific_force(state, (px, py, pz), R_BS),
+        R_NB=state.R_NB,
+    )
+
+
+def draws(count: int, n: int, rng: np.random.Generator, *, shared: bool) -> dict[str, FloatArray]:
+    """Return unit draws per channel; shared: one sequence on every channel and axis."""
+    widths = {
+        "position": n,
+        "torque": n,
+        "rate": 3,
+        "acceleration": 3,
+        "velocity": 3,
+        "attitude": 3,
+    }
+    if shared:
+        one = rng.standard_normal((count, 1))
+        return {name: np.repeat(one, width, axis=1) for name, width in widths.items()}
+    return {name: rng.standard_normal((count, width)) for name, width in widths.items()}
+
+
+def with_noise(exact: Channels, noise: ChannelNoise, unit: Mapping[str, FloatArray]) -> Channels:
+    """Return the channels with errors: unit draws times the noise."""
+    turned = Rotation.from_rotvec(noise.attitude_rad * unit["attitude"]).as_matrix()
+    return Channels(
+        t_s=exact.t_s,
+        q_rad=exact.q_rad + noise.position_rad * unit["position"],
+        tau_nm=exact.tau_nm + noise.torque_nm * unit["torque"],
+        w_NS_S_rad_s=exact.w_NS_S_rad_s + noise.rate_rad_s * unit["rate"],
+        f_NS_S_m_s2=exact.f_NS_S_m_s2 + noise.acceleration_m_s2 * unit["acceleration"],
+        R_NB=exact.R_NB @ turned,
+    )
+
+
+def declared(
+    config: Config,
+    noise: ChannelNoise,
+    rate_hz: float,
+    *,
+    window_s: float | None = None,
+    nodes: int | None = None,
+) -> Config:
+    """Return the configuration of sensors with this noise and rate; None: its own windows."""
+    joints = [
+        joint.model_copy(
+            update={
+                "position_noise_rad": max(noise.position_rad, LEAST),
+                "torque_noise_nm": max(noise.torque_nm, LEAST),
+            }
+        )
+        for joint in config.joints
+    ]
+    imu = config.imu.model_copy(
+        update={
+            "rate_hz": rate_hz,
+            "angle_random_walk_rad_sqrt_s": max(noise.rate_rad_s, LEAST) / rate_hz**0.5,
+            "velocity_random_walk_m_s_sqrt_s": max(noise.acceleration_m_s2, LEAST) / rate_hz**0.5,
+        }
+    )
+    windows = {"window_s": window_s, "nodes": nodes}
+    estimator = config.estimator.model_copy(
+        update={name: value for name, value in windows.items() if value is not None}
+    )
+    return config.model_copy(update={"joints": joints, "imu": imu, "estimator": estimator})
+
+
+def condition(channels: Channels, config: Config, rate_hz: float) -> list[Block]:
+    """Return the flight conditioner's blocks; a window that it refuses is left out."""
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    conditioner = build_conditioner(config, model)
+    blocks = map(conditioner.condition, _windows(channels, config.estimator.window_s, rate_hz))
+    return [block for block in blocks if block is not None]
+
+
+def _windows(channels: Channels, window_s: float, rate_hz: float) -> Iterator[Window]:
+    """Cut whole windows; the first begins half a sample before the first sample."""
+    size, width_ns = round(window_s * rate_hz), round(window_s * 1e9)
+    t_ns = np.rint(channels.t_s * 1e9).astype(np.int64)
+    q_xyzw = Rotation.from_matrix(channels.R_NB).as_quat()
+    first_ns = int(t_ns[0]) - round(0.5e9 / rate_hz)
+    for index in range(len(t_ns) // size):
+        k = slice(index * size, (index + 1) * size)
+
+        def channel(values: FloatArray, k: slice = k) -> ChannelWindow:
+            return ChannelWindow(t_ns=t_ns[k], values=values[k], missing=False, stale=False)
+
+        start_ns = first_ns + index * width_ns
+        yield Window(
+            index=index,
+            start_ns=start_ns,
+            stop_ns=start_ns + width_ns,
+            joints=tuple(
+                channel(np.stack([channels.q_rad[:, j], channels.tau_nm[:, j]], axis=1))
+                for j in range(channels.q_rad.shape[1])
+            ),
+            gyro=channel(channels.w_NS_S_rad_s),
+            accelerometer=channel(channels.f_NS_S_m_s2),
+            attitude=channel(q_xyzw),
+        )
