@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 from fsw.estimators.measurement.block_stack import BlockStack, stacks_of
 from fsw.estimators.measurement.energy import stacked_energy_rows
-from fsw.estimators.measurement.fused import CHANNELS, Rate, stacked_fused_rows
+from fsw.estimators.measurement.fused import stacked_fused_rows
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
+from fsw.estimators.measurement.prediction import CHANNELS, Rate
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
