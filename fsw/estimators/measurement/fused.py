@@ -67,7 +67,7 @@ def _dynamics(
     q, qd = s.q_rad, s.qd_rad_s
     H = model.mass_matrices(q)
     np.linalg.cholesky(H[:, :6, :6])  # raises
-    inverse = np.linalg.solve(H[:, :6, :6], np.eye(6))
+    inverse = np.asarray(np.linalg.solve(H[:, :6, :6], np.eye(6)), np.float64)
     nu, a = np.zeros((2, N, 6 + n))
     nu[:, 6:], a[:, 6:] = qd, s.qdd_rad_s2
     momentum = -_times(H[:, :6, 6:], qd)

@@ -67,7 +67,7 @@ def _sample(run: Run) -> dict[str, Any]:
     scenario, noise = scenario_of(run.scenario, run.trajectory), SENSOR_SETS[run.noise]
     state = _exact(run.scenario, run.trajectory, run.duration_s, run.rate_hz)
     rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(NOISE_STREAM,)))
-    unit = draws(*state.q.shape, rng, shared=noise.shared)
+    unit = draws(len(state.q), state.q.shape[1], rng, shared=noise.shared)
     with tempfile.TemporaryDirectory(prefix="campaign-") as folder:
         told = without_biases(replace(scenario, environment=None))
         config = declared(write_config(told, run.seed, Path(folder), WIDER), noise, run.rate_hz)

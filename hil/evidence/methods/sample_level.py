@@ -41,7 +41,7 @@ def run_seed(case: str, sensors: str, seed: int, methods: Sequence[str]) -> list
     """
     noise, state = SENSOR_SETS[sensors], exact_samples(case)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)))
-    unit = draws(*state.q.shape, rng, shared=noise.shared)
+    unit = draws(len(state.q), state.q.shape[1], rng, shared=noise.shared)
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         plain = without_biases(scenario_of(case))
         config = declared(

@@ -70,7 +70,7 @@ def conditioned(
     """Return the conditioned samples of one draw of noise; sensors mounted as configured."""
     state = state_of(orbit, system, acting, rate_hz)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)))
-    unit = draws(*state.q.shape, rng, shared=noise.shared)
+    unit = draws(len(state.q), state.q.shape[1], rng, shared=noise.shared)
     settings = declared(config, noise, rate_hz, window_s=WINDOW_S, nodes=NODES)
     channels = with_noise(sensed(state, settings), noise, unit)
     blocks = condition(channels, settings, rate_hz)

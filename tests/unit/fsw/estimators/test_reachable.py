@@ -26,7 +26,8 @@ def imported(path: Path, known: dict[str, Path]) -> set[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
             names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return names & set(known)
+    parents = {name.rpartition(".")[0] for name in names}  # imported with what they hold
+    return (names | parents) & set(known)
 
 
 def closure(entries: tuple[str, ...]) -> set[str]:

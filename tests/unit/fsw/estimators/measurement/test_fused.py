@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from fsw.estimators.measurement.fused import CHANNELS, fused_rows, predict
+from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.measurement.prediction import CHANNELS
 from fsw.estimators.model.inertia import from_parameters
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
