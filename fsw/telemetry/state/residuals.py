@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.measurement.fused import Rate, fused_rows
+from fsw.estimators.measurement.fused import fused_rows
 from fsw.estimators.measurement.impulse import needed
+from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.model.problem import Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block, Estimate
