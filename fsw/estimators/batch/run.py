@@ -136,8 +136,12 @@ def _likelihood(
     """Maximise the likelihood of what fits."""
     linear, start = Linearisation(row_function(method, "eiv", problem), blocks), None
     if method in WARM:
-        near = Linearisation(row_function("mrnea", "eiv", problem), blocks)
-        start = minimise(problem, Target(near)).mean
+        near = minimise(
+            problem, Target(Linearisation(row_function("mrnea", "eiv", problem), blocks))
+        )
+        start = near.mean
+        if near.status == "NOT_CONVERGED":  # blocks that do not fit may be why
+            start = _likelihood(problem, "mrnea", blocks, gate_probability, None).mean
     fits, level, mismatch = [True] * len(blocks), 1.0, False
     for more in reversed(range(GATE_ROUNDS)):
         used, target = list(compress(blocks, fits)), Target(linear, fits, level)
