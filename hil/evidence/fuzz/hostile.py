@@ -90,7 +90,7 @@ class Grammar:
     def telecommand(self, choices: Choices, sequence: int, depth: int = 0) -> bytes:
         """Return one telecommand, its arguments mostly within their bounds."""
         item = choices.one(DICTIONARY.telecommands)
-        if item.repeats:
+        if item.repeats and item.service == 20:
             return self._parameters(item, choices, sequence)
         values = {f.name: self._argument(f, choices, sequence, depth) for f in item.arguments}
         return telecommand_packet(item, values, sequence)

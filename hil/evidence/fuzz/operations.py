@@ -15,7 +15,6 @@ import socket
 import tempfile
 import zlib
 from collections import Counter, deque
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,11 +24,10 @@ from fsw.exchange.sinks import Message, ScienceRecord, StatusReport
 from fsw.loop.ports import Ports
 from fsw.loop.wiring import build
 from fsw.messages import Block, Estimate, Event
-from fsw.messages.commands import Command, JobReport, Reply
-from fsw.messages.errors import CommandError, EstimatorError
+from fsw.messages.commands import Code, Command, CommandName, Reply
+from fsw.messages.errors import CommandError
 from fsw.service.blockstore import BlockWriter
 from fsw.service.control import ControlServer
-from fsw.service.worker import InlineJobs
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.packets import Decoder, telecommand_packet
@@ -52,6 +50,7 @@ MOST_LOOKS = 80  # until a telecommand that the loop carries out has its end
 UNFORESEEN = re.compile(r"\b(?!(?:Tc|Config|Command|Estimator|Text|Port|OS)Error)\w*Error: ")
 LONG = {"RUN_BATCH", "DOWNLINK_FILE", "PLAY_BACK", "CHECK_OBJECT"}  # end when they end
 PIECE_BYTES = 900
+BATCH = (CommandName.RUN_BATCH, CommandName.ABORT_BATCH, CommandName.ADOPT)
 OUTSIDE = b"nothing of this may change"
 TABLES = ("ROBOT", "NOISE", "RATES", "MONITORS")
 
@@ -80,25 +79,6 @@ class _Recording:
         self._on = False
 
 
-class _Jobs(InlineJobs):
-    """Batch jobs that end at once, without data; the service hears of them too."""
-
-    def __init__(self, config: Config, heard: Callable[[JobReport], None]) -> None:
-        super().__init__(config, 0.0, _no_batch)
-        self._heard = heard
-
-    def poll(self, now_ns: int) -> list[JobReport]:
-        """Return reports, and pass them on."""
-        reports = super().poll(now_ns)
-        for report in reports:
-            self._heard(report)
-        return reports
-
-
-def _no_batch(*_arguments: object) -> dict[str, Any]:
-    raise EstimatorError("NO_DATA: no batch here")
-
-
 class Bench:
     """Loop, service and what comes out of them."""
 
@@ -123,13 +103,14 @@ class Bench:
         self._app_open = False
         self._early: list[Event] = []
         self._commands: deque[Command] = deque()
+        self._refused: deque[Command] = deque()  # batch jobs: their worker is a process
         self._open_service(config)
-        world, jobs = self._world, _Jobs(config, self.app.job)
+        world = self._world
         names = [bus.name for bus in config.buses]
         ports = Ports(
             can=dict.fromkeys(names, world.can), imu=world.imu, star_tracker=world.star_tracker
         )
-        self.daemon = build(config, world.clock, ports, self, jobs=jobs)
+        self.daemon = build(config, world.clock, ports, self)
         robot = config.resolve(config.robot.urdf).read_text(encoding="utf-8")
         self.grammar = Grammar(tuple(joint.name for joint in config.joints), robot)
 
@@ -206,7 +187,10 @@ class Bench:
         require(event.code != "BLOCKS_FAILED", "a stored shape has changed", event)
 
     def _forward(self, command: Command) -> bool:
-        self._commands.append(command)
+        if command.name in BATCH:
+            self._refused.append(command)
+        else:
+            self._commands.append(command)
         return True
 
     def _sent(self, packet: bytes, _priority: object = None) -> None:
@@ -230,6 +214,11 @@ class Bench:
         self._later_ns += later_ns
         if self._commands:
             self.tick()
+        while self._refused:
+            command = self._refused.popleft()
+            name, text = str(command.name), "no worker here"
+            code = Code.NOT_SUPPORTED
+            self.put(Reply(id=command.id, command=name, accepted=False, code=code, text=text))
         self.app.poll(self.now_ns())
         self._control.serve(0.0, self.now_ns())
 

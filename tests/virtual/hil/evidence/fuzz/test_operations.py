@@ -18,6 +18,14 @@ CASES = 10_000
 INPUT_BYTES = 120
 
 
+@pytest.fixture
+def spoilt(tmp_path: Path) -> Iterator[Bench]:
+    """A bench for what leaves answers behind."""
+    bench = Bench(tmp_path)
+    yield bench
+    bench.close()
+
+
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     bench = Bench(tmp_path_factory.mktemp("operations"))
@@ -25,21 +33,21 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     bench.close()
 
 
-def test_an_error_nobody_foresaw_is_noticed(bench: Bench, monkeypatch: pytest.MonkeyPatch):
+def test_an_error_nobody_foresaw_is_noticed(spoilt: Bench, monkeypatch: pytest.MonkeyPatch):
     def unforeseen(*_arguments: object) -> None:
         raise RuntimeError("nobody foresaw this")
 
     monkeypatch.setattr(Dispatcher, "_execute", unforeseen)
     with pytest.raises(OracleError, match="nobody foresaw"):
-        bench.line(b'{"command": "reset"}')
+        spoilt.line(b'{"command": "reset"}')
 
 
 def test_a_telecommand_that_is_not_answered_is_noticed(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
+    spoilt: Bench, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(TcDispatcher, "_success", lambda *_arguments: None)
     with pytest.raises(OracleError, match="not answered"):
-        bench.command("PING")
+        spoilt.command("PING")
 
 
 def test_what_has_ended_a_daemon_once_does_not_any_more(bench: Bench):
