@@ -59,11 +59,14 @@ def config_of(unit: Unit, folder: Path, *, with_wrench: bool) -> Config:
     """Return what the flight side is told, its prior drawn from the seed and made wide.
 
     Of the environment it knows the gravity gradient, as in the paper; samples count from the start
-    of the motion.
+    of the motion. The paper measures the acceleration of the base's origin: there is the sensor.
     """
     scenario = scenario_of(unit.orbit, unit.system, unit.acting)
     told = replace(exact_sensors(scenario, WRENCH if with_wrench else {}), before_s=0.0)
-    return write_config(told, unit.seed, folder, WIDER)
+    config = write_config(told, unit.seed, folder, WIDER)
+    mounting = config.imu.mounting.model_copy(update={"p_BS_m": (0.0, 0.0, 0.0)})
+    imu = config.imu.model_copy(update={"mounting": mounting})
+    return config.model_copy(update={"imu": imu})
 
 
 def _fused(unit: Unit, data: Conditioned, plain: Problem, pulled: Problem) -> dict[str, Any]:
