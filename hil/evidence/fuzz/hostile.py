@@ -20,7 +20,17 @@ from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from hil.evidence.fuzz.choices import Choices
 
 NUMBERS = (0.0, -0.0, 1.0, -1.0, 2e-5, 1e-6, 1e-12, 1e-300, 0.1, 80.0, 7e4, 1e10, 1e155, 1e300)
-STRANGE = (float("inf"), float("-inf"), float("nan"), True, None, "", "x" * 300, [[]], {"a": {}})
+STRANGE: tuple[object, ...] = (
+    float("inf"),
+    float("-inf"),
+    float("nan"),
+    True,
+    None,
+    "",
+    "x" * 300,
+    [[]],
+    {"a": {}},
+)
 PATHS = (
     "files", "files/a.txt", "files/loop", "files/deep/er", "files/../../etc/passwd", "/etc/passwd",
     "..", ".", "files/.", "recordings", "recordings/..", "events.jsonl", "status.json",
