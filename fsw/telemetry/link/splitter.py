@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fastcrc import crc16
 
+from fsw.telemetry.dictionary import DICTIONARY, Type
 from fsw.telemetry.dictionary.codes import APID_FILES, Error
 from fsw.telemetry.link.packets import CRC_BYTES, HEADER_BYTES, TC_HEADER_BYTES
 
@@ -13,6 +14,11 @@ MAX_PACKET_BYTES = 2048
 PATIENCE_NS = 500_000_000  # for the rest of a packet; then its first byte was garbage
 TC_MASK, TC_BITS = 0xF8, 0x18  # version 0, telecommand, secondary header
 FILE_ID = 0x1000 | APID_FILES
+CARRIERS = frozenset(  # service and subtype of telecommands with telecommands in them
+    (item.service, item.subtype)
+    for item in DICTIONARY.telecommands
+    if any(field.type is Type.BYTES for field in item.arguments)
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,8 +90,17 @@ class PacketSplitter:
                 del self._buffer[:length]
                 self._in_sync = True
             else:
-                self._skip(1)
+                self._skip(length if self._carries(packet) and self._ends_whole(length) else 1)
         return found
+
+    def _carries(self, packet: bytes) -> bool:
+        """Whether a damaged packet carries telecommands: they must not be executed in its place."""
+        return int.from_bytes(packet[:2], "big") == self._known and tuple(packet[7:9]) in CARRIERS
+
+    def _ends_whole(self, length: int) -> bool:
+        """Whether a packet ends where the next one begins, or with the bytes received so far."""
+        rest = self._buffer[length:]
+        return not rest or _is_packet_id(rest)
 
     def _skip(self, count: int) -> None:
         del self._buffer[:count]
@@ -93,6 +108,11 @@ class PacketSplitter:
         if self._in_sync:
             self._in_sync = False
             self.resyncs += 1
+
+
+def _is_packet_id(buffer: bytearray) -> bool:
+    """Whether bytes begin as a telecommand or a packet of file delivery does, as far as they go."""
+    return buffer[0] & TC_MASK == TC_BITS or buffer[:2] == FILE_ID.to_bytes(2, "big")[: len(buffer)]
 
 
 def _length(buffer: bytearray) -> int | None:

@@ -7,6 +7,8 @@ from fsw.telemetry.link.telecommands import Request
 
 def argument_words(request: Request) -> str:
     """Return the arguments of a request as NAME=VALUE; free bytes by their number."""
+    if request.elements:  # of a repeated group
+        return "; ".join(argument_words(element) for element in request.elements)
     fixed = dict(request.telecommand.match)
     parts = []
     for field in request.telecommand.arguments:

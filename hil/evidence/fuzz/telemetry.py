@@ -164,9 +164,6 @@ def valid_packet(telecommand: Telecommand, rng: np.random.Generator) -> bytes:
     else:
         elements = telecommand.arguments[telecommand.repeats :]  # of a group there is one
         values = {f.name: _value(f, rng) for f in elements}
-        if telecommand.repeats and elements[-1].type is Type.BYTES:
-            ping = DICTIONARY.telecommand("PING")
-            values[elements[-1].name] = telecommand_packet(ping, {}, int(rng.integers(1 << 14)))
     return telecommand_packet(telecommand, values, int(rng.integers(1 << 14)))
 
 

@@ -381,4 +381,6 @@ def test_the_description_says_how_telecommands_are_taken(arm):
     arm.data["telemetry"] = {"host": "::", "tc_security": "sdls", "sdls": {"keys": keys}}
     config = load(arm.write())
     text = describe(config, validate(config)[0])
-    assert_named(text, "TCP :::10025", "authenticated, SPI 3, 4", "starts in identify")
+    assert_named(
+        text, "TCP :::10025", "authenticated, SPI 3 command, SPI 4 command", "starts in identify"
+    )

@@ -34,7 +34,7 @@ def play_back(flight: Flight, store: str, from_s: float, to_s: float) -> list[by
     assert "start_success" in told
     before = len(flight.raw)
     flight.wait(3.0)
-    assert "completion_success" in [p.packet.name for p in flight.packets[-3:]]
+    assert "completion_success" in [p.packet.name for p in flight.packets[-6:]]
     return [raw for raw in flight.raw[before:] if store_of(raw) is Store[store]]
 
 
