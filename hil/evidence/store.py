@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import same_settings
+from hil.world.scenario import ScenarioError
 
 JOURNAL = "results.jsonl"
 
@@ -32,7 +33,8 @@ class Store:
 
         Raises
         ------
-        ScenarioError for a folder that cannot be made or holds results of other settings.
+        ScenarioError for a folder that cannot be made, or that holds results of other settings or
+        of another version.
         """
         self.folder = folder
         self._path: Path | None = None
@@ -46,7 +48,7 @@ class Store:
             end = whole.rfind(b"\n") + 1
             if end != len(whole):
                 os.truncate(self._path, end)
-            self._rows = dict(map(json.loads, whole[:end].splitlines()))
+            self._rows = dict(_read(self._path, line) for line in whole[:end].splitlines())
 
     @property
     def rows(self) -> Mapping[str, Row]:
@@ -69,6 +71,16 @@ class Store:
             fresh = self._path.with_suffix(".new")
             fresh.write_text("".join(_line(*item) for item in self._rows.items()), "utf-8")
             fresh.replace(self._path)
+
+
+def _read(path: Path, line: bytes) -> tuple[str, Row]:
+    try:
+        key, row = json.loads(line)
+    except (ValueError, TypeError) as error:
+        raise ScenarioError(f"{path}: results of another version; give an empty folder") from error
+    if not isinstance(key, str) or not isinstance(row, dict):
+        raise ScenarioError(f"{path}: results of another version; give an empty folder")
+    return key, row
 
 
 def _line(key: str, row: Row) -> str:

@@ -76,3 +76,11 @@ def test_only_what_is_missing_runs_and_every_row_is_stored(tmp_path: Path) -> No
         assert list(runner.stored(pool.one_by_one(work, rest), store)) == rest
     assert ran == [1, 2, 3]
     assert Store(tmp_path, SETTINGS).rows["3"] == {"square": 9}
+
+
+@pytest.mark.parametrize("line", ['{"key": 1, "value": 2}', "17", '["a", 3]', '["a"]', "nonsense"])
+def test_results_of_another_version_are_refused_in_one_line(tmp_path: Path, line: str) -> None:
+    Store(tmp_path, SETTINGS).add("a", {"value": 1})
+    (tmp_path / JOURNAL).write_text(line + "\n")
+    with pytest.raises(ScenarioError, match="another version; give an empty folder"):
+        Store(tmp_path, SETTINGS)
