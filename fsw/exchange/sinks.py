@@ -86,7 +86,7 @@ Message = (
 
 
 class Sink(Protocol):
-    """Accepts every message of the loop; never blocks and never raises in flight."""
+    """Accepts every message of the loop; in the daemon it never blocks and never raises."""
 
     def put(self, message: Message) -> None:
         """Accept one message; a sink ignores the types it has no use for."""

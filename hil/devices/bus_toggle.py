@@ -1,7 +1,7 @@
-"""Which of two buses a node listens on: the slave's side of ECSS-E-ST-50-15C, object 0x2000.
+"""Choice of the bus a node listens on: the slave's side of ECSS-E-ST-50-15C, object 0x2000.
 
 A node starts on Bdefault. Without the master's heartbeat for Ttoggle consumer heartbeat times it
-toggles to the other bus and counts that in Ctoggle. After Ntoggle of them it stays where it is. The
+toggles to the other bus and counts that in Ctoggle. After Ntoggle toggles it stays where it is. The
 bus on which it hears the heartbeat again becomes Bdefault, and Ctoggle is zero.
 """
 

@@ -30,7 +30,7 @@ class Layout:
         return int(self.form.unpack(data)[self.places[name]])
 
     def written(self, data: bytes, fields: Mapping[Field, float]) -> bytes:
-        """Return the frame with other raw fields; position and torque the nearest it can hold."""
+        """Return the frame with some raw fields replaced; position and torque are clamped."""
         values = list(self.form.unpack(data))
         bits = {"position": 32, "torque": self.torque_bits}
         for name, value in fields.items():

@@ -1,7 +1,7 @@
 """MicroStrain 3DM inertial units, MIP protocol: sensor data set 0x80 with a reference time.
 
-`75 65 | descriptor set | payload length | fields | Fletcher-16`, big-endian. A field is its own
-length (length and descriptor included), its descriptor and data.
+`75 65 | descriptor set | payload length | fields | Fletcher-16`, big-endian. A field
+begins with its length (length and descriptor bytes included), then its descriptor and data.
 """
 
 from __future__ import annotations
