@@ -59,7 +59,7 @@ def unpack_traffic(payload: bytes) -> RawTraffic:
 
 
 class RingSink:
-    """The sink of a real loop process: every message goes into the ring; lost ones are counted there."""
+    """The sink of a loop process: every message goes into the ring; lost ones are counted there."""
 
     def __init__(self, ring: RingWriter) -> None:
         self._ring = ring

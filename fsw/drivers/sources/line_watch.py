@@ -110,7 +110,7 @@ class LineWatch:
             self.find(t_ns, self._faults.noise, f"{skipped} bytes of no frame")
 
     def watch(self, now_ns: int, *, up: bool) -> None:
-        """Report a line that has become silent; a line without its port (not up) is not reported."""
+        """Report a line that has become silent; a line without its port (not up) is left out."""
         if not up:
             self._last_ns, self._excused = None, True
         if self._last_ns is None or now_ns - self._last_ns < self._silent_ns:
