@@ -34,6 +34,7 @@ Delay = Annotated[float, Field(ge=0, le=10.0, allow_inf_nan=False)]
 Rate = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
 Interval = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]  # s
 Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]  # s
+LongDuration = Annotated[float, Field(gt=0, le=1e30, allow_inf_nan=False)]  # s; practically never
 
 Vector3 = tuple[Finite, Finite, Finite]
 PositiveVector3 = tuple[Positive, Positive, Positive]

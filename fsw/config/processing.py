@@ -11,6 +11,7 @@ from fsw.config.base import (
     Duration,
     ForceNoise,
     ForceSigma,
+    LongDuration,
     MomentumSigma,
     Positive,
     Rate,
@@ -52,7 +53,7 @@ class EstimatorConfig(Section):
     target_torque_sigma_nm: TorqueSigma = 0.0
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
-    forgetting_time_s: Duration | None = None  # data's information decays with it; null: never
+    forgetting_time_s: LongDuration | None = None  # data's information decays with it; null: never
 
 
 class OrbitConfig(Section):

@@ -202,7 +202,7 @@ def test_the_ground_command_commands_and_tells_what_became_of_it(live):
     assert version["answers"][0]["packet"] == "version"
     refused = ground(live, "tc", "SET_INTERVAL", "sid=HEALTH", "interval_ms=1", "--force")
     assert refused.returncode == 3
-    assert "OUT_OF_RANGE, argument 2" in refused.stdout
+    assert "OUT_OF_RANGE, argument 3" in refused.stdout
     both = ("batch_last_s=30", "time_report_exponent=3")
     assert ground(live, "tc", "SET_PARAMETERS", *both).returncode == 0
     told = json.loads(

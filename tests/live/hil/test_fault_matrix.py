@@ -15,6 +15,7 @@ import pytest
 from fsw.messages.findings import Fault
 from hil.__main__ import main
 from hil.evidence.fault_matrix import lost, machine, real_bus, run, table, work
+from hil.evidence.store import Store
 from hil.faults.script import TYPES, install
 from hil.run import bench
 from hil.world.scenario import FaultEntry, ScenarioError
@@ -170,7 +171,7 @@ def test_what_a_fault_took_is_left_out_of_the_clean_run_s_recording(tmp_path: Pa
 
 def test_stored_outcomes_are_not_run_again(tmp_path: Any) -> None:
     row = SHORT[0]
-    work._store(tmp_path, row, 1, "abc", {"type": row.type, "failed": []})
+    Store(tmp_path, {}).add(work.key(row, 1, "abc"), {"type": row.type, "failed": []})
     assert list(work.outcomes([row], 1, 1, tmp_path, "abc")) == [{"type": row.type, "failed": []}]
 
 
