@@ -14,7 +14,7 @@ from hil.evidence.fuzz.operations import Bench, play
 from hil.evidence.fuzz.oracle import OracleError
 from hil.evidence.fuzz.seeds import seeds
 
-CASES = 10_000
+CASES = 4_000
 INPUT_BYTES = 120
 
 

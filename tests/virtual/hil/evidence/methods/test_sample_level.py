@@ -61,7 +61,7 @@ def test_least_squares_of_the_flight_rows_is_a_plain_one(tmp_path):
 
     noise = SENSOR_SETS["data sheet"]
     plain = without_biases(scenario_of("target"))
-    config = declared(write_config(plain, 1, tmp_path, 1e4 * WIDER), noise, RATE_HZ)
+    config = declared(write_config(plain, 1, tmp_path, WIDER), noise, RATE_HZ)
     blocks = condition(sensed(exact_samples("target"), config), config, RATE_HZ)[20:80]
     own = on_blocks("mrnea ols", blocks, config)
     problem: Problem = problem_of(config)
