@@ -58,6 +58,8 @@ class Tour:
         self._reports()
         self._schedule()
         self._refusals()
+        while self.wait("estimate").values["valid"] != "YES":
+            pass  # a batch on too little motion ends in INSUFFICIENT_EXCITATION
         self.do("RUN_BATCH", method="FUSED", unknown="TARGET", last_s="0")
         self.wait("batch")
         self._monitors()
