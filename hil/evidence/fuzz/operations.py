@@ -9,6 +9,7 @@ what is reported stays short; nothing that waits grows.
 
 from __future__ import annotations
 
+import atexit
 import os
 import re
 import socket
@@ -271,8 +272,10 @@ class Bench:
 
 
 def operations_target() -> Target:
-    """Return the target of a whole daemon in virtual time."""
-    return partial(play, Bench(Path(tempfile.mkdtemp(prefix="fuzz-operations-"))))
+    """Return the target of a whole daemon in virtual time; it is open until the process ends."""
+    bench = Bench(Path(tempfile.mkdtemp(prefix="fuzz-operations-")))
+    atexit.register(bench.close)
+    return partial(play, bench)
 
 
 def play(bench: Bench, data: bytes) -> None:

@@ -101,16 +101,18 @@ def test_a_killed_command_leaves_no_process_behind(name, tmp_path):
     (tmp_path / "conftest.py").write_text("from tests.conftest import pytest_configure\n")
     (tmp_path / "test_left.py").write_text(TESTS)
     mark = uuid4().hex
-    process = subprocess.Popen(
-        command(tmp_path),
-        cwd=ROOT,
-        env=os.environ | {MARK: mark, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    log = tmp_path / "command.log"
+    with log.open("wb") as out:
+        process = subprocess.Popen(
+            command(tmp_path),
+            cwd=ROOT,
+            env=os.environ | {MARK: mark, "PYTHONPATH": str(ROOT)},
+            stdout=out,
+            stderr=out,
+        )
     try:
         assert until(lambda: seen(mark, wanted) or process.poll() is not None), marked(mark)
-        assert process.poll() is None
+        assert process.poll() is None, log.read_text()
         process.kill()
         process.wait()
         assert until(lambda: not marked(mark)), marked(mark)
