@@ -1,14 +1,15 @@
 """Signal conditioning: from a window of samples to a block of nodes where all is known at once.
 
 Every channel, and the derivatives qd, qdd and wd, is read at the same Gauss-Legendre instants, with
-the covariance that its samples' white noise leaves. Outliers are removed by their distance from the
-window's own polynomial and counted.
+the covariance that its samples' white noise leaves. Channels sampled at the same instants share one
+operator and are fitted by one matrix product. Outliers are removed, channel by channel, by their
+distance from the window's own polynomial and counted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from scipy.special import chdtri
 from fsw.config import Config
 from fsw.estimators.model.problem import joint_order
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
+from fsw.estimators.polynomial import NodeFit, gauss_nodes, lower_fit, node_fit
 from fsw.estimators.stages import complete
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 from fsw.messages.findings import Fault, Finding
@@ -29,6 +30,7 @@ ANGLE_NOISE_RAD = 1e-5  # of a sample: beyond it the angles' own errors are told
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
 EXTRA_POSITION_DEGREE = 3  # the position's polynomial must still have a good second derivative
+MOTION = (0, 1, 2)  # derivatives of a joint's position
 GYRO_FAULTS = ("gyro", Fault.GYRO_SPIKE, Fault.GYRO_INCONSISTENT)
 ACC_FAULTS = ("accelerometer", Fault.ACC_SPIKE, Fault.ACC_INCONSISTENT)
 
@@ -58,6 +60,8 @@ class Conditioner:
         self._joints = tuple(config.joints[k] for k in order)
         noisy = max(joint.position_noise_rad for joint in self._joints) > ANGLE_NOISE_RAD
         self._orders = (1, 2, 0) if noisy else (1, 2)
+        self._position_sigma = np.array([joint.position_noise_rad for joint in self._joints])
+        self._torque_sigma = np.array([joint.torque_noise_nm for joint in self._joints])
         imu = config.imu
         self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
@@ -79,81 +83,104 @@ class Conditioner:
         return complete(self.stages(window))
 
     def stages(self, window: Window) -> Generator[None, None, Block | None]:
-        """Do what `condition` does in bounded units, a channel each.
+        """Do what `condition` does in bounded units.
 
         A joint without position makes the window unusable; a missing gyro or accelerometer is
         marked in the block and its rows stay out of the update.
         """
-        m, n = self._nodes, len(self._order)
+        m = self._nodes
         centre_ns = (window.start_ns + window.stop_ns) // 2
         half_s = (window.stop_ns - window.start_ns) * 0.5e-9
-        joints = [window.joints[k] for k in self._order]
-        if any(joint.missing for joint in joints):
+        arm = yield from self._arm(window, centre_ns, half_s)
+        if arm is None:
             self.unusable_windows += 1
             return None
-        q, qd, qdd, tau = (np.zeros((m, n)) for _ in range(4))
-        size = len(self._orders) * m
-        cov_joint = np.empty((n, size, size))
-        cov_tau = np.broadcast_to(np.eye(m), (n, m, m)).copy()
-        has_joint = np.ones(n, dtype=bool)
-        shared: _JointFits | None = None
-        for k, (joint, channel) in enumerate(zip(self._joints, joints, strict=True)):
-            t_s = _seconds(channel, centre_ns)
-            if shared is None or not shared.fits(t_s):
-                shared = _JointFits(t_s, half_s, m)
-            position = shared.solve_position(channel.values[:, 0], joint.position_noise_rad)
-            self._tell(position.removed, Fault.ENCODER_SPIKE, joint.name, window)
-            if position.fit is None:
-                self.unusable_windows += 1
-                return None
-            torque = shared.solve_torque(
-                channel.values[:, 1], joint.torque_noise_nm, self._min_fill
-            )
-            if self._is_doubtful(torque.removed, len(t_s)):
-                self._tell(torque.removed, Fault.TORQUE_INCONSISTENT, joint.name, window)
-                torque = NO_FIT
-            self._tell(torque.removed, Fault.TORQUE_SPIKE, joint.name, window)
-            q[:, k] = position.fit.operator(0) @ position.coefficients
-            qd[:, k] = position.fit.operator(1) @ position.coefficients
-            qdd[:, k] = position.fit.operator(2) @ position.coefficients
-            cov_joint[k] = position.fit.covariance(self._orders, joint.position_noise_rad)
-            has_joint[k] = torque.fit is not None
-            if torque.fit is not None:
-                tau[:, k] = torque.fit.operator(0) @ torque.coefficients
-                cov_tau[k] = torque.fit.covariance((0,), joint.torque_noise_nm)
-            yield
-        still = _still(qd, qdd, cov_joint[:, : 2 * m, : 2 * m])
-        qd[:, still] = qdd[:, still] = 0.0
         yield
-        gyro, cov_gyro, has_gyro = self._inertial(
+        gyro, cov_gyro, has_gyro = yield from self._inertial(
             window, window.gyro, self._sigma_gyro, (0, 1), GYRO_FAULTS
         )
-        yield
-        force, cov_acc, has_acc = self._inertial(
+        force, cov_acc, has_acc = yield from self._inertial(
             window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS
         )
         yield
         t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
-        R_NB = self._attitude(window.attitude, t_ns, (gyro[:m] @ self._R_BS.T).mean(axis=0))
+        rate = gyro @ self._R_BS.T
         return Block(
             index=window.index,
             t_ns=t_ns,
-            q_rad=q,
-            qd_rad_s=qd,
-            qdd_rad_s2=qdd,
-            tau_nm=tau,
-            w_NB_B_rad_s=gyro[:m] @ self._R_BS.T,
-            wd_NB_B_rad_s2=gyro[m:] @ self._R_BS.T,
+            q_rad=arm.motion[0],
+            qd_rad_s=arm.motion[1],
+            qdd_rad_s2=arm.motion[2],
+            tau_nm=arm.tau_nm,
+            w_NB_B_rad_s=rate[:m],
+            wd_NB_B_rad_s2=rate[m:],
             f_NS_B_m_s2=force @ self._R_BS.T,
-            R_NB=R_NB,
-            cov_joint=cov_joint,
-            cov_tau=cov_tau,
+            R_NB=self._attitude(window.attitude, t_ns, rate[:m].mean(axis=0)),
+            cov_joint=arm.cov_joint,
+            cov_tau=arm.cov_tau,
             cov_gyro=cov_gyro,
             cov_acc=cov_acc,
-            has_joint=has_joint,
+            has_joint=arm.has_joint,
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
             has_attitude=self._attitude_known,
+        )
+
+    def _arm(
+        self, window: Window, centre_ns: int, half_s: float
+    ) -> Generator[None, None, _Arm | None]:
+        """Return the arm's motion and torques; None where a joint's position cannot be known."""
+        channels = [window.joints[k] for k in self._order]
+        if any(channel.missing for channel in channels):
+            return None
+        latched: dict[bytes, list[int]] = {}  # joints by the instants of their samples
+        for k, channel in enumerate(channels):
+            latched.setdefault(_offsets(channel, centre_ns), []).append(k)
+        positions, torques = [NO_FIT] * len(channels), [NO_FIT] * len(channels)
+        high, low = self._nodes - 1 + EXTRA_POSITION_DEGREE, self._nodes - 1
+        for offsets_ns, own in latched.items():
+            instants = _Instants(offsets_ns, half_s, self._nodes, high)
+            values = np.concatenate([channels[k].values for k in own], axis=1)
+            angles = yield from instants.fitted(
+                values[:, ::2], self._position_sigma[own], high, MOTION
+            )
+            forces = yield from instants.fitted(
+                values[:, 1::2], self._torque_sigma[own], low, (0,), min_fill=self._min_fill
+            )
+            for k, angle, force in zip(own, angles, forces, strict=True):
+                positions[k], torques[k] = angle, force
+        for k, joint in enumerate(self._joints):
+            self._note(positions[k].removed, Fault.ENCODER_SPIKE, joint.name, window)
+            if positions[k].fit is None:
+                return None
+            if self._is_doubtful(torques[k].removed, len(channels[k].t_ns)):
+                self._note(torques[k].removed, Fault.TORQUE_INCONSISTENT, joint.name, window)
+                torques[k] = NO_FIT
+            self._note(torques[k].removed, Fault.TORQUE_SPIKE, joint.name, window)
+        return self._joined(positions, torques)
+
+    def _joined(self, positions: list[_Fitted], torques: list[_Fitted]) -> _Arm:
+        m, n = self._nodes, len(positions)
+        fits = [position.fit for position in positions if position.fit is not None]
+        motion = np.concatenate([position.values for position in positions], axis=1)
+        white = [fit.whitener((1, 2)) @ motion[m:, k] for k, fit in enumerate(fits)]
+        for k, sigma in enumerate(self._position_sigma.tolist()):
+            if white[k] @ white[k] <= sigma**2 * chdtri(len(white[k]), STILL_PROBABILITY):
+                motion[m:, k] = 0.0  # at rest; see STILL_PROBABILITY
+        tau, cov_tau = np.zeros((m, n)), np.empty((n, m, m))
+        for k, torque in enumerate(torques):
+            cov_tau[k] = torque.covariance((0,), self._torque_sigma[k], m)
+            if torque.fit is not None:
+                tau[:, k] = torque.values[:, 0]
+        sigmas = self._position_sigma
+        return _Arm(
+            motion=motion.reshape(len(MOTION), m, n),
+            tau_nm=tau,
+            cov_joint=np.stack(
+                [fit.covariance(self._orders, s) for fit, s in zip(fits, sigmas, strict=True)]
+            ),
+            cov_tau=cov_tau,
+            has_joint=np.array([torque.fit is not None for torque in torques]),
         )
 
     def _attitude(
@@ -184,137 +211,145 @@ class Conditioner:
         sigma: float,
         orders: tuple[int, ...],
         faults: tuple[str, Fault, Fault],
-    ) -> tuple[FloatArray, FloatArray, bool]:
+    ) -> Generator[None, None, tuple[FloatArray, FloatArray, bool]]:
         """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable."""
-        m = self._nodes
+        m, found = self._nodes, NO_FIT
         if not channel.missing:
             subject, spike, inconsistent = faults
             half_s = (window.stop_ns - window.start_ns) * 0.5e-9
-            t_s = _seconds(channel, (window.start_ns + window.stop_ns) // 2)
-            fit = NodeFit(t_s, half_s, m - 1, m)
-            found = _robust(fit, t_s, half_s, (m - 1, m), channel.values, sigma, 2 * m)
-            if self._is_doubtful(found.removed, len(t_s)):
-                self._tell(found.removed, inconsistent, subject, window)
-            else:
-                self._tell(found.removed, spike, subject, window)
-                if found.fit is not None:
-                    E = np.concatenate([found.fit.operator(order) for order in orders])
-                    return E @ found.coefficients, found.fit.covariance(orders, sigma), True
+            offsets_ns = _offsets(channel, (window.start_ns + window.stop_ns) // 2)
+            instants = _Instants(offsets_ns, half_s, m, m - 1)
+            (found,) = yield from instants.fitted(
+                channel.values, np.array([sigma]), m - 1, orders, width=3
+            )
+            if self._is_doubtful(found.removed, len(channel.t_ns)):
+                self._note(found.removed, inconsistent, subject, window)
+                found = NO_FIT
+            self._note(found.removed, spike, subject, window)
         rows = m * len(orders)
-        return np.zeros((rows, 3)), np.eye(rows), False
+        values = np.zeros((rows, 3)) if found.fit is None else found.values
+        return values, found.covariance(orders, sigma, rows), found.fit is not None
 
     @staticmethod
     def _is_doubtful(removed: int, samples: int) -> bool:
         return removed > max(MIN_SPIKES, SPIKE_RATIO * samples)
 
-    def _tell(self, removed: int, fault: Fault, subject: str, window: Window) -> None:
+    def _note(self, removed: int, fault: Fault, subject: str, window: Window) -> None:
         self.outliers += removed
         if removed:
             text = f"{removed} samples off the window's polynomial"
             self._found.append(Finding(window.stop_ns, fault, subject, text))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Arm:
+    """What a block holds of the joints; see `Block`."""
+
+    motion: FloatArray  # (3, m, n) positions, rates and accelerations
+    tau_nm: FloatArray
+    cov_joint: FloatArray
+    cov_tau: FloatArray
+    has_joint: NDArray[np.bool_]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class _Robust:
-    """A polynomial without its outliers; fit None: none can be had."""
+class _Fitted:
+    """A channel at the nodes without its outliers; fit None: no polynomial can be had."""
 
     fit: NodeFit | None
-    coefficients: FloatArray
+    values: FloatArray  # (derivatives times nodes, width)
     removed: int
 
+    def covariance(self, orders: tuple[int, ...], sigma: float, rows: int) -> FloatArray:
+        """Return the covariance of one axis; the unit (rows, rows) stands for a missing one."""
+        return np.eye(rows) if self.fit is None else self.fit.covariance(orders, sigma)
 
-NO_FIT = _Robust(None, np.empty(0), 0)
+
+NO_FIT = _Fitted(None, np.empty(0), 0)
 
 
-def _robust(
-    fit: NodeFit,
-    t_s: FloatArray,
-    half_s: float,
-    shape: tuple[int, int],
-    values: FloatArray,
-    sigma: float,
-    least: int,
-) -> _Robust:
-    """Fit values (k, width) of one channel, leaving outliers out.
+@dataclass(frozen=True, slots=True)
+class _Instants:
+    """The instants at which some channels were sampled.
 
-    Parameters
-    ----------
-    fit : polynomial over all the instants t_s (k,); `shape` is its degree and number of nodes
-    least : samples that must be left
+    `degree` is the highest that is fitted: the others share its factorisation.
     """
-    keep, removed = np.ones(len(t_s), dtype=bool), 0
-    for _ in range(MAX_PASSES):
-        coefficients = fit.coefficients(values[keep])
-        good = _inliers(fit.residuals(values[keep], coefficients), sigma)
-        if good.all():
-            return _Robust(fit, coefficients, removed)
-        removed += int(np.sum(~good))
-        keep[keep] = good
-        if keep.sum() < least:
-            break
-        fit = NodeFit(t_s[keep], half_s, *shape)
-    return _Robust(None, np.empty(0), removed)
 
+    offsets_ns: bytes  # int64, from the window's centre
+    half_s: float
+    nodes: int
+    degree: int
 
-class _JointFits:
-    """The two polynomials of one joint's window; joints latched by the same SYNCs share them."""
-
-    def __init__(self, t_s: FloatArray, half_s: float, nodes: int) -> None:
-        self._t_s = t_s
-        self._half_s = half_s
-        self._nodes = nodes
-        self.position = NodeFit(t_s, half_s, nodes - 1 + EXTRA_POSITION_DEGREE, nodes)
-        self.torque = NodeFit(t_s, half_s, nodes - 1, nodes)
-
-    def fits(self, t_s: FloatArray) -> bool:
-        return np.array_equal(t_s, self._t_s)
-
-    def solve_position(self, values: FloatArray, sigma: float) -> _Robust:
-        """Return the position's polynomial."""
-        degree = self._nodes - 1 + EXTRA_POSITION_DEGREE
-        shape, least = (degree, self._nodes), 2 * (self._nodes + EXTRA_POSITION_DEGREE)
-        return self._column(self.position, self._t_s, shape, values, sigma, least)
-
-    def solve_torque(self, values: FloatArray, sigma: float, min_fill: float) -> _Robust:
-        """Return the torque's polynomial over the samples that have one; not over too few."""
-        shape, t_s, fit = (self._nodes - 1, self._nodes), self._t_s, self.torque
-        usable = np.isfinite(values)
-        if not usable.all():
-            if usable.sum() < max(min_fill * len(values), 2 * self._nodes):
-                return NO_FIT
-            t_s, values = t_s[usable], values[usable]
-            fit = NodeFit(t_s, self._half_s, *shape)
-        return self._column(fit, t_s, shape, values, sigma, 2 * self._nodes)
-
-    def _column(
+    def fitted(
         self,
-        fit: NodeFit,
-        t_s: FloatArray,
-        shape: tuple[int, int],
+        values: FloatArray,
+        sigmas: FloatArray,
+        degree: int,
+        orders: tuple[int, ...],
+        *,
+        width: int = 1,
+        min_fill: float = 0.0,
+    ) -> Generator[None, None, list[_Fitted]]:
+        """Fit channels, all in one product; those with an outlier again, each a unit of its own.
+
+        Parameters
+        ----------
+        values : (k, channels times width) samples; rows that are not finite are not used
+        sigmas : (channels,) noise of a sample
+        orders : of the derivatives wanted at the nodes
+        min_fill : share of the samples that must be finite
+        """
+        fit = self._fit(degree)
+        coefficients = fit.coefficients(values)
+        worst = np.abs(fit.residuals(values, coefficients)).max(axis=0)
+        clean = worst.reshape(-1, width).max(axis=1) <= GATE_SIGMAS * sigmas
+        at_nodes, found = fit.operators(orders) @ coefficients, list[_Fitted]()
+        for i, is_clean in enumerate(clean.tolist()):
+            own = slice(i * width, (i + 1) * width)
+            if is_clean:
+                found.append(_Fitted(fit, at_nodes[:, own], 0))
+            else:
+                found.append(self._robust(values[:, own], sigmas[i], degree, orders, min_fill))
+                yield
+        return found
+
+    def _fit(self, degree: int) -> NodeFit:
+        if degree == self.degree:
+            return node_fit(self.offsets_ns, self.half_s, degree, self.nodes)
+        return lower_fit(self.offsets_ns, self.half_s, degree, self.nodes, self.degree)
+
+    def _robust(
+        self,
         values: FloatArray,
         sigma: float,
-        least: int,
-    ) -> _Robust:
-        found = _robust(fit, t_s, self._half_s, shape, values[:, None], sigma, least)
-        return replace(found, coefficients=found.coefficients.reshape(-1))
+        degree: int,
+        orders: tuple[int, ...],
+        min_fill: float,
+    ) -> _Fitted:
+        """Fit one channel (k, width), leaving outliers out."""
+        least, removed = 2 * (degree + 1), 0
+        keep = np.asarray(np.isfinite(values).all(axis=1))
+        if not keep.all() and keep.sum() < max(min_fill * len(keep), least):
+            return NO_FIT
+        for _ in range(MAX_PASSES):
+            if keep.all():
+                fit = self._fit(degree)
+            else:
+                offsets_ns = np.frombuffer(self.offsets_ns, np.int64)[keep].tobytes()
+                fit = node_fit(offsets_ns, self.half_s, degree, self.nodes)
+            coefficients = fit.coefficients(values[keep])
+            good = _inliers(fit.residuals(values[keep], coefficients), sigma)
+            if good.all():
+                return _Fitted(fit, fit.operators(orders) @ coefficients, removed)
+            removed += int(np.sum(~good))
+            keep[keep] = good
+            if keep.sum() < least:
+                break
+        return _Fitted(None, np.empty(0), removed)
 
 
-def _still(qd: FloatArray, qdd: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:
-    """Return (n,) which joints' motion is nothing but the noise of [qd, qdd], (n, 2m, 2m).
-
-    A joint at rest is taken at rest. Otherwise the regressor would be made of noise, which looks
-    like information and shrinks whatever it is about (errors in variables).
-    """
-    motion = np.concatenate([qd, qdd]).T
-    # the covariance's rank is the polynomial's degree; the pseudo-inverse leaves the rest out
-    values, vectors = np.linalg.eigh(covariance)
-    kept = values > 1e-9 * values[:, -1:]
-    parts = np.einsum("jki,jk->ji", vectors, motion) ** 2 / np.where(kept, values, np.inf)
-    return np.asarray(parts.sum(axis=1) <= chdtri(kept.sum(axis=1), STILL_PROBABILITY))
-
-
-def _seconds(channel: ChannelWindow, centre_ns: int) -> FloatArray:
-    return np.asarray(channel.t_ns - centre_ns, dtype=np.float64) * 1e-9
+def _offsets(channel: ChannelWindow, centre_ns: int) -> bytes:
+    return (channel.t_ns - centre_ns).tobytes()
 
 
 def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:

@@ -15,6 +15,9 @@ from numpy.polynomial import legendre
 
 from fsw.messages import FloatArray
 
+CACHED = 16  # patterns of instants whose operators are kept
+RANK = 1e-9  # of the largest eigenvalue: what is less is rounding
+
 
 @lru_cache(maxsize=16)
 def gauss_nodes(count: int) -> FloatArray:
@@ -40,22 +43,39 @@ def _node_bases(count: int, degree: int) -> FloatArray:
 class NodeFit:
     """Least-squares polynomial in one window, ready to be evaluated at the window's nodes.
 
+    What depends on the instants alone is computed once, and serves every channel sampled at them.
+
     Parameters
     ----------
     t_s : (k,) sample times relative to the window's centre [s]
     half_width_s : half the window [s]
     degree : of the polynomial, k > degree
     nodes : number of Gauss-Legendre nodes
+    within : polynomial of a higher degree at the same instants; its factors contain this one's
     """
 
-    def __init__(self, t_s: FloatArray, half_width_s: float, degree: int, nodes: int) -> None:
+    def __init__(
+        self,
+        t_s: FloatArray,
+        half_width_s: float,
+        degree: int,
+        nodes: int,
+        within: NodeFit | None = None,
+    ) -> None:
+        size = degree + 1
         self._half_width_s = half_width_s
         self._bases = _node_bases(nodes, degree)
-        self._basis = legendre.legvander(t_s / half_width_s, degree)
-        Q, R = np.linalg.qr(self._basis)
-        self._R_inverse = np.linalg.solve(R, np.eye(degree + 1))
-        self._solve = self._R_inverse @ Q.T
+        if within is None:
+            self._basis = legendre.legvander(t_s / half_width_s, degree)
+            self._Q, R = np.linalg.qr(self._basis)
+            self._R_inverse = np.asarray(np.linalg.solve(R, np.eye(size)), np.float64)
+        else:
+            self._basis, self._Q = within._basis[:, :size], within._Q[:, :size]  # noqa: SLF001
+            self._R_inverse = within._R_inverse[:size, :size]  # noqa: SLF001
+        self._solve = self._R_inverse @ self._Q.T
+        self._stacked: dict[tuple[int, ...], FloatArray] = {}
         self._unit: dict[tuple[int, ...], FloatArray] = {}  # covariances of noise with sigma one
+        self._white: dict[tuple[int, ...], FloatArray] = {}
 
     def coefficients(self, values: FloatArray) -> FloatArray:
         """Return Legendre coefficients (degree + 1, width) of samples (k, width)."""
@@ -71,9 +91,49 @@ class NodeFit:
         scaled: FloatArray = self._bases[order] / self._half_width_s**order
         return scaled
 
+    def operators(self, orders: tuple[int, ...]) -> FloatArray:
+        """Return the operators of several derivatives, one below the other."""
+        if orders not in self._stacked:
+            self._stacked[orders] = np.concatenate([self.operator(order) for order in orders])
+        return self._stacked[orders]
+
     def covariance(self, orders: tuple[int, ...], sigma: float) -> FloatArray:
         """Return the covariance of the stacked derivatives at the nodes, for white samples."""
         if orders not in self._unit:
-            E = np.concatenate([self.operator(order) for order in orders]) @ self._R_inverse
+            E = self.operators(orders) @ self._R_inverse
             self._unit[orders] = E @ E.T
         return sigma**2 * self._unit[orders]
+
+    def whitener(self, orders: tuple[int, ...]) -> FloatArray:
+        """Return W (rank, orders x nodes): the stacked derivatives of unit noise made white.
+
+        The covariance's rank is at most the polynomial's degree plus one; W leaves the rest out.
+        """
+        if orders not in self._white:
+            values, vectors = np.linalg.eigh(self.covariance(orders, 1.0))
+            kept = values > RANK * values[-1]
+            self._white[orders] = (vectors[:, kept] / np.sqrt(values[kept])).T
+        return self._white[orders]
+
+
+@lru_cache(maxsize=CACHED)
+def node_fit(offsets_ns: bytes, half_width_s: float, degree: int, nodes: int) -> NodeFit:
+    """Return the polynomial of instants given as int64 nanoseconds from the window's centre.
+
+    On an exact grid the instants of every window are the same but for missing samples; on a
+    jittering one every window has its own, computed once for all channels.
+    """
+    return NodeFit(_seconds(offsets_ns), half_width_s, degree, nodes)
+
+
+@lru_cache(maxsize=CACHED)
+def lower_fit(
+    offsets_ns: bytes, half_width_s: float, degree: int, nodes: int, higher: int
+) -> NodeFit:
+    """Return the same, as part of the polynomial of a `higher` degree."""
+    within = node_fit(offsets_ns, half_width_s, higher, nodes)
+    return NodeFit(_seconds(offsets_ns), half_width_s, degree, nodes, within)
+
+
+def _seconds(offsets_ns: bytes) -> FloatArray:
+    return np.frombuffer(offsets_ns, np.int64).astype(np.float64) * 1e-9
