@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +14,6 @@ from hil.world.sensors import generator
 TimedFrame = tuple[int, int, bytes, bool]  # end on the bus [ns], identifier, data, is CAN FD
 RESPONSE_NS = 30_000.0  # SYNC received to PDO ready
 RESPONSE_JITTER_NS = 20_000.0
-MOTOR_TEMPERATURE_DEGC = 25.0
 
 
 class Latch(Protocol):
@@ -33,6 +32,11 @@ def duration_ns(length: int, is_fd: bool, stuff_bits: float) -> float:
     if is_fd:
         return 30e3 + 200.0 * (8 * length + 35) + 200.0 * stuff_bits
     return 1e3 * (47 + 8 * length + stuff_bits)
+
+
+def _uniform_draws(rng: np.random.Generator) -> Iterator[float]:
+    while True:
+        yield from rng.random(1024).tolist()
 
 
 class SyncProducer:
@@ -69,21 +73,18 @@ class CanSegment:
         *,
         index: int,
         heartbeat_s: float,
-        torque_range_nm: float,
         t0_ns: int,
     ) -> None:
         self.name = name
         self.nodes = nodes  # by joint index in the robot
         self._latch = latch
-        self._range_nm = torque_range_nm
-        self._rng = generator(seed, "bus", index)
-        self._stuffing = np.empty(0)
-        self._next_draw = 0
+        self._by_id = sorted(nodes.items(), key=lambda item: item[1].node_id)
+        self._toggles = [node.toggle for node in nodes.values() if node.toggle is not None]
+        self._draws = _uniform_draws(generator(seed, "bus", index))
         self._t0_ns = t0_ns
         self._busy_ns = [float(t0_ns), float(t0_ns)]
-        for node in nodes.values():
-            if node.toggle is not None:
-                node.toggle.power_on(t0_ns)
+        for toggle in self._toggles:
+            toggle.power_on(t0_ns)
         period = heartbeat_s * 1e9
         self._period_ns = period
         # boot-up frames at power-on, then heartbeats spread over the period
@@ -91,29 +92,24 @@ class CanSegment:
         self._heartbeat_ns = {
             joint: t0_ns + period * (1.0 + i / len(nodes)) for i, joint in enumerate(nodes)
         }
-
-    def _uniform(self) -> float:
-        if self._next_draw >= len(self._stuffing):
-            self._stuffing = self._rng.random(1024)
-            self._next_draw = 0
-        self._next_draw += 1
-        return float(self._stuffing[self._next_draw - 1])
+        self._unasked_ns = float(t0_ns)  # when a node next says something unasked
 
     def _place(
         self, ready_ns: float, can_id: int, data: bytes, is_fd: bool, line: int = 0
     ) -> TimedFrame:
         """Put one frame on a line as soon as it is ready and the line is free."""
         length = len(data)
-        stuff_bits = self._uniform() * (34 + 8 * length) / 8.0
+        stuff_bits = next(self._draws) * (34 + 8 * length) / 8.0
         start_ns = max(ready_ns, self._busy_ns[line])
         self._busy_ns[line] = start_ns + duration_ns(length, is_fd, stuff_bits)
         return round(self._busy_ns[line]), can_id, data, is_fd
 
     def _listening(self, t_ns: int, line: int) -> dict[int, JointNode]:
         """Return the nodes that are on a line at this time, by joint."""
-        for node in self.nodes.values():
-            if node.toggle is not None:
-                node.toggle.advance(t_ns)
+        for toggle in self._toggles:
+            toggle.advance(t_ns)
+        if not self._toggles and line == 0:
+            return self.nodes
         return {joint: node for joint, node in self.nodes.items() if node.line == line}
 
     def on_frame(self, t_ns: int, can_id: int, data: bytes, line: int = 0) -> list[TimedFrame]:
@@ -140,18 +136,17 @@ class CanSegment:
     ) -> list[TimedFrame]:
         readings = self._latch(t_ns)
         t_us = (t_ns - self._t0_ns) // 1000
-        frames: list[tuple[int, bytes, bool]] = []
-        for joint, node in nodes.items():
-            reading = readings[joint]
-            status = canopen.STATUS_GOOD
-            if abs(reading.torque_nm) > self._range_nm:
-                status |= canopen.STATUS_OVERLOAD
-            pdos = node.on_sync(counter, reading, t_us, status)
-            frames += [(can_id, data, node.is_fd) for can_id, data in pdos.items()]
-        frames.sort()
+        first: list[tuple[int, bytes, bool]] = []  # TPDO1 precede TPDO2: in order of identifier
+        second: list[tuple[int, bytes, bool]] = []
+        for joint, node in self._by_id:
+            pdos = node.on_sync(counter, readings[joint], t_us) if joint in nodes else ()
+            if pdos:
+                first.append((0x180 + node.node_id, pdos[0], node.is_fd))
+            if len(pdos) > 1:
+                second.append((0x280 + node.node_id, pdos[1], node.is_fd))
         sync_end = t_ns + duration_ns(1, False, 4.0)
-        ready_ns = sync_end + RESPONSE_NS + RESPONSE_JITTER_NS * self._uniform()
-        return [self._place(ready_ns, *frame, line) for frame in frames]
+        ready_ns = sync_end + RESPONSE_NS + RESPONSE_JITTER_NS * next(self._draws)
+        return [self._place(ready_ns, *frame, line) for frame in first + second]
 
     @staticmethod
     def _state_of(node: JointNode, *, boot: bool = False) -> tuple[int, bytes, bool]:
@@ -160,6 +155,8 @@ class CanSegment:
 
     def frames_until(self, t_ns: int, line: int = 0) -> list[TimedFrame]:
         """Return what the nodes of a line said unasked: boot-up frames, heartbeats."""
+        if t_ns < self._unasked_ns and not self._booting:
+            return []
         listening = self._listening(t_ns, line)
         booting = [node for node in self._booting if node.line == line]
         self._booting = [node for node in self._booting if node.line != line]
@@ -170,6 +167,7 @@ class CanSegment:
                     beat = self._state_of(node)
                     frames.append(self._place(self._heartbeat_ns[joint], *beat, line))
                 self._heartbeat_ns[joint] += self._period_ns
+        self._unasked_ns = min(self._heartbeat_ns.values())
         return frames
 
     def emergency(self, t_ns: int, joint: int, code: int, register: int) -> TimedFrame:

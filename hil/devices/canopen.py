@@ -7,11 +7,16 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hil.devices.bus_toggle import BusToggle
-from hil.devices.tpdo1 import CLASSIC, FD, clamp
+from hil.devices.tpdo1 import CLASSIC, FD
 
 SYNC_ID = 0x080
 NMT_ID = 0x000
@@ -20,6 +25,8 @@ COUNTS_PER_RAD = 2**24 / (2.0 * math.pi)
 STATUS_GOOD = 0x09  # torque valid, encoder valid
 STATUS_OVERLOAD = 0x02
 TPDO2_PERIOD = 10  # SYNCs
+TPDO2 = struct.Struct("<ihh")
+TEMPERATURE_DEGC = 25
 ABORT_NO_OBJECT = 0x06020000
 ABORT_NO_SUBINDEX = 0x06090011
 ABORT_READ_ONLY = 0x06010002
@@ -35,48 +42,66 @@ class NodeState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """Measurement of a node at one latch, in its own sign and zero."""
+class Reading(NamedTuple):
+    """Measurement of a node at one latch, as the fields of its frames carry it."""
 
-    position_rad: float
-    velocity_rad_s: float
-    torque_nm: float
-    motor_torque_ratio: float  # of rated
-    temperature_degc: float
+    position: int  # 2^-24 rev
+    velocity: int  # 2^-24 rev/s
+    torque: int  # 0.01 N m, of a CAN FD node 1e-4 N m
+    motor_torque: int  # per mille of rated
+    is_overloaded: bool
+
+
+class FieldScale:
+    """Takes what nodes measured to the fields of their frames, all nodes at once."""
+
+    def __init__(self, is_fd: Sequence[bool], torque_range_nm: float) -> None:
+        forms = [FD if fd else CLASSIC for fd in is_fd]
+        one = np.ones(len(forms))
+        per_nm = np.array([form.counts_per_nm for form in forms])
+        tops = [2.0 ** (form.torque_bits - 1) - 1.0 for form in forms]
+        position_top, motor_top = (2.0**31 - 1.0) * one, (2.0**15 - 1.0) * one
+        self._scale = np.stack([COUNTS_PER_RAD * one, COUNTS_PER_RAD * one, per_nm, 1000.0 * one])
+        self._top = np.stack([position_top, position_top, np.array(tops), motor_top])
+        self._bottom = -self._top - 1.0
+        self._range_nm = torque_range_nm
+
+    def readings(self, measured: NDArray[np.float64]) -> list[Reading]:
+        """Return a reading per node; values beyond a field saturate.
+
+        Parameters
+        ----------
+        measured : (4, n) position [rad], velocity [rad/s], torque [N m], motor torque [of rated],
+            in the node's own sign and zero
+        """
+        fields = np.rint(measured * self._scale)
+        np.minimum(np.maximum(fields, self._bottom, out=fields), self._top, out=fields)
+        overloaded = np.abs(measured[2]) > self._range_nm
+        columns = [*fields.astype(np.int64).tolist(), overloaded.tolist()]
+        return list(map(Reading._make, zip(*columns, strict=True)))
 
 
 def encode_tpdo1(reading: Reading, status: int, counter: int) -> bytes:
     """Return the 8 bytes of TPDO1: position, link torque, status, SYNC counter."""
-    return CLASSIC.form.pack(
-        clamp(reading.position_rad * COUNTS_PER_RAD, 32),
-        clamp(reading.torque_nm * CLASSIC.counts_per_nm, CLASSIC.torque_bits),
-        status & 0xFF,
-        counter,
-    )
+    return CLASSIC.form.pack(reading.position, reading.torque, status & 0xFF, counter)
 
 
 def encode_fd(reading: Reading, status: int, counter: int, device_time_us: int) -> bytes:
     """Return the 20 bytes of the CAN FD tailoring of TPDO1."""
     return FD.form.pack(
-        clamp(reading.position_rad * COUNTS_PER_RAD, 32),
-        clamp(reading.velocity_rad_s * COUNTS_PER_RAD, 32),
-        clamp(reading.torque_nm * FD.counts_per_nm, FD.torque_bits),
+        reading.position,
+        reading.velocity,
+        reading.torque,
         status & 0xFFFF,
         counter,
-        clamp(reading.temperature_degc, 8),
+        TEMPERATURE_DEGC,
         device_time_us & 0xFFFFFFFF,
     )
 
 
 def encode_tpdo2(reading: Reading) -> bytes:
     """Return the 8 bytes of TPDO2: velocity, motor torque, temperature."""
-    return struct.pack(
-        "<ihh",
-        clamp(reading.velocity_rad_s * COUNTS_PER_RAD, 32),
-        clamp(reading.motor_torque_ratio * 1000.0, 16),
-        clamp(reading.temperature_degc * 10.0, 16),
-    )
+    return TPDO2.pack(reading.velocity, reading.motor_torque, 10 * TEMPERATURE_DEGC)
 
 
 def encode_emergency(code: int, register: int, detail: bytes = b"") -> bytes:
@@ -134,19 +159,20 @@ class JointNode:
             self.state, self._commanded = states[command], True
         return False
 
-    def on_sync(self, counter: int, reading: Reading, t_us: int, status: int) -> dict[int, bytes]:
-        """Return the PDOs this SYNC triggers, by COB-ID."""
+    def on_sync(self, counter: int, reading: Reading, t_us: int) -> tuple[bytes, ...]:
+        """Return the PDOs this SYNC triggers: none, TPDO1, or TPDO1 and TPDO2."""
         if self.state is NodeState.PRE_OPERATIONAL and self.autostart and not self._commanded:
             self.state = NodeState.OPERATIONAL
         if self.state is not NodeState.OPERATIONAL or self.silent:
-            return {}
-        status |= self.status_extra
+            return ()
+        status = STATUS_GOOD | self.status_extra
+        if reading.is_overloaded:
+            status |= STATUS_OVERLOAD
         if self.is_fd:
-            return {0x180 + self.node_id: encode_fd(reading, status, counter, t_us)}
-        frames = {0x180 + self.node_id: encode_tpdo1(reading, status, counter)}
+            return (encode_fd(reading, status, counter, t_us),)
         if self._tpdo2_due(counter):
-            frames[0x280 + self.node_id] = encode_tpdo2(reading)
-        return frames
+            return encode_tpdo1(reading, status, counter), encode_tpdo2(reading)
+        return (encode_tpdo1(reading, status, counter),)
 
     def _tpdo2_due(self, counter: int) -> bool:
         """Count SYNCs from the start value (object 0x1801:06 = joint number), CiA 301 7.5.2.37."""

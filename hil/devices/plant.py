@@ -13,7 +13,7 @@ import numpy as np
 
 from hil.devices.bus_toggle import BusToggle
 from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
-from hil.devices.canopen import SYNC_ID, JointNode, Reading
+from hil.devices.canopen import SYNC_ID, FieldScale, JointNode, Reading
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
 from hil.devices.truth_clock import ClampedHistory, JointTable, TruthClock
@@ -22,7 +22,6 @@ from hil.devices.uart import TimedBytes
 from hil.world.sensors import JointErrors, NodeConfig, SensorConfig
 
 FIRST_NODE = 0x11
-TEMPERATURE_DEGC = 25.0
 
 
 class Plant:
@@ -60,6 +59,8 @@ class Plant:
         self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz)
         self._signs = np.array([node.sign for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
+        is_fd = [node.format == "fd" for node in self.nodes]
+        self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm)
         self._latched: tuple[int, list[Reading]] | None = None
         names = tuple(dict.fromkeys(node.bus for node in self.nodes))
         self.segments = {
@@ -100,7 +101,6 @@ class Plant:
             seed,
             index=index,
             heartbeat_s=joints.heartbeat_s,
-            torque_range_nm=joints.torque_range_nm,
             t0_ns=t0_ns,
         )
 
@@ -111,15 +111,13 @@ class Plant:
         config = self.sensors.joints
         t_s = self.clock.second(t_ns) + config.latch_offset_s
         q, qd, tau = self._table.at(t_s)
-        position, torque = self.joint_errors.measure(q, tau)
-        positions = (self._signs * (position - self._zeros)).tolist()
-        velocities = (self._signs * qd).tolist()
-        torques = (self._signs * torque).tolist()
-        motors = (self._signs * tau / config.rated_torque_nm).tolist()
-        readings = [
-            Reading(positions[i], velocities[i], torques[i], motors[i], TEMPERATURE_DEGC)
-            for i in range(len(positions))
-        ]
+        measured = np.empty((4, len(q)))
+        position, measured[2] = self.joint_errors.measure(q, tau)
+        measured[0] = position - self._zeros
+        measured[1] = qd
+        measured[3] = tau / config.rated_torque_nm
+        measured *= self._signs
+        readings = self._scale.readings(measured)
         self._latched = (t_ns, readings)
         return readings
 

@@ -27,11 +27,11 @@ _CUBIC = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-3, -2, 3, -1], [2, 1, -2, 1]], 
 
 
 class _Place(NamedTuple):
-    """Node before a time, fraction of the step from it, step [s]."""
+    """Node before every time (k,), and weights of the derivatives of this node and the next."""
 
     node: NDArray[np.intp]
-    fraction: FloatArray
-    step_s: float
+    quintic: FloatArray  # (k, 1, 6)
+    cubic: FloatArray  # (k, 1, 4)
 
 
 class Field(Protocol):
@@ -96,17 +96,26 @@ class TruthHistory:
         return self.start_s + self.dt_s * (len(self.q) - 1)
 
     @cached_property
-    def _slopes(self) -> dict[str, FloatArray]:
-        """Time derivatives of the recorded accelerations and torques, by differences."""
-        channels = {"tau": self.tau, "qdd": self.qdd, "wd": self.wd_B, "a": self.a_N}
-        return {name: _slope(nodes, self.dt_s) for name, nodes in channels.items()}
-
-    @cached_property
-    def _quat_rates(self) -> tuple[FloatArray, FloatArray]:
-        """First and second derivative of the quaternion from omega and its derivative."""
+    def _quintics(self) -> FloatArray:
+        """Joint positions, base origin, quaternion; with two derivatives, as `_pairs` has them."""
         first = 0.5 * _times_vector(self.quat_wxyz, self.w_B)
         second = 0.5 * (_times_vector(first, self.w_B) + _times_vector(self.quat_wxyz, self.wd_B))
-        return first, second
+        return _pairs(
+            np.hstack([self.q, self.p_N, self.quat_wxyz]),
+            self.dt_s * np.hstack([self.qd, self.v_N, first]),
+            self.dt_s**2 * np.hstack([self.qdd, self.a_N, second]),
+        )
+
+    @cached_property
+    def _cubics(self) -> FloatArray:
+        """All else with its derivative, by differences where no channel is it; see `_pairs`."""
+        centre = np.empty((len(self.q), 0)) if self.centre_N is None else self.centre_N
+        by_differences = np.hstack([self.qdd, self.tau, self.wd_B, self.a_N, centre])
+        slopes = [self.qdd, self.a_N, self.wd_B, _slope(by_differences, self.dt_s)]
+        return _pairs(
+            np.hstack([self.qd, self.v_N, self.w_B, by_differences]),
+            self.dt_s * np.hstack(slopes),
+        )
 
     def at(self, t_s: ArrayLike) -> TruthState:
         """Evaluate the motion.
@@ -121,49 +130,67 @@ class TruthHistory:
         ValueError if a time lies outside the simulated interval.
         """
         t = np.asarray(t_s, dtype=np.float64)
-        place = (t - self.start_s) / self.dt_s
-        last = len(self.q) - 1
-        if t.size and (place.min() < -1e-6 or place.max() > last + 1e-6):
-            raise ValueError(
-                f"times {t.min()}..{t.max()} s outside the history {self.start_s}..{self.end_s} s"
-            )
-        i = np.clip(np.floor(place).astype(np.intp), 0, last - 1)
-        here = _Place(i, place - i, self.dt_s)
-        slope = self._slopes
-        quat = _quintic(here, self.quat_wxyz, *self._quat_rates)
-        quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
+        place = self._place(t.reshape(-1))
+        n, shape = self.q.shape[1], t.shape
+        quintic = (place.quintic @ self._quintics[place.node]).reshape(*shape, -1)
+        cubic = (place.cubic @ self._cubics[place.node]).reshape(*shape, -1)
+        q, p_NB_N, quat = np.split(quintic, [n, n + 3], axis=-1)
+        parts = np.cumsum([n, 3, 3, n, n, 3, 3])
+        qd, v_NB_N, w_NB_B, qdd, tau, wd_NB_B, a_N, centre = np.split(cubic, parts, axis=-1)
+        quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
         R = rotation_matrices(quat)
-        p_NB_N = _quintic(here, self.p_N, self.v_N, self.a_N)
-        g_NB_B, gradient_B = self._gravity(here, t, p_NB_N, R)
+        g_NB_B, gradient_B = self._gravity(t, p_NB_N - centre if centre.size else p_NB_N, R)
         return TruthState(
             t_s=t,
-            q=_quintic(here, self.q, self.qd, self.qdd),
-            qd=_cubic(here, self.qd, self.qdd),
-            qdd=_cubic(here, self.qdd, slope["qdd"]),
-            tau=_cubic(here, self.tau, slope["tau"]),
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            tau=tau,
             p_NB_N=p_NB_N,
-            v_NB_N=_cubic(here, self.v_N, self.a_N),
+            v_NB_N=v_NB_N,
             R_NB=R,
             q_NB_xyzw=quat[..., [1, 2, 3, 0]],
-            w_NB_B=_cubic(here, self.w_B, self.wd_B),
-            wd_NB_B=_cubic(here, self.wd_B, slope["wd"]),
-            a_NB_B=np.einsum("...ji,...j->...i", R, _cubic(here, self.a_N, slope["a"])),
+            w_NB_B=w_NB_B,
+            wd_NB_B=wd_NB_B,
+            a_NB_B=(a_N[..., None, :] @ R)[..., 0, :],
             g_NB_B=g_NB_B,
             gradient_B=gradient_B,
         )
 
+    def _place(self, t: FloatArray) -> _Place:
+        steps = (t - self.start_s) / self.dt_s
+        last = len(self.q) - 1
+        if t.size and (steps.min() < -1e-6 or steps.max() > last + 1e-6):
+            raise ValueError(
+                f"times {t.min()}..{t.max()} s outside the history {self.start_s}..{self.end_s} s"
+            )
+        node = np.clip(np.floor(steps).astype(np.intp), 0, last - 1)
+        powers = (steps - node)[:, None, None] ** np.arange(6)
+        return _Place(node, powers @ _QUINTIC, powers[..., :4] @ _CUBIC)
+
     def _gravity(
-        self, place: _Place, t: FloatArray, p_NB_N: FloatArray, R_NB: FloatArray
+        self, t: FloatArray, from_centre_N: FloatArray, R_NB: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return gravity at the base origin and its gradient in base axes; zero without a field."""
         if self.field is None or self.centre_N is None:
             return np.zeros((*t.shape, 3)), np.zeros((*t.shape, 3, 3))
         uniform, gradient = self.field.at(t.reshape(-1))
         uniform, gradient = uniform.reshape(*t.shape, 3), gradient.reshape(*t.shape, 3, 3)
-        centre = _cubic(place, self.centre_N, _slope(self.centre_N, self.dt_s))
-        g_N = uniform + np.einsum("...ij,...j->...i", gradient, p_NB_N - centre)
+        g_N = uniform + np.einsum("...ij,...j->...i", gradient, from_centre_N)
         g_B = np.einsum("...ji,...j->...i", R_NB, g_N)
         return g_B, np.einsum("...ki,...kl,...lj->...ij", R_NB, gradient, R_NB)
+
+
+def _pairs(*derivatives: FloatArray) -> FloatArray:
+    """Return all derivatives (each (k, m)) of every node and the next one, a view (k - 1, 2 d, m).
+
+    The two nodes' derivatives stand in a row in memory.
+    """
+    nodes = np.stack(derivatives, axis=1)
+    count, d, m = nodes.shape
+    return np.lib.stride_tricks.as_strided(
+        nodes, (count - 1, 2 * d, m), nodes.strides, writeable=False
+    )
 
 
 def rotation_matrices(quat_wxyz: FloatArray) -> FloatArray:
@@ -190,26 +217,3 @@ def _slope(x: FloatArray, h: float) -> FloatArray:
     if len(x) > 4:
         slope[2:-2] = (8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12 * h)
     return np.asarray(slope, dtype=np.float64)
-
-
-def _polynomial(s: FloatArray, c: FloatArray) -> FloatArray:
-    """Evaluate sum_k c[k] s^k; c (k, ..., m), s (...)."""
-    value: FloatArray = c[-1]
-    for row in c[-2::-1]:
-        value = value * s[..., None] + row
-    return value
-
-
-def _quintic(place: _Place, x: FloatArray, xd: FloatArray, xdd: FloatArray) -> FloatArray:
-    """Quintic Hermite polynomial through values and two derivatives at the nodes."""
-    i, s, h = place
-    j = i + 1
-    ends = np.stack([x[i], h * xd[i], h * h * xdd[i], x[j], h * xd[j], h * h * xdd[j]])
-    return _polynomial(s, np.tensordot(_QUINTIC, ends, axes=1))
-
-
-def _cubic(place: _Place, x: FloatArray, xd: FloatArray) -> FloatArray:
-    """Cubic Hermite polynomial through values and slopes at the nodes."""
-    i, s, h = place
-    ends = np.stack([x[i], h * xd[i], x[i + 1], h * xd[i + 1]])
-    return _polynomial(s, np.tensordot(_CUBIC, ends, axes=1))

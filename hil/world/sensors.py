@@ -190,32 +190,33 @@ class JointErrors:
             sigma if block is None else 1.0
             for sigma, block in zip(sigmas, self._blocks, strict=True)
         ]
+        self._step_rad = 2.0 * math.pi / 2**config.encoder_bits
         size_nm = config.torque_hysteresis_ratio * config.rated_torque_nm
         width_nm = HYSTERESIS_WIDTH_RATIO * config.rated_torque_nm
         self._hysteresis = Hysteresis(size_nm, width_nm, n) if size_nm > 0 else None
-        self._rows = np.empty((0, n, 2))
+        self._noise = np.empty((0, 2, n))  # of the next latches: position, torque
         self._next = 0
 
     def _refill(self) -> None:
-        self._rows = np.stack([s.standard_normal((256, 2)) for s in self._streams], axis=1)
+        rows = np.stack([s.standard_normal((256, 2)) for s in self._streams], axis=2)
         for column, block in enumerate(self._blocks):
             if block is not None:
-                self._rows[:, :, column] = block.take(256)
-        self._next = 0
+                rows[:, column] = block.take(256)
+            rows[:, column] *= self._sigmas[column]
+        self._noise, self._next = rows, 0
 
     def measure(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return measured position [rad], quantised, and link torque [N m] of one latch."""
-        if self._next >= len(self._rows):
+        if self._next >= len(self._noise):
             self._refill()
-        noise = self._rows[self._next]
+        position_noise, torque_noise = self._noise[self._next]
         self._next += 1
-        config = self.config
-        step_rad = 2.0 * math.pi / 2**config.encoder_bits
-        position = np.rint((q + self._sigmas[0] * noise[:, 0]) / step_rad) * step_rad
+        step_rad = self._step_rad
+        position = np.rint((q + position_noise) / step_rad) * step_rad
         torque = tau * self.torque_scale + self.torque_offset_nm
         if self._hysteresis is not None:
             torque = torque + self._hysteresis.error_nm(tau)
-        return position, torque + self._sigmas[1] * noise[:, 1]
+        return position, torque + torque_noise
 
 
 class ImuErrors:

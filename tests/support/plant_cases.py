@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.devices.canopen import FieldScale, Reading
 from hil.world.sensors import SensorConfig
 
 RATE_SLOPE = 0.1  # rad/s^2: the gyro reading over it is its own instant
@@ -65,3 +66,16 @@ def sensor_config(
             "star_tracker": tracker | (star_tracker or {}),
         }
     )
+
+
+def reading(
+    position_rad: float,
+    velocity_rad_s: float = 0.0,
+    torque_nm: float = 0.0,
+    motor_torque_ratio: float = 0.0,
+    *,
+    is_fd: bool = False,
+) -> Reading:
+    """Return the reading of a node that measured this; an overload beyond 327 N m."""
+    measured = np.array([[position_rad], [velocity_rad_s], [torque_nm], [motor_torque_ratio]])
+    return FieldScale([is_fd], 327.0).readings(measured)[0]

@@ -37,6 +37,7 @@ from hil.links.virtual import VirtualBench
 from hil.run.bench import Recorded, Setup
 from tests.support import malformed_cases as cases
 from tests.support.malformed_cases import ARM, CHI2_10_999, IMU, TRACKER, Replayed
+from tests.support.plant_cases import reading
 
 SAME = 1e-12  # of its own value or sigma: the bound
 LINKS = {IMU: "imu", TRACKER: "star_tracker", ARM: "arm"}
@@ -302,8 +303,8 @@ def encoded_sagitta(data: bytes) -> bytes:
 def encoded_tpdo1(data: bytes) -> bytes:
     pdo = flight_canopen.decode_tpdo1(data)
     assert isinstance(pdo, flight_canopen.Tpdo1)
-    reading = canopen.Reading(pdo.position_rad, 0.0, pdo.torque_nm, 0.0, 0.0)
-    return canopen.encode_tpdo1(reading, pdo.status, pdo.sync_counter)
+    measured = reading(pdo.position_rad, torque_nm=pdo.torque_nm)
+    return canopen.encode_tpdo1(measured, pdo.status, pdo.sync_counter)
 
 
 def test_a_possible_but_implausible_reading_is_gated_like_a_missing_one(

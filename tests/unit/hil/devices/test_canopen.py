@@ -4,19 +4,23 @@ import math
 import struct
 
 import canopen
+import numpy as np
 import pytest
 
 from hil.devices.canopen import (
+    COUNTS_PER_RAD,
+    FieldScale,
     JointNode,
     NodeState,
-    Reading,
     encode_emergency,
     encode_fd,
     encode_tpdo1,
     encode_tpdo2,
 )
+from tests.support.plant_cases import reading
 
-READING = Reading(-1.25, 0.5, -12.34, -0.3085, 25.5)
+MEASURED = (-1.25, 0.5, -12.34, -0.3085)
+READING = reading(*MEASURED)
 
 
 def test_tpdo1_is_the_vector_of_the_icd():
@@ -24,23 +28,44 @@ def test_tpdo1_is_the_vector_of_the_icd():
 
 
 def test_fd_layout_is_twenty_bytes_of_the_icd():
-    data = encode_fd(READING, 0x0109, 42, 2**32 + 7)
+    data = encode_fd(reading(*MEASURED, is_fd=True), 0x0109, 42, 2**32 + 7)
     position, velocity, torque, status, sync, temperature, time_us = struct.unpack("<iiiHBbI", data)
     assert len(data) == 20
     assert position == round(-1.25 / (2 * math.pi) * 2**24)
     assert velocity == round(0.5 / (2 * math.pi) * 2**24)
-    assert (torque, status, sync, temperature, time_us) == (-123400, 0x0109, 42, 26, 7)
+    assert (torque, status, sync, temperature, time_us) == (-123400, 0x0109, 42, 25, 7)
 
 
 def test_tpdo2_carries_velocity_motor_torque_and_temperature():
     velocity, torque, temperature = struct.unpack("<ihh", encode_tpdo2(READING))
     assert velocity == round(0.5 / (2 * math.pi) * 2**24)
-    assert (torque, temperature) == (-308, 255)
+    assert (torque, temperature) == (-308, 250)
 
 
 def test_values_beyond_a_field_saturate():
-    data = encode_tpdo1(Reading(1e6, 0.0, -1e6, 0.0, 0.0), 0, 1)
-    assert struct.unpack_from("<ih", data) == (2**31 - 1, -(2**15))
+    extreme = (1e6, -1e6, -1e6, 1e6)
+    classic, fd = reading(*extreme), reading(*extreme, is_fd=True)
+    assert classic == (2**31 - 1, -(2**31), -(2**15), 2**15 - 1, True)
+    assert fd == (2**31 - 1, -(2**31), -(2**31), 2**15 - 1, True)
+    assert struct.unpack_from("<ih", encode_tpdo1(classic, 0, 1)) == (2**31 - 1, -(2**15))
+
+
+def test_half_a_count_rounds_to_even_and_nodes_keep_their_own_torque_unit():
+    measured = np.zeros((4, 3))
+    measured[0] = np.array([0.5, 1.5, -2.5]) / COUNTS_PER_RAD
+    measured[2] = 12.0
+    readings = FieldScale([False, True, False], 327.0).readings(measured)
+    assert [r.position for r in readings] == [0, 2, -2]
+    assert [r.torque for r in readings] == [1200, 120_000, 1200]
+
+
+def test_a_node_reports_an_overload_beyond_its_range():
+    def status(torque_nm):
+        (tpdo1,) = JointNode(node_id=0x11, joint=1).on_sync(2, reading(0.0, 0.0, torque_nm), 0)
+        return tpdo1[6]
+
+    assert status(-327.0) == 0x09
+    assert status(-327.1) == 0x0B
 
 
 def test_emergency_is_understood_by_the_canopen_library():
@@ -52,17 +77,17 @@ def test_emergency_is_understood_by_the_canopen_library():
 
 def test_node_boots_into_pre_operational_and_waits_for_nmt_start_without_autostart():
     node = JointNode(node_id=0x11, joint=1, autostart=False)
-    assert node.on_sync(1, READING, 0, 9) == {}
+    assert node.on_sync(1, READING, 0) == ()
     node.on_nmt(0x01, 0)
     assert node.state is NodeState.OPERATIONAL
-    assert list(node.on_sync(2, READING, 0, 9)) == [0x191]
+    assert node.on_sync(2, READING, 0) == (encode_tpdo1(READING, 0x09, 2),)
 
 
 def test_autostart_yields_to_an_explicit_command():
     node = JointNode(node_id=0x11, joint=1)
     node.on_nmt(0x80, 0x11)
-    assert node.on_sync(1, READING, 0, 9) == {}
-    assert JointNode(node_id=0x11, joint=1).on_sync(1, READING, 0, 9) != {}
+    assert node.on_sync(1, READING, 0) == ()
+    assert JointNode(node_id=0x11, joint=1).on_sync(1, READING, 0) != ()
 
 
 @pytest.mark.parametrize(("command", "state"), [(0x02, 0x04), (0x80, 0x7F), (0x01, 0x05)])
@@ -85,7 +110,7 @@ def test_tpdo2_comes_every_tenth_sync_staggered_by_joint():
         sent = []
         for k in range(480):
             counter = k % 240 + 1
-            if 0x280 + 0x10 + joint in node.on_sync(counter, READING, 0, 9):
+            if len(node.on_sync(counter, READING, 0)) == 2:
                 sent.append(k + 1)
         assert sent == list(range(joint + 9, 481, 10))
 

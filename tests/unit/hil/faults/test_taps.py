@@ -16,6 +16,7 @@ from hil.devices import canopen, sagitta
 from hil.faults import taps as faults
 from hil.faults import values
 from hil.faults.taps import Regrouped, Struck, chain
+from tests.support.plant_cases import reading
 
 MS = 1_000_000
 # interfaces.md, section 2
@@ -25,8 +26,8 @@ STIM = bytes.fromhex(
 STAR = sagitta.frame(
     sagitta.solution_payload(sagitta.Solution(q_wxyz=(0.5, 0.5, 0.5, 0.5), unix_us=10**15, ticks=7))
 )
-READING = canopen.Reading(-1.25, 0.0, -12.34, 0.0, 25.0)
-TPDO1 = (5, 0x193, canopen.encode_tpdo1(READING, 0x09, 42), False)
+MEASURED = (-1.25, 0.0, -12.34, 0.0)
+TPDO1 = (5, 0x193, canopen.encode_tpdo1(reading(*MEASURED), 0x09, 42), False)
 
 
 def stream(count: int = 400) -> list[tuple[int, bytes]]:
@@ -137,7 +138,8 @@ def test_frame_actions_change_the_fields_they_say() -> None:
 
 @pytest.mark.parametrize("is_fd", [False, True])
 def test_faults_of_a_joint_know_both_forms_of_its_frame(is_fd: bool) -> None:
-    data = canopen.encode_fd(READING, 0x09, 42, 7) if is_fd else TPDO1[2]
+    fd = canopen.encode_fd(reading(*MEASURED, is_fd=True), 0x09, 42, 7)
+    data = fd if is_fd else TPDO1[2]
     frame = (5, 0x193, data, is_fd)
 
     def decoded(action: faults.FrameAction) -> flight_canopen.FdTpdo1 | flight_canopen.Tpdo1:
