@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import heapq
 import json
 import os
 import select
@@ -13,25 +12,23 @@ import sys
 import termios
 import time
 import tty
+from collections import deque
 from collections.abc import Callable
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 import can
 
 from hil.devices.can_segment import TimedFrame
-from hil.devices.canopen import NMT_ID, SDO_ID, SYNC_ID
+from hil.devices.canopen import SYNC_ID
+from hil.devices.library_port import LibraryPort
+from hil.devices.multicast import MulticastPort
 from hil.devices.plant import Plant
 from hil.devices.plant_file import BusLink, PlantFile, Realtime, build, load
 
 PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
 HANG_UP_NS = 1_000_000_000
-READ_LIMIT = 64  # frames read in one go
-TAP_WAIT_S = 0.005  # for a SYNC at the host's end that has come to the devices'
-TAP_APART_S = 0.05  # stamps of one SYNC at most; its counter comes again much later
-HEARD = (SYNC_ID, 0x7FF), (NMT_ID, 0x7FF), (SDO_ID, SDO_ID)  # what a node takes: identifier, mask
 
 
 def monotonic_less_realtime_ns() -> int:
@@ -44,140 +41,64 @@ def monotonic_less_realtime_ns() -> int:
     return (before_ns + after_ns) // 2 - realtime_ns
 
 
-class SyncTap:
-    """Hears SYNCs at the host's end of a cable, for their stamps.
-
-    A frame on a wire has one time. On a cable between two links of one kernel it is stamped twice,
-    and a timer of that kernel in between sets the stamps 50 us apart.
-    """
-
-    def __init__(self, channel: str) -> None:
-        only = [{"can_id": SYNC_ID, "can_mask": 0x7FF, "extended": False}]
-        self._bus = can.Bus(interface="socketcan", channel=channel, can_filters=only)
-        self._ahead: can.Message | None = None  # heard here, not yet at the devices' end
-
-    def timestamp(self, sync: can.Message) -> float:
-        """Return when a SYNC was on the cable [s, CLOCK_REALTIME]; its own stamp where unheard."""
-        while (heard := self._next()) is not None:
-            apart_s = heard.timestamp - sync.timestamp
-            if heard.data == sync.data and abs(apart_s) < TAP_APART_S:
-                return heard.timestamp
-            if apart_s > 0.0:
-                self._ahead = heard
-                break
-        return sync.timestamp
-
-    def _next(self) -> can.Message | None:
-        heard, self._ahead = self._ahead, None
-        if heard is not None:
-            return heard
-        try:
-            return self._bus.recv(TAP_WAIT_S)
-        except can.CanError:  # this end was down; it comes back to the same socket
-            return None
-
-    def close(self) -> None:
-        """Release the link."""
-        self._bus.shutdown()
-
-
 class BusEnd:
-    """One python-can bus and the frames waiting for their time on it.
-
-    Any interface whose bus has a descriptor to wait on (all but python-can's `virtual`).
-    """
+    """One bus and the frames waiting for their time on it."""
 
     def __init__(self, link: BusLink, plant: Plant, line: int = 0) -> None:
         """`line` 1 is the redundant bus of a pair."""
-        options = {"port": link.port, "bitrate": link.bitrate, "data_bitrate": link.data_bitrate}
-        given: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-        self._bus = can.Bus(interface=link.interface, channel=link.channel, fd=link.fd, **given)
-        if link.interface == "socketcan":  # the kernel filters, as a controller of a node does
-            self._bus.set_filters(
-                [{"can_id": i, "can_mask": m, "extended": False} for i, m in HEARD]
-            )
-        self._tap = None if link.stamped_at is None else SyncTap(link.stamped_at)
+        is_multicast = link.interface == "udp_multicast"
+        self._port = MulticastPort(link) if is_multicast else LibraryPort(link)
         self._plant, self._name, self._line = plant, link.name, line
         self._producer = plant.sync_producer(time.monotonic_ns())
-        self._queue: list[tuple[int, int, TimedFrame]] = []
-        self._order = count()
+        self._queue: deque[TimedFrame] = deque()  # in order: a line carries one at a time
         self.sync_seen = False
         self.send_errors = 0
-        self.receive_errors = 0
+
+    @property
+    def receive_errors(self) -> int:
+        """Receptions that failed."""
+        return self._port.receive_errors
 
     def fileno(self) -> int:
         """Return the descriptor that becomes readable with frames."""
-        return self._bus.fileno()
+        return self._port.fileno()
 
     def receive(self) -> None:
         """Drain the bus; answers join the queue. SYNC is latched at its kernel stamp."""
         offset_ns = monotonic_less_realtime_ns()
-        for _ in range(READ_LIMIT):
-            try:
-                message = self._bus.recv(0)
-            except can.CanError:  # a link that is down; it comes back to the same socket
-                self.receive_errors += 1
-                return
-            if message is None:
-                return
-            can_id = message.arbitration_id
-            if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
-                continue
+        for stamp_ns, can_id, data in self._port.receive():
             if can_id == SYNC_ID and self._producer is not None:
                 continue
-            if not any(can_id & mask == heard for heard, mask in HEARD):
-                continue
-            stamp_s = message.timestamp
-            if can_id == SYNC_ID and self._tap is not None:
-                stamp_s = self._tap.timestamp(message)
-            stamp_ns = round(stamp_s * 1e9) + offset_ns
             self.sync_seen |= can_id == SYNC_ID
-            data = bytes(message.data)
-            self._enqueue(self._plant.on_frame(stamp_ns, can_id, data, self._name, self._line))
-
-    def _enqueue(self, frames: list[TimedFrame]) -> None:
-        for frame in frames:
-            heapq.heappush(self._queue, (frame[0], next(self._order), frame))
+            t_ns = stamp_ns + offset_ns
+            self._queue += self._plant.on_frame(t_ns, can_id, data, self._name, self._line)
 
     def send_due(self, now_ns: int) -> None:
         """Send what has ended on the simulated bus, and SYNC where the plant produces it."""
         producer = self._producer
         while producer is not None and producer.next_ns() <= now_ns:
             payload = producer.payload()
-            self._send(SYNC_ID, payload, is_fd=False)
+            self.send_errors += self._port.send([(now_ns, SYNC_ID, payload, False)])
             self.sync_seen = True
             stamp_ns = time.monotonic_ns()
-            self._enqueue(self._plant.on_frame(stamp_ns, SYNC_ID, payload, self._name))
-        self._enqueue(self._plant.frames_until(now_ns, self._name, self._line))
+            self._queue += self._plant.on_frame(stamp_ns, SYNC_ID, payload, self._name)
+        self._queue += self._plant.frames_until(now_ns, self._name, self._line)
+        due = []
         while self._queue and self._queue[0][0] <= now_ns:
-            _, can_id, data, is_fd = heapq.heappop(self._queue)[2]
-            self._send(can_id, data, is_fd=is_fd)
-
-    def _send(self, can_id: int, data: bytes, *, is_fd: bool) -> None:
-        message = can.Message(
-            arbitration_id=can_id,
-            data=data,
-            is_extended_id=False,
-            is_fd=is_fd,
-            bitrate_switch=is_fd,
-        )
-        try:
-            self._bus.send(message)
-        except can.CanError:
-            self.send_errors += 1
+            due.append(self._queue.popleft())
+        if due:
+            self.send_errors += self._port.send(due)
 
     def deadline_ns(self) -> int | None:
         """Return when to wake: the last waiting frame (one wake serves one SYNC), or a SYNC."""
-        due = [max(entry[0] for entry in self._queue)] if self._queue else []
+        due = [self._queue[-1][0]] if self._queue else []
         if self._producer is not None:
             due.append(self._producer.next_ns())
         return min(due, default=None)
 
     def close(self) -> None:
         """Release the bus."""
-        self._bus.shutdown()
-        if self._tap is not None:
-            self._tap.close()
+        self._port.close()
 
 
 class PtyEnd:

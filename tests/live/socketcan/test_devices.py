@@ -8,6 +8,7 @@ import can
 import pytest
 
 from hil.devices import realtime
+from hil.devices.library_port import SyncTap
 from hil.devices.plant_file import BusLink
 from hil.faults.real_bus import Babble, cable, running
 
@@ -61,8 +62,8 @@ def test_a_sync_has_the_time_of_its_stamp_at_the_host_s_end(ends):
 def test_a_sync_that_only_the_devices_end_heard_has_its_stamp_there(ends):
     _, end, plant = ends
     with can.Bus(interface="socketcan", channel=FAR) as repeater:
-        end._tap.close()
-        end._tap = realtime.SyncTap("vcan0")
+        end._port._tap.close()
+        end._port._tap = SyncTap("vcan0")
         repeater.send(can.Message(arbitration_id=SYNC_ID, data=[7], is_extended_id=False))
         assert select.select([end], (), (), 5.0)[0] == [end]
     end.receive()

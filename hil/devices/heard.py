@@ -1,0 +1,14 @@
+"""Which frames of a bus a node hears."""
+
+from __future__ import annotations
+
+from hil.devices.canopen import NMT_ID, SDO_ID, SYNC_ID
+
+HeardFrame = tuple[int, int, bytes]  # kernel stamp [ns, CLOCK_REALTIME], identifier, data
+HEARD = (SYNC_ID, 0x7FF), (NMT_ID, 0x7FF), (SDO_ID, SDO_ID)  # identifier, mask
+READ_LIMIT = 64  # frames read in one go
+
+
+def is_heard(can_id: int) -> bool:
+    """Return whether a node accepts frames of this identifier."""
+    return any(can_id & mask == heard for heard, mask in HEARD)
