@@ -218,9 +218,13 @@ def noisy_blocks(kind: str, seed: int, stop_s: float = 59.9) -> list[Block]:
     return [noisy(block, rng, biases) for block in true_blocks_cached(kind, stop_s)]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
+def whole_motion(kind: str) -> tuple[Block, ...]:
+    return tuple(true_blocks(kind))
+
+
 def true_blocks_cached(kind: str, stop_s: float) -> tuple[Block, ...]:
-    return tuple(true_blocks(kind, stop_s))
+    return whole_motion(kind)[: int(np.floor(stop_s / WINDOW_S))]
 
 
 def random_block(seed: int = 1) -> Block:

@@ -1,20 +1,36 @@
-"""Configurations whose unknown bodies start 30-50 % off, by case."""
+"""Configurations whose unknown bodies start 30-50 % off, by case, and bodies that change."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from fsw.config import Config
-from fsw.messages import FloatArray
-from tests.support.estimator_cases import BASE, TARGET, make_config, parameters, wrong
+from fsw.messages import Block, FloatArray
+from hil.world.spline import JointSpline
+from hil.world.truth import Body, Robot, simulate
+from tests.support.estimator_cases import (
+    BASE,
+    HIL,
+    MOTION,
+    TARGET,
+    URDF,
+    WINDOW_S,
+    make_config,
+    parameters,
+    true_block,
+    true_blocks_cached,
+    wrong,
+)
 
 CASES = {
     "base": ("base", ("base",)),
     "target": ("target", ("target",)),
     "both": ("target", ("base", "target")),
 }
+STEP_AT = 75  # block, in the middle of the motion
 
 
 def config_of(case: str, seed: int, **options: Any) -> Config:
@@ -58,3 +74,20 @@ def misjudged(case: str, factor: float, sigma_ratio: float, **options: Any) -> C
             },
         }
     return type(config).model_validate(data)
+
+
+def heavier(body: Body, ratio: float) -> Body:
+    inertia = tuple(np.array(body.inertia_kg_m2) * ratio)
+    return Body(body.mass_kg * ratio, body.com_m, inertia)
+
+
+@lru_cache(maxsize=4)
+def stepped(kind: str, base_ratio: float, target_ratio: float) -> tuple[Block, ...]:
+    """Return clean blocks of the same joint motion whose bodies step in mass and inertia."""
+    spline = JointSpline.load(HIL / "trajectories" / f"{MOTION[kind]}.yaml")
+    target = heavier(TARGET, target_ratio) if kind == "target" else None
+    robot = Robot.load(URDF, "tool", base=heavier(BASE, base_ratio), target=target)
+    history = simulate(robot, spline, -3.0, spline.duration_s + 1.0, dt_s=0.01)
+    before = true_blocks_cached(kind, 59.9)
+    after = [true_block(history, k * WINDOW_S, k) for k in range(STEP_AT, len(before))]
+    return (*before[:STEP_AT], *after)

@@ -24,8 +24,7 @@ from tests.support.estimator_cases import (
     true_blocks_cached,
 )
 from tests.support.estimator_cases import motion as true_motion
-from tests.support.starts import CASES, config_of, misjudged, truth_of
-from tests.virtual.fsw.estimators.test_change_of_bodies import STEP_AT, stepped
+from tests.support.starts import CASES, STEP_AT, config_of, misjudged, stepped, truth_of
 
 ALL = ["base", "target", "both"]
 SURE = 1 - 1e-6
