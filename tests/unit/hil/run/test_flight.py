@@ -27,7 +27,7 @@ def flight_of(name, seed, folder):
     return scenario, priors, write_flight(folder, scenario, priors, document)
 
 
-@pytest.mark.parametrize("name", ["target_leo", "target_geo", "base", "both"])
+@pytest.mark.parametrize("name", ["target_leo", "target_leo_1khz", "target_geo", "base", "both"])
 def test_every_scenario_makes_a_valid_configuration(name, tmp_path):
     scenario, priors, path = flight_of(name, 3, tmp_path)
     config = load_config(path)
@@ -35,6 +35,24 @@ def test_every_scenario_makes_a_valid_configuration(name, tmp_path):
     for body, prior in priors.items():
         assert config.bodies[body].mass_kg == prior.report[0]
         assert config.bodies[body].sigma.mass_kg == prior.sigma[0]
+
+
+def test_the_scenario_at_1_khz_differs_by_rate_and_format_alone(tmp_path):
+    def described(name):
+        folder = tmp_path / name
+        folder.mkdir()
+        config = load_config(flight_of(name, 0, folder)[2])
+        (bus,) = config.buses
+        rates = (bus.rate_hz, config.imu.rate_hz, config.scheduler.tick_rate_hz)
+        return rates, bus.fd, {joint.format for joint in config.joints}
+
+    assert described("target_leo") == ((500.0, 500.0, 500.0), False, {"classic"})
+    assert described("target_leo_1khz") == ((1000.0, 1000.0, 1000.0), True, {"fd"})
+    plain, fast = load("target_leo").sensors, load("target_leo_1khz").sensors
+    for node in fast["joints"]["nodes"]:
+        assert node.pop("format") == "fd"
+    assert fast["imu"].pop("rate_hz") == 2 * plain["imu"].pop("rate_hz") == 1000
+    assert fast == plain
 
 
 @pytest.mark.parametrize("name", ["target_leo", "base", "both"])
