@@ -203,7 +203,7 @@ def _check(arguments: argparse.Namespace) -> int:
     problem, warnings = validate(config)
     validate_outputs(config)
     if config.telemetry is not None:
-        from fsw.telemetry.link.uplink_check import check_uplink
+        from fsw.telemetry.link.uplink_configuration import check_uplink
 
         warnings += check_uplink(config, os.environ)
     print(describe(config, problem))

@@ -1,28 +1,27 @@
-"""The telemetry application of a configuration: keys, numbers, file delivery, services."""
+"""Builds the telemetry application from a configuration: keys, numbers, file delivery, services."""
 
 from __future__ import annotations
 
 import os
-from functools import partial
 
 from file_delivery.entity import FileEntity
 from file_delivery.numbers import Numbers
 from fsw.config import Config
 from fsw.messages.errors import ConfigError
-from fsw.telemetry.application import TelemetryApplication
+from fsw.telemetry.application import TelemetryApplication, build_context
 from fsw.telemetry.link.security import Security
 from fsw.telemetry.ports import Host
-from fsw.telemetry.services.eventing import SEVERITIES
 
-TRANSACTIONS_NAME = "transactions.number"  # of the state directory: the number of the last one
+TRANSACTIONS_NAME = "transactions.number"  # file of the last transaction's number
 
 
 def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryApplication:
-    """Put the application of a configuration together; opens no link.
+    """Build the application of a configuration; the link stays closed.
 
     Parameters
     ----------
-    resume : the service process goes on where one of the same loop has died
+    config : effective configuration
+    resume : this process replaces a service process of the same loop that has died
 
     Raises
     ------
@@ -33,18 +32,11 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
     if telemetry is None:
         raise ConfigError("telemetry: missing")
     state = config.resolve(config.service.state_directory)
-    (state / telemetry.file_directory).mkdir(parents=True, exist_ok=True)
+    files = state / telemetry.file_directory
+    files.mkdir(parents=True, exist_ok=True)
+    context = build_context(config, telemetry, host, resume=resume)
     security = None
     if telemetry.sdls is not None:
-        security = Security(config, telemetry.sdls, state, os.environ, partial(_report, host))
-    application = TelemetryApplication(
-        config, config.as_read(), telemetry, host, security=security, resume=resume
-    )
-    transactions = Numbers(state / TRANSACTIONS_NAME)
-    application.deliver_by(FileEntity(state / telemetry.file_directory, transactions.take))
-    return application
-
-
-def _report(host: Host, code: str, text: str) -> None:
-    """Report an event of our own, with the severity the dictionary has for it."""
-    host.report(SEVERITIES[code], code, text)
+        security = Security(config, telemetry.sdls, state, os.environ, context.report)
+    delivery = FileEntity(files, Numbers(state / TRANSACTIONS_NAME).take)
+    return TelemetryApplication(context, delivery, security)

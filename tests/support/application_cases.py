@@ -79,7 +79,7 @@ class Flight:
         self._early: list[Event] = []
         self.app = None
         self.app = build_application(config, host, resume=resume)
-        self.app.down.out = self._keep
+        self.app.context.down.out = self._keep
         for event in self._early:
             self.app.event(event)
 
@@ -113,7 +113,7 @@ class Flight:
             DICTIONARY.telecommand(name), values or {}, self._sequence, ack=ack
         )
         self._sequence += 1
-        self.app.dispatcher.receive(packet)
+        self.app.executor.receive(packet)
         return [p.packet.name for p in self.packets[before:]]
 
     def answer(self, code: Code = Code.ACCEPTED, text: str = "", **data) -> None:

@@ -30,7 +30,7 @@ class OpenFlight:
     @property
     def port(self) -> int:
         """TCP port of the link."""
-        return self.flight.app.link.port
+        return self.flight.app.link.server.port
 
     def _run(self) -> None:
         while not self._stop.wait(0.002):

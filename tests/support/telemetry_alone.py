@@ -22,7 +22,7 @@ def main(folder: Path) -> None:
     config = flight_config(arm, housekeeping_interval_s=1.0)
     flight = Flight(config, now=time.monotonic_ns(), epoch=_epoch("alone"))
     flight.app.open()
-    sys.stdout.write(f"{flight.app.link.port}\n")
+    sys.stdout.write(f"{flight.app.link.server.port}\n")
     sys.stdout.flush()
     while not select.select([sys.stdin], [], [], PERIOD_S)[0]:
         flight.now = time.monotonic_ns()

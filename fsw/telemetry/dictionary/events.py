@@ -204,3 +204,5 @@ EVENTS = tuple(
     for number, code, severity, doc in (*_TABLE, *_FOUND)
 )
 EVENT = Enumeration(name="event", labels={0: "NONE"} | {event.id: event.code for event in EVENTS})
+IDS = {event.code: event.id for event in EVENTS}
+SEVERITIES = {event.code: event.severity.name.lower() for event in EVENTS}

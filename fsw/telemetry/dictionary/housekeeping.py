@@ -369,3 +369,4 @@ SCIENCE = _set(
 )
 SETS = (*HOUSEKEEPING, SCIENCE)
 SID = Enumeration(name="sid", labels={dict(item.match)["sid"]: item.name.upper() for item in SETS})
+SET_NAMES = {dict(packet.match)["sid"]: packet.name for packet in HOUSEKEEPING}

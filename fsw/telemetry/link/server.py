@@ -23,7 +23,7 @@ from fsw.telemetry.link.uplink import Uplink
 READ_BYTES = 16384
 INBOX_ITEMS = 256  # of one client; then its bytes are left where they are
 SYSTEM_BYTES = 1 << 16  # the system's own buffer: nothing overtakes what waits there
-Report = Callable[[str, str], None]  # event code, text
+Report = Callable[[str, str], object]  # event code, text
 
 
 @dataclass(slots=True)

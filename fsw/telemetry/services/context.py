@@ -1,13 +1,24 @@
-"""What the services on board have in common: clock, downlink, events, parameters, dispatcher."""
+"""The parts of the telemetry application that every service shares."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fsw.telemetry.services.executor import Report, Send, TcDispatcher
+from fsw.config import Config, TelemetryConfig
+from fsw.telemetry.link.downlink import Downlink
+from fsw.telemetry.ports import Host
+from fsw.telemetry.services.dumps import Dumps
+from fsw.telemetry.services.executor import TelecommandExecutor
+from fsw.telemetry.services.loop_commands import LoopCommands
+from fsw.telemetry.state.boot import Boot
+from fsw.telemetry.state.command_log import CommandLog
 from fsw.telemetry.state.epoch import Epoch
+from fsw.telemetry.state.event_reporter import EventReporter
+from fsw.telemetry.state.latest_values import LatestValues
+from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.state.parameter_values import ParameterValues
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,19 +27,55 @@ class TelemetryContext:
 
     Parameters
     ----------
-    now_ns : mission elapsed time [ns]
-    epoch : the origin of that time
-    state : directory of what survives a restart
-    send : sends a packet of the dictionary: name, values
-    report : reports an event: code, text
-    parameter : value in use of an on-board parameter
-    dispatcher : checks, executes and finishes telecommands
+    host : the service process around the application
+    config : configuration as read from its file, without tables and parameters
+    config_crc32 : CRC-32 of the effective configuration at the start
+    telemetry : its section `telemetry`
+    state : directory of everything that survives a restart
+    boot : number and cause of this start
+    reporter : reports events
+    down : sends packets
+    modes : the current mode
+    latest : newest values from the loop; the effective configuration
+    parameters : on-board parameters
+    log : history of commands
+    executor : checks, executes and completes telecommands
+    loop : commands to the loop process
+    dumps : sends long answers in pieces
     """
 
-    now_ns: Callable[[], int]
-    epoch: Callable[[], Epoch]
+    host: Host
+    config: Config
+    config_crc32: int
+    telemetry: TelemetryConfig
     state: Path
-    send: Send
-    report: Report
-    parameter: Callable[[str], float]
-    dispatcher: TcDispatcher
+    boot: Boot
+    reporter: EventReporter
+    down: Downlink
+    modes: ModeMachine
+    latest: LatestValues
+    parameters: ParameterValues
+    log: CommandLog
+    executor: TelecommandExecutor
+    loop: LoopCommands
+    dumps: Dumps
+
+    def now_ns(self) -> int:
+        """Return mission elapsed time [ns]."""
+        return self.host.now_ns()
+
+    def epoch(self) -> Epoch:
+        """Return the origin of mission elapsed time."""
+        return self.host.epoch()
+
+    def send(self, name: str, values: Mapping[str, object]) -> None:
+        """Send a packet of the dictionary, stamped now."""
+        self.down.send(name, values)
+
+    def report(self, code: str, text: str) -> None:
+        """Report an event."""
+        self.reporter.report(code, text)
+
+    def parameter(self, name: str) -> float:
+        """Return the value in use of an on-board parameter."""
+        return self.parameters.get(name)

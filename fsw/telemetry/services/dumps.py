@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
 from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.executor import Action, Done, Send, TcDispatcher
+from fsw.telemetry.services.executor import Action, Done, TelecommandExecutor
 
 PACKETS_PER_POLL = 32  # of all dumps together
 
@@ -20,9 +21,8 @@ class Dumps:
     One dump of a kind is under way at a time: further requests for it are BUSY.
     """
 
-    def __init__(self, send: Send) -> None:
-        self._send = send
-        self.dispatcher: TcDispatcher | None = None
+    def __init__(self, down: Downlink, executor: TelecommandExecutor) -> None:
+        self._down, self._executor = down, executor
         self._running: dict[str, tuple[Request, Iterator[tuple[str, Mapping[str, object]]]]] = {}
         self._left = PACKETS_PER_POLL
 
@@ -39,8 +39,8 @@ class Dumps:
             request, entries = self._running.pop(name)
             if not self._advance(entries):
                 self._running[name] = request, entries
-            elif self.dispatcher is not None:
-                self.dispatcher.finish(request)
+            else:
+                self._executor.finish(request)
 
     def _begin(self, request: Request, make: Callable[[], Entries]) -> Done:
         entries = iter(make())
@@ -55,6 +55,6 @@ class Dumps:
             packet = next(entries, None)
             if packet is None:
                 return True
-            self._send(*packet)
+            self._down.send(*packet)
             self._left -= 1
         return False

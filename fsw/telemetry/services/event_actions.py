@@ -76,7 +76,7 @@ class EventActions:
                 continue  # deleted in the meantime
             definition.released += 1
             self._context.report("EVENT_ACTION", NAMES[number])
-            self._context.dispatcher.receive(definition.packet, f"event {NAMES[number]}")
+            self._context.executor.receive(definition.packet, f"event {NAMES[number]}")
 
     def digest(self) -> list[object]:
         """Return everything a telecommand can change, as plain values."""
@@ -100,7 +100,7 @@ class EventActions:
         number = request.whole("event")
         if number == 0:
             raise TcError(Error.BAD_ARG, 3, 0, "no event")
-        checked_request(self._context.dispatcher, request.data, 4, (OWN_SERVICE,))
+        checked_request(self._context.executor, request.data, 4, (OWN_SERVICE,))
         before = self._definitions.get(number)
         if before is not None and before.enabled:
             raise TcError(Error.BUSY, 3, number, "its action is enabled")
@@ -169,7 +169,7 @@ class EventActions:
             for number, definition in definitions[:CAPACITY]:
                 try:
                     packet = definition.packet
-                    checked_request(self._context.dispatcher, packet, 4, (OWN_SERVICE,))
+                    checked_request(self._context.executor, packet, 4, (OWN_SERVICE,))
                 except TcError as error:
                     faults.append(f"{NAMES.get(number, number)}: {error}")
                 else:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from fsw.messages import Event
-from fsw.telemetry.dictionary import DICTIONARY, Severity
+from fsw.telemetry.dictionary import Severity
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.dictionary.events import OTHER_ID, SECURITY_CODES
+from fsw.telemetry.dictionary.events import IDS, OTHER_ID, SECURITY_CODES
 from fsw.telemetry.dictionary.reports import DISABLED_SLOTS
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.dumps import Dumps, Entries
-from fsw.telemetry.services.executor import Action, Done, Handler, Send, each
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.dumps import Entries
+from fsw.telemetry.services.executor import Action, Done, Handler, each
 from fsw.telemetry.state.fair_log import FairLog
 from fsw.telemetry.state.journal import Journal
 
@@ -24,8 +24,6 @@ VERIFIED = ("TC_ACCEPTED", "TC_COMPLETED")  # go down as verification reports, n
 SECURITY_NAME = "security.jsonl"
 SECURITY_BYTES = 1 << 20
 Logged = tuple[int, Event]  # start of the daemon, event
-IDS = {event.code: event.id for event in DICTIONARY.events}
-SEVERITIES = {event.code: event.severity.name.lower() for event in DICTIONARY.events}
 
 
 @dataclass(slots=True)
@@ -40,32 +38,15 @@ class _Track:
 
 
 class Eventing:
-    """Logs every event, reports those that are enabled and not too many.
+    """Logs every event and sends down those that are enabled, at a limited rate."""
 
-    Parameters
-    ----------
-    send_at : makes a packet with the event's own time: name, time [ns], values
-    throttle : events of one number that go out, and the period it counts in [s]
-    state : directory in which the security log is kept
-    boot_count : start of the daemon that is running
-    """
-
-    def __init__(
-        self,
-        send_at: Callable[[str, int, Mapping[str, object]], None],
-        send: Send,
-        throttle: Callable[[], tuple[int, float]],
-        dumps: Dumps,
-        state: Path,
-        boot_count: int,
-    ) -> None:
-        self._send_at, self._send, self._throttle = send_at, send, throttle
-        self._dumps = dumps
+    def __init__(self, context: TelemetryContext) -> None:
+        self._context = context
         self._tracks: dict[int, _Track] = {}
-        self._boot_count = boot_count
+        self._boot_count = context.boot.count
         self._log: FairLog[Logged] = FairLog(LOG_ENTRIES)
         self._security: FairLog[Logged] = FairLog(LOG_ENTRIES)
-        self._journal = Journal(state / SECURITY_NAME, SECURITY_BYTES)
+        self._journal = Journal(context.state / SECURITY_NAME, SECURITY_BYTES)
         for boot, event in _kept(self._journal.read()):
             self._security.add(event.code, (boot, event))
         self.total = 0
@@ -76,7 +57,7 @@ class Eventing:
         """Return events that are not reported."""
         return sorted(number for number, track in self._tracks.items() if not track.enabled)
 
-    def take(self, event: Event) -> None:
+    def record(self, event: Event) -> None:
         """Log an event; report it."""
         self._log.add(event.code, (self._boot_count, event))
         if event.code in SECURITY_CODES:
@@ -88,7 +69,8 @@ class Eventing:
         number, text = _identify(event)
         track = self._tracks.setdefault(number, _Track())
         track.count += 1
-        limit, period_s = self._throttle()
+        limit = int(self._context.parameter("event_throttle_count"))
+        period_s = self._context.parameter("event_throttle_period_s")
         if event.t_ns - track.since_ns >= period_s * 1e9:
             track.since_ns, track.sent = event.t_ns, 0
         if not track.enabled or track.sent >= limit:
@@ -103,13 +85,17 @@ class Eventing:
             "text": text,
         }
         track.suppressed = 0
-        self._send_at(f"event_{event.severity}", event.t_ns, values)
+        self._context.down.send_at(f"event_{event.severity}", event.t_ns, values)
 
     def reset_counters(self) -> None:
         """Set counts to zero; the log stays."""
         self.total = self.suppressed = 0
         for track in self._tracks.values():
             track.count = 0
+
+    def values(self) -> dict[str, int]:
+        """Return the fields of housekeeping set 1 that count events."""
+        return {"events": self.total, "events_suppressed": self.suppressed}
 
     def dump(self, log: FairLog[Logged], entries: int) -> Entries:
         """Return the packets of the newest entries of a log, oldest first."""
@@ -120,13 +106,15 @@ class Eventing:
         return {
             "ENABLE_EVENT": each(partial(self._switch, enabled=True)),
             "DISABLE_EVENT": each(partial(self._switch, enabled=False)),
-            "REPORT_DISABLED_EVENTS": lambda _: self._tell_disabled,
+            "REPORT_DISABLED_EVENTS": lambda _: self._report_disabled,
             "EVENT_LOG_DUMP": partial(self._dump, self._log),
             "SECURITY_LOG_DUMP": partial(self._dump, self._security),
         }
 
     def _dump(self, log: FairLog[Logged], request: Request) -> Action:
-        return self._dumps.action(request, partial(self.dump, log, request.whole("entries")))
+        return self._context.dumps.action(
+            request, partial(self.dump, log, request.whole("entries"))
+        )
 
     def _switch(self, request: Request, *, enabled: bool) -> Action:
         number = request.whole("event")
@@ -139,14 +127,14 @@ class Eventing:
 
         return act
 
-    def _tell_disabled(self) -> Done:
+    def _report_disabled(self) -> Done:
         disabled = self.disabled
         for start in range(0, max(len(disabled), 1), DISABLED_SLOTS):
             part = disabled[start : start + DISABLED_SLOTS]
             count = len(part)
             part += [0] * (DISABLED_SLOTS - len(part))
             slots = {f"event_{k}": number for k, number in enumerate(part, start=1)}
-            self._send("disabled_events", {"n": count} | slots)
+            self._context.send("disabled_events", {"n": count} | slots)
         return Done.NOW
 
 

@@ -1,17 +1,18 @@
-"""Takes telecommands: checks, verification reports of service 1, counters.
+"""Executes telecommands: checks, verification reports of service 1, counters.
 
-A handler looks at a request and returns what to do; it raises `TcError` to reject, and then nothing
-has happened. What is done may raise it too: then the telecommand was accepted and has failed.
+A handler checks a request and returns the action to execute; it raises `TcError` to reject the
+request, without any effect. The action may raise it too: the telecommand was accepted and fails.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import TypeVar
 
-from fsw.telemetry.dictionary.codes import CommandOutcome, Error, Mode
+from fsw.telemetry.dictionary.codes import CommandOutcome, Error
+from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.packets import Value
 from fsw.telemetry.link.telecommands import (
     ACK_ACCEPTANCE,
@@ -25,6 +26,8 @@ from fsw.telemetry.link.telecommands import (
 )
 from fsw.telemetry.services.request_words import argument_words
 from fsw.telemetry.state.command_log import CommandLog, CommandRecord
+from fsw.telemetry.state.event_reporter import EventReporter
+from fsw.telemetry.state.modes import ModeMachine
 
 SECURITY_EVENTS = {
     Error.NOT_AUTHENTICATED: "TC_AUTH_FAILED",
@@ -43,8 +46,6 @@ class Done(Enum):
 Action = Callable[[], Done]
 Handler = Callable[[Request], Action]
 _Made = TypeVar("_Made")
-Send = Callable[[str, Mapping[str, object]], None]  # packet name, values
-Report = Callable[[str, str], object]  # event code, text
 
 
 def for_each(request: Request, prepare: Callable[[Request], _Made]) -> list[_Made]:
@@ -95,21 +96,15 @@ class TcCounters:
     tc_not_authorised: int = 0
 
 
-class TcDispatcher:
-    """Checks, reports, hands on.
-
-    Parameters
-    ----------
-    mode : the mode now
-    log : history of commands
-    """
+class TelecommandExecutor:
+    """Checks telecommands, runs their handlers and sends the reports of service 1."""
 
     def __init__(
-        self, mode: Callable[[], Mode], send: Send, report: Report, log: CommandLog
+        self, modes: ModeMachine, down: Downlink, reporter: EventReporter, log: CommandLog
     ) -> None:
         self._reader = TelecommandReader()
         self._handlers: dict[str, Handler] = {}
-        self._mode, self._send, self._report = mode, send, report
+        self._modes, self._down, self._reporter = modes, down, reporter
         self._log = log
         self._waiting: dict[RequestId, CommandRecord] = {}
         self.counters = TcCounters()
@@ -156,7 +151,7 @@ class TcDispatcher:
             self.finish(request)
         elif request.id in self._waiting:
             self._log.keep(record)
-            self._report("TC_ACCEPTED", record.words)
+            self._reporter.report("TC_ACCEPTED", record.words)
         return True
 
     def refuse(self, packet: bytes, error: Error, text: str, value: float = 0.0) -> None:
@@ -166,9 +161,9 @@ class TcDispatcher:
         self._reject(RequestId.of(packet), reason, known=len(packet) >= 4)
 
     def progress(self, request: Request, percent: int) -> None:
-        """Tell how far a request is."""
+        """Report the progress of a request [%]."""
         if request.ack & ACK_PROGRESS and request.id in self._waiting:
-            self._send("progress_success", _names(request.id) | {"step": percent})
+            self._down.send("progress_success", _names(request.id) | {"step": percent})
 
     def finish(self, request: Request, error: TcError | None = None) -> None:
         """End a request."""
@@ -179,13 +174,27 @@ class TcDispatcher:
             self.counters.tc_completed += 1
             self._success(request, "completion_success", ACK_COMPLETION)
             self._log.end(record, CommandOutcome.COMPLETED, Error.NONE)
-            self._report("TC_COMPLETED", record.words)
+            self._reporter.report("TC_COMPLETED", record.words)
             return
         self.counters.tc_failed += 1
         self.counters.last_error = error.error
-        self._send("completion_failure", _names(request.id) | _failure(error))
+        self._down.send("completion_failure", _names(request.id) | _failure(error))
         self._log.end(record, CommandOutcome.FAILED, error.error)
-        self._report("TC_FAILED", f"{request.telecommand.name}: {error} ({record.who})")
+        self._reporter.report("TC_FAILED", f"{request.telecommand.name}: {error} ({record.who})")
+
+    def values(self) -> dict[str, int]:
+        """Return the counters of housekeeping set 1."""
+        counters = asdict(self.counters)
+        del counters["tc_packets"], counters["tc_not_authorised"]
+        return counters
+
+    def link_values(self) -> dict[str, int]:
+        """Return the counters of housekeeping set 8."""
+        counters = self.counters
+        return {
+            "tc_packets": counters.tc_packets,
+            "tc_not_authorised": counters.tc_not_authorised,
+        }
 
     def reset_counters(self) -> None:
         """Set all to zero."""
@@ -193,7 +202,7 @@ class TcDispatcher:
 
     def _prepare(self, request: Request) -> Action:
         telecommand = request.telecommand
-        mode = self._mode()
+        mode = self._modes.mode
         if telecommand.modes and mode.name not in telecommand.modes:
             raise TcError(Error.WRONG_MODE, value=mode, text=f"{telecommand.name} in {mode.name}")
         if request.id in self._waiting:
@@ -212,14 +221,14 @@ class TcDispatcher:
         if known:
             routed = error.error is not Error.WRONG_APID
             name = "acceptance_failure" if routed else "routing_failure"
-            self._send(name, _names(request_id) | _failure(error))
+            self._down.send(name, _names(request_id) | _failure(error))
         self.counters.tc_not_authorised += error.error is Error.NOT_AUTHORISED
         code = SECURITY_EVENTS.get(error.error, "TC_REJECTED")
-        return self._report(code, f"{error}{who}") is not False
+        return self._reporter.report(code, f"{error}{who}")
 
     def _success(self, request: Request, name: str, flag: int) -> None:
         if request.ack & flag:
-            self._send(name, _names(request.id))
+            self._down.send(name, _names(request.id))
 
 
 def _names(request_id: RequestId) -> dict[str, Value]:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import shutil
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 from file_delivery.paths import HIDDEN
-from fsw.config import Config
 from fsw.telemetry.dictionary.codes import FILE_KIND, Error
 from fsw.telemetry.dictionary.files import PAGE_ENTRIES
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.ports import Recording
+from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.eventing import SECURITY_NAME
-from fsw.telemetry.services.executor import Action, Done, Handler, Send
+from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.state.command_log import COMMANDS_NAME
 
 MAX_AT_ONCE_BYTES = 64 << 20  # read or copied in one go: the service has other things to do
@@ -28,22 +27,16 @@ LOGS = ("events.jsonl", COMMANDS_NAME, SECURITY_NAME, "status.json")
 class Filing:
     """Files of the daemon by the names the ground knows: FOLDER/NAME, and a few single ones.
 
-    Parameters
-    ----------
-    folders : folder names and where they are; `files` is what file delivery works in
-    single : names of single files outside the folders, which are only read
-    in_use : the file that is being written now
+    The folders are `files`, in which file delivery works, and `recordings`. The single files are
+    logs of the state directory, which can be read only.
     """
 
-    def __init__(
-        self,
-        folders: Mapping[str, Path],
-        single: Mapping[str, Path],
-        in_use: Callable[[], Path | None],
-        send: Send,
-    ) -> None:
-        self._folders, self._single = dict(folders), dict(single)
-        self._in_use, self._send = in_use, send
+    def __init__(self, context: TelemetryContext) -> None:
+        self._context, config = context, context.config
+        self._folders = {"files": context.state / context.telemetry.file_directory}
+        if config.recorder.directory is not None:
+            self._folders["recordings"] = config.resolve(config.recorder.directory)
+        self._single = {name: context.state / name for name in LOGS}
 
     def find(self, name: str, argument: int = 1) -> Path:
         """Return the path a name stands for. Raises TcError when it leads outside."""
@@ -72,7 +65,8 @@ class Filing:
 
     def free(self, path: Path) -> Path:
         """Return a path that nobody writes to. Raises TcError."""
-        if path == self._in_use():
+        recording = self._context.host.recording
+        if recording.values()["recording"] and path == recording.path:
             raise TcError(Error.BUSY, 1, text="it is being written")
         return path
 
@@ -116,7 +110,7 @@ class Filing:
                 "modified_s": facts.st_mtime,
                 "crc32": zlib.crc32(path.read_bytes()) if small else 0,
             }
-            self._send("file_attributes", values)
+            self._context.send("file_attributes", values)
 
         return partial(guarded, act)
 
@@ -151,7 +145,7 @@ class Filing:
             "path": path,
             "size_bytes": size,
         }
-        self._send("file_entry", values)
+        self._context.send("file_entry", values)
 
     def _copy(self, request: Request) -> Action:
         source = self.existing(request.text("path"))
@@ -230,7 +224,7 @@ class Filing:
                     continue
                 room = shutil.disk_usage(path)
                 values = {"path": name, "total_bytes": room.total, "free_bytes": room.free}
-                self._send("file_space", values)
+                self._context.send("file_space", values)
 
         return partial(guarded, act)
 
@@ -249,22 +243,3 @@ def guarded(act: Callable[[], object]) -> Done:
     except OSError as error:
         raise TcError(Error.FAILED, text=f"{error.filename}: {error.strerror}") from error
     return Done.NOW
-
-
-def filing_of(config: Config, files: Path, recording: Recording, send: Send) -> Filing:
-    """Return the files of a daemon.
-
-    Parameters
-    ----------
-    files : the folder in which file delivery works
-    """
-    folders = {"files": files}
-    if config.recorder.directory is not None:
-        folders["recordings"] = config.resolve(config.recorder.directory)
-    state = config.resolve(config.service.state_directory)
-    single = {name: state / name for name in LOGS}
-
-    def in_use() -> Path | None:
-        return recording.path if recording.values()["recording"] else None
-
-    return Filing(folders, single, in_use, send)

@@ -10,38 +10,20 @@ from fsw.messages.commands import CommandName, Reply
 from fsw.messages.errors import CommandError
 from fsw.telemetry.dictionary.codes import METHOD, Error, Mode
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.ports import Recording
-from fsw.telemetry.services.executor import Action, Done, Handler, Send
-from fsw.telemetry.services.loop_commands import LoopCommands, Order
-from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.loop_commands import Order
 
 BODIES = {0: [], 1: ["base"], 2: ["target"], 3: ["base", "target"]}
 
 
 class Functions:
-    """Handlers of identification, batch jobs, state, recorder and modes.
+    """Handlers of identification, batch jobs, state, recorder and modes."""
 
-    Parameters
-    ----------
-    configured : bodies that are unknown by the configuration
-    batch_last_s : window of a batch job that names none
-    asked : told method and bodies of a batch job that was accepted
-    """
-
-    def __init__(
-        self,
-        loop: LoopCommands,
-        modes: ModeMachine,
-        recording: Recording,
-        configured: Callable[[], tuple[str, ...]],
-        batch_last_s: Callable[[], float],
-        asked: Callable[[str, tuple[str, ...]], None],
-        send: Send,
-        mode_changed: Callable[[], None],
-    ) -> None:
-        self._loop, self._modes, self._recording = loop, modes, recording
-        self._configured, self._batch_last_s, self._asked = configured, batch_last_s, asked
-        self._send, self._mode_changed = send, mode_changed
+    def __init__(self, context: TelemetryContext) -> None:
+        self._context = context
+        self._loop, self._modes = context.loop, context.modes
+        self._recording = context.host.recording
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes these functions."""
@@ -70,13 +52,12 @@ class Functions:
     def go_safe(self) -> None:
         """Enter SAFE: nothing is identified, no job runs."""
         self._modes.latch_safe()
-        self._mode_changed()
         orders: list[tuple[Order]] = [((CommandName.REST, {}),), ((CommandName.ABORT_BATCH, {}),)]
         for order in orders:
             try:
                 self._loop.order(None, order)
             except TcError:
-                continue  # the ring is full: the loop is not taking commands at all
+                continue  # the ring is full because the loop reads no commands
 
     def act(self, action: str) -> None:
         """Carry out what a monitor asks for."""
@@ -91,13 +72,13 @@ class Functions:
         try:
             self._loop.order(None, [(commands[action], {})])
         except TcError:
-            return  # told by the loop's silence
+            return  # LOOP_SILENT reports a loop that reads no commands
 
     def _simple(self, name: CommandName, request: Request) -> Action:
         return partial(self._loop.order, request, [(name, {})])
 
     def _bodies(self, request: Request) -> list[str]:
-        return BODIES[request.whole("unknown")] or list(self._configured())
+        return BODIES[request.whole("unknown")] or list(self._context.config.unknown)
 
     def _start(self, request: Request) -> Action:
         orders: list[Order] = [
@@ -108,7 +89,7 @@ class Functions:
 
     def _diagnose(self, request: Request) -> Action:
         def then(reply: Reply) -> None:
-            self._send("diagnosis", _diagnosis(reply.data))
+            self._context.send("diagnosis", _diagnosis(reply.data))
 
         return partial(self._loop.order, request, [(CommandName.REPORT, {})], then)
 
@@ -117,11 +98,11 @@ class Functions:
             raise TcError(Error.BUSY, text="a batch job is running")
         method = METHOD.labels[request.whole("method")].lower()
         bodies = self._bodies(request)
-        last_s = request.number("last_s") or self._batch_last_s()
+        last_s = request.number("last_s") or self._context.parameter("batch_last_s")
         args: dict[str, object] = {"method": method, "unknown": bodies, "last_s": last_s or None}
 
         def act() -> Done:
-            self._asked(method, tuple(bodies))
+            self._context.latest.requested_job(method, tuple(bodies))
             return self._loop.order(request, [(CommandName.RUN_BATCH, args)])
 
         return act
@@ -139,7 +120,6 @@ class Functions:
 
         def then(_reply: Reply) -> None:
             self._modes.leave_safe()
-            self._mode_changed()
 
         name = CommandName.RESUME if wanted is Mode.IDENTIFY else CommandName.REST
         return self._loop.order(request, [(name, {})], then)

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from fsw.config.tables import RatesTable
-from fsw.config.telemetry import TelemetryConfig
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.dictionary.housekeeping import HOUSEKEEPING, SCIENCE, SCIENCE_SID
-from fsw.telemetry.dictionary.types import Packet
+from fsw.telemetry.dictionary.housekeeping import SCIENCE, SCIENCE_SID, SET_NAMES
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.executor import Action, Done, Handler, Send, each
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.executor import Action, Done, Handler, each
+from fsw.telemetry.services.housekeeping_values import HousekeepingValues
 
 SLOW_SETS = (3, 6, 7)
 SLOW_FACTOR = 5
 FALLBACK_S = 1.0  # of a set that was never given an interval
 MS = 1_000_000
-NAMES = {dict(packet.match)["sid"]: packet.name for packet in HOUSEKEEPING}
 _SID_BYTES = SCIENCE_SID.to_bytes(2, "big")
 
 
@@ -31,24 +30,13 @@ class _Rate:
 
 
 class Housekeeping:
-    """Sends sets when they are due.
+    """Sends each set at its own rate."""
 
-    Parameters
-    ----------
-    builders : what makes the values of a set, by its number
-    wrap : sends a packet whose fields are packed already: packet, time [ns], fields
-    """
-
-    def __init__(
-        self,
-        config: TelemetryConfig,
-        builders: Mapping[int, Callable[[], Mapping[str, Any]]],
-        send: Send,
-        wrap: Callable[[Packet, int, bytes], None],
-    ) -> None:
-        self._builders, self._send, self._wrap = builders, send, wrap
+    def __init__(self, context: TelemetryContext, values: HousekeepingValues) -> None:
+        self._context, self._values = context, values
+        config = context.telemetry
         self._rates: dict[int, _Rate] = {}
-        for sid in NAMES:
+        for sid in SET_NAMES:
             factor = SLOW_FACTOR if sid in SLOW_SETS else 1
             self._rates[sid] = _rate(factor * config.housekeeping_interval_s)
         self._rates[SCIENCE_SID] = _rate(config.science_interval_s)
@@ -57,7 +45,7 @@ class Housekeeping:
 
     def poll(self, now_ns: int) -> None:
         """Send every set whose time has come; what was missed is not made up for."""
-        for sid in NAMES:
+        for sid in SET_NAMES:
             rate = self._rates[sid]
             if rate.enabled and now_ns >= rate.due_ns:
                 rate.due_ns = _next(rate, now_ns)
@@ -75,10 +63,10 @@ class Housekeeping:
     def report(self, sid: int) -> None:
         """Send one set now; the science set as it came last."""
         if sid != SCIENCE_SID:
-            self._send(NAMES[sid], self._builders[sid]())
+            self._context.send(SET_NAMES[sid], self._values.of(sid))
         elif self._science is not None:
             t_ns, record = self._science
-            self._wrap(SCIENCE, t_ns, _SID_BYTES + record)
+            self._context.down.wrap(SCIENCE, t_ns, _SID_BYTES + record)
 
     def apply(self, table: RatesTable) -> None:
         """Take the rates of a table."""
@@ -99,7 +87,7 @@ class Housekeeping:
             "DISABLE_SET": each(partial(self._switch, enabled=False)),
             "REPORT_SET": each(lambda request: partial(self._once, request.whole("sid"))),
             "SET_INTERVAL": each(self._set_interval),
-            "REPORT_SET_PROPERTIES": each(lambda r: partial(self._tell, r.whole("sid"))),
+            "REPORT_SET_PROPERTIES": each(lambda r: partial(self._properties, r.whole("sid"))),
         }
 
     def _switch(self, request: Request, *, enabled: bool) -> Action:
@@ -127,10 +115,10 @@ class Housekeeping:
 
         return act
 
-    def _tell(self, sid: int) -> Done:
+    def _properties(self, sid: int) -> Done:
         rate = self._rates[sid]
         values = {"periodic": rate.enabled, "interval_ms": rate.interval_ns // MS}
-        self._send("set_properties", {"n": 1, "sid": sid} | values)
+        self._context.send("set_properties", {"n": 1, "sid": sid} | values)
         return Done.NOW
 
 

@@ -10,14 +10,14 @@ from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.dictionary.onboard_commands import MAX_REQUEST_BYTES
 from fsw.telemetry.link.packets import HEADER_BYTES, TC_HEADER_BYTES
 from fsw.telemetry.link.telecommands import Request, RequestId, TcError
-from fsw.telemetry.services.executor import TcDispatcher
+from fsw.telemetry.services.executor import TelecommandExecutor
 
 PACKET_ID = 0x1800  # type telecommand, secondary header; the APID is added
 UNSEGMENTED = 0xC000
 
 
 def checked_request(
-    dispatcher: TcDispatcher, packet: bytes, argument: int, barred: Collection[int] = ()
+    executor: TelecommandExecutor, packet: bytes, argument: int, barred: Collection[int] = ()
 ) -> Request:
     """Return the request in a packet that is to be kept.
 
@@ -32,7 +32,7 @@ def checked_request(
     """
     if len(packet) > MAX_REQUEST_BYTES:
         raise TcError(Error.BAD_LENGTH, argument, len(packet), f"{MAX_REQUEST_BYTES} bytes at most")
-    request = dispatcher.check(packet)
+    request = executor.check(packet)
     if request.telecommand.service in barred:
         text = f"{request.telecommand.name} cannot be kept here"
         raise TcError(Error.BAD_ARG, argument, request.telecommand.service, text)

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from fsw.messages.commands import Code, Command, CommandName, JobReport, Reply
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.executor import Done, TcDispatcher
+from fsw.telemetry.ports import Host
+from fsw.telemetry.services.executor import Done, TelecommandExecutor
+from fsw.telemetry.state.modes import ModeMachine
 
 FIRST_ID = 1 << 20  # numbers below are the control socket's
 TIMEOUT_NS = 5_000_000_000
@@ -49,21 +51,20 @@ class LoopCommands:
 
     Parameters
     ----------
-    forward : takes a command to the loop; False when it cannot
-    heard : told every accepted command, whoever sent it
+    host : forwards commands to the loop
+    modes : follow the commands that the loop has applied
+
+    Attributes
+    ----------
+    restart_commanded : whether the loop has accepted RESTART
     """
 
-    def __init__(
-        self,
-        forward: Callable[[Command], bool],
-        now_ns: Callable[[], int],
-        heard: Callable[[CommandName], None],
-    ) -> None:
-        self._forward, self._now_ns, self._heard = forward, now_ns, heard
+    def __init__(self, host: Host, executor: TelecommandExecutor, modes: ModeMachine) -> None:
+        self._host, self._executor, self._modes = host, executor, modes
+        self.restart_commanded = False
         self._waiting: dict[int, _Waiting] = {}
         self._jobs: dict[int, _Job] = {}
         self._next = FIRST_ID
-        self.dispatcher: TcDispatcher | None = None
 
     def order(
         self,
@@ -83,14 +84,14 @@ class LoopCommands:
         ------
         TcError when the first cannot be forwarded.
         """
-        waiting = _Waiting(request, self._now_ns(), list(orders), then, failed)
+        waiting = _Waiting(request, self._host.now_ns(), list(orders), then, failed)
         self._send_next(waiting)
         return Done.LATER
 
     def reply(self, reply: Reply) -> None:
         """Take the loop's answer."""
         if reply.accepted and reply.command:
-            self._heard(CommandName(reply.command))
+            self._applied(CommandName(reply.command))
         waiting = self._waiting.pop(reply.id, None)
         if waiting is None:
             return
@@ -114,13 +115,13 @@ class LoopCommands:
     def job(self, report: JobReport) -> None:
         """Take the progress or end of a batch job."""
         job = self._jobs.get(report.id)
-        if job is None or self.dispatcher is None:
+        if job is None:
             return
         if report.state == "running":
             percent = round(100 * report.progress)
             if percent >= job.step + STEP_PERCENT:
                 job.step = percent
-                self.dispatcher.progress(job.request, percent)
+                self._executor.progress(job.request, percent)
             return
         del self._jobs[report.id]
         status = str((report.result or {}).get("status", report.text))
@@ -131,18 +132,27 @@ class LoopCommands:
 
     def poll(self) -> None:
         """Give up what the loop does not answer."""
-        now_ns = self._now_ns()
+        now_ns = self._host.now_ns()
         late = [n for n, item in self._waiting.items() if now_ns - item.since_ns > TIMEOUT_NS]
         for number in late:
             waiting = self._waiting.pop(number)
             self._fail(waiting, TcError(Error.TIMEOUT, text="the loop did not answer"))
 
+    def _applied(self, name: CommandName) -> None:
+        """Record the effect of a command that the loop has applied, whoever sent it."""
+        if name in (CommandName.REST, CommandName.RESUME):
+            self._modes.identifying(name is CommandName.RESUME)
+        elif name is CommandName.RUN_BATCH:
+            self._modes.job(True)
+        elif name is CommandName.RESTART:
+            self.restart_commanded = True
+
     def _send_next(self, waiting: _Waiting) -> None:
         name, args = waiting.rest.pop(0)
         number, self._next = self._next, self._next + 1
-        if not self._forward(Command(name=name, id=number, args=args)):
+        if not self._host.forward(Command(name=name, id=number, args=args)):
             raise TcError(Error.BUSY, text="the ring to the loop is full")
-        waiting.since_ns = self._now_ns()
+        waiting.since_ns = self._host.now_ns()
         self._waiting[number] = waiting
 
     def _fail(self, waiting: _Waiting, error: TcError) -> None:
@@ -154,8 +164,8 @@ class LoopCommands:
         self._finish(waiting.request, error)
 
     def _finish(self, request: Request | None, error: TcError | None) -> None:
-        if request is not None and self.dispatcher is not None:
-            self.dispatcher.finish(request, error)
+        if request is not None:
+            self._executor.finish(request, error)
 
 
 def _error(code: Code, text: str) -> TcError:

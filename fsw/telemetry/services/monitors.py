@@ -16,7 +16,10 @@ from fsw.telemetry.dictionary.codes import MONITOR_ACTION, Error
 from fsw.telemetry.dictionary.onboard_commands import LARGEST
 from fsw.telemetry.dictionary.parameters import VALUE
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send, each
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.executor import Action, Done, Handler, each
+from fsw.telemetry.services.functions import Functions
+from fsw.telemetry.services.housekeeping_values import HousekeepingValues
 
 PERIOD_NS = 200_000_000
 NUMBERS = {label: number for number, label in VALUE.labels.items()}
@@ -46,9 +49,6 @@ class _Monitor:
         return self.config.enabled
 
 
-Source = Callable[[str], tuple[Mapping[str, Any], float]]  # packet -> values, their age [s]
-
-
 def check_table(table: MonitorsTable) -> None:
     """Raise ConfigError when a monitor watches what is not telemetered."""
     unknown = [m.value for m in table.monitors if m.value not in NUMBERS]
@@ -61,8 +61,8 @@ class Monitoring:
 
     Parameters
     ----------
-    source : values of a housekeeping packet and how old they are
-    act : carries out an action by its name
+    values : the telemetered values
+    functions : carry out the action of a monitor
 
     Attributes
     ----------
@@ -70,15 +70,9 @@ class Monitoring:
     """
 
     def __init__(
-        self,
-        source: Source,
-        now_ns: Callable[[], int],
-        send: Send,
-        report: Report,
-        act: Callable[[str], None],
+        self, context: TelemetryContext, values: HousekeepingValues, functions: Functions
     ) -> None:
-        self._source, self._now_ns, self._send = source, now_ns, send
-        self._report, self._act = report, act
+        self._context, self._values, self._functions = context, values, functions
         self._monitors: dict[int, _Monitor] = {}
         self._due_ns = 0
         self.enabled = True
@@ -102,7 +96,7 @@ class Monitoring:
             if monitor.enabled:
                 packet, name = monitor.config.value.split(".")
                 if packet not in seen:
-                    seen[packet] = self._source(packet)
+                    seen[packet] = self._values.watched(packet)
                 values, age_s = seen[packet]
                 self._check(monitor, float(values[name]), age_s)
 
@@ -116,9 +110,9 @@ class Monitoring:
         before, monitor.status = monitor.status, found
         if before is Check.UNCHECKED and found is Check.WITHIN:
             return
-        self._tell(monitor, before, value, age_s)
+        self._transition(monitor, before, value, age_s)
 
-    def _tell(self, monitor: _Monitor, before: Check, value: float, age_s: float) -> None:
+    def _transition(self, monitor: _Monitor, before: Check, value: float, age_s: float) -> None:
         config, now = monitor.config, monitor.status
         limit = {Check.ABOVE_HIGH: config.high, Check.STALE: config.stale_s}.get(now, config.low)
         values = {
@@ -129,18 +123,18 @@ class Monitoring:
             "limit": limit or 0.0,
             "before": int(before),
             "now": int(now),
-            "time_s": self._now_ns() * 1e-9,
+            "time_s": self._context.now_ns() * 1e-9,
         }
-        self._send("check_transition", values)
+        self._context.send("check_transition", values)
         words = f"monitor {config.id}: {config.value} {now.name}, {value:.6g}"
         if now is Check.WITHIN:
-            self._report("LIMIT_RECOVERED", words)
+            self._context.report("LIMIT_RECOVERED", words)
             return
-        self._report("LIMIT_VIOLATED", words)
+        self._context.report("LIMIT_VIOLATED", words)
         if config.action != "none" and not monitor.acted:
             monitor.acted = True
-            self._report("LIMIT_ACTION", f"monitor {config.id}: {config.action}")
-            self._act(config.action)
+            self._context.report("LIMIT_ACTION", f"monitor {config.id}: {config.action}")
+            self._functions.act(config.action)
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes this service's telecommands."""
@@ -150,8 +144,8 @@ class Monitoring:
             "ADD_MONITOR": self._add,
             "DELETE_MONITOR": self._delete,
             "MODIFY_MONITOR": self._modify,
-            "REPORT_MONITOR": each(self._tell_definition),
-            "REPORT_MONITOR_STATUS": lambda _: self._tell_status,
+            "REPORT_MONITOR": each(self._report_definition),
+            "REPORT_MONITOR_STATUS": lambda _: self._report_status,
             "ENABLE_MONITORING": lambda _: partial(self._switch_all, enabled=True),
             "DISABLE_MONITORING": lambda _: partial(self._switch_all, enabled=False),
         }
@@ -197,7 +191,7 @@ class Monitoring:
         self.enabled = enabled
         return Done.NOW
 
-    def _tell_definition(self, request: Request) -> Action:
+    def _report_definition(self, request: Request) -> Action:
         monitor = self._find(request)
 
         def act() -> Done:
@@ -213,17 +207,19 @@ class Monitoring:
                 "stale_s": config.stale_s,
                 "action": config.action,
             }
-            self._send("monitor_definition", values)
+            self._context.send("monitor_definition", values)
             return Done.NOW
 
         return act
 
-    def _tell_status(self) -> Done:
+    def _report_status(self) -> Done:
         if not self._monitors:
-            self._send("monitor_status", {"n": 0, "monitor": 0, "enabled": False, "status": 0})
+            self._context.send(
+                "monitor_status", {"n": 0, "monitor": 0, "enabled": False, "status": 0}
+            )
         for number, monitor in self._monitors.items():
             values = {"monitor": number, "enabled": monitor.enabled, "status": int(monitor.status)}
-            self._send("monitor_status", {"n": 1} | values)
+            self._context.send("monitor_status", {"n": 1} | values)
         return Done.NOW
 
 

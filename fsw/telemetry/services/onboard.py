@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
-from fsw.config.telemetry import PacketStoresConfig
-from fsw.telemetry.dictionary.events import OTHER_ID
+from fsw.telemetry.dictionary.events import IDS, OTHER_ID
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.event_actions import EventActions
-from fsw.telemetry.services.eventing import IDS
 from fsw.telemetry.services.executor import Handler
-from fsw.telemetry.services.object_check import Content, ObjectCheck
-from fsw.telemetry.services.playback import Outlet, Playback
+from fsw.telemetry.services.filing import Filing
+from fsw.telemetry.services.ground_link import GroundLink
+from fsw.telemetry.services.object_checksums import ObjectChecksums
+from fsw.telemetry.services.playback import Playback
 from fsw.telemetry.services.schedule import Schedule
 from fsw.telemetry.services.sequences import Sequences
+from fsw.telemetry.services.tables import Tables
 
 
 class OnBoardServices:
@@ -22,25 +20,19 @@ class OnBoardServices:
 
     Parameters
     ----------
-    find : resolves a path from the ground; raises TcError
-    content : content of a table; raises TcError when there is none
-    sizes : of the packet stores
-    outlet : where retrieved packets go
+    filing : finds files by the names that the ground uses
+    tables : contents whose checksum can be requested
+    link : limits the rate of retrieved packets
     """
 
     def __init__(
-        self,
-        context: TelemetryContext,
-        find: Callable[[str], Path],
-        content: Content,
-        sizes: PacketStoresConfig,
-        outlet: Outlet,
+        self, context: TelemetryContext, filing: Filing, tables: Tables, link: GroundLink
     ) -> None:
         self.schedule = Schedule(context)
         self.actions = EventActions(context)
-        self.sequences = Sequences(context, find)
-        self.checks = ObjectCheck(context, find, content)
-        self.playback = Playback(context, sizes, outlet)
+        self.sequences = Sequences(context, filing)
+        self.checks = ObjectChecksums(context, filing, tables)
+        self.playback = Playback(context, link)
 
     def poll(self, now_ns: int) -> None:
         """Release what is due."""

@@ -10,17 +10,17 @@ else, and at most as fast as the client that reads fastest takes them.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from fsw.config.telemetry import PacketStoresConfig
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, APID_SCIENCE, Error, Store
 from fsw.telemetry.link.packets import HEADER_BYTES, TM_HEADER_BYTES, from_cuc
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.ground_link import GroundLink
 from fsw.telemetry.state.documents import keep_document, read_document
 from fsw.telemetry.state.packet_store import PacketStore
 from fsw.telemetry.state.store import GenerationStore
@@ -32,20 +32,6 @@ RETRY_NS = 10_000_000_000  # after packets could not be stored
 EVENT_SERVICE = 5
 TRANSITION = (12, 12)
 HOUSEKEEPING = (3, 25)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outlet:
-    """Where retrieved packets go.
-
-    Parameters
-    ----------
-    send : sends a packet as it is, after everything else
-    room_bytes : bytes that can be queued now
-    """
-
-    send: Callable[[bytes], None]
-    room_bytes: Callable[[], int]
 
 
 @dataclass(slots=True)
@@ -74,10 +60,9 @@ def store_of(packet: bytes) -> Store | None:
 class Playback:
     """Stores packets and sends them again."""
 
-    def __init__(
-        self, context: TelemetryContext, sizes: PacketStoresConfig, outlet: Outlet
-    ) -> None:
-        self._context, self._outlet = context, outlet
+    def __init__(self, context: TelemetryContext, link: GroundLink) -> None:
+        self._context, self._link = context, link
+        sizes = context.telemetry.packet_stores
         limits_bytes = {
             Store.EVENTS: sizes.events_bytes,
             Store.HOUSEKEEPING: sizes.housekeeping_bytes,
@@ -119,11 +104,11 @@ class Playback:
     def poll(self) -> None:
         """Send the next packets of every retrieval, as far as there is room."""
         looks, sends = LOOKED_AT_PER_POLL, SENT_PER_POLL
-        room_bytes = self._outlet.room_bytes() if self._retrievals else 0
+        room_bytes = self._link.room_bytes if self._retrievals else 0
         for store, retrieval in list(self._retrievals.items()):
             while looks and sends and (not retrieval.held or len(retrieval.held) <= room_bytes):
                 if retrieval.held:
-                    self._outlet.send(retrieval.held)
+                    self._context.down.again(retrieval.held)
                     room_bytes -= len(retrieval.held)
                     sends -= 1
                     retrieval.sent += 1
@@ -193,7 +178,7 @@ class Playback:
         retrieval = self._retrievals.pop(store)
         text = f"{store.name}: {retrieval.sent} packets" + (f", {error}" if error else "")
         self._context.report("PLAYBACK_ENDED", text)
-        self._context.dispatcher.finish(retrieval.request, error)
+        self._context.executor.finish(retrieval.request, error)
 
     def _delete(self, request: Request) -> Action:
         store, until_ns = Store(request.whole("store")), _time_ns(request, "until")

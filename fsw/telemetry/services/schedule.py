@@ -78,7 +78,16 @@ class Schedule:
                 continue
             self.released += 1
             self._context.report("SCHEDULE_RELEASED", activity.request.telecommand.name)
-            self._context.dispatcher.receive(activity.packet, "schedule")
+            self._context.executor.receive(activity.packet, "schedule")
+
+    def values(self) -> dict[str, object]:
+        """Return the schedule's part of housekeeping set 8."""
+        return {
+            "schedule_enabled": self.enabled,
+            "schedule_entries": self.entries,
+            "schedule_released": self.released,
+            "schedule_discarded": self.discarded,
+        }
 
     def handlers(self) -> dict[str, Handler]:
         """Return the handlers of this service's telecommands."""
@@ -114,7 +123,7 @@ class Schedule:
     def _activity(self, request: Request, before: list[Activity]) -> Activity:
         """Return one activity; `before` are those before it in the same telecommand."""
         release_ns = _release_ns(request)
-        inner = checked_request(self._context.dispatcher, request.data, 4, (OWN_SERVICE,))
+        inner = checked_request(self._context.executor, request.data, 4, (OWN_SERVICE,))
         if release_ns < self._earliest_ns():
             raise TcError(Error.OUT_OF_RANGE, 2, release_ns * 1e-9, "not ahead")
         present = [*self._waiting, *before]
@@ -196,7 +205,7 @@ class Schedule:
         now, now_ns = self._context.epoch(), self._context.now_ns()
         for release_ns, packet in entries:
             try:
-                request = checked_request(self._context.dispatcher, packet, 4, (OWN_SERVICE,))
+                request = checked_request(self._context.executor, packet, 4, (OWN_SERVICE,))
             except TcError as error:
                 self.discarded += 1
                 self._context.report("SCHEDULE_DISCARDED", f"kept telecommand: {error}")

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from fsw.telemetry.dictionary.codes import Error, SequenceStatus
@@ -18,6 +16,7 @@ from fsw.telemetry.dictionary.onboard_commands import DAY_S, MAX_SEQUENCES
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.filing import Filing
 from fsw.telemetry.services.kept_requests import checked_request, split_first
 from fsw.telemetry.state.documents import keep_document, read_document
 from fsw.telemetry.state.store import GenerationStore
@@ -78,11 +77,11 @@ class Sequences:
 
     Parameters
     ----------
-    find : resolves a path from the ground; raises TcError
+    filing : finds files by the names that the ground uses
     """
 
-    def __init__(self, context: TelemetryContext, find: Callable[[str], Path]) -> None:
-        self._context, self._find_file = context, find
+    def __init__(self, context: TelemetryContext, filing: Filing) -> None:
+        self._context, self._filing = context, filing
         folder = context.state / FOLDER
         numbers = range(1, MAX_SEQUENCES + 1)
         self._stores = {number: GenerationStore(folder / f"{number:02d}") for number in numbers}
@@ -106,7 +105,7 @@ class Sequences:
             if run.place == len(entries):
                 self._end(number)
                 self._context.report("SEQUENCE_ENDED", f"sequence {number}")
-            self._context.dispatcher.receive(entry.packet, f"sequence {number}")
+            self._context.executor.receive(entry.packet, f"sequence {number}")
 
     def digest(self) -> list[object]:
         """Return everything a telecommand can change, as plain values."""
@@ -130,7 +129,7 @@ class Sequences:
     def _checked(self, data: bytes) -> tuple[Entry, ...]:
         entries = parse_entries(data)
         for entry in entries:
-            checked_request(self._context.dispatcher, entry.packet, 2, (OWN_SERVICE,))
+            checked_request(self._context.executor, entry.packet, 2, (OWN_SERVICE,))
         return entries
 
     def _load(self, request: Request, data: bytes) -> Action:
@@ -149,7 +148,7 @@ class Sequences:
         return act
 
     def _load_file(self, request: Request) -> Action:
-        path = self._find_file(request.text("path"))
+        path = self._filing.find(request.text("path"))
         try:
             if not path.is_file():
                 raise TcError(Error.FILE_NOT_FOUND, 2)

@@ -9,65 +9,45 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from fsw.messages.errors import ConfigError
 from fsw.telemetry.dictionary.codes import Error, Table
 from fsw.telemetry.link.telecommands import Request, TcError
-from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.filing import Filing
 from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.tables.content import SUFFIX
+from fsw.telemetry.tables.effective import TABLES
+from fsw.telemetry.tables.effects import TableEffects
 from fsw.telemetry.tables.slot import Copy, Slot, State
 
 MAX_BYTES = 1 << 20
 
 
-class Apply(Protocol):
-    """Makes a table's content effective."""
-
-    def __call__(
-        self,
-        table: Table,
-        content: bytes,
-        request: Request,
-        commit: Callable[[], None],
-        failed: Callable[[], None],
-    ) -> Done:
-        """Apply; call `commit` once it is in force, or `failed`."""
-        ...
-
-
 class Tables:
-    """The tables and what can be done with them.
+    """The tables: what is staged, what is active, and the way from one to the other.
 
     Parameters
     ----------
-    validate : raises ConfigError
-    apply : makes a content effective
-    dump : content in use where nothing was uplinked
-    find : resolves a path from the ground; raises TcError
+    effects : validates contents and puts them in force
+    filing : finds files by the names that the ground uses
     """
 
-    def __init__(
-        self,
-        directory: Path,
-        dumps: Path,
-        validate: Callable[[Table, bytes], None],
-        apply: Apply,
-        dump: Callable[[Table], bytes],
-        find: Callable[[str], Path],
-        send: Send,
-        report: Report,
-    ) -> None:
-        self._dumps, self._validate, self._apply = dumps, validate, apply
-        self._dump_content, self._find = dump, find
-        self._send, self._report = send, report
+    def __init__(self, context: TelemetryContext, effects: TableEffects, filing: Filing) -> None:
+        self._context, self._effects, self._filing = context, effects, filing
+        self._dumps = context.state / context.telemetry.file_directory / TABLES
+        directory = context.state / TABLES
         self._slots = {t: Slot(GenerationStore(directory / t.name.lower())) for t in Table}
         for table, slot in self._slots.items():
-            damaged = slot.recall(partial(self._validate, table))
+            damaged = slot.recall(partial(effects.validate, table))
             if damaged:
-                report("TABLE_CORRUPT", f"{table.name}: {damaged} generations cannot be used")
+                text = f"{table.name}: {damaged} generations cannot be used"
+                context.report("TABLE_CORRUPT", text)
+        for table in Table:
+            if self.active(table):
+                effects.recall(table, self.active(table))
 
     def active(self, table: Table) -> bytes:
         """Return what was uplinked; empty when the configuration holds."""
@@ -90,7 +70,7 @@ class Tables:
         """
         slot = self._slots[table]
         if copy is Copy.ACTIVE:
-            return slot.active or self._dump_content(table)
+            return slot.active or self._effects.dump(table)
         content = bytes(slot.staged) if copy is Copy.STAGED else slot.previous
         if content is None or (copy is Copy.STAGED and not content):
             raise TcError(Error.NOT_STAGED, 1, table)
@@ -169,7 +149,7 @@ class Tables:
         return act
 
     def _load_file(self, request: Request, table: Table, slot: Slot) -> Action:
-        path = self._find(request.text("path"))
+        path = self._filing.find(request.text("path"))
         if not path.is_file():
             raise TcError(Error.FILE_NOT_FOUND, 3)
         if path.stat().st_size > MAX_BYTES:
@@ -193,7 +173,7 @@ class Tables:
             slot.drop()
             raise TcError(Error.CRC_MISMATCH, value=found)
         slot.state = State.STAGED
-        self._report("TABLE_LOADED", f"{table.name}, {slot.size} bytes, CRC-32 {found:08x}")
+        self._context.report("TABLE_LOADED", f"{table.name}, {slot.size} bytes, CRC-32 {found:08x}")
 
     def _check(self, request: Request, table: Table, slot: Slot) -> Action:
         if slot.state not in (State.STAGED, State.VALIDATED):
@@ -201,12 +181,12 @@ class Tables:
 
         def act() -> Done:
             try:
-                self._validate(table, bytes(slot.staged))
+                self._effects.validate(table, bytes(slot.staged))
             except ConfigError as error:
-                self._report("TABLE_INVALID", f"{table.name}: {error}")
+                self._context.report("TABLE_INVALID", f"{table.name}: {error}")
                 raise TcError(Error.NOT_VALIDATED, 1, table, str(error)) from error
             slot.state = State.VALIDATED
-            self._report("TABLE_VALIDATED", table.name)
+            self._context.report("TABLE_VALIDATED", table.name)
             return Done.NOW
 
         _ = request
@@ -240,6 +220,7 @@ class Tables:
         except OSError as error:
             raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
         before, slot.state = slot.state, State.ACTIVATING
+        contents = {other: self.active(other) for other in Table} | {table: content}
 
         def commit() -> None:
             slot.state = before
@@ -249,14 +230,14 @@ class Tables:
                 raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
             slot.previous, slot.active, slot.generation = slot.active, content, number
             slot.drop()
-            self._report("TABLE_ACTIVATED", f"{table.name}, generation {number}")
+            self._context.report("TABLE_ACTIVATED", f"{table.name}, generation {number}")
 
         def failed() -> None:
             slot.state = before
             slot.store.discard()
 
         try:
-            return self._apply(table, content, request, commit, failed)
+            return self._effects.apply(table, contents, request, commit, failed)
         except ConfigError as error:
             failed()
             raise TcError(Error.NOT_VALIDATED, 1, table, str(error)) from error
@@ -278,8 +259,8 @@ class Tables:
             values = {"table": int(table), "crc32": zlib.crc32(content)}
             values |= {"size_bytes": len(content)}
             name = f"files/{self._dumps.name}/{path.name}"  # as the ground calls it
-            self._send("table_dumped", {**values, "path": name})
-            self._report("TABLE_DUMPED", f"{table.name} {copy.name}")
+            self._context.send("table_dumped", {**values, "path": name})
+            self._context.report("TABLE_DUMPED", f"{table.name} {copy.name}")
             return Done.NOW
 
         _ = slot
@@ -291,7 +272,7 @@ class Tables:
 
         def act() -> Done:
             slot.drop()
-            self._report("TABLE_ABORTED", table.name)
+            self._context.report("TABLE_ABORTED", table.name)
             return Done.NOW
 
         _ = request

@@ -6,11 +6,10 @@ packets by the correlation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 
-from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.telecommands import Request
+from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.state.epoch import Epoch
 
@@ -20,33 +19,27 @@ UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class TimeReports:
-    """Sends time packets when they are due.
+    """Sends time packets when they are due."""
 
-    Parameters
-    ----------
-    epoch : the origin of mission elapsed time, as it is known now
-    configured : exponent as long as none was commanded in this run
-    """
-
-    def __init__(
-        self, down: Downlink, epoch: Callable[[], Epoch], configured: Callable[[], int]
-    ) -> None:
-        self._down, self._epoch, self._configured = down, epoch, configured
+    def __init__(self, context: TelemetryContext) -> None:
+        self._context = context
         self._due_ns = 0
         self._commanded: int | None = None
 
     @property
     def exponent(self) -> int:
         """Return the exponent in force."""
-        return self._configured() if self._commanded is None else self._commanded
+        if self._commanded is not None:
+            return self._commanded
+        return int(self._context.parameter("time_report_exponent"))
 
     def poll(self, now_ns: int) -> None:
         """Send one if its time has come."""
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + (SECOND_NS << self.exponent)
-            self._down.time(self.exponent)
-            self._down.send_at(
-                "time_correlation", now_ns, correlation_values(self._epoch(), now_ns)
+            self._context.down.time(self.exponent)
+            self._context.down.send_at(
+                "time_correlation", now_ns, correlation_values(self._context.epoch(), now_ns)
             )
 
     def handlers(self) -> dict[str, Handler]:

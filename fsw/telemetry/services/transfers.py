@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from functools import partial
 
 from file_delivery.errors import DeliveryError
@@ -10,33 +10,37 @@ from file_delivery.transfer import Key
 from fsw.telemetry.dictionary.codes import TRANSFER_STATE, Error
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.ports import FileDelivery
-from fsw.telemetry.services.executor import Action, Done, Handler, Report, Send, TcDispatcher
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.services.filing import Filing
+
+FILE_COUNTERS = ("files_sent", "files_received", "files_failed", "pdus_sent", "pdus_received")
 
 
 class Transfers:
-    """The telecommands of file transfer; the protocol itself is `delivery`'s."""
+    """The telecommands of file transfer; `delivery` implements the protocol."""
 
-    def __init__(
-        self, filing: Filing, now_ns: Callable[[], int], send: Send, report: Report
-    ) -> None:
-        self._filing, self._now_ns = filing, now_ns
-        self._send, self._report = send, report
-        self.delivery: FileDelivery | None = None
+    def __init__(self, context: TelemetryContext, filing: Filing, delivery: FileDelivery) -> None:
+        self._context, self._filing, self.delivery = context, filing, delivery
         self._sending: dict[int, Request] = {}
-        self.dispatcher: TcDispatcher | None = None
 
-    def poll(self) -> None:
-        """Report how transfers ended."""
-        if self.delivery is None:
-            return
+    def poll(self, now_ns: int, *, sending: bool) -> None:
+        """Report transfers that ended; send the next units down if `sending`."""
         for number, success, text in self.delivery.finished():
             request = self._sending.pop(number, None)
             good = "FILE_RECEIVED" if request is None else "FILE_SENT"
-            self._report(good if success else "FILE_FAILED", text)
-            if request is not None and self.dispatcher is not None:
+            self._context.report(good if success else "FILE_FAILED", text)
+            if request is not None:
                 error = None if success else TcError(Error.TIMEOUT, text=text)
-                self.dispatcher.finish(request, error)
+                self._context.executor.finish(request, error)
+        if sending:
+            for unit in self.delivery.poll(now_ns):
+                self._context.down.file_unit(unit)
+
+    def values(self) -> Mapping[str, int]:
+        """Return the fields of housekeeping set 8 that count files and units."""
+        counters = self.delivery.counters()
+        return {name: counters.get(name, 0) for name in FILE_COUNTERS}
 
     def handlers(self) -> dict[str, Handler]:
         """Return what takes these telecommands."""
@@ -64,14 +68,13 @@ class Transfers:
     ) -> Action:
         # a file that is being written would grow on its way, and have another checksum
         path = self._filing.free(self._filing.existing(request.text("path")))
-        delivery = self._delivery()
         size = path.stat().st_size
         if piece is not None and sum(piece) > size:
             raise TcError(Error.OUT_OF_RANGE, 3, size, text=f"the file has {size} bytes")
 
         def act() -> Done:
             try:
-                number = delivery.send(path, remove=remove, name=name, piece=piece)
+                number = self.delivery.send(path, remove=remove, name=name, piece=piece)
             except DeliveryError as error:
                 raise _failure(error) from error
             except OSError as error:
@@ -82,10 +85,8 @@ class Transfers:
         return act
 
     def _list(self, _request: Request) -> Action:
-        delivery = self._delivery()
-
         def act() -> Done:
-            found = delivery.transfers()
+            found = self.delivery.transfers()
             for entry, item in enumerate(found, start=1):
                 values = {
                     "entry": entry,
@@ -97,28 +98,23 @@ class Transfers:
                     "done_bytes": item.done,
                     "state": TRANSFER_STATE.value(item.state.value),
                 }
-                self._send("transfer_status", values)
+                self._context.send("transfer_status", values)
             if not found:
                 names = ("entry", "entries", "source", "number", "size_bytes", "done_bytes")
                 none = dict.fromkeys((*names, "state"), 0)
-                self._send("transfer_status", none | {"path": ""})
+                self._context.send("transfer_status", none | {"path": ""})
             return Done.NOW
 
         return act
 
     def _suspend(self, request: Request) -> Action:
-        return partial(_done, partial(self._delivery().suspend, _key(request)))
+        return partial(_done, partial(self.delivery.suspend, _key(request)))
 
     def _resume(self, request: Request) -> Action:
-        return partial(_done, partial(self._delivery().resume, _key(request), self._now_ns()))
+        return partial(_done, partial(self.delivery.resume, _key(request), self._context.now_ns()))
 
     def _abort(self, request: Request) -> Action:
-        return partial(_done, partial(self._delivery().cancel, _key(request)))
-
-    def _delivery(self) -> FileDelivery:
-        if self.delivery is None:
-            raise TcError(Error.NOT_SUPPORTED)
-        return self.delivery
+        return partial(_done, partial(self.delivery.cancel, _key(request)))
 
 
 def _key(request: Request) -> Key:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from fsw.telemetry.dictionary.codes import CommandOutcome, Error
-from fsw.telemetry.state.epoch import Epoch
+from fsw.telemetry.ports import Host
 from fsw.telemetry.state.fair_log import FairLog
 from fsw.telemetry.state.journal import Journal
 
@@ -50,13 +50,12 @@ class CommandLog:
 
     Parameters
     ----------
-    boot_count : start of the daemon that is running
+    state : directory of the file
+    boot_count : number of the current start of the daemon
     """
 
-    def __init__(
-        self, state: Path, boot_count: int, now_ns: Callable[[], int], epoch: Callable[[], Epoch]
-    ) -> None:
-        self._now_ns, self._epoch, self._boot_count = now_ns, epoch, boot_count
+    def __init__(self, state: Path, boot_count: int, host: Host) -> None:
+        self._host, self._boot_count = host, boot_count
         self._journal = Journal(state / COMMANDS_NAME, LIMIT_BYTES)
         self._log: FairLog[CommandRecord] = FairLog(CAPACITY)
         self._number = 0
@@ -78,7 +77,7 @@ class CommandLog:
     def end(self, record: CommandRecord, outcome: CommandOutcome, error: Error) -> None:
         """Note what became of a command."""
         record.outcome, record.error = outcome.name, error.name
-        record.duration_s = self._now_ns() * 1e-9 - record.time_s
+        record.duration_s = self._host.now_ns() * 1e-9 - record.time_s
         self.keep(record)
 
     def rejected(self, who: str, name: str, arguments: str, error: Error) -> None:
@@ -105,12 +104,12 @@ class CommandLog:
 
     def _made(self, who: str, name: str, arguments: str) -> CommandRecord:
         self._number += 1
-        now_ns = self._now_ns()
+        now_ns = self._host.now_ns()
         return CommandRecord(
             boot_count=self._boot_count,
             number=self._number,
             time_s=now_ns * 1e-9,
-            unix_s=(now_ns + self._epoch().utc_less_met_ns) * 1e-9,
+            unix_s=(now_ns + self._host.epoch().utc_less_met_ns) * 1e-9,
             who=who or "on board",
             name=name,
             arguments=arguments[:MAX_ARGUMENTS_CHARACTERS],

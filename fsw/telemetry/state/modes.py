@@ -1,21 +1,25 @@
-"""The mode machine: what the daemon is doing, and which telecommands go with it.
+"""The mode machine: what the daemon is doing, and which telecommands the mode permits.
 
-Modes are told by what is so, not by what was asked for: SAFE is latched here; otherwise a running
-job is BATCH, a fed estimator IDENTIFY, neither STANDBY. Before the loop's first summary it is BOOT.
+The mode is derived from the actual state, not from the last command. SAFE is latched here.
+Otherwise a running batch job gives BATCH, an estimator that receives windows IDENTIFY, and neither
+STANDBY. Before the loop's first summary the mode is BOOT.
 """
 
 from __future__ import annotations
 
 from fsw.telemetry.dictionary.codes import Mode
+from fsw.telemetry.state.event_reporter import EventReporter
 
 
 class ModeMachine:
-    """Follows loop, job and the safe latch."""
+    """Derives the mode from the loop, the batch job and the safe latch; reports every change."""
 
-    def __init__(self, *, safe: bool) -> None:
+    def __init__(self, reporter: EventReporter, *, safe: bool) -> None:
+        self._reporter = reporter
         self._safe = safe
-        self._identifying: bool | None = None  # None: nothing heard from the loop yet
+        self._identifying: bool | None = None  # None: no summary of the loop yet
         self._job = False
+        self._reported = self.mode
 
     @property
     def mode(self) -> Mode:
@@ -28,22 +32,32 @@ class ModeMachine:
             return Mode.BATCH
         return Mode.IDENTIFY if self._identifying else Mode.STANDBY
 
-    def heard(self, *, identifying: bool, job: bool) -> None:
-        """Take what the loop says."""
+    def summary(self, *, identifying: bool, job: bool) -> None:
+        """Record the state that the loop's summary reports."""
         self._identifying, self._job = identifying, job
+        self._report()
 
     def identifying(self, value: bool) -> None:
-        """Take what the loop has just answered."""
+        """Record that the loop has resumed or paused the estimator."""
         self._identifying = value
+        self._report()
 
     def job(self, value: bool) -> None:
-        """Take whether a batch job runs."""
+        """Record whether a batch job is running."""
         self._job = value
+        self._report()
 
     def latch_safe(self) -> None:
         """Enter SAFE; only a telecommand leaves it."""
         self._safe = True
+        self._report()
 
     def leave_safe(self) -> None:
-        """Release the latch."""
+        """Release the safe latch."""
         self._safe = False
+        self._report()
+
+    def _report(self) -> None:
+        if self.mode is not self._reported:
+            before, self._reported = self._reported, self.mode
+            self._reporter.report("MODE_CHANGED", f"{before.name} to {self.mode.name}")

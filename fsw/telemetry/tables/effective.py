@@ -11,7 +11,7 @@ from fsw.config import Config
 from fsw.config.overlay import overlay
 from fsw.messages.errors import ConfigError
 from fsw.telemetry.dictionary.codes import Table
-from fsw.telemetry.services.parameters import estimator_changes, stored_values
+from fsw.telemetry.state.parameter_values import estimator_changes, stored_values
 from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.tables.content import noise_changes, validate_table
 

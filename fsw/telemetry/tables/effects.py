@@ -2,49 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
 
 import yaml
 
-from fsw.config import Config
 from fsw.config.tables import MonitorsTable, RatesTable
 from fsw.messages.commands import CommandName, Reply
 from fsw.telemetry.dictionary.codes import Error, Table
 from fsw.telemetry.link.telecommands import Request, TcError
+from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Done
 from fsw.telemetry.services.housekeeping import Housekeeping
-from fsw.telemetry.services.loop_commands import LoopCommands
 from fsw.telemetry.services.monitors import Monitoring
 from fsw.telemetry.tables.content import configured_noise, read_table, to_yaml, validate_table
 from fsw.telemetry.tables.effective import laid_over
 
 
 class TableEffects:
-    """Applies contents: rates and monitors here, robot and noise in the loop.
-
-    Parameters
-    ----------
-    base : the configuration as it was read, nothing laid over
-    active : content in force of another table
-    configured : told the configuration in force
-    """
+    """Applies tables: rates and monitors in the service, robot and noise in the loop."""
 
     def __init__(
-        self,
-        base: Config,
-        state: Path,
-        loop: LoopCommands,
-        housekeeping: Housekeeping,
-        monitoring: Monitoring,
-        configured: Callable[[Config], None],
+        self, context: TelemetryContext, housekeeping: Housekeeping, monitoring: Monitoring
     ) -> None:
-        self._base, self._state, self._loop = base, state, loop
+        self._context, self._base = context, context.config
         self._housekeeping, self._monitoring = housekeeping, monitoring
-        self._configured = configured
         self._default_rates = housekeeping.rates()
-        self.config = base  # in force
-        self.active: Callable[[Table], bytes] = lambda _: b""
 
     def validate(self, table: Table, content: bytes) -> None:
         """Raise ConfigError unless the table fits the configuration as it was read."""
@@ -60,48 +42,53 @@ class TableEffects:
     def apply(
         self,
         table: Table,
-        content: bytes,
+        contents: Mapping[Table, bytes],
         request: Request,
         commit: Callable[[], None],
         failed: Callable[[], None],
     ) -> Done:
-        """Put a table in force. Raises ConfigError or TcError; then nothing has changed."""
+        """Put a table in force.
+
+        Parameters
+        ----------
+        contents : of every table, the new content of this one included; empty: as configured
+        commit : called once the table is in force
+        failed : called when the loop refuses it
+
+        Raises
+        ------
+        ConfigError or TcError; then nothing has changed.
+        """
         if table in (Table.RATES, Table.MONITORS):
-            self.recall(table, content)
+            self.recall(table, contents[table])
             commit()
             return Done.NOW
-        contents = {other: self.active(other) for other in (Table.ROBOT, Table.NOISE)}
-        contents[table] = content
         robot = contents[Table.ROBOT]
         try:
             config = self._base
             for other in (Table.ROBOT, Table.NOISE):
                 validate_table(config, other, contents[other])
-                config = laid_over(config, self._state, other, contents[other])
+                config = laid_over(config, self._context.state, other, contents[other])
             text = config.resolve(config.robot.urdf).read_text()
         except OSError as error:
             raise TcError(Error.FAILED, text=f"{error.filename}: {error.strerror}") from error
 
         def then(_reply: Reply) -> None:
             commit()
-            self.in_force(config)
+            self._context.latest.configure(config)
+            self._context.host.configured(config)
 
         changes: dict[str, object] = {
             "noise": yaml.safe_load(configured_noise(config)),
             "urdf": str(config.resolve(config.robot.urdf)),
             "urdf_text": robot.decode() if robot else text,
         }
-        return self._loop.order(request, [(CommandName.CONFIGURE, changes)], then, failed)
-
-    def in_force(self, config: Config) -> None:
-        """Take the configuration that holds now."""
-        self.config = config
-        self._configured(config)
+        return self._context.loop.order(request, [(CommandName.CONFIGURE, changes)], then, failed)
 
     def dump(self, table: Table) -> bytes:
         """Return what is in force where nothing was uplinked."""
         if table is Table.NOISE:
-            return configured_noise(self.config)
+            return configured_noise(self._context.latest.config)
         if table is Table.RATES:
             return to_yaml({"sets": self._housekeeping.rates()})
         if table is Table.MONITORS:

@@ -125,7 +125,7 @@ class Bench:
             recording=_Recording(),
         )
         self.app = build_application(config, host, resume=False)
-        self.app.down.out = self._sent
+        self.app.context.down.out = self._sent
         self._app_open = True
         for event in self._early:
             self.app.event(event)
@@ -229,7 +229,7 @@ class Bench:
         self.reports = {request: []}
         told = self.reports[request]
         for item in self._uplink.feed(packet, self.now_ns()):
-            self.app.take(item, self.now_ns())
+            self.app.receive(item, self.now_ns())
         self.counts["telecommands"] += 1
         begun = [word for word in told if word.startswith(("acceptance", "routing"))]
         require(len(begun) == 1, "not answered once", name, packet.hex(), told)

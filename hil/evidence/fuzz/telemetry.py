@@ -95,7 +95,7 @@ class Bench:
         """Return everything a telecommand can change, as text."""
         app = self.app
         state = (
-            [app.parameters.get(item.name) for item in DICTIONARY.parameters],
+            [app.context.parameter(item.name) for item in DICTIONARY.parameters],
             app.tables.values(),
             app.housekeeping.rates(),
             app.monitoring.table(),
@@ -107,19 +107,19 @@ class Bench:
 
     def counted(self) -> tuple[int, int]:
         """Return telecommands accepted and rejected so far."""
-        counters = self.app.dispatcher.counters
+        counters = self.app.executor.counters
         return counters.tc_accepted, counters.tc_rejected
 
     def told(self) -> int:
         """Return events so far, those that became part of a summary included."""
-        return self.events + self.app.summaries.held
+        return self.events + self.app.context.reporter.summaries.held
 
     def take(self, found: list[Uplinked]) -> None:
         """Take what is refused or of file delivery, as the service does. Raises FuzzError."""
         (accepted, rejected), events = self.counted(), self.told()
         refused = sum(not item.is_file for item in found)
         for item in found:
-            self.app.take(item, self.now_ns)
+            self.app.receive(item, self.now_ns)
         if self.counted() != (accepted, rejected + refused) or self.told() != events + refused:
             raise FuzzError(f"{refused} refused, but not all of them counted and told: {found}")
 
@@ -256,9 +256,9 @@ def _give_damaged(bench: Bench, packet: bytes, bad: bytes) -> None:
 def _give(bench: Bench, packet: bytes) -> bool:
     """Give a packet with a good check value; return whether it was accepted."""
     before, events, counts = bench.digest(), bench.told(), bench.counted()
-    dispatcher = bench.app.dispatcher
-    if dispatcher.receive(packet):
-        reset = dispatcher.check(packet).telecommand.name == "RESET_COUNTERS"
+    executor = bench.app.executor
+    if executor.receive(packet):
+        reset = executor.check(packet).telecommand.name == "RESET_COUNTERS"
         wanted = (0, 0) if reset else (counts[0] + 1, counts[1])
         if bench.counted() != wanted:
             raise FuzzError(f"{packet.hex()}: accepted, and counted {counts} to {bench.counted()}")

@@ -28,7 +28,7 @@ def flight(arm):
 def give(flight: Flight, name: str, values: dict | None = None, *, number: int = 1) -> None:
     """Give a telecommand as a client sends it."""
     packet = telecommand_packet(DICTIONARY.telecommand(name), values or {}, 1000 + number)
-    flight.app.take(Uplinked(packet=packet, source="10.0.0.7:4242 SPI 3"), flight.now)
+    flight.app.receive(Uplinked(packet=packet, source="10.0.0.7:4242 SPI 3"), flight.now)
 
 
 def dumped(flight: Flight, name: str = "COMMAND_LOG_DUMP", packet: str = "command_log_entry"):
@@ -48,7 +48,7 @@ def test_a_command_is_logged_with_sender_time_arguments_and_outcome(flight):
     assert entry["arguments"] == "sid=ESTIMATE"
     assert (entry["outcome"], entry["error"]) == (CommandOutcome.COMPLETED, Error.NONE)
     assert entry["time_s"] == pytest.approx(1000.0)
-    assert entry["boot_count"] == flight.app.boot.count
+    assert entry["boot_count"] == flight.app.context.boot.count
     (event,) = [e for e in flight.events if e.code == "TC_COMPLETED" and "ENABLE" in e.text]
     assert event.text == "ENABLE_SET sid=ESTIMATE (10.0.0.7:4242 SPI 3)"
     assert event.severity == "info"
@@ -103,7 +103,7 @@ def test_the_history_survives_a_restart(arm):
     flight.up()
     give(flight, "PING")
     give(flight, "RESET_ESTIMATOR", number=2)  # and no answer: the daemon ends before
-    first = flight.app.boot.count
+    first = flight.app.context.boot.count
     flight.app.close()
     path = config.resolve(config.service.state_directory) / "commands.jsonl"
     lines = [json.loads(line) for line in path.read_text().splitlines()]
@@ -137,17 +137,17 @@ def test_security_events_have_a_store_of_their_own_that_survives_a_restart(arm):
     flight.up()
     packet = telecommand_packet(DICTIONARY.telecommand("PING"), {}, 1)
     refused = Uplinked(packet=packet, error=Error.NOT_AUTHENTICATED, source="10.0.0.9:1")
-    flight.app.take(refused, flight.now)
-    flight.app.report("TABLE_LOADED", "nothing of security")
+    flight.app.receive(refused, flight.now)
+    flight.app.context.report("TABLE_LOADED", "nothing of security")
     flight.app.close()
     again = Flight(config)
     again.up()
     for k in range(5000):
-        again.app.report("TABLE_LOADED", str(k))
+        again.app.context.report("TABLE_LOADED", str(k))
     entries = dumped(again, "SECURITY_LOG_DUMP", "event_log_entry")
     codes = {event.id: event.code for event in DICTIONARY.events}
     assert [codes[entry["event"]] for entry in entries] == ["TC_AUTH_FAILED"]
-    assert entries[0]["boot_count"] == flight.app.boot.count
+    assert entries[0]["boot_count"] == flight.app.context.boot.count
     again.app.close()
 
 

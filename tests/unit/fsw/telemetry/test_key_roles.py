@@ -40,7 +40,7 @@ class Operator:
         config = flight_config(arm, tc_security="sdls", sdls={"keys": KEYS, "window": 64})
         self.flight = Flight(config)
         self.flight.up()
-        self._uplink = self.flight.app._uplink(True)
+        self._uplink = self.flight.app.link.uplink(True)
         self._numbers: dict[bytes, int] = {}
 
     def packet(self, name: str, **values) -> bytes:
@@ -52,7 +52,7 @@ class Operator:
         number = self._numbers[key] = self._numbers.get(key, -1) + 1
         frame = Sender(key=key, spi=spi, virtual_channel=0).frame(packet, number, 7)
         for item in self._uplink.feed(frame, self.flight.now):
-            self.flight.app.take(item, self.flight.now)
+            self.flight.app.receive(item, self.flight.now)
         return [p.packet.name for p in self.flight.packets[before:]]
 
     def ping(self, key: bytes = COMMAND, spi: int = 1) -> bool:
@@ -86,12 +86,12 @@ def test_who_may_only_look_commands_nothing_and_it_is_counted_and_reported(opera
 def test_who_may_only_look_sends_no_file(operator):
     operator.send(uplink_file_packet(bytes(20), 1), LOOK, 5)
     assert operator.flight.error() is Error.NOT_AUTHORISED
-    assert operator.flight.app.delivery.counters()["pdus_received"] == 0
+    assert operator.flight.app.transfers.delivery.counters()["pdus_received"] == 0
 
 
 def test_the_key_of_telemetry_commands_nothing(operator):
     operator.send(operator.packet("PING"), TELEMETRY, 2)
-    assert operator.flight.app.security.receiver.accepted == 0
+    assert operator.flight.app.link.security.receiver.accepted == 0
     assert operator.flight.all("alive") == []
 
 
@@ -131,12 +131,12 @@ def test_a_replaced_key_that_comes_back_accepts_no_old_frame(operator, arm):
     write_key(arm, "command.key", COMMAND)
     operator.load_keys()
     frame = Sender(key=COMMAND, spi=1, virtual_channel=0).frame(ping, 0, 7)
-    receiver = operator.flight.app.security.receiver
+    receiver = operator.flight.app.link.security.receiver
     assert receiver.receive(frame).reason == "REPLAY"
 
 
 def test_telemetry_is_sealed_and_its_key_changes_with_the_others(operator, arm):
-    seal = operator.flight.app.security.seal
+    seal = operator.flight.app.link.security.seal
     options = {"spi": 2, "spacecraft_id": 42, "virtual_channel": 0}
     stream = FrameStream(arm.folder / "tm.key", arm.folder / "ground", **options)
     for key in (TELEMETRY, bytes(32)):

@@ -7,12 +7,12 @@ import socket
 import pytest
 
 from fsw.messages import Event
-from fsw.telemetry.application import MAX_ITEMS
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import Decoder, telecommand_packet
 from fsw.telemetry.services.dumps import PACKETS_PER_POLL
 from fsw.telemetry.services.eventing import LOG_ENTRIES
+from fsw.telemetry.services.ground_link import MAX_ITEMS
 from tests.support.application_cases import DONE, SECOND, Flight, flight_config
 
 REPORTS = 5  # of one telecommand: verification and events
@@ -47,16 +47,16 @@ def test_a_flood_of_dumps_is_spread_over_polls_and_health_goes_on(arm):
     flight.app.open()
     made: list[int] = []
     names: list[str] = []
-    decoder, send = Decoder(), flight.app.link.send
+    decoder, send = Decoder(), flight.app.link.server.send
 
     def count(packet: bytes, priority: int) -> None:
         made[-1] += 1
         names.append(decoder.decode(packet).packet.name)
         send(packet, priority)
 
-    flight.app.down.out = count
+    flight.app.context.down.out = count
     requests = [telecommand_packet(DUMP, {"entries": 1000}, k) for k in range(400)]
-    with socket.create_connection(("127.0.0.1", flight.app.link.port)) as client:
+    with socket.create_connection(("127.0.0.1", flight.app.link.server.port)) as client:
         client.sendall(b"".join(requests))
         while names.count("event_log_entry") < LOG_ENTRIES or names.count("acceptance_failure") < 9:
             made.append(0)
@@ -88,7 +88,7 @@ def refused_for_two_minutes(flight: Flight) -> int:
     count = 0
     for _ in range(120):
         for _ in range(100):
-            flight.app.dispatcher.receive(bytes(bad))
+            flight.app.executor.receive(bytes(bad))
             count += 1
         leap(flight, 1.0)
     return count
@@ -99,7 +99,7 @@ def test_two_minutes_of_refused_packets_leave_the_history_as_it_was(flight):
     before = len(flight.events)
     count = refused_for_two_minutes(flight)
     assert count == 12_000
-    assert flight.app.dispatcher.counters.tc_rejected == count, "counted all the same"
+    assert flight.app.executor.counters.tc_rejected == count, "counted all the same"
     leap(flight, 700.0)
     told = [event for event in flight.events[before:] if event.code == "TC_REJECTED"]
     assert 5 < len(told) < 15, "log and recording get the first ones, then the rate"
@@ -115,14 +115,14 @@ def test_after_a_quiet_time_refusals_are_reported_one_by_one_again(flight):
     refused_for_two_minutes(flight)
     leap(flight, 1300.0)
     before = len(flight.events)
-    assert flight.app.dispatcher.receive(b"\x18\x64" + bytes(20)) is False
+    assert flight.app.executor.receive(b"\x18\x64" + bytes(20)) is False
     assert [event.code for event in flight.events[before:]] == ["TC_REJECTED"]
     assert "more within" not in flight.events[-1].text
 
 
 def test_a_summary_is_not_lost_at_the_end(flight):
     for _ in range(20):
-        flight.app.dispatcher.receive(b"\x18\x64" + bytes(20))
+        flight.app.executor.receive(b"\x18\x64" + bytes(20))
     flight.app.close()
     assert "15 more within" in flight.events[-1].text
 

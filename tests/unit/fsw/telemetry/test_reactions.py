@@ -117,12 +117,12 @@ class TestHealth:
 
     def test_an_unclean_end_shows_at_the_next_start(self, flight: Flight):
         crashed = Flight(flight.config)
-        assert (crashed.app.boot.count, crashed.app.boot.cause) == (2, 3)
+        assert (crashed.app.context.boot.count, crashed.app.context.boot.cause) == (2, 3)
         crashed.app.close()
         stopped = Flight(flight.config)
-        assert (stopped.app.boot.count, stopped.app.boot.cause) == (3, 1)
+        assert (stopped.app.context.boot.count, stopped.app.context.boot.cause) == (3, 1)
         resumed = Flight(flight.config, resume=True)
-        assert (resumed.app.boot.count, resumed.app.boot.cause) == (3, 1)
+        assert (resumed.app.context.boot.count, resumed.app.context.boot.cause) == (3, 1)
 
 
 class TestCommandLoss:

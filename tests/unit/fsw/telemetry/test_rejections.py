@@ -10,6 +10,7 @@ from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from fsw.telemetry.link.telecommands import TcError, TelecommandReader
+from fsw.telemetry.state.modes import ModeMachine
 from tests.support.application_cases import BEGUN, Flight
 
 PING = telecommand_packet(DICTIONARY.telecommand("PING"), {}, 1)
@@ -47,13 +48,13 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_wrong_packets_are_rejected_with_their_reason(flight: Flight, name):
     error, packet = CASES[name]
-    flight.app.dispatcher.receive(packet)
+    flight.app.executor.receive(packet)
     assert flight.error() is error
     told = flight.packets[-2 if flight.packets[-1].packet.name == "event_low" else -1]
     name = "routing_failure" if error is Error.WRONG_APID else "acceptance_failure"
     assert told.packet.name == name
-    assert flight.app.dispatcher.counters.tc_rejected == 1
-    assert flight.app.dispatcher.counters.tc_accepted == 0
+    assert flight.app.executor.counters.tc_rejected == 1
+    assert flight.app.executor.counters.tc_accepted == 0
     assert "TC_REJECTED" in flight.codes
 
 
@@ -96,7 +97,7 @@ def test_wrong_arguments_are_rejected_with_their_reason(flight: Flight, name, va
 
 def test_an_unknown_function_is_named(flight: Flight):
     packet = telecommand_packet(DICTIONARY.telecommand("RESET_COUNTERS"), {}, 1)
-    flight.app.dispatcher.receive(changed(12, 0xEE, packet))
+    flight.app.executor.receive(changed(12, 0xEE, packet))
     assert flight.error() is Error.BAD_ARG
     assert flight.last("acceptance_failure")["error_value"] == 0xEE
 
@@ -130,7 +131,7 @@ def test_what_the_loop_refuses_fails_with_its_reason(flight: Flight, code, text,
     assert flight.send("ADOPT_RESULT") == BEGUN
     flight.answer(code, text)
     assert flight.error() is error
-    assert flight.app.dispatcher.counters.tc_failed == 1
+    assert flight.app.executor.counters.tc_failed == 1
     assert "TC_FAILED" in flight.codes
 
 
@@ -169,18 +170,18 @@ def test_a_recorder_that_is_busy_or_idle_says_so(flight: Flight):
 
 def test_what_is_not_authentic_or_old_is_refused_and_told(flight: Flight):
     for error in (Error.NOT_AUTHENTICATED, Error.REPLAY):
-        flight.app.dispatcher.refuse(PING, error, "")
+        flight.app.executor.refuse(PING, error, "")
         assert flight.error() is error
     assert flight.codes.count("TC_AUTH_FAILED") == 2
     before = len(flight.packets)
-    flight.app.dispatcher.refuse(b"", Error.NOT_AUTHENTICATED, "no packet is known")
+    flight.app.executor.refuse(b"", Error.NOT_AUTHENTICATED, "no packet is known")
     assert "acceptance_failure" not in [p.packet.name for p in flight.packets[before:]]
 
 
 def test_the_same_request_twice_at_once_is_busy(flight: Flight):
     packet = telecommand_packet(DICTIONARY.telecommand("RESET_ESTIMATOR"), {}, 5)
-    assert flight.app.dispatcher.receive(packet)
-    assert not flight.app.dispatcher.receive(packet)
+    assert flight.app.executor.receive(packet)
+    assert not flight.app.executor.receive(packet)
     assert flight.error() is Error.BUSY
 
 
@@ -189,8 +190,8 @@ def unforeseen(*_arguments, **_keywords):
 
 
 def test_an_error_nobody_foresaw_rejects_or_fails_the_telecommand(flight: Flight):
-    dispatcher = flight.app.dispatcher
-    dispatcher.add({"PING": unforeseen, "REPORT_VERSION": lambda _: unforeseen})
+    executor = flight.app.executor
+    executor.add({"PING": unforeseen, "REPORT_VERSION": lambda _: unforeseen})
     assert flight.refused("PING") is Error.FAILED
     assert flight.send("REPORT_VERSION")[-2:] == ["event_medium", "completion_failure"][::-1]
     assert flight.error() is Error.FAILED
@@ -199,8 +200,10 @@ def test_an_error_nobody_foresaw_rejects_or_fails_the_telecommand(flight: Flight
     assert "completion_success" in flight.send("REPORT_DISABLED_EVENTS")
 
 
-def test_an_error_nobody_foresaw_after_the_loops_answer_fails_the_telecommand(flight: Flight):
-    flight.app.functions._mode_changed = unforeseen
+def test_an_error_nobody_foresaw_after_the_loops_answer_fails_the_telecommand(
+    flight: Flight, monkeypatch
+):
+    monkeypatch.setattr(ModeMachine, "leave_safe", unforeseen)
     flight.send("SET_MODE", {"mode": "STANDBY"})
     flight.answer()
     assert flight.error() is Error.FAILED
@@ -208,7 +211,7 @@ def test_an_error_nobody_foresaw_after_the_loops_answer_fails_the_telecommand(fl
 
 
 def test_what_cannot_be_undone_after_a_refusal_fails_the_telecommand(flight: Flight):
-    flight.app.parameters._store.discard = unforeseen
+    flight.app.context.parameters.store.discard = unforeseen
     flight.up(identifying=False)
     values = parameters_data({11: 1e6})
     flight.send("SET_PARAMETERS", {"count": 1, "parameter": 11, "value": values[3:]})

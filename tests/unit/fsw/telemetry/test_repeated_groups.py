@@ -44,7 +44,7 @@ def packet(service: int, subtype: int, data: bytes, sequence: int = 900) -> byte
 def give(flight: Flight, service: int, subtype: int, data: bytes) -> list[str]:
     """Give a telecommand; return the packets that came of it."""
     before = len(flight.packets)
-    flight.app.dispatcher.receive(packet(service, subtype, data))
+    flight.app.executor.receive(packet(service, subtype, data))
     return [p.packet.name for p in flight.packets[before:]]
 
 

@@ -32,18 +32,18 @@ class Secured:
     def __init__(self, config) -> None:
         self.flight = Flight(config)
         self.flight.up()
-        self.uplink = self.flight.app._uplink(True)
+        self.uplink = self.flight.app.link.uplink(True)
 
     def take(self, data: bytes) -> list[str]:
         """Return the names of what came back."""
         before = len(self.flight.packets)
         for item in self.uplink.feed(data, self.flight.now):
-            self.flight.app.take(item, self.flight.now)
+            self.flight.app.receive(item, self.flight.now)
         return [p.packet.name for p in self.flight.packets[before:]]
 
     @property
     def counts(self) -> dict[str, int]:
-        values = self.flight.app.sets._link()
+        values = self.flight.app.values.of(8)
         return {name: values[f"sdls_{name}"] for name in ("accepted", "failed", "replayed")}
 
 

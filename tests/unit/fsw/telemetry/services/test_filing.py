@@ -165,7 +165,7 @@ def test_free_space_is_reported(flight: Flight, files: Path):  # noqa: ARG001
 
 def test_transfers_are_reported_suspended_resumed_and_aborted(flight: Flight):
     delivery = FakeDelivery()
-    flight.app.deliver_by(delivery)
+    flight.app.transfers.delivery = delivery
     flight.send("REPORT_TRANSFERS")
     assert flight.last("transfer_status")["entries"] == 0
     key = (2, (1 << 60) + 1)
@@ -185,7 +185,7 @@ def test_transfers_are_reported_suspended_resumed_and_aborted(flight: Flight):
 
 def test_a_piece_of_a_file_goes_down(flight: Flight, files: Path):
     delivery = FakeDelivery()
-    flight.app.deliver_by(delivery)
+    flight.app.transfers.delivery = delivery
     given = {"path": "files/a.txt", "offset": 1, "size_bytes": 4, "name": "piece-1"}
     assert flight.send("DOWNLINK_PIECE", given) == BEGUN
     assert delivery.sent == [(files / "a.txt", False, "piece-1", (1, 4))]
@@ -227,7 +227,7 @@ def test_logs_go_down_but_are_not_removed(flight: Flight, files: Path):  # noqa:
 def test_the_recording_in_progress_is_not_removed_nor_sent_until_it_is_closed(
     flight: Flight, files: Path
 ):
-    flight.app.deliver_by(FakeDelivery())
+    flight.app.transfers.delivery = FakeDelivery()
     flight.recording.path = files.parent.parent / "recordings" / "r.mcap"
     flight.send("REC_START")
     path = {"path": "recordings/r.mcap"}
@@ -240,7 +240,7 @@ def test_the_recording_in_progress_is_not_removed_nor_sent_until_it_is_closed(
 
 def test_a_file_goes_down_and_completes_when_it_has_arrived(flight: Flight, files: Path):
     delivery = FakeDelivery()
-    flight.app.deliver_by(delivery)
+    flight.app.transfers.delivery = delivery
     assert flight.send("DOWNLINK_FILE", {"path": "files/a.txt", "remove": 0}) == BEGUN
     assert delivery.sent == [(files / "a.txt", False, "", None)]
     delivery.ended = [(1, True, "a.txt")]
@@ -263,17 +263,17 @@ def test_a_recording_is_removed_when_it_has_arrived(flight: Flight, files: Path)
     (files.parent / "ground").mkdir()
     ground = FileEntity(files.parent / "ground", ends=ends)
     for _ in range(10):
-        for unit in flight.app.delivery.poll(0):
+        for unit in flight.app.transfers.delivery.poll(0):
             ground.receive(unit, 0)
         for unit in ground.poll(0):
-            flight.app.delivery.receive(unit, 0)
+            flight.app.transfers.delivery.receive(unit, 0)
     assert (files.parent / "ground" / "r.mcap").read_bytes() == b"recorded"
     assert not recording.exists()
 
 
 def test_a_file_that_comes_up_is_told(flight: Flight):
     delivery = FakeDelivery()
-    flight.app.deliver_by(delivery)
+    flight.app.transfers.delivery = delivery
     delivery.ended = [(0, True, "noise.yaml")]
     flight.wait(0.1)
     assert flight.codes[-1] == "FILE_RECEIVED"

@@ -20,7 +20,7 @@ def set_values(flight: Flight, changes: dict[int, float]) -> list[str]:
     data = parameters_data(changes)
     telecommand = DICTIONARY.telecommand("SET_PARAMETERS")
     values = {"count": data[0], "parameter": int.from_bytes(data[1:3], "big"), "value": data[3:]}
-    flight.app.dispatcher.receive(telecommand_packet(telecommand, values, 77))
+    flight.app.executor.receive(telecommand_packet(telecommand, values, 77))
     return [p.packet.name for p in flight.packets[before:]]
 
 
@@ -49,7 +49,7 @@ def test_one_out_of_range_leaves_all_as_they_were(flight: Flight, bad):
     assert "acceptance_failure" in set_values(flight, {3: 5.0} | bad)
     assert flight.error() is Error.OUT_OF_RANGE
     assert value(flight, 3) == 10.0
-    assert Flight(flight.config).app.parameters.get("event_throttle_period_s") == 10.0
+    assert Flight(flight.config).app.context.parameter("event_throttle_period_s") == 10.0
 
 
 def test_settings_of_the_estimator_need_a_daemon_at_rest(flight: Flight):
@@ -94,5 +94,5 @@ def test_damaged_parameters_are_told_and_the_ones_before_are_used(flight: Flight
 def test_what_is_no_number_is_refused(flight: Flight):
     telecommand = DICTIONARY.telecommand("SET_PARAMETERS")
     values = {"count": 1, "parameter": LOSS, "value": struct.pack(">f", math.nan)}
-    flight.app.dispatcher.receive(telecommand_packet(telecommand, values, 78))
+    flight.app.executor.receive(telecommand_packet(telecommand, values, 78))
     assert flight.error() is Error.OUT_OF_RANGE

@@ -5,12 +5,11 @@ import os
 
 import pytest
 
-from fsw.config.telemetry import PacketStoresConfig
 from fsw.messages import Event
 from fsw.telemetry.dictionary.codes import Error, Store
 from fsw.telemetry.link.packets import cuc
-from fsw.telemetry.services.context import TelemetryContext
-from fsw.telemetry.services.playback import Outlet, Playback, store_of
+from fsw.telemetry.services.ground_link import GroundLink
+from fsw.telemetry.services.playback import store_of
 from fsw.telemetry.state.epoch import Epoch
 from tests.support.application_cases import DONE, EPOCH, SECOND, Flight
 
@@ -104,12 +103,10 @@ def test_a_long_retrieval_is_spread_over_polls_and_leaves_the_rest_its_turn(flig
     assert flight.refused("ABORT_PLAYBACK", {"store": "SCIENCE"}) is Error.NOT_STAGED
 
 
-def test_a_client_without_room_delays_a_retrieval_and_loses_nothing(flight: Flight):
+def test_a_client_without_room_delays_a_retrieval_and_loses_nothing(flight: Flight, monkeypatch):
     record(flight, 5)
     room = [0]
-    flight.app.onboard.playback._outlet = Outlet(
-        send=flight.app.down.again, room_bytes=lambda: room[0]
-    )
+    monkeypatch.setattr(GroundLink, "room_bytes", property(lambda _: room[0]))
     flight.send("PLAY_BACK", between("HOUSEKEEPING", 0.0, 2000.0))
     before = len(flight.all("link"))
     flight.wait(2.0)
@@ -158,7 +155,7 @@ def test_a_full_disk_is_one_event_and_storing_begins_again(
     flight: Flight, monkeypatch: pytest.MonkeyPatch
 ):
     record(flight, 1)
-    playback: Playback = flight.app.onboard.playback
+    playback = flight.app.onboard.playback
     store = playback._stores[Store.HOUSEKEEPING]
 
     def full(_packet: bytes) -> None:
@@ -172,22 +169,3 @@ def test_a_full_disk_is_one_event_and_storing_begins_again(
     assert flight.codes.count("PACKET_STORE_BACK") == 1
     flight.send("REPORT_STORE_STATUS")
     assert flight.all("store_status")[1]["failed"] >= 15
-
-
-def test_the_context_is_all_it_needs(tmp_path):
-    """One typed context in place of callbacks: a service of its own, without the application."""
-    sent: list[bytes] = []
-    flight_context = TelemetryContext(
-        now_ns=lambda: 0,
-        epoch=lambda: EPOCH,
-        state=tmp_path,
-        send=lambda *_: None,
-        report=lambda *_: None,
-        parameter=lambda _: 0.0,
-        dispatcher=None,
-    )
-    sizes = PacketStoresConfig()
-    playback = Playback(flight_context, sizes, Outlet(send=sent.append, room_bytes=lambda: 1))
-    playback.keep(b"no packet")
-    playback.poll()
-    assert sent == []

@@ -154,5 +154,5 @@ def test_an_n_other_than_1_is_refused(flight: Flight):
     good = telecommand_packet(DICTIONARY.telecommand("DELETE_MONITOR"), {"monitor": 3}, 1)
     assert good[11] == 1
     wrong = good[:11] + b"\x02" + good[12:-2]
-    flight.app.dispatcher.receive(wrong + crc16.ibm_3740(wrong).to_bytes(2, "big"))
+    flight.app.executor.receive(wrong + crc16.ibm_3740(wrong).to_bytes(2, "big"))
     assert flight.error() is Error.OUT_OF_RANGE

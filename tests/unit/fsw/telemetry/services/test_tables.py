@@ -57,7 +57,7 @@ def test_rates_hold_from_their_activation_on_and_over_a_restart(quiet: Flight):
     again = Flight(quiet.config)
     again.wait(2.0)
     assert len(again.all("link")) == 4
-    assert again.app.boot.count == 2
+    assert again.app.context.boot.count == 2
 
 
 def test_noise_and_robot_reach_the_loop_at_a_tick_and_the_configuration_in_force(quiet: Flight):

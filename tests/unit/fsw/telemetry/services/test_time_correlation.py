@@ -35,7 +35,7 @@ def test_every_time_packet_is_followed_by_a_correlation_of_its_own_time(flight: 
     assert [p.packet.name for p in new] == list(names) * (len(new) // 2)
     assert len(new) >= 4
     for told in new[1::2]:
-        expected = told.t_ns + flight.app.host.epoch().utc_less_met_ns
+        expected = told.t_ns + flight.app.context.epoch().utc_less_met_ns
         assert abs(told.values["utc_unix_ns"] - expected) <= 60  # the stamp's last bit
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fsw.loop.command_queue import Dispatcher
-from fsw.telemetry.services.executor import TcDispatcher
+from fsw.telemetry.services.executor import TelecommandExecutor
 from hil.evidence.fuzz.operations import Bench, play
 from hil.evidence.fuzz.oracle import OracleError
 from hil.evidence.fuzz.seeds import seeds
@@ -45,7 +45,7 @@ def test_an_error_nobody_foresaw_is_noticed(spoilt: Bench, monkeypatch: pytest.M
 def test_a_telecommand_that_is_not_answered_is_noticed(
     spoilt: Bench, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(TcDispatcher, "_success", lambda *_arguments: None)
+    monkeypatch.setattr(TelecommandExecutor, "_success", lambda *_arguments: None)
     with pytest.raises(OracleError, match="not answered"):
         spoilt.command("PING")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.services import object_check
+from fsw.telemetry.services import object_checksums
 from tests.support.application_cases import BEGUN, Flight
 
 
@@ -22,7 +22,7 @@ def part(memory: str, base: str, offset: int = 0, length: int = 0) -> dict:
 def test_a_file_is_checked_a_piece_at_a_time(
     flight: Flight, folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(object_check, "PIECE_BYTES", 100)
+    monkeypatch.setattr(object_checksums, "PIECE_BYTES", 100)
     data = bytes(range(256))
     (folder / "a.bin").write_bytes(data)
     assert flight.send("CHECK_OBJECT", part("FILES", "files/a.bin")) == BEGUN
@@ -45,7 +45,7 @@ def test_an_empty_file_and_one_that_shrinks(flight: Flight, folder: Path, monkey
         0,
         0,
     )
-    monkeypatch.setattr(object_check, "PIECE_BYTES", 10)
+    monkeypatch.setattr(object_checksums, "PIECE_BYTES", 10)
     (folder / "b").write_bytes(bytes(30))
     flight.send("CHECK_OBJECT", part("FILES", "files/b"))
     (folder / "b").write_bytes(bytes(5))

@@ -1,27 +1,33 @@
-"""What the service has heard from the loop, the estimator and the worker, newest first-hand."""
+"""The newest values received from the loop, the estimator and the worker."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from fsw.config import Config
 from fsw.messages import Block, Estimate
 from fsw.messages.commands import JobReport
 from fsw.messages.errors import ConfigError
+from fsw.telemetry.ports import Host
 from fsw.telemetry.state import values as fields
 
 if TYPE_CHECKING:
     from fsw.telemetry.state.residuals import TorqueResidual
 
-NEVER_S = 1e6  # age of what was never heard
+NEVER_S = 1e6  # age of a value that was never received
 
 
-class Knowledge:
-    """The newest summary, estimate, residuals and job."""
+class LatestValues:
+    """The newest summary, estimate, residuals and job.
 
-    def __init__(self, config: Config, now_ns: Callable[[], int]) -> None:
-        self._config, self._now_ns = config, now_ns
+    Parameters
+    ----------
+    config : effective configuration
+    """
+
+    def __init__(self, config: Config, host: Host) -> None:
+        self.config, self._host = config, host
         self._residuals: Any = None
         self._residuals_tried = False
         self._residual: list[TorqueResidual] = []
@@ -29,40 +35,40 @@ class Knowledge:
         self._status_ns: int | None = None
         self.estimate: Estimate | None = None
         self._job: dict[str, Any] | None = None
-        self._asked: tuple[str, tuple[str, ...]] = ("none", ())
+        self._requested_job: tuple[str, tuple[str, ...]] = ("none", ())
 
     @property
     def summary_age_s(self) -> float:
         """Return the age of the loop's newest summary."""
         if self._status_ns is None:
             return NEVER_S
-        return (self._now_ns() - self._status_ns) * 1e-9
+        return (self._host.now_ns() - self._status_ns) * 1e-9
 
-    def configured(self, config: Config) -> None:
-        """Take another configuration."""
-        self._config, self._residuals, self._residuals_tried = config, None, False
+    def configure(self, config: Config) -> None:
+        """Adopt another effective configuration."""
+        self.config, self._residuals, self._residuals_tried = config, None, False
         self._residual = []
 
-    def heard_status(self, status: Mapping[str, Any]) -> None:
-        """Take a summary."""
-        self.status, self._status_ns = status, self._now_ns()
+    def record_status(self, status: Mapping[str, Any]) -> None:
+        """Record the loop's summary."""
+        self.status, self._status_ns = status, self._host.now_ns()
 
-    def heard_block(self, block: Block) -> None:
-        """Take a window: what of its torques the newest estimate leaves unexplained."""
+    def record_block(self, block: Block) -> None:
+        """Compute the torque residuals of a block with the newest estimate."""
         if self.estimate is None:
             return
         if not self._residuals_tried:
             self._residuals_tried = True
-            self._residuals = _residuals(self._config)
+            self._residuals = _residuals(self.config)
         if self._residuals is not None:
             self._residual = self._residuals.of(block, self.estimate)
 
-    def asked(self, method: str, bodies: tuple[str, ...]) -> None:
-        """Remember what a batch job was asked for."""
-        self._asked = (method, bodies)
+    def requested_job(self, method: str, bodies: tuple[str, ...]) -> None:
+        """Record method and bodies of a requested batch job."""
+        self._requested_job = (method, bodies)
 
-    def heard_job(self, report: JobReport) -> None:
-        """Take progress or end of a batch job."""
+    def record_job(self, report: JobReport) -> None:
+        """Record progress or end of a batch job."""
         self._job = {
             "id": report.id,
             "state": report.state,
@@ -77,8 +83,8 @@ class Knowledge:
 
     def estimates(self) -> dict[str, Any]:
         """Return set 2."""
-        joints = [joint.name for joint in self._config.joints]
-        return fields.estimate_values(self.estimate, self._now_ns(), self._residual, joints)
+        joints = [joint.name for joint in self.config.joints]
+        return fields.estimate_values(self.estimate, self._host.now_ns(), self._residual, joints)
 
     def covariance(self) -> dict[str, Any]:
         """Return set 3."""
@@ -86,13 +92,13 @@ class Knowledge:
 
     def devices(self) -> dict[str, Any]:
         """Return set 4."""
-        buses = [bus.name for bus in self._config.buses]
-        joints = [joint.name for joint in self._config.joints]
+        buses = [bus.name for bus in self.config.buses]
+        joints = [joint.name for joint in self.config.joints]
         return fields.device_values(self.status, buses, joints)
 
     def job(self) -> dict[str, Any]:
         """Return set 5."""
-        return fields.job_values(self._job, *self._asked)
+        return fields.job_values(self._job, *self._requested_job)
 
     def estimate_age_s(self) -> float:
         """Return the age of the newest data used."""

@@ -8,7 +8,6 @@ use, where the standard's annex B proposes 16 bits. A file is read a piece at a 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,10 +17,11 @@ from fsw.telemetry.dictionary.codes import Error, Memory, Table
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.filing import Filing
+from fsw.telemetry.services.tables import Tables
 from fsw.telemetry.tables.slot import Copy
 
 PIECE_BYTES = 1 << 20
-Content = Callable[[Table, Copy], bytes]
 
 
 @dataclass(slots=True)
@@ -33,19 +33,17 @@ class _Running:
     crc32: int = 0
 
 
-class ObjectCheck:
+class ObjectChecksums:
     """Takes check-sums, one file at a time.
 
     Parameters
     ----------
-    find : resolves a path from the ground; raises TcError
-    content : content of a table; raises TcError when there is none
+    filing : finds files by the names that the ground uses
+    tables : the contents of tables
     """
 
-    def __init__(
-        self, context: TelemetryContext, find: Callable[[str], Path], content: Content
-    ) -> None:
-        self._context, self._find, self._content = context, find, content
+    def __init__(self, context: TelemetryContext, filing: Filing, tables: Tables) -> None:
+        self._context, self._filing, self._tables = context, filing, tables
         self._running: _Running | None = None
 
     def handlers(self) -> dict[str, Handler]:
@@ -78,7 +76,7 @@ class ObjectCheck:
 
     def _check_table(self, request: Request) -> Action:
         table, copy = _table_copy(request.text("base"))
-        content = self._content(table, copy)
+        content = self._tables.content(table, copy)
         offset, length = _part(request, len(content))
 
         def act() -> Done:
@@ -88,7 +86,7 @@ class ObjectCheck:
         return act
 
     def _check_file(self, request: Request) -> Action:
-        path = self._find(request.text("base"))
+        path = self._filing.find(request.text("base"))
         if self._running is not None:
             raise TcError(Error.BUSY, text="another file is being checked")
         try:
@@ -115,7 +113,7 @@ class ObjectCheck:
     def _finish(self, running: _Running, error: TcError | None) -> None:
         running.file.close()
         self._running = None
-        self._context.dispatcher.finish(running.request, error)
+        self._context.executor.finish(running.request, error)
 
     def _send(self, request: Request, length: int, crc32: int) -> None:
         values = {

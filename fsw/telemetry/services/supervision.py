@@ -2,46 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from fsw.messages.findings import Fault, severity
 from fsw.telemetry.dictionary.codes import Health, Mode
 from fsw.telemetry.dictionary.housekeeping import SILENT_LEAST_S
+from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.functions import Functions
 from fsw.telemetry.state.health import HealthWord
-from fsw.telemetry.state.knowledge import Knowledge
-from fsw.telemetry.state.modes import ModeMachine
 
 SILENT_PERIODS = 10.0
 FRESH_NS = 10_000_000_000  # a slip or a rejected sample stands for so long
 OF_A_BUS = ("SYNC_", "BUS_", "NODE_UNKNOWN")  # faults that are not one sensor's
-Report = Callable[[str, str], None]  # event code, text
 
 
 class Supervision:
-    """Watches.
+    """Keeps the health word and raises LOOP_SILENT and COMMAND_LOSS.
 
     Parameters
     ----------
-    command_loss_s : 0 switches the timer off
-    go_safe : the reaction
+    functions : enter SAFE when the ground has been silent for too long
     """
 
-    def __init__(
-        self,
-        knowledge: Knowledge,
-        modes: ModeMachine,
-        now_ns: Callable[[], int],
-        status_rate_hz: float,
-        command_loss_s: Callable[[], float],
-        report: Report,
-        go_safe: Callable[[], None],
-    ) -> None:
-        self._knowledge, self._modes, self._now_ns = knowledge, modes, now_ns
-        self._silent_s = max(SILENT_LEAST_S, SILENT_PERIODS / status_rate_hz)
-        self._command_loss_s, self._report, self._go_safe = command_loss_s, report, go_safe
+    def __init__(self, context: TelemetryContext, functions: Functions) -> None:
+        self._context, self._functions = context, functions
+        self._silent_s = max(SILENT_LEAST_S, SILENT_PERIODS / context.config.service.status_rate_hz)
         self.health = HealthWord()
-        self._mode = modes.mode
-        self._commanded_ns = now_ns()
+        self._commanded_ns = context.now_ns()
         self._lost = False
         self._silent = False
         self._counted = {Health.SLIPS: 0, Health.SENSOR_REJECTED: 0}
@@ -50,33 +35,33 @@ class Supervision:
     @property
     def command_loss_left_s(self) -> float:
         """Return the time until the reaction; -1 when the timer is off."""
-        limit_s = self._command_loss_s()
+        limit_s = self._context.parameter("command_loss_time_s")
         if limit_s <= 0:
             return -1.0
-        return max(0.0, limit_s - (self._now_ns() - self._commanded_ns) * 1e-9)
+        return max(0.0, limit_s - (self._context.now_ns() - self._commanded_ns) * 1e-9)
 
     def commanded(self) -> None:
-        """Take an accepted telecommand."""
-        self._commanded_ns = self._now_ns()
+        """Restart the command-loss timer: a telecommand was accepted."""
+        self._commanded_ns = self._context.now_ns()
         if self._lost:
             self._lost = False
-            self._report("COMMAND_BACK", "telecommands come again")
+            self._context.report("COMMAND_BACK", "telecommands come again")
 
-    def mode_changed(self) -> None:
-        """Tell when the mode is another."""
-        mode = self._modes.mode
-        if mode is not self._mode:
-            before, self._mode = self._mode, mode
-            self._report("MODE_CHANGED", f"{before.name} to {mode.name}")
+    def values(self) -> dict[str, object]:
+        """Return the health word and the command-loss timer for housekeeping set 1."""
+        return {
+            "health": self.health.latched,
+            "health_now": self.health.now,
+            "command_loss_left_s": self.command_loss_left_s,
+        }
 
-    def heard_status(self) -> None:
-        """Take the newest summary."""
-        status = self._knowledge.status
+    def status(self) -> None:
+        """Set the bits of the health word that the loop's newest summary decides."""
+        status = self._context.latest.status
         job = status.get("job") or {}
-        self._modes.heard(
+        self._context.modes.summary(
             identifying=bool(status.get("identifying", True)), job=job.get("state") == "running"
         )
-        self.mode_changed()
         if self._silent:
             self._silent = False
             self.health.standing(Health.LOOP_SILENT, present=False)
@@ -92,34 +77,37 @@ class Supervision:
         self._stands(Health.SENSOR_FAULT, bool(faults - on_buses - {Fault.LOOP_OVERRUN}))
 
     def event(self, code: str) -> None:
-        """Take an event's code: it may set a bit."""
-        self._tell(self.health.event(code))
+        """Set or clear the bit of the health word that belongs to an event."""
+        self._report_bits(self.health.event(code))
 
     def poll(self, now_ns: int) -> None:
-        """Look at the timers."""
+        """Check the timers."""
         for bit, counted_ns in self._counted_ns.items():
             self._stands(bit, now_ns - counted_ns < FRESH_NS)
-        if not self._silent and self._modes.mode is not Mode.BOOT:
-            age_s = self._knowledge.summary_age_s
+        if not self._silent and self._context.modes.mode is not Mode.BOOT:
+            age_s = self._context.latest.summary_age_s
             if age_s > self._silent_s:
                 self._silent = True
                 self.health.standing(Health.LOOP_SILENT, present=True)
-                self._report("LOOP_SILENT", f"no summary for {age_s:.1f} s")
+                self._context.report("LOOP_SILENT", f"no summary for {age_s:.1f} s")
         if not self._lost and self.command_loss_left_s == 0.0:
             self._lost = True
-            self._report("COMMAND_LOSS", f"no telecommand for {self._command_loss_s():.0f} s")
-            self._go_safe()
+            self._context.report(
+                "COMMAND_LOSS",
+                f"no telecommand for {self._context.parameter('command_loss_time_s'):.0f} s",
+            )
+            self._functions.go_safe()
 
     def _count(self, bit: Health, count: int) -> None:
         """Remember when a counter was last seen to grow."""
         if count > self._counted[bit]:
-            self._counted_ns[bit] = self._now_ns()
+            self._counted_ns[bit] = self._context.now_ns()
         self._counted[bit] = count
 
     def _stands(self, bit: Health, present: bool) -> None:
-        self._tell(self.health.standing(bit, present))
+        self._report_bits(self.health.standing(bit, present))
 
-    def _tell(self, mask: int) -> None:
+    def _report_bits(self, mask: int) -> None:
         if mask:
             names = [bit.name for bit in Health if mask >> bit & 1]
-            self._report("HEALTH_LATCHED", ", ".join(names))
+            self._context.report("HEALTH_LATCHED", ", ".join(names))

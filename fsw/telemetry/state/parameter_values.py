@@ -1,0 +1,100 @@
+"""Values of the on-board parameters: commanded, configured or default; kept over a restart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from fsw.config import Config
+from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.state.store import GenerationStore
+
+ESTIMATOR = {  # parameter -> key of the section; forgetting 0 is the configuration's null
+    "gate_probability": "gate_probability",
+    "condition_limit": "condition_limit",
+    "forgetting_time_s": "forgetting_time_s",
+    "settle_blocks": "settle_blocks",
+}
+BY_NAME = {item.name: item for item in DICTIONARY.parameters}
+
+
+class ParameterValues:
+    """Value in use of each parameter.
+
+    A telecommand's value comes first, then the configuration's, then the dictionary's default.
+
+    Parameters
+    ----------
+    config : configuration as read from its file
+    store : the commanded values, one generation for each change
+
+    Attributes
+    ----------
+    commanded : values set by telecommand, by parameter name
+    damaged : stored generations that cannot be read
+    """
+
+    def __init__(self, config: Config, store: GenerationStore) -> None:
+        self.store = store
+        self.commanded, self.damaged = stored_values(store)
+        self._base = _configured(config)
+
+    def get(self, name: str) -> float:
+        """Return the value in use."""
+        return self.commanded.get(name, self._base[name])
+
+    def prepare(self, values: Mapping[str, float]) -> int:
+        """Write new values to the disk without effect; return their generation. Raises OSError."""
+        return self.store.prepare(json.dumps(values, sort_keys=True).encode())
+
+    def commit(self, number: int, values: dict[str, float]) -> None:
+        """Put a prepared generation of values in force. Raises OSError."""
+        self.store.commit(number)
+        self.commanded = values
+
+
+def stored_values(store: GenerationStore) -> tuple[dict[str, float], int]:
+    """Return the newest valid values, and the number of invalid generations."""
+    generations, damaged = store.read()
+    for generation in generations:
+        values = _parse(generation.content)
+        if values is not None:
+            return values, damaged
+        damaged += 1
+    return {}, damaged
+
+
+def estimator_changes(values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the keys of the section `estimator` that the parameters change."""
+    changes: dict[str, Any] = {
+        key: values[name] for name, key in ESTIMATOR.items() if name in values
+    }
+    if "forgetting_time_s" in changes:
+        changes["forgetting_time_s"] = changes["forgetting_time_s"] or None
+    if "settle_blocks" in changes:
+        changes["settle_blocks"] = int(changes["settle_blocks"])
+    return changes
+
+
+def _parse(content: bytes) -> dict[str, float] | None:
+    try:
+        document = json.loads(content)
+    except ValueError:
+        return None
+    if not isinstance(document, dict):
+        return None
+    for name, value in document.items():
+        item = BY_NAME.get(name)
+        if item is None or not isinstance(value, int | float):
+            return None
+        if not item.minimum <= value <= item.maximum:
+            return None
+    return {name: float(value) for name, value in document.items()}
+
+
+def _configured(config: Config) -> dict[str, float]:
+    values = {item.name: float(item.default) for item in DICTIONARY.parameters}
+    section = config.estimator.model_dump()
+    values |= {name: float(section[key] or 0.0) for name, key in ESTIMATOR.items()}
+    return values
