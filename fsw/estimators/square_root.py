@@ -70,6 +70,20 @@ class SquareRootInformation:
         root = self.covariance_root()
         return root @ root.T
 
+    def whitened(self, A: FloatArray, innovation: FloatArray) -> FloatArray:
+        """Return the innovation of rows A with unit noise, whitened by its own covariance.
+
+        Raises EstimatorError if singular or not finite.
+        """
+        AS = A @ self.covariance_root()
+        unit = np.eye(len(innovation))
+        try:
+            L = np.linalg.cholesky(unit + AS @ AS.T)
+        except np.linalg.LinAlgError:  # a prior so wide that the unit is lost beside its square
+            L = np.linalg.qr(np.concatenate([unit, AS.T])).R.T
+        white: FloatArray = np.linalg.solve(L, innovation)
+        return white
+
     def scaled_condition_number(self) -> float:
         """Return the condition number of R with every column scaled to unit length."""
         scale = np.linalg.norm(self.R, axis=0)

@@ -10,7 +10,7 @@ the retired information, the stored rows and a pass under way alike; the prior i
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,7 +67,7 @@ class Memory:
     prior : what is known without data
     data : information of the data alone, singular until there is enough
     information : of both
-    at : (p,) point of the running or last pass
+    at : (p,) point of the running or last pass, or where one was last found not worth its time
     passes : passes completed
     rows : rows folded in since the restart
     failed : blocks that could not be re-linearised in the last pass, with their old rows kept
@@ -175,6 +175,25 @@ class Memory:
         self.passes += 1
         self._combine()
         return True
+
+    def pull(
+        self, rows: SafeRows, at: FloatArray, samples: int
+    ) -> Generator[None, None, FloatArray | None]:
+        """Return by how much a pass at a point would change the normal equations' right side.
+
+        Estimated from some stored blocks, one per unit, evenly spread; None where one of them
+        cannot be re-linearised. Leaves no trace.
+        """
+        total = np.zeros(len(at))
+        for index in np.linspace(0, len(self._store) - 1, samples).astype(int).tolist():
+            stored = self._with_rows(self._store[index])
+            new = rows(stored.block, at, stored.before)
+            yield
+            if new is None:
+                return None
+            old = stored.A.T @ (stored.c - stored.A @ at)
+            total += stored.weight**2 * (new.A.T @ new.b - old)
+        return total * (len(self._store) / samples)
 
     @property
     def blocks(self) -> tuple[Block, ...]:

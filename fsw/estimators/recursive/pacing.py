@@ -11,7 +11,7 @@ from fsw.messages import FloatArray
 
 SETTLED = 0.02  # whitened rms step by re-linearising alone below which the estimate has settled
 WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
-FAR = 0.5  # whitened rms distance from the last point at which a pass is made anyway
+FAR = 0.5  # whitened rms distance from the last point at which that expectation is not trusted
 LEAST_PULL = 1 / 16
 _STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull")
 
@@ -33,17 +33,22 @@ class Pacing:
     def is_worth_a_pass(self, drift: float, since: int) -> bool:
         """Return whether re-linearising now is expected to move the estimate.
 
-        The last pass's effect, scaled linearly or quadratically with how far the point would move.
-
         Parameters
         ----------
         drift : distance of the estimate from the last pass's point
         since : blocks folded in since the start
         """
+        return drift > FAR or self.is_expected_to_move(drift, since)
+
+    def is_expected_to_move(self, drift: float, since: int) -> bool:
+        """Return whether the last pass's effect, scaled, makes one worth its time.
+
+        Scaled linearly or quadratically with how far the point would move.
+        """
         if not self.settled or not np.isfinite(self._last_move):
             return True
         ratio = drift / max(self._last_move, 1e-9) * since / self._last_since
-        return drift > FAR or self._last_step * ratio * max(1.0, ratio) > WORTH
+        return bool(self._last_step * ratio * max(1.0, ratio) > WORTH)
 
     def point(self, wanted: FloatArray, previous: FloatArray) -> FloatArray:
         """Return the next pass's point: less than all the way after passes that failed."""
@@ -60,6 +65,10 @@ class Pacing:
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
         self._last_step = step
         self.settled = step < SETTLED and failed == 0
+
+    def found_idle(self, step: float) -> None:
+        """Note by how much a pass not worth its time would have moved the estimate."""
+        self._last_step = step
 
     def snapshot(self) -> dict[str, Any]:
         """Return the state as plain values."""

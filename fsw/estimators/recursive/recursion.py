@@ -13,6 +13,7 @@ from collections.abc import Generator, Mapping
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
 from fsw.estimators.diagnosis import conflict_limit, stated_conflict
@@ -25,7 +26,7 @@ from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.change import InnovationMonitor, slow_power
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
-from fsw.estimators.recursive.pacing import SETTLED, Pacing
+from fsw.estimators.recursive.pacing import FAR, SETTLED, WORTH, Pacing
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
@@ -35,6 +36,7 @@ LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
 FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
 ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
 EVENT_LIMIT = 64
+SAMPLES = 8  # stored blocks that tell whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
@@ -92,7 +94,7 @@ class Recursion:
         self.armed = self.conflict = False
         self.slow = (1.0, float("inf"))
         self._check_due = self._level_due = False
-        self._pointing: Generator[None, None, FloatArray] | None = None
+        self._pointing: Generator[None, None, tuple[FloatArray, float | None]] | None = None
         self._rss = 0.0
         self.span_ns: tuple[int, int] | None = None
 
@@ -196,7 +198,8 @@ class Recursion:
             return
         end_ns = int(block.t_ns[-1])
         self._age(end_ns)
-        white = self._whitened(rows.A, rows.b - rows.A @ (self.x - at))
+        innovation = rows.b - rows.A @ (self.x - at)
+        white = self.memory.information.whitened(rows.A, innovation)
         judgement = self.monitor.judge(white, armed=self.armed)
         if self.monitor.nis > ABSURD * len(white):
             self.gated += 1
@@ -284,19 +287,42 @@ class Recursion:
 
     def _begin_pass(self) -> bool:
         if self._pointing is None:
-            self._pointing = self._point()
+            self._pointing = self._next_point()
         try:
             next(self._pointing)
         except StopIteration as end:
-            wanted: FloatArray = end.value
+            wanted, step = end.value
         else:
             return False
         self._pointing = None
         memory, previous = self.memory, self.memory.at
         point = self.pacing.point(wanted, previous)
         self.pacing.begin(_rms(memory.information.R @ (point - previous)), self.since)
-        memory.begin(point)
+        if step is None:
+            memory.begin(point)
+        else:
+            memory.at = point
+            self.pacing.found_idle(step)
+            self._level_due = self._check_due = True
         return True
+
+    def _next_point(self) -> Generator[None, None, tuple[FloatArray, float | None]]:
+        """Return where to re-linearise, and the step that would make if it is not worth its time.
+
+        Where only the distance speaks for a pass, some of the blocks show its effect.
+        """
+        drift, expected = self._drift(), True
+        wanted = yield from self._point()
+        memory = self.memory
+        if len(memory) > 2 * SAMPLES and drift > FAR:
+            expected = self.pacing.is_expected_to_move(drift, self.since)
+        if expected:
+            return wanted, None
+        pull = yield from memory.pull(self._usable_rows, wanted, SAMPLES)
+        if pull is None:
+            return wanted, None
+        step = _rms(solve_triangular(memory.information.R, pull, trans=1))
+        return wanted, step if step < WORTH else None
 
     def _advance_pass(self) -> None:
         memory = self.memory
@@ -364,17 +390,6 @@ class Recursion:
                 covariance = self.memory.information.covariance()[k, k]
                 x[k] = yield from nearest_consistent_stages(x[k], covariance)
         return x
-
-    def _whitened(self, A: FloatArray, innovation: FloatArray) -> FloatArray:
-        """Return the innovation whitened by its own covariance."""
-        AS = A @ self.memory.information.covariance_root()
-        unit = np.eye(len(innovation))
-        try:
-            L = np.linalg.cholesky(unit + AS @ AS.T)
-        except np.linalg.LinAlgError:  # a prior so wide that the unit is lost beside its square
-            L = np.linalg.qr(np.concatenate([unit, AS.T])).R.T
-        white: FloatArray = np.linalg.solve(L, innovation)
-        return white
 
 
 def _rms(values: FloatArray) -> float:

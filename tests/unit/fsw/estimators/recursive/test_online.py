@@ -9,10 +9,11 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.config import Config
-from fsw.estimators.measurement.mrnea import mrnea_rows
+from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.problem import build_problem
 from fsw.estimators.recursive.online import WORK_PER_BLOCK, OnlineEstimator, build_online
+from fsw.estimators.recursive.pacing import WORTH
 from fsw.estimators.recursive.recursion import FLAT_PRIOR
 from fsw.messages import Block, Estimate
 from tests.support.estimator_cases import (
@@ -109,6 +110,39 @@ def test_work_is_bounded_between_blocks() -> None:
             calls += 1
             assert calls <= WORK_PER_BLOCK * POINT_UNITS
         assert not online.work()
+
+
+@pytest.mark.parametrize("method", ["fused", "mrnea"])
+def test_passes_that_would_change_nothing_are_not_made(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bound: what a pass is worth making for, twice: of the last one and of the next."""
+    config, blocks = config_of("target", 5, method=method), noisy_blocks("target", 5, 30.0)
+
+    def watched() -> tuple[list[Estimate], list[int], int]:
+        online, passes, calls = build_online(config, robot_model()), list[int](), 0
+        rows = online.rows.__call__
+
+        def counted(*arguments: object) -> Rows:
+            nonlocal calls
+            calls += 1
+            return rows(*arguments)
+
+        monkeypatch.setattr(online.recursion, "_rows", counted)
+        estimates = []
+        for block in blocks:
+            estimates.append(online.push(block))
+            passes.append(online.recursion.memory.passes)
+        return estimates, passes, calls
+
+    some, few, rare = watched()
+    monkeypatch.setattr("fsw.estimators.recursive.recursion.SAMPLES", 10**6)
+    every, many, often = watched()
+    assert few[-1] < many[-1]
+    assert rare < 0.75 * often
+    for a, b in zip(some, every, strict=True):
+        assert a.valid == b.valid
+        assert whitened_rms(a.mean, b.mean, b.covariance) < 2 * WORTH
 
 
 @pytest.mark.parametrize("name", ["tau_nm", "w_NB_B_rad_s", "f_NS_B_m_s2", "qdd_rad_s2"])
