@@ -66,22 +66,22 @@ class BlockStack:
     @cached_property
     def cov_joint(self) -> FloatArray:
         """Covariance of the joints' motion."""
-        return np.stack([block.cov_joint for block in self.blocks])
+        return _stacked([block.cov_joint for block in self.blocks])
 
     @cached_property
     def cov_tau(self) -> FloatArray:
         """Covariance of the torques."""
-        return np.stack([block.cov_tau for block in self.blocks])
+        return _stacked([block.cov_tau for block in self.blocks])
 
     @cached_property
     def cov_gyro(self) -> FloatArray:
         """Covariance of rate and angular acceleration."""
-        return np.stack([block.cov_gyro for block in self.blocks])
+        return _stacked([block.cov_gyro for block in self.blocks])
 
     @cached_property
     def cov_acc(self) -> FloatArray:
         """Covariance of the specific force."""
-        return np.stack([block.cov_acc for block in self.blocks])
+        return _stacked([block.cov_acc for block in self.blocks])
 
     @cached_property
     def root_rates(self) -> FloatArray:
@@ -111,3 +111,7 @@ class BlockStack:
 
 def _joined(parts: list[FloatArray]) -> FloatArray:
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _stacked(parts: list[FloatArray]) -> FloatArray:
+    return parts[0][None] if len(parts) == 1 else np.stack(parts)

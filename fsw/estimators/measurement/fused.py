@@ -31,7 +31,7 @@ from fsw.estimators.measurement.impulse import (
 from fsw.estimators.measurement.motion_noise import residual_covariance, smoothed
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
-from fsw.estimators.model.inertia import cross, skew
+from fsw.estimators.model.inertia import skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
@@ -81,20 +81,17 @@ def _dynamics(
     else:
         Y_h = model.momentum_regressors(q, nu)[:, :6] @ problem.U
     w = nu[:, 3:6]
-    load = -model.generalised_forces(q, w, qd, a)[:, :6]
+    C, force = model.forces_and_derivatives(q, w, qd, a)  # of a base that does not accelerate
     Y_field = None
     if problem.orbit is not None:
         Y_field = np.stack([model.field_regressor(q[i], G[i]) for i in range(N)])
-        load += Y_field[:, :6] @ pi
-    outside = external_force(s, x, problem)[0] if pulled(problem) else None
-    if outside is not None:
-        load += outside[:, :6]
-    a[:, :6] = _times(inverse, load)
+        force -= Y_field @ pi
+    if pulled(problem):
+        force -= external_force(s, x, problem)[0]
+    a[:, :6] = -_times(inverse, force[:, :6])
     Y = model.regressors(q, w, qd, a)
     if Y_field is not None:
         Y -= Y_field
-    C = model.bias_derivatives(q, w, qd, a)
-    force = Y[:, 6:] @ pi
     by_angle = h_by_angle = None
     if s.angles_are_noisy:
         by_angle, h_by_angle = np.empty((N, 6 + n, n)), np.empty((N, 6, n))
@@ -102,16 +99,16 @@ def _dynamics(
             by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])
             h_by_angle[i] = model.momentum_derivative(q[i], nu[i])
     return _Dynamics(
-        H,
-        inverse,
-        C,
-        Y @ problem.U,
-        Y_h,
-        nu[:, :6],
-        a[:, :6],
-        force if outside is None else force - outside[:, 6:],
-        by_angle,
-        h_by_angle,
+        H=H,
+        H_bb_inverse=inverse,
+        C=C,
+        Y=Y @ problem.U,
+        Y_h=Y_h,
+        nu=nu[:, :6],
+        a=a[:, :6],
+        force=force[:, 6:] + _times(H[:, 6:, :6], a[:, :6]),
+        by_angle=by_angle,
+        h_by_angle=h_by_angle,
     )
 
 
@@ -135,57 +132,99 @@ def predict(
     gained from external moments up to the block.
     """
     s = block if isinstance(block, BlockStack) else BlockStack((block,))
-    m, n = s.q_rad.shape
-    p, k, r = len(x), problem.bodies, problem.p_BS_m
+    n, r = s.n, problem.p_BS_m
     G = field(s, problem)
     L_B, J_L, after = _momentum(s, x, problem, G, before)
     d = _dynamics(s, x, problem, rate, L_B, G)
-    H_bm, C_w = d.H[:, :6, 6:], d.C[:, :, 3:6]
-    J_w = np.zeros((m, 3, p))
-    if d.Y_h is not None:
-        gained = np.concatenate([np.zeros((m, 3, p)), J_L], axis=1)
-        gained[:, :, k] -= d.Y_h
-        J_w = d.H_bb_inverse[:, 3:] @ gained
-    elif present(problem.gyro_bias):
-        J_w[:, :, problem.gyro_bias] = -np.eye(3)
-    reaction = C_w[:, :6] @ J_w
-    reaction[:, :, k] += d.Y[:, :6]
-    outside = external_force(s, x, problem)[1] if pulled(problem) else None
-    if outside is not None:
-        reaction -= outside[:, :6]
-    J_a = -(d.H_bb_inverse @ reaction)
-    tau, J_tau = d.force, H_bm.transpose(0, 2, 1) @ J_a + C_w[:, 6:] @ J_w
-    J_tau[:, :, k] += d.Y[:, 6:]
-    if outside is not None:
-        J_tau -= outside[:, 6:]
-    w, wd = d.nu[:, 3:], d.a[:, 3:]
-    f = d.a[:, :3] + cross(wd, r) + cross(w, cross(w, r)) - G @ r
-    centripetal = -skew(cross(w, r)) - skew(w) @ skew(r)
-    J_f = J_a[:, :3] - skew(r) @ J_a[:, 3:] + centripetal @ J_w
-    D_qdd, D_qd, D_w = _motion_gains(d, centripetal, r, rate)
+    w, lever = d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
+    f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
+    D = _gains(s, x, problem, d, J_L, lever)
+    D_w, J = D[:, : n + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     D_q = _angle_gain(d, D_w, r, rate)
+    tau = d.force
     if present(problem.torque_scale):
-        for gain in (D_qdd, D_qd, D_w) if D_q is None else (D_qdd, D_qd, D_w, D_q):
-            gain[:, :n] *= 1.0 + x[problem.torque_scale][:, None]
-    tau, J_tau = _torque_errors(tau, J_tau, x, problem)
+        gain = 1.0 + x[problem.torque_scale]
+        for gains in (D,) if D_q is None else (D, D_q):
+            gains[:, :n] *= gain[:, None]
+        J[:, :n, problem.torque_scale] += tau[:, :, None] * np.eye(n)
+        tau = tau * gain
+    if present(problem.torque_offset):
+        tau = tau + x[problem.torque_offset]
+        J[:, :n, problem.torque_offset] += np.eye(n)
     if present(problem.acc_bias):
         f = f + x[problem.acc_bias]
-        J_f[:, :, problem.acc_bias] += np.eye(3)
+        J[:, n : n + 3, problem.acc_bias] += np.eye(3)
     if present(problem.gyro_bias):
         w = w + x[problem.gyro_bias]
-        J_w = J_w.copy()
-        J_w[:, :, problem.gyro_bias] += np.eye(3)
-    return Prediction(tau, f, w, J_tau, J_f, J_w, D_qdd, D_qd, D_w, D_q, after[-1], after)
+        J[:, n + 3 :, problem.gyro_bias] += np.eye(3)
+    return Prediction(
+        tau_nm=tau,
+        f_m_s2=f,
+        w_rad_s=w,
+        J=J,
+        J_tau=J[:, :n],
+        J_f=J[:, n : n + 3],
+        J_w=J[:, n + 3 :],
+        D_qdd=D[:, : n + 3, :n],
+        D_qd=D[:, :, n + 3 : 2 * n + 3],
+        D_w=D_w,
+        D_q=D_q,
+        after=after[-1],
+        each=after,
+    )
+
+
+def _gains(
+    s: BlockStack,
+    x: FloatArray,
+    problem: Problem,
+    d: _Dynamics,
+    J_L: FloatArray | None,
+    lever: FloatArray,
+) -> FloatArray:
+    """Return d[tau; f; w]/d[qdd, w, qd, x] (N, n + 6, 2 n + 3 + p), less the sensors' own errors.
+
+    The base rows of the direct effect on the generalised force give the base's acceleration, that
+    acts on torque and force; what acts on the rate acts through it on both.
+    """
+    n, r, w = s.n, problem.p_BS_m, d.nu[:, 3:]
+    direct = np.zeros((len(w), 6 + n, 2 * n + 3 + len(x)))
+    direct[:, :, :n], direct[:, :, n : 2 * n + 3] = d.H[:, :, 6:], d.C[:, :, 3:]
+    by_state = direct[:, :, 2 * n + 3 :]
+    by_state[:, :, problem.bodies] = d.Y
+    if pulled(problem):
+        by_state -= external_force(s, x, problem)[1]
+    base = -(d.H_bb_inverse @ direct[:, :6])
+    D = np.empty((len(w), n + 6, direct.shape[2]))
+    D[:, :n] = direct[:, 6:] + d.H[:, 6:, :6] @ base
+    D[:, n : n + 3] = lever @ base
+    D_w = D[:, : n + 3, n : n + 3]  # w x (w x r) = w (w.r) - r (w.w)
+    D_w[:, n:] += (w @ r)[:, None, None] * np.eye(3) + w[:, :, None] * r
+    D_w[:, n:] -= 2.0 * r[:, None] * w[:, None, :]
+    D[:, n + 3 :] = 0.0
+    rate = D[:, n + 3 :, n + 3 :]  # by qd and x
+    if d.Y_h is not None:
+        rate[:, :, :n] = base[:, 3:, :n]
+        rate[:, :, n:][:, :, problem.bodies] = -(d.H_bb_inverse[:, 3:] @ d.Y_h)
+        if J_L is not None:
+            rate[:, :, n:] += d.H_bb_inverse[:, 3:, 3:] @ J_L
+    elif present(problem.gyro_bias):
+        rate[:, :, n:][:, :, problem.gyro_bias] = -np.eye(3)
+    D[:, : n + 3, n + 3 :] += D_w @ rate
+    return D
 
 
 def _momentum(
     s: BlockStack, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
-) -> tuple[FloatArray, FloatArray, tuple[Impulse | None, ...]]:
-    """Return the angular momentum in base axes (N, 3), its Jacobian (N, 3, p), and what follows."""
+) -> tuple[FloatArray, FloatArray | None, tuple[Impulse | None, ...]]:
+    """Return the angular momentum in base axes (N, 3), its Jacobian (N, 3, p), and what follows.
+
+    The Jacobian is None where the momentum is zero.
+    """
     N = len(s.q_rad)
     after: tuple[Impulse | None, ...] = (None,) * len(s.blocks)
     if not needed(problem) and not present(problem.momentum):
-        return np.zeros((N, 3)), np.zeros((N, 3, len(x))), after
+        return np.zeros((N, 3)), None, after
     L_N, J = np.zeros((N, 3)), np.zeros((N, 3, len(x)))
     if needed(problem):
         ends: list[Impulse | None] = []
@@ -199,22 +238,6 @@ def _momentum(
         J[:, :, problem.momentum] += np.eye(3)
     R_BN = s.R_NB.transpose(0, 2, 1)
     return _times(R_BN, L_N), R_BN @ J, after
-
-
-def _torque_errors(
-    tau: FloatArray, J_tau: FloatArray, x: FloatArray, problem: Problem
-) -> tuple[FloatArray, FloatArray]:
-    """Apply the sensors' scale errors and offsets: (1 + s) tau + o."""
-    n = tau.shape[1]
-    if present(problem.torque_scale):
-        gain = 1.0 + x[problem.torque_scale]
-        J_tau = J_tau * gain[:, None]
-        J_tau[:, :, problem.torque_scale] += tau[:, :, None] * np.eye(n)
-        tau = tau * gain
-    if present(problem.torque_offset):
-        tau = tau + x[problem.torque_offset]
-        J_tau[:, :, problem.torque_offset] += np.eye(n)
-    return tau, J_tau
 
 
 def fused_rows(
@@ -257,7 +280,8 @@ def stacked_fused_rows(
             s.w_NB_B_rad_s - prediction.w_rad_s,
         ],
         axis=1,
-    )[:, use]
+    )
+    r = r if use.all() else r[:, use]
     S = residual_covariance(s, prediction, use, rate)
     L = np.asarray(np.linalg.cholesky(S), np.float64)
     at, size = prediction, S.shape[1]
@@ -266,8 +290,7 @@ def stacked_fused_rows(
         weighted = [dpotrs(root, own, lower=1)[0] for root, own in zip(L, residuals, strict=True)]
         moved = smoothed(s, prediction, use, np.array(weighted).reshape(r.shape))
         at = predict(moved, x, problem, rate, before)
-    X = np.concatenate([at.J_tau, at.J_f, at.J_w], axis=1)[:, use]
-    X = X.reshape(len(s.blocks), size, len(x))
+    X = (at.J if use.all() else at.J[:, use]).reshape(len(s.blocks), size, len(x))
     found = []
     for root, columns, own, after in zip(L, X, residuals, prediction.each, strict=True):
         A, b = whitened(root, columns, own)
@@ -288,21 +311,3 @@ def _angle_gain(d: _Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> Flo
     tau_q = d.by_angle[:, 6:] + H_bm.transpose(0, 2, 1) @ a_q
     direct = np.concatenate([tau_q, lever @ a_q], axis=1)
     return np.concatenate([direct + D_w @ w_q, w_q], axis=1)
-
-
-def _motion_gains(
-    d: _Dynamics, centripetal: FloatArray, r: FloatArray, rate: Rate
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return d[tau; f]/d qdd, d[tau; f; w]/d qd and d[tau; f]/dw at zero external wrench."""
-    C, H_bm, H_m = d.C, d.H[:, :6, 6:], d.H[:, 6:, 6:]
-    lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
-    n = H_m.shape[1]
-    reaction = -d.H_bb_inverse @ np.concatenate([H_bm, C[:, :6, 3:]], axis=2)
-    N, a_w, a_qd = reaction[:, :, :n], reaction[:, :, n : n + 3], reaction[:, :, n + 3 :]
-    D_qdd = np.concatenate([H_m + H_bm.transpose(0, 2, 1) @ N, lever @ N], axis=1)
-    D_w = np.concatenate(
-        [C[:, 6:, 3:6] + H_bm.transpose(0, 2, 1) @ a_w, lever @ a_w + centripetal], axis=1
-    )
-    D_qd = np.concatenate([C[:, 6:, 6:] + H_bm.transpose(0, 2, 1) @ a_qd, lever @ a_qd], axis=1)
-    w_qd = N[:, 3:] if rate == "momentum" else np.zeros_like(N[:, 3:])
-    return D_qdd, np.concatenate([D_qd + D_w @ w_qd, w_qd], axis=1), D_w

@@ -29,8 +29,10 @@ def residual_covariance(
         S[:, :, n + axis, :, n + axis] = s.cov_acc
         S[:, :, n + 3 + axis, :, n + 3 + axis] = s.cov_gyro[:, :m, :m]
     size = m * int(use.sum())
-    S = S[:, :, use][:, :, :, :, use].reshape(B, size, size)
-    D = _by_motion(prediction)[:, :, use]
+    D = _by_motion(prediction)
+    if not use.all():
+        S, D = S[:, :, use][:, :, :, :, use], D[:, :, use]
+    S = S.reshape(B, size, size)
     orders = len(D)
     S += _through(s, D, s.cov_joint.reshape(B, n, orders, m, orders, m)).reshape(B, size, size)
     if rate == "measured":

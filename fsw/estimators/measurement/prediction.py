@@ -19,6 +19,7 @@ class Prediction:
     tau_nm: FloatArray  # (m, n)
     f_m_s2: FloatArray  # (m, 3)
     w_rad_s: FloatArray  # (m, 3)
+    J: FloatArray  # (m, n + 6, p): d[tau; f; w]/dx, of which the next three are the parts
     J_tau: FloatArray  # (m, n, p)
     J_f: FloatArray  # (m, 3, p)
     J_w: FloatArray  # (m, 3, p)

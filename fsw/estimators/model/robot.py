@@ -204,13 +204,19 @@ class RobotModel:
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
     ) -> FloatArray:
         """Return `bias_derivative` at N states, (N, 6+n, 6+n)."""
+        return self.forces_and_derivatives(q, w, qd, a)[0]
+
+    def forces_and_derivatives(
+        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return `bias_derivative` and `generalised_force` at N states, by one recursion each."""
         Q, V = self._states(q, w, qd)
-        out = np.empty((len(q), self.model.nv, self.model.nv))
+        out, forces = np.empty((len(q), self.model.nv, self.model.nv)), np.empty(V.shape)
         model, data, evaluate = self.model, self.data, pin.computeRNEADerivatives
         for i in range(len(q)):
             evaluate(model, data, Q[i], V[i], a[i])
-            out[i] = data.dtau_dv
-        return out
+            out[i], forces[i] = data.dtau_dv, data.tau
+        return out, forces
 
     def _angles(self, q: FloatArray) -> FloatArray:
         Q = np.empty((len(q), self._q.size))
