@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import secrets
 import time
 from pathlib import Path
+
+from file_delivery.durable import replace_file
 
 NUMBER_BITS = 63  # of a field of 8 octets
 RANDOM_BITS = 10
@@ -32,12 +33,7 @@ class Numbers:
             with self._path.with_suffix(".lock").open("w") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)
                 number = self._kept() + 1
-                temporary = self._path.with_suffix(".new")
-                with temporary.open("w") as file:
-                    file.write(f"{number}\n")
-                    file.flush()
-                    os.fsync(file.fileno())
-                temporary.replace(self._path)
+                replace_file(self._path, f"{number}\n")
                 return number
         except OSError:
             return beginning()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import fcntl
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 
+from file_delivery.durable import replace_file
 from ground.errors import UsageError
 
 
@@ -46,10 +46,5 @@ class NumberFile:
         with self._path.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             current = 0 if self.is_new else int(json.loads(self._path.read_text())["next"])
-            temporary = self._path.with_suffix(".new")
-            with temporary.open("w") as new:
-                json.dump({"next": step(current)}, new)
-                new.flush()
-                os.fsync(new.fileno())
-            temporary.replace(self._path)
+            replace_file(self._path, json.dumps({"next": step(current)}))
         return current

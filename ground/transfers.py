@@ -8,7 +8,6 @@ board the pieces of an upload are appended to NAME.ID.part, here those of a down
 from __future__ import annotations
 
 import json
-import os
 import secrets
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal, Self
 
+from file_delivery.durable import rename_file, replace_file, sync_file
 from ground.delivery import (
     DELIVERED,
     NOT_FOUND,
@@ -99,12 +99,7 @@ class Records:
     def keep(self, record: Record) -> None:
         """Write one; it is on the disk when this returns."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        temporary = self._path(record).with_suffix(".new")
-        with temporary.open("w") as file:
-            json.dump(asdict(record), file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(self._path(record))
+        replace_file(self._path(record), json.dumps(asdict(record)))
 
     def holds(self, record: Record) -> bool:
         """Whether it was neither finished nor cancelled."""
@@ -228,15 +223,14 @@ class Transfer:
             while done < record.size:
                 size = min(record.piece_bytes, record.size - done)
                 file.write(delivery.fetch(record.remote, done, size))
-                file.flush()
-                os.fsync(file.fileno())
+                sync_file(file)
                 done += size
                 self._tell(f"{record.remote}: {done} of {record.size} bytes")
         found = facts_of(partial)
         if found.size != record.size or record.crc32 not in (0, found.crc32):
             partial.unlink()
             raise SpoiledError(f"{record.remote}: the CRC differs; it may have changed")
-        partial.replace(record.local)
+        rename_file(partial, Path(record.local))
 
     def _put(self, delivery: Delivery) -> None:
         record, local = self.record, Path(self.record.local)

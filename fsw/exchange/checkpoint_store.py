@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import zlib
 from pathlib import Path
 
+from file_delivery.durable import replace_file
 from fsw.config import Config
 from fsw.config.overlay import noise_of
 from fsw.exchange.checkpoint import (
@@ -64,17 +64,7 @@ class CheckpointStore:
                 snapshot=snapshot,
             )
         )
-        temporary = self._directory / "checkpoint.tmp"
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(self._directory / name)
-        folder = os.open(self._directory, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        replace_file(self._directory / name, data)
         sequences[name] = sequence
         return len(data)
 

@@ -8,11 +8,11 @@ the last one is kept in a file of the directory, which outlives the recordings t
 from __future__ import annotations
 
 import heapq
-import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from file_delivery.durable import replace_file
 from fsw.exchange.recording import Contents, Record, contents, first_metadata, messages
 from fsw.messages.errors import ConfigError
 
@@ -35,12 +35,7 @@ def new_first(directory: Path) -> Path:
         last = 0
     found = (_NAME.fullmatch(path.name) for path in directory.iterdir())
     number = max([last, *(int(match["number"]) for match in found if match)]) + 1
-    temporary = kept.with_suffix(".tmp")
-    with temporary.open("w") as file:
-        file.write(f"{number}\n")
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(kept)
+    replace_file(kept, f"{number}\n")
     return directory / f"recording_{number:04d}.mcap"
 
 

@@ -13,6 +13,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+from file_delivery.durable import replace_file, sync_file
 from hil.errors import same_settings
 from hil.world.scenario import ScenarioError
 
@@ -61,16 +62,13 @@ class Store:
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(_line(key, row))
-                file.flush()
-                os.fsync(file.fileno())
+                sync_file(file)
 
     def forget(self, keys: Collection[str]) -> None:
         """Discard rows, so that their cases run again."""
         self._rows = {key: row for key, row in self._rows.items() if key not in keys}
         if self._path is not None:
-            fresh = self._path.with_suffix(".new")
-            fresh.write_text("".join(_line(*item) for item in self._rows.items()), "utf-8")
-            fresh.replace(self._path)
+            replace_file(self._path, "".join(_line(*item) for item in self._rows.items()))
 
 
 def _read(path: Path, line: bytes) -> tuple[str, Row]:

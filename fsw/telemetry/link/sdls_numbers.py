@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from file_delivery.durable import replace_file
 from fsw.messages.errors import ConfigError
 
 NUMBERS_NAME = "uplink_numbers.json"  # in the state directory
@@ -79,29 +79,14 @@ class NumberStore:
             name: {"floor": floors.get(name, key.kept_floor), "retired": key.retired}
             for name, key in sorted(self._keys.items())
         }
-        _replace(self._path, {"keys": kept, "crc32": _crc32(kept)})
+        document = {"keys": kept, "crc32": _crc32(kept)}
+        replace_file(self._path, json.dumps(document), 0o600)
         for name, floor in floors.items():
             self._keys[name].kept_floor = floor
 
 
 def _crc32(kept: object) -> int:
     return zlib.crc32(json.dumps(kept, sort_keys=True).encode())
-
-
-def _replace(path: Path, document: object) -> None:
-    """Write beside the file, on to the disk, and only then take its place."""
-    temporary = path.with_suffix(".new")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(descriptor, "w") as file:
-        json.dump(document, file)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def _read(path: Path) -> dict[str, _Key]:

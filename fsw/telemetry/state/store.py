@@ -8,12 +8,13 @@ u32; content.
 
 from __future__ import annotations
 
-import os
 import re
 import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+
+from file_delivery.durable import rename_file, write_file
 
 MAGIC = b"FSWG"
 FORMAT_VERSION = 1
@@ -63,16 +64,12 @@ class GenerationStore:
         self.directory.mkdir(parents=True, exist_ok=True)
         number = max((n for n, _ in self._files()), default=0) + 1
         head = _HEAD.pack(MAGIC, FORMAT_VERSION, number, len(content), zlib.crc32(content))
-        with (self.directory / TEMPORARY).open("wb") as file:
-            file.write(head + content)
-            file.flush()
-            os.fsync(file.fileno())
+        write_file(self.directory / TEMPORARY, head + content)
         return number
 
     def commit(self, number: int) -> None:
         """Make the prepared generation the newest; it survives a power cut. Raises OSError."""
-        (self.directory / TEMPORARY).replace(self.directory / f"{number:08d}.gen")
-        _sync(self.directory)
+        rename_file(self.directory / TEMPORARY, self.directory / f"{number:08d}.gen")
         for _, path in self._files()[KEPT:]:
             path.unlink(missing_ok=True)
 
@@ -107,11 +104,3 @@ def _parse(path: Path, number: int) -> Generation | None:
     if not good or len(content) != length or zlib.crc32(content) != crc:
         return None
     return Generation(number, content)
-
-
-def _sync(directory: Path) -> None:
-    descriptor = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -7,6 +7,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+from file_delivery.durable import rename_file, write_file
 from fsw.config import Config
 from fsw.config.overlay import overlay
 from fsw.messages.errors import ConfigError
@@ -58,9 +59,9 @@ def write_robot(state: Path, content: bytes) -> Path:
     folder = state / TABLES
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / ROBOT_FILE.format(zlib.crc32(content))
-    temporary = path.with_suffix(f".{os.getpid()}")
-    temporary.write_bytes(content)
-    temporary.replace(path)
+    temporary = path.with_suffix(f".{os.getpid()}")  # loop and service may write at one time
+    write_file(temporary, content)
+    rename_file(temporary, path)
     return path.absolute()
 
 

@@ -124,7 +124,7 @@ def test_a_disk_that_is_full_changes_nothing(flight: Flight, monkeypatch: pytest
     def fail(_fd: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("fsw.telemetry.state.store.os.fsync", fail)
+    monkeypatch.setattr("file_delivery.durable.os.fsync", fail)
     for name, values in (
         ("INSERT_ACTIVITY", at(20.0, flight, ping(2))),
         ("SHIFT_SCHEDULE", {"offset_coarse_s": 5, "offset_fine": 0}),

@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from fsw.telemetry.services.executor import TcDispatcher
+from fsw.telemetry.services.executor import TelecommandExecutor
 from hil.evidence.fuzz.telemetry import FuzzError, configuration, run
 
 
@@ -27,24 +27,24 @@ def test_nothing_that_is_no_telecommand_has_an_effect(config, progress):
 
 
 def test_a_rejection_that_is_not_counted_is_noticed(config, progress, monkeypatch):
-    monkeypatch.setattr(TcDispatcher, "_reject", lambda *_args, **_more: None)
+    monkeypatch.setattr(TelecommandExecutor, "_reject", lambda *_args, **_more: None)
     with pytest.raises(FuzzError, match="counted"):
         run(config, 0, 50, 7, progress)
 
 
 def test_a_refusal_that_is_not_counted_is_noticed(config, progress, monkeypatch):
-    monkeypatch.setattr(TcDispatcher, "refuse", lambda *_args, **_more: None)
+    monkeypatch.setattr(TelecommandExecutor, "refuse", lambda *_args, **_more: None)
     with pytest.raises(FuzzError, match="counted"):
         run(config, 0, 50, 7, progress)
 
 
 def test_a_rejected_telecommand_with_an_effect_is_noticed(config, progress, monkeypatch):
-    reject = TcDispatcher._reject
+    reject = TelecommandExecutor._reject
 
     def effective(self, *arguments, **more):
         reject(self, *arguments, **more)
         self._handlers["DISABLE_MONITORING"](None)()
 
-    monkeypatch.setattr(TcDispatcher, "_reject", effective)
+    monkeypatch.setattr(TelecommandExecutor, "_reject", effective)
     with pytest.raises(FuzzError, match="effect"):
         run(config, 0, 50, 7, progress)
