@@ -86,14 +86,14 @@ class Verification:
     def tool_path(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return R_NE (draws, steps+1, 3, 3) and p_NE_N (draws, steps+1, 3), base from identity."""
         nu = self.base_velocity(np.atleast_2d(x))
-        twists = _magnus(nu, self._step_s)
+        steps = exponential(_magnus(nu, self._step_s))
         draws = nu.shape[1]
         R, p = np.broadcast_to(np.eye(3), (draws, 3, 3)), np.zeros((draws, 3))
         rotations, places = [], []
         for k in range(self._steps + 1):
             if k:
-                dR, dp = exponential(twists[k - 1])
-                p = p + np.einsum("dij,dj->di", R, dp)
+                dR, dp = steps[0][k - 1], steps[1][k - 1]
+                p = p + (R @ dp[..., None])[..., 0]
                 R = R @ dR
             rotations.append(R @ self._R_BE[k])
             places.append(p + R @ self._p_BE[k])

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from hil.judge.endeffector import ToolError
 from hil.world.inertia import COUNT, LABELS, FloatArray
+
+if TYPE_CHECKING:  # imported when a picture is drawn
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BAND_SIGMAS = 3.0
 COLUMNS = 5
@@ -52,6 +54,9 @@ class Story:
 
 def draw(story: Story) -> Figure:
     """Return the figure: ten panels per unknown body, then residuals, tool error, information."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     bodies = list(story.truth)
     rows = BODY_ROWS * len(bodies) + 2
     figure = Figure(figsize=(16, 2.5 * rows), layout="constrained")

@@ -6,7 +6,9 @@ import pytest
 
 from hil.judge.bound import Sensors
 from hil.judge.endeffector import Verification
+from hil.judge.floating import FloatingRobot
 from hil.judge.score import (
+    BOUND_RATE_HZ,
     Case,
     bound_sigmas,
     comparison,
@@ -20,8 +22,10 @@ from hil.judge.score import (
     table,
     table_header,
 )
+from hil.run.flight import bound_sensors
 from hil.world.inertia import pi_jacobian, pi_of, report_of
-from hil.world.scenario import Prior, mapping_from
+from hil.world.scenario import Prior, draw_prior, load, mapping_from
+from hil.world.spline import JointSpline
 
 SENSORS = Sensors(
     joint_rate_hz=500.0,
@@ -131,3 +135,19 @@ def test_the_table_shows_truth_prior_estimate_sigma_and_error(case):
 def test_stacked_is_in_the_order_of_the_unknown(case):
     x = stacked(case.truth, ("base", "target"))
     np.testing.assert_allclose(x[10:], pi_of(case.truth["target"]))
+
+
+@pytest.mark.parametrize("name", ["target_leo", "target_geo"])
+def test_the_bound_of_a_run_does_not_depend_on_the_rate_of_its_sum(name):
+    scenario = load(name)
+    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
+    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
+    priors = {body: draw_prior(scenario.truth[body], 0, body) for body in scenario.unknown}
+    spline = JointSpline.load(scenario.identification)
+
+    def bound(rate_hz):
+        motion = spline.evaluate(np.arange(0.0, spline.duration_s, 1.0 / rate_hz))
+        sensors = bound_sensors(scenario, robot.n)
+        return bound_sigmas(robot, sensors, scenario.truth, priors, motion, rate_hz)["target"]
+
+    assert np.allclose(bound(BOUND_RATE_HZ), bound(50.0), rtol=1e-7, atol=0.0)
