@@ -65,7 +65,13 @@ def test_what_was_flown_is_not_flown_again(flown: list[Store]) -> None:
 def test_an_interrupt_ends_it_at_once_and_leaves_what_can_be_resumed(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hil", "soak", "--hours", "24", "--rate", "50"]
     command += ["--imu-rate", "125", "--jobs", "2", "--out", str(tmp_path)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        # a shell starts what it puts into the background with the interrupt ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+    )
     try:
         for _ in range(1200):
             if len(list(tmp_path.glob("epoch_*/*.mcap"))) == 2:
