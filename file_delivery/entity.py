@@ -22,7 +22,7 @@ from file_delivery.incoming import PARTIAL, Incoming
 from file_delivery.library import DAEMON, GROUND, Pair
 from file_delivery.numbers import beginning
 from file_delivery.outgoing import Outgoing
-from file_delivery.transfer import Key, Outcome, Transfer
+from file_delivery.transfer import Key, Transfer, TransferOutcome
 from file_delivery.units import (
     UnitError,
     is_for_sender,
@@ -83,7 +83,7 @@ class FileEntity:
         self._incoming: dict[Key, Incoming] = {}
         self._outgoing: dict[Key, Outgoing] = {}
         self._waiting: deque[Outgoing] = deque()
-        self._over: OrderedDict[Key, tuple[Outcome, int]] = OrderedDict()
+        self._over: OrderedDict[Key, tuple[TransferOutcome, int]] = OrderedDict()
         self._foreign: deque[Key] = deque(maxlen=REMEMBERED)
         self._late: deque[bytes] = deque(maxlen=UNITS_PER_LOOK)
         self._ended: list[tuple[int, bool, str]] = []
@@ -279,7 +279,7 @@ class FileEntity:
             for file in self._all():
                 file.last_ns = min(now_ns, file.last_ns + gap_ns)
 
-    def _answer_late(self, unit: GenericPduPacket, outcome: Outcome) -> None:
+    def _answer_late(self, unit: GenericPduPacket, outcome: TransferOutcome) -> None:
         reply = packed(PduHolder(late_acknowledgement(unit, outcome.condition)))
         if reply is not None:
             self._late.append(reply)
@@ -299,7 +299,9 @@ class FileEntity:
             if sending.closed:
                 del self._outgoing[key]
 
-    def _note(self, key: Key, outcome: Outcome, number: int, counter: str, now_ns: int) -> None:
+    def _note(
+        self, key: Key, outcome: TransferOutcome, number: int, counter: str, now_ns: int
+    ) -> None:
         self._over[key] = (outcome, now_ns)
         while len(self._over) > REMEMBERED:
             self._over.popitem(last=False)

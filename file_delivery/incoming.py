@@ -35,7 +35,7 @@ from file_delivery.library import (
     remote_entity,
 )
 from file_delivery.paths import confined
-from file_delivery.transfer import Key, Outcome, State, Transfer
+from file_delivery.transfer import Key, Transfer, TransferOutcome, TransferState
 from file_delivery.units import (
     UnitError,
     acknowledgement,
@@ -71,7 +71,7 @@ class Incoming:
             raise UnitError(f"entity {first.source_entity_id.value} is not known")
         self.key: Key = transaction_of(first)
         self.last_ns = now_ns  # of the newest unit
-        self.outcome: Outcome | None = None
+        self.outcome: TransferOutcome | None = None
         self.closed = False  # not even an acknowledgement is awaited
         self.suspended = False
         self.name = ""  # as the other end wants it; empty until the metadata are there
@@ -91,7 +91,7 @@ class Incoming:
     @property
     def transfer(self) -> Transfer:
         """How far it is."""
-        state = State.SUSPENDED if self.suspended else State.RECEIVING
+        state = TransferState.SUSPENDED if self.suspended else TransferState.RECEIVING
         size = self._handler.file_size or 0
         return Transfer(self.key, self.name, size, self._handler.progress, state, self.last_ns)
 
@@ -230,7 +230,7 @@ class Incoming:
         text = f"{self.name or 'unnamed'}: {reason}" if reason else self.name
         if reason and condition == ConditionCode.NO_ERROR:
             condition = ConditionCode.CANCEL_REQUEST_RECEIVED
-        self.outcome = Outcome(condition, text)
+        self.outcome = TransferOutcome(condition, text)
 
 
 def _reason(outcome: FinishedParams) -> str:

@@ -26,7 +26,7 @@ from file_delivery.library import (
     reason_of,
     remote_entity,
 )
-from file_delivery.transfer import Key, Outcome, State, Transfer
+from file_delivery.transfer import Key, Transfer, TransferOutcome, TransferState
 from file_delivery.units import acknowledgement, checked_request, packed, with_number
 
 INBOUND_LIMIT = 256  # units that wait for the state machine
@@ -67,7 +67,7 @@ class Outgoing:
         offset, size = piece if piece is not None else (0, path.stat().st_size)
         self.key: Key = (ends.here, number)
         self.last_ns = 0  # of the newest word from the other end, or of new data sent
-        self.outcome: Outcome | None = None
+        self.outcome: TransferOutcome | None = None
         self.suspended = False
         self._ends, self._path, self._name, self._remove = ends, path, name, remove
         self._size, self._started = size, False
@@ -80,9 +80,9 @@ class Outgoing:
     @property
     def transfer(self) -> Transfer:
         """How far it is."""
-        state = State.SENDING if self._started else State.WAITING
+        state = TransferState.SENDING if self._started else TransferState.WAITING
         if self.suspended:
-            state = State.SUSPENDED
+            state = TransferState.SUSPENDED
         done = self._handler.progress
         return Transfer(self.key, self._path.name, self._size, done, state, self.last_ns)
 
@@ -191,6 +191,6 @@ class Outgoing:
             return
         self.suspended = False
         text = f"{self._path.name}: {reason}" if reason else self._path.name
-        self.outcome = Outcome(condition, text)
+        self.outcome = TransferOutcome(condition, text)
         if self._remove and self.outcome.is_good:
             self._path.unlink(missing_ok=True)

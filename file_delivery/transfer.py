@@ -10,7 +10,7 @@ from spacepackets.cfdp import ConditionCode
 Key = tuple[int, int]  # entity that sends, number of the transaction
 
 
-class State(Enum):
+class TransferState(Enum):
     """Where a transfer stands."""
 
     WAITING = "WAITING"
@@ -27,12 +27,12 @@ class Transfer:
     name: str
     size: int  # [B]; 0: not known yet
     done: int  # [B]
-    state: State
+    state: TransferState
     last_ns: int  # when the other end was last heard, or new data were sent
 
 
 @dataclass(slots=True)
-class Outcome:
+class TransferOutcome:
     """How a transfer ended."""
 
     condition: ConditionCode

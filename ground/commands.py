@@ -91,7 +91,7 @@ class Argument:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Command:
+class GroundCommand:
     """One telecommand: fixed bytes and arguments, in their order on the wire."""
 
     name: str
@@ -147,7 +147,7 @@ class Catalogue:
         apid = int.from_bytes(_fixed(metas.pop(BASE))["packet_id"], "big") & 0x7FF
         self.commands = {name: _command(item, types, apid) for name, item in metas.items()}
 
-    def find(self, name: str) -> Command:
+    def find(self, name: str) -> GroundCommand:
         """Return a command by name, upper or lower case. Raises UsageError."""
         for known, command in self.commands.items():
             if known.upper() == name.upper():
@@ -191,7 +191,7 @@ class Catalogue:
         return settings[0][0].packet(bytes((len(parts),)) + b"".join(parts), sequence)
 
 
-def _command(meta: ET.Element, types: Mapping[str | None, ET.Element], apid: int) -> Command:
+def _command(meta: ET.Element, types: Mapping[str | None, ET.Element], apid: int) -> GroundCommand:
     fixed = _fixed(meta)
     service, subtype, _source = (int.from_bytes(fixed[name], "big") for name in HEADER)
     given = {
@@ -205,7 +205,7 @@ def _command(meta: ET.Element, types: Mapping[str | None, ET.Element], apid: int
             entries.append(fixed[str(entry.get("name"))] if reference is None else given[reference])
     importance = meta.find(f"{_X}DefaultSignificance")
     level = {} if importance is None else importance.attrib
-    return Command(
+    return GroundCommand(
         name=str(meta.get("name")),
         doc=meta.get("shortDescription", ""),
         apid=apid,

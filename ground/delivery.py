@@ -17,8 +17,8 @@ from file_delivery.numbers import beginning
 from ground.commands import Catalogue
 from ground.errors import FAILED, GroundError, LinkError
 from ground.link import COUNT_14, Link
-from ground.telemetry import FILE_APID, HEADER_BYTES, Decoder, Sample, apid
-from ground.verification import EXIT_CODES, Outcome, follow
+from ground.telemetry import FILE_APID, HEADER_BYTES, Sample, TelemetryDecoder, apid
+from ground.verification import EXIT_CODES, VerificationOutcome, follow
 
 DELIVERED = "files"  # the daemon's folder that file delivery works in
 LOOK_S = 0.02
@@ -26,7 +26,7 @@ ANSWER_S = 5.0  # for a telecommand to be answered
 STALL_S = 6.0  # without a word about a transfer: it is begun again
 LINGER_S = 2.0  # after the file is whole, for the last acknowledgements
 ENDS = Pair(here=GROUND, there=DAEMON)
-NOT_ANSWERED = (Outcome.NO_ANSWER, Outcome.UNFINISHED)
+NOT_ANSWERED = (VerificationOutcome.NO_ANSWER, VerificationOutcome.UNFINISHED)
 NOT_FOUND = "FILE_NOT_FOUND"
 Progress = Callable[[str], None]
 
@@ -70,7 +70,7 @@ class Delivery:
         self,
         link: Link,
         catalogue: Catalogue,
-        decoder: Decoder,
+        decoder: TelemetryDecoder,
         timeout_s: float,
         tell: Progress,
         *,
@@ -122,7 +122,7 @@ class Delivery:
         """Send a telecommand; return the answers. Raises RefusedError or LinkError."""
         packet = self._catalogue.build(name, given, self._link.next_sequence())
         for verification, sample in follow(self._link, self._decoder, packet, ANSWER_S):
-            if sample is not None or verification.outcome is Outcome.COMPLETED:
+            if sample is not None or verification.outcome is VerificationOutcome.COMPLETED:
                 continue
             last = verification.reports[-1].values if verification.reports else {}
             reason = str(last.get("error", ""))
@@ -206,7 +206,9 @@ class Delivery:
         words = (request[:2], request[2:4])
         named = (sample.values["request_packet_id"], sample.values["request_sequence"])
         if named == tuple(int.from_bytes(word, "big") for word in words):
-            outcome = Outcome.REJECTED if sample.subtype == 2 else Outcome.FAILED
+            outcome = (
+                VerificationOutcome.REJECTED if sample.subtype == 2 else VerificationOutcome.FAILED
+            )
             error = str(sample.values["error"])
             raise RefusedError(f"the daemon: {error}", EXIT_CODES[outcome], error)
 

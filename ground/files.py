@@ -14,8 +14,8 @@ from ground.commands import Catalogue
 from ground.delivery import NOT_FOUND, Delivery, RefusedError
 from ground.errors import GroundError, LinkError
 from ground.link import Link
-from ground.telemetry import Decoder
-from ground.transfers import Connect, Records, SpoiledError, Transfer, carry_on
+from ground.telemetry import TelemetryDecoder
+from ground.transfers import Connect, Records, ResumableTransfer, SpoiledError, carry_on
 
 RECORDS, NUMBERS = "transfers", "transactions"  # in the state folder
 PLACE = "/"  # between source and number of a transaction
@@ -33,7 +33,7 @@ class Files:
 
     def __init__(self, arguments: argparse.Namespace, make_link: LinkMaker) -> None:
         self._arguments, self._make_link = arguments, make_link
-        self._catalogue, self._decoder = Catalogue(), Decoder()
+        self._catalogue, self._decoder = Catalogue(), TelemetryDecoder()
         state: Path = arguments.state.expanduser()
         state.mkdir(parents=True, exist_ok=True)
         self._records, self._numbers = Records(state / RECORDS), Numbers(state / NUMBERS)
@@ -43,13 +43,17 @@ class Files:
         """Fetch a file."""
         remote = self._arguments.remote
         local = (self._arguments.local or Path(PurePosixPath(remote).name)).absolute()
-        return self._run(Transfer.get(remote, local, self._records, _tell, self._arguments.piece))
+        return self._run(
+            ResumableTransfer.get(remote, local, self._records, _tell, self._arguments.piece)
+        )
 
     def put(self) -> int:
         """Send a file."""
         remote = self._arguments.remote or self._arguments.local.name
         local = self._arguments.local.absolute()
-        return self._run(Transfer.put(remote, local, self._records, _tell, self._arguments.piece))
+        return self._run(
+            ResumableTransfer.put(remote, local, self._records, _tell, self._arguments.piece)
+        )
 
     def resume(self) -> int:
         """Continue one transfer, or all."""
@@ -60,7 +64,7 @@ class Files:
         codes = []
         for record in records:
             try:
-                codes.append(self._run(Transfer(record, self._records, _tell)))
+                codes.append(self._run(ResumableTransfer(record, self._records, _tell)))
             except GroundError as error:
                 print(f"ground: {error}", file=sys.stderr)
                 codes.append(error.exit_code)
@@ -72,7 +76,7 @@ class Files:
         source, place, number = name.partition(PLACE)
         if place:
             return self._tell_daemon("ABORT_TRANSFER", source=source, number=number)
-        transfer = Transfer(self._records.find(name), self._records, _tell)
+        transfer = ResumableTransfer(self._records.find(name), self._records, _tell)
         transfer.discard(None)  # this ends a program that is at it
         try:
             with self._connected()() as delivery:
@@ -151,7 +155,7 @@ class Files:
             delivery.ask(name, **given)
         return 0
 
-    def _run(self, transfer: Transfer) -> int:
+    def _run(self, transfer: ResumableTransfer) -> int:
         connect = self._connected(Wanted(self._records, transfer))
         try:
             size = carry_on(connect, transfer.run, self._until_s, _tell)
@@ -169,7 +173,7 @@ class Files:
         print(f"{arrow}: {size} bytes")
         return 0
 
-    def _discard(self, transfer: Transfer) -> None:
+    def _discard(self, transfer: ResumableTransfer) -> None:
         try:
             with self._connected()() as delivery:
                 transfer.discard(delivery)
@@ -199,7 +203,7 @@ class Files:
 class Wanted:
     """Whether a transfer's record is still there: `ground file cancel` removes it."""
 
-    def __init__(self, records: Records, transfer: Transfer) -> None:
+    def __init__(self, records: Records, transfer: ResumableTransfer) -> None:
         self._records, self._transfer = records, transfer
         self._looked_s = 0.0
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from ground.commands import Catalogue
 from ground.errors import LinkError, UsageError
 from ground.link import Link
-from ground.telemetry import FRACTIONS_PER_S, HEADER_BYTES, Decoder, apid, split
+from ground.telemetry import FRACTIONS_PER_S, HEADER_BYTES, TelemetryDecoder, apid, split
 from ground.verification import Verification
 
 COMMAND = "PLAY_BACK"
@@ -93,7 +93,7 @@ def read_stream(path: Path) -> list[bytes]:
 def retrieve(
     link: Link,
     catalogue: Catalogue,
-    decoder: Decoder,
+    decoder: TelemetryDecoder,
     store: str,
     wanted: Range,
     timeout_s: float,

@@ -17,9 +17,9 @@ from ground.errors import LinkError, UsageError
 from ground.history import CommandHistory
 from ground.link import Link
 from ground.sdls import Sealer
-from ground.telemetry import UNKNOWN, Decoder, Sample, check_names
+from ground.telemetry import UNKNOWN, Sample, TelemetryDecoder, check_names
 from ground.utc import Correlation
-from ground.verification import EXIT_CODES, Outcome, Verification, follow
+from ground.verification import EXIT_CODES, Verification, VerificationOutcome, follow
 
 ASKED_FOR_SET = "REPORT_SET"
 PING = "PING"
@@ -54,7 +54,7 @@ def connected(
 def _synchronise(link: Link) -> None:
     """Find the next number of a key that is new here, by a command that changes nothing."""
     ping = Catalogue().build(PING, {}, link.next_sequence())
-    for _ in follow(link, Decoder(), ping, SYNCHRONISE_S):
+    for _ in follow(link, TelemetryDecoder(), ping, SYNCHRONISE_S):
         pass
 
 
@@ -76,7 +76,7 @@ def list_commands(name: str | None) -> int:
 
 def send(arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None) -> int:
     """Send a telecommand once, show its reports and answers, return the exit code."""
-    catalogue, decoder = Catalogue(), Decoder()
+    catalogue, decoder = Catalogue(), TelemetryDecoder()
     given = given_arguments(arguments.arguments)
     wanted = given.get("sid", "").lower() if arguments.name.upper() == ASKED_FOR_SET else ""
     checked = not arguments.force
@@ -97,7 +97,7 @@ def send(arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStr
         print(json.dumps(_as_json(verification)))
     else:
         print(verification.outcome)
-    if sealer is not None and verification.outcome is Outcome.REPEATED:
+    if sealer is not None and verification.outcome is VerificationOutcome.REPEATED:
         print(f"ground: {_numbers_words(sealer, verification)}", file=sys.stderr)
     return EXIT_CODES[verification.outcome]
 
@@ -141,7 +141,7 @@ def _numbers_words(sealer: Sealer, verification: Verification) -> str:
 
 def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
     """Show telemetry until the end that was given. Unknown packets are shown raw and counted."""
-    decoder = Decoder()
+    decoder = TelemetryDecoder()
     check_names(decoder.fields, arguments.packets, arguments.field)
     shown = unknown = 0
     dates = Correlation()
@@ -174,7 +174,7 @@ def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
 
 
 def follow_and_show(
-    link: Link, decoder: Decoder, packet: bytes, arguments: argparse.Namespace, wanted: str
+    link: Link, decoder: TelemetryDecoder, packet: bytes, arguments: argparse.Namespace, wanted: str
 ) -> Verification:
     """Follow one telecommand and show what comes of it."""
     begun_s = time.monotonic()
@@ -222,7 +222,7 @@ def _sample_json(sample: Sample) -> dict[str, Any]:
 def _as_json(verification: Verification) -> dict[str, Any]:
     return {
         "outcome": str(verification.outcome),
-        "completed": verification.outcome is Outcome.COMPLETED,
+        "completed": verification.outcome is VerificationOutcome.COMPLETED,
         "reports": [_sample_json(sample) for sample in verification.reports],
         "answers": [_sample_json(sample) for sample in verification.answers],
     }

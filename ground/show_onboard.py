@@ -27,8 +27,8 @@ from ground.playback import (
 from ground.sdls import Sealer
 from ground.sequence import DIRECT_BYTES, compile_sequence
 from ground.show import connected, follow_and_show, opened
-from ground.telemetry import Decoder
-from ground.verification import EXIT_CODES, Outcome
+from ground.telemetry import TelemetryDecoder
+from ground.verification import EXIT_CODES, VerificationOutcome
 
 PIECE_BYTES = 1 << 20  # of a file that goes up
 
@@ -42,7 +42,7 @@ def play_back(
     if wrong:
         raise UsageError(f"{wrong[0]}: no such packet store; one of {', '.join(STORES)}")
     path, known, ranges = _what(arguments)
-    catalogue, decoder, code, added = Catalogue(), Decoder(), 0, 0
+    catalogue, decoder, code, added = Catalogue(), TelemetryDecoder(), 0, 0
     with connected(arguments, sealer, stream) as link, path.open("ab") as file:
         for store in stores:
             for wanted in ranges[store]:
@@ -81,7 +81,7 @@ def load_sequence(
     arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
 ) -> int:
     """Load a sequence from its text, and start it if that was asked for."""
-    catalogue, decoder = Catalogue(), Decoder()
+    catalogue, decoder = Catalogue(), TelemetryDecoder()
     try:
         text = arguments.file.read_text()
     except (OSError, UnicodeDecodeError) as error:
@@ -100,7 +100,7 @@ def load_sequence(
             packet = catalogue.build(name, given, link.next_sequence())
             verification = follow_and_show(link, decoder, packet, arguments, "")
             print(f"{name}: {verification.outcome}")
-            if verification.outcome is not Outcome.COMPLETED:
+            if verification.outcome is not VerificationOutcome.COMPLETED:
                 return EXIT_CODES[verification.outcome]
     return 0
 

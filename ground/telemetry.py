@@ -61,7 +61,7 @@ def apid(packet: bytes) -> int:
     return (packet[0] << 8 | packet[1]) & 0x7FF
 
 
-class Decoder:
+class TelemetryDecoder:
     """Decodes packets; one XTCE for all."""
 
     def __init__(self, path: Path = XTCE) -> None:

@@ -36,7 +36,7 @@ Connect = Callable[[], AbstractContextManager[Delivery]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Record:
+class TransferRecord:
     """What has to be known to continue a transfer."""
 
     id: str
@@ -79,44 +79,44 @@ class Records:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def all(self) -> list[Record]:
+    def all(self) -> list[TransferRecord]:
         """Return all that can be read."""
         found = []
         for path in sorted(self._folder.glob("*.json")):
             try:
-                found.append(Record(**json.loads(path.read_text())))
+                found.append(TransferRecord(**json.loads(path.read_text())))
             except (OSError, ValueError, TypeError):
                 continue
         return found
 
-    def find(self, name: str) -> Record:
+    def find(self, name: str) -> TransferRecord:
         """Return one. Raises UsageError."""
         for record in self.all():
             if record.id == name:
                 return record
         raise UsageError(f"{name}: no such transfer; see `ground file transfers`")
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: TransferRecord) -> None:
         """Write one; it is on the disk when this returns."""
         self._folder.mkdir(parents=True, exist_ok=True)
         replace_file(self._path(record), json.dumps(asdict(record)))
 
-    def holds(self, record: Record) -> bool:
+    def holds(self, record: TransferRecord) -> bool:
         """Whether it was neither finished nor cancelled."""
         return self._path(record).exists()
 
-    def remove(self, record: Record) -> None:
+    def remove(self, record: TransferRecord) -> None:
         """Forget one."""
         self._path(record).unlink(missing_ok=True)
 
-    def _path(self, record: Record) -> Path:
+    def _path(self, record: TransferRecord) -> Path:
         return self._folder / f"{record.id}.json"
 
 
-class Transfer:
+class ResumableTransfer:
     """One transfer on its way; `run` again continues it."""
 
-    def __init__(self, record: Record, records: Records, tell: Progress) -> None:
+    def __init__(self, record: TransferRecord, records: Records, tell: Progress) -> None:
         self.record, self._records, self._tell = record, records, tell
 
     @classmethod
@@ -149,7 +149,7 @@ class Transfer:
         tell: Progress,
         piece_bytes: int,
     ) -> Self:
-        record = Record(
+        record = TransferRecord(
             id=secrets.token_hex(3),
             direction=direction,
             remote=remote,

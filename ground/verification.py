@@ -10,7 +10,7 @@ from enum import StrEnum
 from ground.errors import FAILED, NO_ANSWER, REJECTED, LinkError
 from ground.link import Link
 from ground.sdls import MAX_NUMBER
-from ground.telemetry import NO_PACKETS, Decoder, Sample
+from ground.telemetry import NO_PACKETS, Sample, TelemetryDecoder
 
 SUCCESS = "_success"
 FAILURE = "_failure"
@@ -22,7 +22,7 @@ UNASKED = ("time", "time_correlation", "science", *NO_PACKETS)  # packets that c
 HOUSEKEEPING = (3, 25)
 
 
-class Outcome(StrEnum):
+class VerificationOutcome(StrEnum):
     """What became of a telecommand."""
 
     COMPLETED = "completed"
@@ -34,12 +34,12 @@ class Outcome(StrEnum):
 
 
 EXIT_CODES = {
-    Outcome.COMPLETED: 0,
-    Outcome.REJECTED: REJECTED,
-    Outcome.FAILED: FAILED,
-    Outcome.NO_ANSWER: NO_ANSWER,
-    Outcome.UNFINISHED: NO_ANSWER,
-    Outcome.REPEATED: NO_ANSWER,
+    VerificationOutcome.COMPLETED: 0,
+    VerificationOutcome.REJECTED: REJECTED,
+    VerificationOutcome.FAILED: FAILED,
+    VerificationOutcome.NO_ANSWER: NO_ANSWER,
+    VerificationOutcome.UNFINISHED: NO_ANSWER,
+    VerificationOutcome.REPEATED: NO_ANSWER,
 }
 
 
@@ -52,7 +52,7 @@ class Verification:
     wanted: str = ""  # a housekeeping packet that was asked for
     reports: list[Sample] = field(default_factory=list)
     answers: list[Sample] = field(default_factory=list)
-    outcome: Outcome = Outcome.NO_ANSWER
+    outcome: VerificationOutcome = VerificationOutcome.NO_ANSWER
 
     def take(self, sample: Sample) -> bool:
         """Take a packet into account; True when it says something about this telecommand."""
@@ -66,23 +66,31 @@ class Verification:
             return False
         self.reports.append(sample)
         if _is_replay(sample):
-            if self.outcome is Outcome.NO_ANSWER:
-                self.outcome = Outcome.REPEATED
+            if self.outcome is VerificationOutcome.NO_ANSWER:
+                self.outcome = VerificationOutcome.REPEATED
             return True
         stage, _, word = sample.packet.rpartition("_")
         if word == FAILURE.strip("_"):
-            self.outcome = Outcome.REJECTED if stage in REFUSED else Outcome.FAILED
+            self.outcome = (
+                VerificationOutcome.REJECTED if stage in REFUSED else VerificationOutcome.FAILED
+            )
         elif stage == END:
-            self.outcome = Outcome.COMPLETED
+            self.outcome = VerificationOutcome.COMPLETED
         else:
-            self.outcome = Outcome.UNFINISHED
+            self.outcome = VerificationOutcome.UNFINISHED
         return True
 
     @property
     def over(self) -> bool:
         """Whether nothing more will come; a REPLAY that anybody can have made ends nothing."""
-        ends = (Outcome.COMPLETED, Outcome.REJECTED, Outcome.FAILED)
-        return self.outcome in ends or (self.is_authenticated and self.outcome is Outcome.REPEATED)
+        ends = (
+            VerificationOutcome.COMPLETED,
+            VerificationOutcome.REJECTED,
+            VerificationOutcome.FAILED,
+        )
+        return self.outcome in ends or (
+            self.is_authenticated and self.outcome is VerificationOutcome.REPEATED
+        )
 
     @property
     def expected_number(self) -> int | None:
@@ -100,7 +108,7 @@ def _is_answer(sample: Sample) -> bool:
 
 
 def follow(
-    link: Link, decoder: Decoder, packet: bytes, timeout_s: float, wanted: str = ""
+    link: Link, decoder: TelemetryDecoder, packet: bytes, timeout_s: float, wanted: str = ""
 ) -> Iterator[tuple[Verification, Sample | None]]:
     """Send a telecommand; yield what comes of it, and once more at the end with None.
 

@@ -14,9 +14,9 @@ from fsw.config import Config
 from fsw.exchange.sinks import Message, NullSink
 from fsw.excitation import assess, criteria, export, spline
 from fsw.excitation.collision import Collisions, build_collisions
-from fsw.excitation.limits import Limits
+from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
-from fsw.excitation.plan import DENSER, InfeasibleError, Planner, Request
+from fsw.excitation.plan import DENSER, InfeasibleError, MotionRequest, Planner
 from fsw.excitation.subject import Subject, build_subject
 from fsw.excitation.verify import Use, every_limit
 from fsw.messages import Block, FloatArray
@@ -90,10 +90,10 @@ def _weight(text: str) -> tuple[str, float]:
 def _plan(
     arguments: argparse.Namespace,
     subject: Subject,
-    limits: Limits,
+    limits: MotionLimits,
     collisions: Collisions | None,
 ) -> int:
-    request = Request(
+    request = MotionRequest(
         criterion=arguments.criterion,
         gamma=_gamma(arguments),
         duration_s=arguments.duration_s,
@@ -135,7 +135,7 @@ def _plan(
 def _evaluate(
     arguments: argparse.Namespace,
     subject: Subject,
-    limits: Limits,
+    limits: MotionLimits,
     collisions: Collisions | None,
 ) -> int:
     trajectory = spline.load(arguments.evaluate)
@@ -187,7 +187,7 @@ def _text(subject: Subject, root: FloatArray, values: dict[str, float], uses: li
 
 def _picture(
     subject: Subject,
-    limits: Limits,
+    limits: MotionLimits,
     collisions: Collisions | None,
     trajectory: spline.Trajectory,
     path: Path,

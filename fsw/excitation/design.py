@@ -14,8 +14,8 @@ import numpy as np
 
 from fsw.excitation import attitude, criteria
 from fsw.excitation.collision import Collisions
-from fsw.excitation.limits import JointLimits, Limits
-from fsw.excitation.spline import Layout
+from fsw.excitation.limits import JointLimits, MotionLimits
+from fsw.excitation.spline import SplineLayout
 from fsw.excitation.subject import Subject
 from fsw.messages import FloatArray
 
@@ -23,7 +23,7 @@ EFFORT_SMOOTHING_NM = 1e-3  # |tau| as sqrt(tau^2 + this^2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rows:
+class DesignRows:
     """Limit rows lower <= value <= upper of one kind, over all samples, and their Jacobian.
 
     `power` 1: value times `size` is in `unit`; 2: its square root is. Values of shares are 1 at the
@@ -43,7 +43,7 @@ class Rows:
 class Grid:
     """A motion's samples at the middle of equal steps, as linear functions of the variables."""
 
-    def __init__(self, layout: Layout, rate_hz: float) -> None:
+    def __init__(self, layout: SplineLayout, rate_hz: float) -> None:
         self.count = int(np.ceil(layout.duration_s * rate_hz))
         self.step_s = layout.duration_s / self.count
         self.t_s: FloatArray = self.step_s * np.arange(0.5, self.count)
@@ -143,7 +143,7 @@ class LimitRows:
         self,
         subject: Subject,
         grid: Grid,
-        limits: Limits,
+        limits: MotionLimits,
         collisions: Collisions | None,
     ) -> None:
         self.subject, self.grid, self.limits, self.collisions = subject, grid, limits, collisions
@@ -152,7 +152,7 @@ class LimitRows:
 
     def rows(
         self, z: FloatArray, members: Sequence[FloatArray], *, derivatives: bool = False
-    ) -> list[Rows]:
+    ) -> list[DesignRows]:
         """Return every limit's rows; parameters matter only for those of the dynamics."""
         found = self._joint_rows(z, derivatives)
         for k, x in enumerate(members):
@@ -161,7 +161,7 @@ class LimitRows:
             found += self._collision_rows(z, self.collisions, derivatives)
         return found
 
-    def _joint_rows(self, z: FloatArray, derivatives: bool) -> list[Rows]:
+    def _joint_rows(self, z: FloatArray, derivatives: bool) -> list[DesignRows]:
         grid, own = self.grid, self.joints
         points = z.reshape(grid.layout.rows, grid.layout.n)
         speed, bounds = own.speed_rad_s, self.limits
@@ -193,7 +193,7 @@ class LimitRows:
 
     def _dynamic_rows(
         self, z: FloatArray, x: FloatArray, derivatives: bool, *, geometric: bool
-    ) -> list[Rows]:
+    ) -> list[DesignRows]:
         kernel, grid, bounds, n = self.subject.kernel, self.grid, self.limits, self.subject.kernel.n
         inputs = [*grid.motion(z), np.tile(x[:, None], (1, grid.count))]
         J: FloatArray | None = None
@@ -220,7 +220,7 @@ class LimitRows:
             found += self._tool_rows(p_BE, J_p)
         return found
 
-    def _attitude_rows(self, w: FloatArray, J_w: FloatArray | None) -> Rows:
+    def _attitude_rows(self, w: FloatArray, J_w: FloatArray | None) -> DesignRows:
         grid, bound = self.grid, self.limits.base_attitude_rad
         R = attitude.attitudes(w, grid.step_s)
         phi = attitude.excursions(R)
@@ -230,7 +230,7 @@ class LimitRows:
         square = np.sum(phi**2, axis=1) / bound**2
         return _squared("base_attitude", "rad", bound, square, by_z)
 
-    def _tool_rows(self, p_BE: FloatArray, J_p: FloatArray | None) -> list[Rows]:
+    def _tool_rows(self, p_BE: FloatArray, J_p: FloatArray | None) -> list[DesignRows]:
         R, origin = self.subject.arm.R[0], self.subject.arm.p[0]
         tool = (p_BE - origin) @ R
         J = None if J_p is None else np.einsum("ij,kiv->kjv", R, J_p)
@@ -252,7 +252,7 @@ class LimitRows:
 
     def _collision_rows(
         self, z: FloatArray, collisions: Collisions, derivatives: bool
-    ) -> list[Rows]:
+    ) -> list[DesignRows]:
         q = self.grid.motion(z)[0].T
         distance, by_q = collisions.distances(q, derivatives=derivatives)
         clearance = self.limits.clearance_m or 0.0
@@ -268,18 +268,20 @@ class LimitRows:
         return found
 
 
-def _both(kind: str, unit: str, size: float, share: FloatArray, by_z: FloatArray | None) -> Rows:
+def _both(
+    kind: str, unit: str, size: float, share: FloatArray, by_z: FloatArray | None
+) -> DesignRows:
     ones = np.ones(len(share))
-    return Rows(
+    return DesignRows(
         kind=kind, unit=unit, size=size, power=1, value=share, lower=-ones, upper=ones, by_z=by_z
     )
 
 
 def _squared(
     kind: str, unit: str, size: float, square: FloatArray, by_z: FloatArray | None
-) -> Rows:
+) -> DesignRows:
     ones = np.ones(len(square))
-    return Rows(
+    return DesignRows(
         kind=kind,
         unit=unit,
         size=size,
@@ -291,7 +293,9 @@ def _squared(
     )
 
 
-def _square(kind: str, unit: str, vectors: FloatArray, J: FloatArray | None, bound: float) -> Rows:
+def _square(
+    kind: str, unit: str, vectors: FloatArray, J: FloatArray | None, bound: float
+) -> DesignRows:
     share = vectors / bound
     by_z = None if J is None else 2 / bound * np.einsum("ki,kiv->kv", share, J)
     return _squared(kind, unit, bound, np.sum(share**2, axis=1), by_z)
@@ -299,7 +303,7 @@ def _square(kind: str, unit: str, vectors: FloatArray, J: FloatArray | None, bou
 
 def _metres(
     kind: str, value: FloatArray, by_z: FloatArray | None, lower: FloatArray, upper: FloatArray
-) -> Rows:
-    return Rows(
+) -> DesignRows:
+    return DesignRows(
         kind=kind, unit="m", size=1.0, power=1, value=value, lower=lower, upper=upper, by_z=by_z
     )

@@ -24,7 +24,7 @@ class TargetBox(Section):
     size_m: PositiveVector3
 
 
-class Limits(Section):
+class MotionLimits(Section):
     """Bounds on a whole motion; vectors of the base are bounded by their norm.
 
     Tool quantities are relative to the arm's base: the frame of the first joint at zero. Ranges,
@@ -47,7 +47,7 @@ class Limits(Section):
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
 
 
-def load(path: Path) -> Limits:
+def load(path: Path) -> MotionLimits:
     """Read a limits file.
 
     Raises
@@ -63,16 +63,16 @@ def load(path: Path) -> Limits:
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: must be a mapping; found {type(data).__name__}")
     try:
-        return Limits.model_validate(data)
+        return MotionLimits.model_validate(data)
     except ValidationError as error:
-        lines = [f"{path}: {line}" for line in explain(Limits, error)]
+        lines = [f"{path}: {line}" for line in explain(MotionLimits, error)]
         raise ConfigError("\n".join(lines)) from error
 
 
 class JointLimits:
     """A limits file joined with the robot's own ranges, speeds and efforts, per joint (n,)."""
 
-    def __init__(self, limits: Limits, model: RobotModel) -> None:
+    def __init__(self, limits: MotionLimits, model: RobotModel) -> None:
         own, margin = model.model, limits.joint_range_margin_rad
         self.lower_rad: FloatArray = np.array(own.lowerPositionLimit[7:]) + margin
         self.upper_rad: FloatArray = np.array(own.upperPositionLimit[7:]) - margin

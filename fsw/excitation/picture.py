@@ -12,7 +12,7 @@ from fsw.excitation import attitude
 from fsw.excitation.assess import growth
 from fsw.excitation.collision import Collisions
 from fsw.excitation.design import Grid, LimitRows
-from fsw.excitation.limits import Limits
+from fsw.excitation.limits import MotionLimits
 from fsw.excitation.spline import Trajectory
 from fsw.excitation.subject import Subject
 from fsw.excitation.verify import free_layout
@@ -23,7 +23,7 @@ PICTURE_RATE_HZ = 10.0
 
 def draw(
     subject: Subject,
-    limits: Limits,
+    limits: MotionLimits,
     collisions: Collisions | None,
     trajectory: Trajectory,
     path: Path,

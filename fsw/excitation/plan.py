@@ -17,9 +17,9 @@ from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import Collisions
 from fsw.excitation.design import Criterion, Grid, LimitRows
-from fsw.excitation.limits import Limits
+from fsw.excitation.limits import MotionLimits
 from fsw.excitation.solver import Effort, optimise
-from fsw.excitation.spline import Layout, Trajectory
+from fsw.excitation.spline import SplineLayout, Trajectory
 from fsw.excitation.subject import Subject
 from fsw.excitation.verify import SHARE_MARGIN, Use, every_limit
 from fsw.messages import FloatArray
@@ -51,7 +51,7 @@ class InfeasibleError(FswError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class MotionRequest:
     """A request, besides its subject and limits."""
 
     criterion: criteria.Name = "sigma"
@@ -67,7 +67,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan:
+class MotionPlan:
     """A trajectory that passed; limits from the dense grid, the criterion as minimised."""
 
     trajectory: Trajectory
@@ -83,13 +83,13 @@ class Planner:
     def __init__(
         self,
         subject: Subject,
-        limits: Limits,
+        limits: MotionLimits,
         collisions: Collisions | None,
-        request: Request,
+        request: MotionRequest,
         report: Report = lambda _text: None,
     ) -> None:
         intervals = max(round(request.duration_s / request.knot_s), 4)
-        self.layout = Layout(
+        self.layout = SplineLayout(
             duration_s=request.duration_s,
             intervals=intervals,
             n=subject.model.n,
@@ -105,7 +105,7 @@ class Planner:
         self.members = [subject.x, *subject.draws]
         self.fixed = self._fixed()
 
-    def plan(self, guess: Trajectory | None = None) -> Plan:
+    def plan(self, guess: Trajectory | None = None) -> MotionPlan:
         """Return the best trajectory of all starts; the first of them from `guess`, if given.
 
         Raises
@@ -114,13 +114,13 @@ class Planner:
         """
         self._check_start_pose()
         rng = np.random.default_rng(self.request.seed)
-        best: Plan | None = None
+        best: MotionPlan | None = None
         nearest: list[Use] = []
         for start in range(self.request.starts):
             self.report(f"start {start + 1} of {self.request.starts}")
             first = guess is not None and start == 0
             found = self._one(self._from(guess) if first else self.first_guess(rng))
-            if isinstance(found, Plan):
+            if isinstance(found, MotionPlan):
                 if best is None or found.value < best.value:
                     best = found
             elif not nearest or found[0].excess < nearest[0].excess:
@@ -218,7 +218,7 @@ class Planner:
             self.members,
         )
 
-    def _one(self, z: FloatArray) -> Plan | list[Use]:
+    def _one(self, z: FloatArray) -> MotionPlan | list[Use]:
         """Optimise from one start; return the plan, or the limits of the nearest motion."""
         in_set: list[int] = [0]
         uses = self.check(z)
@@ -257,7 +257,9 @@ class Planner:
             iterations = max(8, self.request.iterations // 4)
         return best or self.check(self.nearest_feasible(z, in_set))
 
-    def _repaired(self, best: Plan | None, z: FloatArray, turn: int, gradients: int) -> Plan | None:
+    def _repaired(
+        self, best: MotionPlan | None, z: FloatArray, turn: int, gradients: int
+    ) -> MotionPlan | None:
         """Return the better of a plan and a motion made smaller until it passes, if it does."""
         smaller = self._shrunk(z, LARGE_SHRINKS)
         uses = self.check(smaller)
@@ -265,8 +267,8 @@ class Planner:
             return best
         return _better(best, self._passed(smaller, uses, turn, gradients))
 
-    def _passed(self, z: FloatArray, uses: list[Use], turn: int, gradients: int) -> Plan:
-        return Plan(
+    def _passed(self, z: FloatArray, uses: list[Use], turn: int, gradients: int) -> MotionPlan:
+        return MotionPlan(
             trajectory=self.layout.trajectory(z),
             value=self.criterion.value(z),
             uses=uses,
@@ -339,7 +341,7 @@ class Planner:
                 uses = [replace(use, time_s=at_s) for use in uses]
                 raise _infeasible(f"{key} breaks", uses)
 
-    def _require_learning(self, plan: Plan) -> None:
+    def _require_learning(self, plan: MotionPlan) -> None:
         """Refuse a motion that leaves the unknowns where they were."""
         ratio = sigma_ratio(self.subject, plan.trajectory, self.request.rate_hz)
         if ratio <= NOTHING_LEARNT:
@@ -372,7 +374,7 @@ def _first_margin(kind: str) -> float:
     return TORQUE_MARGIN if kind.startswith("torque") else FIRST_MARGIN
 
 
-def _better(one: Plan | None, other: Plan) -> Plan:
+def _better(one: MotionPlan | None, other: MotionPlan) -> MotionPlan:
     return other if one is None or other.value <= one.value else one
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fsw.excitation.design import Criterion, LimitRows, Rows
+from fsw.excitation.design import Criterion, DesignRows, LimitRows
 from fsw.messages import FloatArray
 
 OBJECTIVE_SCALE = 30.0  # one nat against one share of a limit, for the barrier and tolerance
@@ -23,7 +23,7 @@ Progress = Callable[[int, float, str, float], None]  # iteration, value, worst l
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solution:
+class MotionSolution:
     """Where the solver ended; whether it is feasible is for the dense check to say."""
 
     z: FloatArray
@@ -49,7 +49,7 @@ def optimise(
     margins: Mapping[str, float],
     effort: Effort,
     progress: Progress | None = None,
-) -> Solution:
+) -> MotionSolution:
     """Minimise the criterion within the limits, from `start` (v,).
 
     Parameters
@@ -85,7 +85,7 @@ def optimise(
     solver = ca.nlpsol("excite", "ipopt", problem.oracle, options)
     found = solver(x0=start, lbx=lower, ubx=upper, lbg=problem.lower, ubg=problem.upper)
     stats = solver.stats()
-    return Solution(
+    return MotionSolution(
         z=problem.best(np.asarray(found["x"].full()).ravel()),
         status=str(stats["return_status"]),
         iterations=int(stats["iter_count"]),
@@ -127,7 +127,7 @@ class _Problem:
         self.jacobian = _Function("jac_g", v, [ca.Sparsity.dense(m, 1), sparsity], self._jacobian)
         self._sparsity = sparsity
 
-    def _pattern(self, row: Rows) -> np.ndarray:
+    def _pattern(self, row: DesignRows) -> np.ndarray:
         """Return which variables a row can ever depend on: those of its sample, or all before."""
         grid, n = self._limits.grid, self._limits.grid.layout.n
         support = np.any(grid.weights[:3] != 0, axis=0)
@@ -212,7 +212,9 @@ class _Function(ca.Callback):
         return self._call(np.asarray(arguments[0].full()).ravel())
 
 
-def _bounds(rows: Sequence[Rows], margins: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+def _bounds(
+    rows: Sequence[DesignRows], margins: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
     lower, upper = [], []
     for row in rows:
         margin = row.power * margins.get(row.kind, 0.0)

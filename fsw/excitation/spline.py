@@ -49,7 +49,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
+class SplineLayout:
     """Which control points of a trajectory are free: variables z are (rows, n) of them.
 
     Row 0 is the start pose, the last row the end pose (absent when closed).

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw.excitation.collision import Collisions
-from fsw.excitation.design import Grid, LimitRows, Rows
-from fsw.excitation.limits import Limits
-from fsw.excitation.spline import DEGREE, REST_POINTS, Layout, Trajectory
+from fsw.excitation.design import DesignRows, Grid, LimitRows
+from fsw.excitation.limits import MotionLimits
+from fsw.excitation.spline import DEGREE, REST_POINTS, SplineLayout, Trajectory
 from fsw.excitation.subject import Subject
 from fsw.messages import FloatArray
 
@@ -42,7 +42,7 @@ class Use:
 
 def every_limit(
     subject: Subject,
-    limits: Limits,
+    limits: MotionLimits,
     collisions: Collisions | None,
     trajectory: Trajectory,
     rate_hz: float,
@@ -61,10 +61,10 @@ def every_limit(
     return sorted(worst.values(), key=lambda use: -use.excess)
 
 
-def free_layout(trajectory: Trajectory) -> tuple[Layout, FloatArray]:
+def free_layout(trajectory: Trajectory) -> tuple[SplineLayout, FloatArray]:
     """Return a layout and the variables (flat) that make this trajectory."""
     points = trajectory.points_rad
-    layout = Layout(
+    layout = SplineLayout(
         duration_s=trajectory.duration_s,
         intervals=len(points) - DEGREE,
         n=trajectory.n,
@@ -74,7 +74,7 @@ def free_layout(trajectory: Trajectory) -> tuple[Layout, FloatArray]:
     return layout, np.asarray(inner.ravel())
 
 
-def _worst(row: Rows, t_s: FloatArray, member: int) -> Use:
+def _worst(row: DesignRows, t_s: FloatArray, member: int) -> Use:
     value = np.sqrt(row.value) if row.power == SQUARE else row.value
     below, above = row.lower - value, value - row.upper
     excess = np.maximum(below, above)

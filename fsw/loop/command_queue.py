@@ -68,7 +68,7 @@ def settle(estimator: Resettable) -> Estimate:
 Reconfigure = Callable[[Mapping[str, Any]], Resettable]
 
 
-class Dispatcher:
+class CommandQueue:
     """Applies commands in order of arrival.
 
     Every applied command is handed to the sink with the index of the window it came before, and

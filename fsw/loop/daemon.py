@@ -26,7 +26,7 @@ from fsw.exchange.sinks import AppliedCommand, ScienceRecord, Sink, StatusReport
 from fsw.exchange.status import estimate_summary
 from fsw.health import Health
 from fsw.loop.acquisition import BusInput, LineInput
-from fsw.loop.command_queue import Dispatcher, settle
+from fsw.loop.command_queue import CommandQueue, settle
 from fsw.loop.inputs import Inputs
 from fsw.loop.loop_status import sample_status, tick_status, window_status
 from fsw.loop.science import Science
@@ -64,7 +64,7 @@ class Daemon:
         self.aligner = Aligner(config, len(config.joints))
         self.health = Health(config)
         telemetry = config.telemetry
-        self.dispatcher = Dispatcher(
+        self.dispatcher = CommandQueue(
             pipeline.estimator,
             sink,
             reconfigure=self._reconfigure,

@@ -9,7 +9,7 @@ from typing import Any
 from ground.commands import Catalogue
 from ground.history import CommandHistory
 from ground.link import Link
-from ground.telemetry import Decoder, Sample
+from ground.telemetry import Sample, TelemetryDecoder
 from ground.verification import follow
 
 TIMEOUT_S = 20.0
@@ -47,7 +47,7 @@ class Desk:
         self._catalogue.build(name, given, 0)  # a wrong one opens no link
         with closing(self._open_link()) as link:
             packet = self._catalogue.build(name, given, link.next_sequence())
-            for verification, _ in follow(link, Decoder(), packet, TIMEOUT_S):  # noqa: B007
+            for verification, _ in follow(link, TelemetryDecoder(), packet, TIMEOUT_S):  # noqa: B007
                 pass
         arguments = " ".join(f"{key}={value}" for key, value in given.items())
         self._history.add(name, arguments, verification, "page")

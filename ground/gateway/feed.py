@@ -17,7 +17,7 @@ from ground.downlink import ClearStream, PacketStream
 from ground.errors import GroundError
 from ground.gateway.history import Ring
 from ground.gateway.points import EVENTS, Points, event_of
-from ground.telemetry import FILE_UNIT, UNKNOWN, Decoder, Sample
+from ground.telemetry import FILE_UNIT, UNKNOWN, Sample, TelemetryDecoder
 from ground.utc import Correlation
 
 RETRY_S = 1.0
@@ -71,7 +71,7 @@ class Feed:
     ) -> None:
         self._host, self._port, self._make_stream = host, port, make_stream
         self._points, self._listener = points, listener
-        self._decoder = Decoder()
+        self._decoder = TelemetryDecoder()
         self._rings: dict[str, Ring] = {}
         self._arrivals: dict[str, Arrivals] = {}
         self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)

@@ -81,7 +81,7 @@ class Recordings:
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
-        self._read: dict[Path, tuple[tuple[int, int], float, Recorded]] = {}
+        self._read: dict[Path, tuple[tuple[int, int], float, RecordedStream]] = {}
         self._lock = threading.Lock()  # a page asks for everything at once
 
     def between(
@@ -117,7 +117,7 @@ class Recordings:
             ]
         return found
 
-    def _recorded(self) -> Iterator[Recorded]:
+    def _recorded(self) -> Iterator[RecordedStream]:
         """Yield the recordings in order of time."""
         if self._path is None:
             return
@@ -128,7 +128,7 @@ class Recordings:
             if len(recorded.times_ms):
                 yield recorded
 
-    def _newest(self, path: Path) -> Recorded:
+    def _newest(self, path: Path) -> RecordedStream:
         """Return a recording as it is, or was some seconds ago."""
         facts, now_s = path.stat(), time.monotonic()
         mark = facts.st_mtime_ns, facts.st_size
@@ -139,7 +139,7 @@ class Recordings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recorded:
+class RecordedStream:
     """Contents of one recording on the daemon's clock."""
 
     times_ms: NDArray[np.float64]
@@ -160,7 +160,7 @@ class Recorded:
         return own_ms
 
 
-def read_recording(path: Path) -> Recorded:
+def read_recording(path: Path) -> RecordedStream:
     """Read a recording, whole or still being written, up to where it ends."""
     times: list[float] = []
     rows: list[dict[str, float]] = []
@@ -183,7 +183,7 @@ def read_recording(path: Path) -> Recorded:
     names = {name for row in rows for name in row}
     columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
     changed_ms = path.stat().st_mtime_ns / 1e6
-    return Recorded(np.array(times), columns, events, changed_ms, last_ms)
+    return RecordedStream(np.array(times), columns, events, changed_ms, last_ms)
 
 
 def estimate_fields(values: Mapping[str, Any]) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ground.gateway.points import EVENTS, Point, Points
+from ground.gateway.points import EVENTS, Points, TelemetryPoint
 
 SPACE = "inertia"
 ROOT, OVERVIEW, EVENT_TABLE = "root", "overview", "event-table"
@@ -110,7 +110,7 @@ def _folder(key: str, name: str, members: Sequence[str]) -> dict[str, Any]:
     return _object(key, "folder", name, ROOT) | {"composition": composition}
 
 
-def _point(point: Point) -> dict[str, Any]:
+def _point(point: TelemetryPoint) -> dict[str, Any]:
     name = _words(point)
     value: dict[str, Any] = {
         "key": "value",
@@ -129,7 +129,7 @@ def _point(point: Point) -> dict[str, Any]:
     }
 
 
-def _words(point: Point) -> str:
+def _words(point: TelemetryPoint) -> str:
     """Return a field's name as words; its unit stands beside it."""
     suffix = UNIT_NAMES.get(point.unit, point.unit.replace(".", "_").replace("/", "_"))
     side = next((side for side in SIDES if point.field.endswith(f"_{side}")), "")

@@ -22,7 +22,7 @@ EVENT_SERVICE = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
+class TelemetryPoint:
     """One number over time."""
 
     key: str  # packet.field
@@ -38,7 +38,7 @@ class Points:
 
     def __init__(self, path: Path = XTCE) -> None:
         definition = load_xtce(path)
-        self.packets: dict[str, tuple[Point, ...]] = {}
+        self.packets: dict[str, tuple[TelemetryPoint, ...]] = {}
         self._numbers: dict[str, dict[str, int]] = {}
         for name, container in definition.containers.items():
             if not container.abstract and not name.startswith("event_"):
@@ -66,7 +66,7 @@ class Points:
             if not isinstance(value, str) or value in self._numbers.get(key, {}):
                 yield name, value, key
 
-    def _of(self, definition: XtcePacketDefinition, name: str) -> Iterator[Point]:
+    def _of(self, definition: XtcePacketDefinition, name: str) -> Iterator[TelemetryPoint]:
         for entry in definition.containers[name].entry_list:
             kind = entry.parameter_type
             if entry.name.startswith((HEADER, SHARED)) or entry.name == CRC:
@@ -78,7 +78,7 @@ class Points:
             if isinstance(kind, EnumeratedParameterType):
                 labels = {int(number): str(label) for number, label in kind.enumeration.items()}
                 self._numbers[f"{name}.{field}"] = {v: k for k, v in labels.items()}
-            yield Point(
+            yield TelemetryPoint(
                 key=f"{name}.{field}",
                 packet=name,
                 field=field,
@@ -88,14 +88,14 @@ class Points:
             )
 
 
-def _bands(points: tuple[Point, ...]) -> Iterator[Point]:
+def _bands(points: tuple[TelemetryPoint, ...]) -> Iterator[TelemetryPoint]:
     """Yield the lower and upper bound of every point that has a sigma."""
     fields = {point.field: point for point in points}
     for point in points:
         if _sigma_of(point.field) not in fields:
             continue
         for side, words in (("low", "less"), ("high", "plus")):
-            yield Point(
+            yield TelemetryPoint(
                 key=f"{point.key}_{side}",
                 packet=point.packet,
                 field=f"{point.field}_{side}",

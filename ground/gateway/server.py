@@ -30,7 +30,7 @@ KEPT = 50  # values of one point that wait for a client; then the oldest are dro
 MAX_SIZE = 5000
 
 
-class Client:
+class PageClient:
     """One open page: what it has asked for, and what waits for it."""
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class Gateway:
         self._one_command = asyncio.Lock()  # at a time
         self._points, self._recordings = Points(), recordings
         self.feed = Feed(host, port, self._points, self.take, make_stream)
-        self._clients: set[Client] = set()
+        self._clients: set[PageClient] = set()
         self._objects = page_objects(self._points)
 
     def take(self, packet: str, t_ms: float, numbers: dict[str, float]) -> None:
@@ -163,7 +163,7 @@ class Gateway:
         """Send live values, staleness and the state of the link until the page goes."""
         socket = web.WebSocketResponse(heartbeat=10.0)
         await socket.prepare(request)
-        client = Client()
+        client = PageClient()
         self._clients.add(client)
         sender = asyncio.create_task(self._send(socket, client))
         try:
@@ -177,7 +177,7 @@ class Gateway:
                 await sender
         return socket
 
-    async def _send(self, socket: web.WebSocketResponse, client: Client) -> None:
+    async def _send(self, socket: web.WebSocketResponse, client: PageClient) -> None:
         told: tuple[bool, set[str], int] | None = None
         while not socket.closed:
             message = client.take()
@@ -200,7 +200,7 @@ class Gateway:
         return [*old, *live]
 
 
-def _change_wanted(client: Client, text: str) -> None:
+def _change_wanted(client: PageClient, text: str) -> None:
     """Add or remove what a page wants; what it does not say properly is ignored."""
     try:
         message = json.loads(text)

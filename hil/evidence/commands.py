@@ -115,7 +115,7 @@ def _kills(arguments: argparse.Namespace) -> int:
 
 def _soak(arguments: argparse.Namespace) -> int:
     from hil.evidence.soak.campaign import SCENARIO, open_store, plan, soak, summary
-    from hil.evidence.soak.epoch import Segment
+    from hil.evidence.soak.epoch import SoakSegment
     from hil.world.scenario import load
     from hil.world.spline import JointSpline
 
@@ -127,7 +127,7 @@ def _soak(arguments: argparse.Namespace) -> int:
     with bar() as progress:
         task = progress.add_task("soak", total=epochs * segments, completed=whole * segments)
 
-        def announce(segment: Segment) -> None:
+        def announce(segment: SoakSegment) -> None:
             progress.advance(task)
             for text in segment.broken:
                 place = f"epoch {segment.epoch} segment {segment.number}"

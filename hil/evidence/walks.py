@@ -60,11 +60,11 @@ FIRST_TPDO1 = 0x181
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class WalkStep:
     """One entry of a hop, and the step it got the value from."""
 
     name: str
-    before: Step | None
+    before: WalkStep | None
 
 
 class Tracer:
@@ -73,13 +73,13 @@ class Tracer:
     def __init__(self, frame: CanFrame) -> None:
         self.hops: dict[str, None] = {}
         self.forms: dict[str, None] = {}  # types of what holds the value
-        self.end: Step | None = None
+        self.end: WalkStep | None = None
         self._estimated = False
-        start = Step("", None)
+        start = WalkStep("", None)
         self._kept: list[object] = [frame]  # so that no number comes again
-        self._makers: dict[object, Step] = {id(frame): start, bytes(frame.data): start}
+        self._makers: dict[object, WalkStep] = {id(frame): start, bytes(frame.data): start}
         self._bytes: list[bytes] = [bytes(frame.data)]
-        self._hopping: dict[int, Step] = {}  # by frame of the interpreter
+        self._hopping: dict[int, WalkStep] = {}  # by frame of the interpreter
 
     def __call__(self, frame: FrameType, event: str, argument: object) -> None:
         """Look at a call or a return."""
@@ -129,14 +129,14 @@ class Tracer:
         if step is not None:
             self.learn(value, step)
 
-    def _hop(self, frame: FrameType, code: CodeType, module: str, before: Step) -> Step:
+    def _hop(self, frame: FrameType, code: CodeType, module: str, before: WalkStep) -> WalkStep:
         step = self._hopping.get(id(frame))
         if step is None:
-            step = self._hopping[id(frame)] = Step(f"{module}:{code.co_qualname}", before)
+            step = self._hopping[id(frame)] = WalkStep(f"{module}:{code.co_qualname}", before)
             self.hops.setdefault(step.name)
         return step
 
-    def learn(self, value: object, maker: Step) -> None:
+    def learn(self, value: object, maker: WalkStep) -> None:
         """Remember something that holds the value, and the step that made it."""
         if isinstance(value, bool | int | float | str | type(None)):
             return
@@ -156,7 +156,7 @@ class Tracer:
                 if "torque" in field.name and isinstance(found, float):
                     self._makers.setdefault(found, maker)
 
-    def maker(self, value: object, depth: int = DEPTH) -> Step | None:
+    def maker(self, value: object, depth: int = DEPTH) -> WalkStep | None:
         """Return the step that made what holds the value in something; None if nothing does."""
         if id(value) in self._makers:
             return self._makers[id(value)]
@@ -173,7 +173,7 @@ class Tracer:
         return first(self.maker(item, depth - 1) for item in items(value)) if depth else None
 
 
-def first(found: Iterable[Step | None]) -> Step | None:
+def first(found: Iterable[WalkStep | None]) -> WalkStep | None:
     """Return the first step there is."""
     return next((step for step in found if step is not None), None)
 

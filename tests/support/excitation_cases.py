@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw.excitation.limits import Limits
+from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
-from fsw.excitation.spline import Layout
+from fsw.excitation.spline import SplineLayout
 from fsw.excitation.subject import Subject
 from hil.evidence.excitation import cases
 
 LIMITS_FILE = Path(cases.LIMITS)
 SYSTEMS = tuple(cases.SYSTEMS)
-SHORT = Layout(duration_s=12.0, intervals=6, n=7, closed=False)
+SHORT = SplineLayout(duration_s=12.0, intervals=6, n=7, closed=False)
 
 
 @lru_cache(maxsize=3)
@@ -23,11 +23,11 @@ def subject(system: str = "target") -> Subject:
     return cases.subject(system)
 
 
-def limits(**changes: object) -> Limits:
-    return Limits.model_validate(load_limits(LIMITS_FILE).model_dump() | changes)
+def limits(**changes: object) -> MotionLimits:
+    return MotionLimits.model_validate(load_limits(LIMITS_FILE).model_dump() | changes)
 
 
-def motion(layout: Layout = SHORT, seed: int = 0, size_rad: float = 0.3) -> np.ndarray:
+def motion(layout: SplineLayout = SHORT, seed: int = 0, size_rad: float = 0.3) -> np.ndarray:
     """Return variables of a random motion about a bent pose."""
     rng = np.random.default_rng(seed)
     pose = np.array([0.3, 0.5, -0.2, -1.0, 0.4, 0.6, 0.1])

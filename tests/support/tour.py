@@ -10,8 +10,8 @@ import zlib
 from fsw.telemetry.dictionary import DICTIONARY
 from ground.commands import Catalogue
 from ground.link import Link
-from ground.telemetry import Decoder, Sample
-from ground.verification import Outcome, Verification, follow
+from ground.telemetry import Sample, TelemetryDecoder
+from ground.verification import Verification, VerificationOutcome, follow
 from tests.support.live_run import LiveRun
 
 PATIENCE_S = 400.0  # a batch worker of low priority compiles first, beside all other tests
@@ -26,7 +26,7 @@ class Tour:
 
     def __init__(self, run: LiveRun) -> None:
         self._link = Link("127.0.0.1", run.port, None)
-        self._catalogue, self._decoder = Catalogue(), Decoder()
+        self._catalogue, self._decoder = Catalogue(), TelemetryDecoder()
         (run.state / "files" / "tour.bin").write_bytes(bytes(range(200)))
         self.kept: dict[str, float] = {}  # the time-tagged command, as it must be reported
 
@@ -43,7 +43,7 @@ class Tour:
         return verification
 
     def do(self, name: str, **given: str) -> None:
-        assert self.tell(name, **given).outcome is Outcome.COMPLETED, name
+        assert self.tell(name, **given).outcome is VerificationOutcome.COMPLETED, name
 
     def wait(self, name: str) -> Sample:
         """Read until a packet of this name comes."""
@@ -96,7 +96,7 @@ class Tour:
         release_s = self.wait("health").time_s // 1 + LATER_S
         ping = self._catalogue.build("PING", {}, self._link.next_sequence())
         packet = self._catalogue.at(ping, release_s, self._link.next_sequence())
-        assert self._follow(packet).outcome is Outcome.COMPLETED
+        assert self._follow(packet).outcome is VerificationOutcome.COMPLETED
         count = int.from_bytes(ping[2:4], "big") & 0x3FFF
         self.kept = {"source_id": 0, "apid": 100, "sequence_count": count}
         self.kept |= {"release_time_s": release_s, "service": 17, "subtype": 1}
@@ -104,12 +104,12 @@ class Tour:
         self.do("RESET_SCHEDULE")
 
     def _refusals(self) -> None:
-        assert self.tell("REC_START").outcome is Outcome.FAILED  # it is recording
-        assert self.tell("TBL_VALIDATE", table="NOISE").outcome is Outcome.REJECTED
+        assert self.tell("REC_START").outcome is VerificationOutcome.FAILED  # it is recording
+        assert self.tell("TBL_VALIDATE", table="NOISE").outcome is VerificationOutcome.REJECTED
         ping = bytearray(self._catalogue.build("PING", {}, self._link.next_sequence())[:-2])
         ping[1] ^= 1  # another application
         crc = binascii.crc_hqx(ping, 0xFFFF).to_bytes(2, "big")
-        assert self._follow(bytes(ping) + crc).outcome is Outcome.REJECTED
+        assert self._follow(bytes(ping) + crc).outcome is VerificationOutcome.REJECTED
 
     def _monitors(self) -> None:
         crc32 = str(zlib.crc32(MONITORS))

@@ -22,7 +22,7 @@ TRIAL_NS = 5_000_000_000
 
 
 @dataclass(slots=True)
-class Client:
+class LinkClient:
     """One connection."""
 
     connection: socket.socket
@@ -47,11 +47,11 @@ class Client:
 class Refusal:
     """A client that has to go, and why."""
 
-    client: Client
+    client: LinkClient
     reason: str
 
 
-def admit(newcomer: Client, others: Sequence[Client], places: int) -> Refusal | None:
+def admit(newcomer: LinkClient, others: Sequence[LinkClient], places: int) -> Refusal | None:
     """Give a newcomer a place or a trial; return who has to go for it."""
     rivals = [other for other in others if other.may_command == newcomer.may_command]
     newcomer.on_trial = sum(not rival.on_trial for rival in rivals) >= places
@@ -66,7 +66,7 @@ def admit(newcomer: Client, others: Sequence[Client], places: int) -> Refusal | 
     return Refusal(client=min(trials, key=_age), reason=f"{full}, and others wait for a place")
 
 
-def promote(client: Client, others: Sequence[Client], places: int) -> Refusal | None:
+def promote(client: LinkClient, others: Sequence[LinkClient], places: int) -> Refusal | None:
     """Give a client that has commanded a place that lasts; return who has to go for it."""
     client.has_commanded = True
     if not client.on_trial:
@@ -85,7 +85,7 @@ def promote(client: Client, others: Sequence[Client], places: int) -> Refusal | 
     return None
 
 
-def overdue(client: Client, now_ns: int, idle_ns: int, places: int) -> Refusal | None:
+def overdue(client: LinkClient, now_ns: int, idle_ns: int, places: int) -> Refusal | None:
     """Return why a client has to go by now, if it has."""
     if client.on_trial and now_ns - client.opened_ns >= TRIAL_NS:
         text = f"{places} are connected, and it sent no telecommand for {TRIAL_NS * 1e-9:g} s"
@@ -95,5 +95,5 @@ def overdue(client: Client, now_ns: int, idle_ns: int, places: int) -> Refusal |
     return None
 
 
-def _age(client: Client) -> int:
+def _age(client: LinkClient) -> int:
     return client.opened_ns

@@ -92,7 +92,7 @@ class Rejected:
     next_number: int | None = None
 
 
-class Numbers(Protocol):
+class FrameNumbers(Protocol):
     """Where the lowest acceptable IV of each key is kept, as a number of 96 bits."""
 
     def floor(self, fingerprint: str) -> int:
@@ -125,7 +125,7 @@ class FrameReceiver:
     def __init__(
         self,
         associations: Sequence[Association],
-        numbers: Numbers,
+        numbers: FrameNumbers,
         *,
         spacecraft_id: int,
         virtual_channel: int,

@@ -28,7 +28,7 @@ from fsw.telemetry.link.sdls import (
     RANDOM_BITS,
     SPI_BYTES,
     Association,
-    Numbers,
+    FrameNumbers,
 )
 
 HEADER_BYTES = 7
@@ -49,7 +49,7 @@ class FrameSender:
     def __init__(
         self,
         association: Association,
-        numbers: Numbers,
+        numbers: FrameNumbers,
         *,
         spacecraft_id: int,
         virtual_channel: int,

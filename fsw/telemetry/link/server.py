@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from fsw.config.telemetry import TelemetryConfig
 from fsw.messages.errors import PortError
 from fsw.telemetry.link.outbox import Outbox, Priority
-from fsw.telemetry.link.places import Client, Refusal, admit, overdue, promote
+from fsw.telemetry.link.places import LinkClient, Refusal, admit, overdue, promote
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import Uplink
 
@@ -68,7 +68,7 @@ class LinkServer:
         self._seal, self._notice = seal, notice
         self._idle_ns = round(config.idle_timeout_s * 1e9)
         self.counters = LinkCounters()
-        self._clients: list[Client] = []
+        self._clients: list[LinkClient] = []
         self._selector = selectors.DefaultSelector()
         self._now_ns = 0
         self._doors: dict[socket.socket, bool] = {}  # listener: whether one may command there
@@ -220,7 +220,7 @@ class LinkServer:
         may_command, now_ns = self._doors[listener], self._now_ns
         outbox = Outbox(self._config.queue_bytes, self._seal)
         uplink = self._make_uplink(may_command)
-        client = Client(connection, name, uplink, outbox, now_ns, may_command, now_ns)
+        client = LinkClient(connection, name, uplink, outbox, now_ns, may_command, now_ns)
         refusal = admit(client, self._clients, self._config.max_clients)
         self._clients.append(client)
         self._selector.register(connection, selectors.EVENT_READ, client)
@@ -240,7 +240,7 @@ class LinkServer:
         self._remove(client)
         self._report("LINK_REFUSED", f"{client.name}: {reason}")
 
-    def _read(self, client: Client, now_ns: int) -> None:
+    def _read(self, client: LinkClient, now_ns: int) -> None:
         try:
             data = client.connection.recv(READ_BYTES)
         except BlockingIOError:
@@ -253,7 +253,7 @@ class LinkServer:
         self.counters.tc_bytes += len(data)
         self._put(client, client.uplink.feed(data, now_ns))
 
-    def _put(self, client: Client, items: list[Uplinked]) -> None:
+    def _put(self, client: LinkClient, items: list[Uplinked]) -> None:
         """Put what came up into the client's inbox, with the client's name."""
         for item in items:
             source = f"{client.name} {item.source}".strip()
@@ -262,7 +262,7 @@ class LinkServer:
             others = [other for other in self._clients if other is not client]
             self._refuse(promote(client, others, self._config.max_clients))
 
-    def _watch_uplink(self, client: Client) -> None:
+    def _watch_uplink(self, client: LinkClient) -> None:
         """Count and tell garbage that is new."""
         skipped, resyncs = client.uplink.skipped_bytes, client.uplink.resyncs
         self.counters.tc_garbage_bytes += skipped - client.skipped
@@ -271,7 +271,7 @@ class LinkServer:
             self._report("TC_GARBAGE", f"{client.name}: {skipped - client.skipped} bytes")
         client.skipped, client.resyncs = skipped, resyncs
 
-    def _watch_queue(self, client: Client) -> None:
+    def _watch_queue(self, client: LinkClient) -> None:
         """Tell drops that are new, and that they are over: of all that waited nothing is left."""
         if client.dropped > client.told_drops and not client.is_slow:
             client.is_slow = True
@@ -281,17 +281,17 @@ class LinkServer:
             client.is_slow, client.told_drops = False, client.dropped
             self._report("LINK_CAUGHT_UP", f"{client.name}: {count} packets were dropped")
 
-    def _end(self, client: Client, why: str) -> None:
+    def _end(self, client: LinkClient, why: str) -> None:
         """Read no more of a client; it is dropped once its inbox is empty."""
         if not client.ended:
             self._selector.unregister(client.connection)
             client.ended = why
 
-    def _drop(self, client: Client, why: str) -> None:
+    def _drop(self, client: LinkClient, why: str) -> None:
         self._remove(client)
         self._report("LINK_CLOSED", f"{client.name}: {why}")
 
-    def _remove(self, client: Client) -> None:
+    def _remove(self, client: LinkClient) -> None:
         self._clients.remove(client)
         if not client.ended:
             self._selector.unregister(client.connection)

@@ -39,7 +39,7 @@ class Entry:
 
 
 @dataclass(slots=True)
-class Run:
+class SequenceRun:
     """How far one execution is."""
 
     due_ns: int
@@ -88,7 +88,7 @@ class Sequences:
         self._executing = GenerationStore(folder / "executing")
         self._loaded: dict[int, bytes] = {}
         self._entries: dict[int, tuple[Entry, ...]] = {}
-        self._runs: dict[int, Run] = {}
+        self._runs: dict[int, SequenceRun] = {}
         self._released: dict[int, int] = {}
         self._recall()
 
@@ -176,7 +176,7 @@ class Sequences:
 
         def act() -> Done:
             self._note({*self._runs, number})
-            self._runs[number] = Run(self._context.now_ns())
+            self._runs[number] = SequenceRun(self._context.now_ns())
             self._released[number] = 0
             self._context.report("SEQUENCE_STARTED", f"sequence {number}")
             return Done.NOW

@@ -21,7 +21,7 @@ from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.tables.content import SUFFIX
 from fsw.telemetry.tables.effective import TABLES
 from fsw.telemetry.tables.effects import TableEffects
-from fsw.telemetry.tables.slot import Copy, Slot, State
+from fsw.telemetry.tables.slot import Copy, Slot, TableState
 
 MAX_BYTES = 1 << 20
 
@@ -84,7 +84,7 @@ class Tables:
         TcError when the table is being activated, or cannot be kept; then nothing has changed.
         """
         slot = self._slots[table]
-        if slot.state is State.ACTIVATING:
+        if slot.state is TableState.ACTIVATING:
             raise TcError(Error.BUSY, text=f"{table.name} is being activated")
         try:
             number = slot.store.write(content)
@@ -109,7 +109,7 @@ class Tables:
     def _step(self, step: Callable[[Request, Table, Slot], Action], request: Request) -> Action:
         table = Table(request.whole("table"))
         slot = self._slots[table]
-        if slot.state is State.ACTIVATING:
+        if slot.state is TableState.ACTIVATING:
             raise TcError(Error.BUSY, 1, table, "it is being activated")
         action = step(request, table, slot)
 
@@ -127,7 +127,7 @@ class Tables:
 
         def act() -> Done:
             slot.drop()
-            slot.state, slot.size, slot.crc32 = State.LOADING, size, crc32
+            slot.state, slot.size, slot.crc32 = TableState.LOADING, size, crc32
             return Done.NOW
 
         _ = table
@@ -135,7 +135,7 @@ class Tables:
 
     def _data(self, request: Request, table: Table, slot: Slot) -> Action:
         offset, data = request.whole("offset"), request.data
-        if slot.state is not State.LOADING:
+        if slot.state is not TableState.LOADING:
             raise TcError(Error.NOT_STAGED, 1, table, "no load was begun")
         if offset > len(slot.staged) or offset + len(data) > slot.size:
             raise TcError(Error.OUT_OF_RANGE, 2, offset, f"{len(slot.staged)} of {slot.size} held")
@@ -172,11 +172,11 @@ class Tables:
         if found != slot.crc32:
             slot.drop()
             raise TcError(Error.CRC_MISMATCH, value=found)
-        slot.state = State.STAGED
+        slot.state = TableState.STAGED
         self._context.report("TABLE_LOADED", f"{table.name}, {slot.size} bytes, CRC-32 {found:08x}")
 
     def _check(self, request: Request, table: Table, slot: Slot) -> Action:
-        if slot.state not in (State.STAGED, State.VALIDATED):
+        if slot.state not in (TableState.STAGED, TableState.VALIDATED):
             raise TcError(Error.NOT_STAGED, 1, table)
 
         def act() -> Done:
@@ -185,7 +185,7 @@ class Tables:
             except ConfigError as error:
                 self._context.report("TABLE_INVALID", f"{table.name}: {error}")
                 raise TcError(Error.NOT_VALIDATED, 1, table, str(error)) from error
-            slot.state = State.VALIDATED
+            slot.state = TableState.VALIDATED
             self._context.report("TABLE_VALIDATED", table.name)
             return Done.NOW
 
@@ -193,9 +193,9 @@ class Tables:
         return act
 
     def _activate(self, request: Request, table: Table, slot: Slot) -> Action:
-        if slot.state not in (State.STAGED, State.VALIDATED):
+        if slot.state not in (TableState.STAGED, TableState.VALIDATED):
             raise TcError(Error.NOT_STAGED, 1, table)
-        if slot.state is not State.VALIDATED:
+        if slot.state is not TableState.VALIDATED:
             raise TcError(Error.NOT_VALIDATED, 1, table)
         if zlib.crc32(slot.staged) != request.whole("crc32"):
             raise TcError(Error.CRC_MISMATCH, 2, zlib.crc32(slot.staged))
@@ -210,7 +210,7 @@ class Tables:
 
     def _one_at_a_time(self, table: Table) -> None:
         """Raise TcError while a table is being activated: each is put in force with the others."""
-        if any(slot.state is State.ACTIVATING for slot in self._slots.values()):
+        if any(slot.state is TableState.ACTIVATING for slot in self._slots.values()):
             raise TcError(Error.BUSY, 1, table, "another one is being activated")
 
     def _put_in_force(self, request: Request, table: Table, slot: Slot, content: bytes) -> Done:
@@ -219,7 +219,7 @@ class Tables:
             number = slot.store.prepare(content)
         except OSError as error:
             raise TcError(Error.FAILED, text=f"cannot be kept: {error.strerror}") from error
-        before, slot.state = slot.state, State.ACTIVATING
+        before, slot.state = slot.state, TableState.ACTIVATING
         contents = {other: self.active(other) for other in Table} | {table: content}
 
         def commit() -> None:
@@ -267,7 +267,7 @@ class Tables:
         return act
 
     def _abort(self, request: Request, table: Table, slot: Slot) -> Action:
-        if slot.state is State.ACTIVE:
+        if slot.state is TableState.ACTIVE:
             raise TcError(Error.NOT_STAGED, 1, table)
 
         def act() -> Done:

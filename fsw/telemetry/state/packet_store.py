@@ -37,7 +37,7 @@ _TIME = slice(TM_HEADER_BYTES - CUC_BYTES, TM_HEADER_BYTES)
 
 
 @dataclass(slots=True)
-class Segment:
+class StoreSegment:
     """What is known of one file."""
 
     number: int
@@ -102,7 +102,7 @@ class PacketStore:
         self._folder, self._epoch = folder, epoch
         self.limit_bytes = limit_bytes
         self._segment_bytes = limit_bytes // SEGMENTS
-        self._segments: list[Segment] = []
+        self._segments: list[StoreSegment] = []
         self._is_open = False  # the newest segment is of this run and undamaged
         self._next = 1
         self._find()
@@ -167,7 +167,7 @@ class PacketStore:
                 removed += self._remove(segment)
         return removed
 
-    def _current(self, size_bytes: int) -> Segment:
+    def _current(self, size_bytes: int) -> StoreSegment:
         """Return the segment to write into."""
         if self._is_open:
             segment = self._segments[-1]
@@ -180,10 +180,10 @@ class PacketStore:
             self._remove(self._segments[0])
         return self._begin()
 
-    def _begin(self) -> Segment:
+    def _begin(self) -> StoreSegment:
         self._folder.mkdir(parents=True, exist_ok=True)
         epoch = self._epoch()
-        segment = Segment(self._next, self._folder / f"{self._next:08d}.packets", epoch)
+        segment = StoreSegment(self._next, self._folder / f"{self._next:08d}.packets", epoch)
         self._next += 1
         head = _HEAD.pack(MAGIC, FORMAT_VERSION, epoch.utc_less_met_ns, _name(epoch))
         self._segments.append(segment)
@@ -191,7 +191,7 @@ class PacketStore:
         self._is_open = True
         return segment
 
-    def _remove(self, segment: Segment) -> int:
+    def _remove(self, segment: StoreSegment) -> int:
         segment.path.unlink(missing_ok=True)
         self._segments.remove(segment)
         return segment.size_bytes
@@ -208,7 +208,7 @@ class PacketStore:
             except (OSError, ValueError):
                 path.unlink(missing_ok=True)
                 continue
-            segment = Segment(number, path, epoch)
+            segment = StoreSegment(number, path, epoch)
             for t_ns, packet in split_packets(data):
                 segment.note(t_ns, len(packet))
             segment.size_bytes = _HEAD.size + len(data)

@@ -12,7 +12,7 @@ from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.state.store import GenerationStore
 
 
-class State(IntEnum):
+class TableState(IntEnum):
     """Of a table; labels are the dictionary's."""
 
     ACTIVE = 0
@@ -35,7 +35,7 @@ class Slot:
     """What is known of one table."""
 
     store: GenerationStore
-    state: State = State.ACTIVE
+    state: TableState = TableState.ACTIVE
     staged: bytearray = field(default_factory=bytearray)
     size: int = 0
     crc32: int = 0
@@ -57,7 +57,7 @@ class Slot:
 
     def drop(self) -> None:
         """Drop what is staged."""
-        self.state, self.staged, self.size, self.crc32 = State.ACTIVE, bytearray(), 0, 0
+        self.state, self.staged, self.size, self.crc32 = TableState.ACTIVE, bytearray(), 0, 0
         self.error = Error.NONE
 
     def recall(self, validate: Callable[[bytes], None]) -> int:

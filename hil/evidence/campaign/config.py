@@ -40,11 +40,11 @@ class Campaign(_Section):
     duration_s: Annotated[float, Field(gt=0)] | None = None  # of the motion; null: all of it
     rate_hz: Annotated[float, Field(gt=0)] = 100.0  # sample level
 
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[CampaignRun]:
         """Return all runs, seeds outermost."""
         seeds = range(self.seeds.first, self.seeds.first + self.seeds.count)
         return [
-            Run(
+            CampaignRun(
                 level=self.level,
                 scenario=scenario,
                 noise=noise,
@@ -59,7 +59,7 @@ class Campaign(_Section):
         ]
 
 
-class Run(_Section):
+class CampaignRun(_Section):
     """One run; all it depends on beside the code."""
 
     level: Literal["sample", "device"]

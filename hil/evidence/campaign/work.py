@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.evidence.campaign.config import Run
+from hil.evidence.campaign.config import CampaignRun
 from hil.evidence.methods.cases import SENSOR_SETS, WIDER
 from hil.evidence.methods.exact import true_robot
 from hil.evidence.methods.flight_side import without_biases, write_config
@@ -35,7 +35,7 @@ NOISE_STREAM = 211
 STEP_S = 0.01
 
 
-def rows_of(run: Run) -> dict[str, Row]:
+def rows_of(run: CampaignRun) -> dict[str, Row]:
     """Return a run's row under its key; a failing run's row has its seed and traceback."""
     began_s = time.perf_counter()
     row = _named(run)
@@ -46,12 +46,12 @@ def rows_of(run: Run) -> dict[str, Row]:
     return {run.key: row | {"wall_s": time.perf_counter() - began_s}}
 
 
-def rows_of_lost(run: Run, reason: str) -> dict[str, Row]:
+def rows_of_lost(run: CampaignRun, reason: str) -> dict[str, Row]:
     """Return the row of a run whose process died every time."""
     return {run.key: _named(run) | {"status": "FAILED", "traceback": reason, "wall_s": 0.0}}
 
 
-def _named(run: Run) -> dict[str, Any]:
+def _named(run: CampaignRun) -> dict[str, Any]:
     return {
         "key": run.key,
         "seed": run.seed,
@@ -63,7 +63,7 @@ def _named(run: Run) -> dict[str, Any]:
     }
 
 
-def _sample(run: Run) -> dict[str, Any]:
+def _sample(run: CampaignRun) -> dict[str, Any]:
     scenario, noise = scenario_of(run.scenario, run.trajectory), SENSOR_SETS[run.noise]
     state = _exact(run.scenario, run.trajectory, run.duration_s, run.rate_hz)
     rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(NOISE_STREAM,)))
@@ -76,7 +76,7 @@ def _sample(run: Run) -> dict[str, Any]:
     return _judged(run, scenario, found.x, found.covariance, found.status)
 
 
-def _device(run: Run) -> dict[str, Any]:
+def _device(run: CampaignRun) -> dict[str, Any]:
     scenario = scenario_of(run.scenario, run.trajectory)
     with tempfile.TemporaryDirectory(prefix="campaign-") as folder:
         setup = prepare(scenario, run.seed, Path(folder))
@@ -92,7 +92,7 @@ def _device(run: Run) -> dict[str, Any]:
 
 
 def _judged(
-    run: Run, scenario: Scenario, x: FloatArray, covariance: FloatArray, status: str
+    run: CampaignRun, scenario: Scenario, x: FloatArray, covariance: FloatArray, status: str
 ) -> dict[str, Any]:
     truth = np.concatenate([pi_of(scenario.truth[body]) for body in scenario.unknown])
     tool = verification(run.scenario, run.trajectory).error(x, truth).summary()

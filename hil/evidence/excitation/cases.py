@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.excitation import limits as flight_limits
-from fsw.excitation.plan import Planner, Request
+from fsw.excitation.plan import MotionRequest, Planner
 from fsw.excitation.spline import Trajectory
 from fsw.excitation.subject import Subject, build_subject
 from hil.world.robot import Body, Robot, load_bodies
@@ -34,7 +34,7 @@ SYSTEMS: dict[str, tuple[str, ...]] = {
     "both": ("base", "target"),
 }
 SIGMA_RATIO = 0.5
-DEFAULT = Request()
+DEFAULT = MotionRequest()
 
 
 def bodies(system: str) -> dict[str, Body]:
@@ -93,11 +93,11 @@ def subject(system: str) -> Subject:
 
 
 def planner(
-    own: Subject, request: Request = DEFAULT, changes: dict[str, Any] | None = None
+    own: Subject, request: MotionRequest = DEFAULT, changes: dict[str, Any] | None = None
 ) -> Planner:
     """Return a planner within the paper's limits, some of them changed."""
     kept = flight_limits.load(LIMITS).model_dump() | (changes or {})
-    return Planner(own, flight_limits.Limits.model_validate(kept), None, request)
+    return Planner(own, flight_limits.MotionLimits.model_validate(kept), None, request)
 
 
 def truth(system: str) -> Robot:

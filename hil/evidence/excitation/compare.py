@@ -10,7 +10,7 @@ import numpy as np
 
 from fsw.excitation import criteria
 from fsw.excitation.design import Criterion
-from fsw.excitation.plan import Plan, Request, shown
+from fsw.excitation.plan import MotionPlan, MotionRequest, shown
 from hil.evidence.excitation.cases import DEFAULT, joint_spline, planner, subject, truth
 from hil.world.limits import LimitCheck, check, worst
 from hil.world.truth import simulate
@@ -27,7 +27,7 @@ class Contest:
 
     system: str
     criterion: criteria.Name
-    plan: Plan
+    plan: MotionPlan
     optimised: float
     best_random: float
     median_random: float
@@ -56,10 +56,10 @@ def contests(
 ) -> list[Contest]:
     """Optimise every criterion, then search at random for as long as it takes."""
     own = subject(system)
-    plans: dict[criteria.Name, tuple[Plan, float]] = {}
+    plans: dict[criteria.Name, tuple[MotionPlan, float]] = {}
     for name in names:
         turns = iterations or (FEW if name in criteria.REGRESSOR_CRITERIA else DEFAULT.iterations)
-        one = planner(own, Request(criterion=name, iterations=turns))
+        one = planner(own, MotionRequest(criterion=name, iterations=turns))
         began = time.process_time()
         plan = one.plan()
         plans[name] = (plan, time.process_time() - began)
@@ -107,7 +107,7 @@ def contests(
     return result
 
 
-def _in_truth(system: str, plan: Plan) -> tuple[str, LimitCheck]:
+def _in_truth(system: str, plan: MotionPlan) -> tuple[str, LimitCheck]:
     """Return the limit of which most is used in the MuJoCo truth under tracking."""
     robot, spline = truth(system), joint_spline(plan.trajectory)
     checks = check(robot, simulate(robot, spline, 0.0, spline.duration_s, 0.01))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw.excitation import criteria
-from fsw.excitation.design import Criterion, LimitRows, Rows
+from fsw.excitation.design import Criterion, DesignRows, LimitRows
 from fsw.excitation.plan import Planner
 from fsw.excitation.solver import Effort, optimise
 from fsw.excitation.subject import Subject
@@ -141,7 +141,7 @@ class _NumericRows(LimitRows):
 
     def rows(
         self, z: FloatArray, members: Sequence[FloatArray], *, derivatives: bool = False
-    ) -> list[Rows]:
+    ) -> list[DesignRows]:
         """Return every limit's rows, with numeric Jacobians when asked for."""
         found = super().rows(z, members)
         if not derivatives:
@@ -155,7 +155,7 @@ class _NumericRows(LimitRows):
             part = J[start : start + len(row.value)]
             start += len(row.value)
             result.append(
-                Rows(
+                DesignRows(
                     kind=row.kind,
                     unit=row.unit,
                     size=row.size,

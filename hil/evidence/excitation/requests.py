@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from fsw.excitation import limits as flight_limits
-from fsw.excitation.plan import InfeasibleError, Planner, Request
+from fsw.excitation.plan import InfeasibleError, MotionRequest, Planner
 from fsw.excitation.subject import build_subject
 from hil.evidence.excitation import cases
 from hil.world.limits import LimitCheck, check, worst
@@ -27,7 +27,7 @@ INFEASIBLE: dict[str, dict[str, Any]] = {
 def refusal(changes: dict[str, Any], duration_s: float = 20.0) -> InfeasibleError | None:
     """Return the planner's refusal, or None if it wrongly succeeds."""
     try:
-        request = Request(duration_s=duration_s)
+        request = MotionRequest(duration_s=duration_s)
         cases.planner(cases.subject("target"), request, changes).plan()
     except InfeasibleError as error:
         return error
@@ -43,6 +43,6 @@ def robust(scale: float, spread: float, draws: int, iterations: int = 40) -> tup
     """
     own = build_subject(cases.config("target", scale), spread=spread, draws=draws)
     limits = flight_limits.load(cases.LIMITS)
-    plan = Planner(own, limits, None, Request(iterations=iterations)).plan()
+    plan = Planner(own, limits, None, MotionRequest(iterations=iterations)).plan()
     robot, spline = cases.truth("target"), cases.joint_spline(plan.trajectory)
     return worst(check(robot, simulate(robot, spline, 0.0, spline.duration_s, 0.01)))

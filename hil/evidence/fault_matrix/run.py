@@ -51,7 +51,7 @@ def prepare(
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Flown:
+class FlownRow:
     """What is left of a run, and when its fault began and its device was itself again."""
 
     final: Result
@@ -78,7 +78,7 @@ def trunk(table: Table, setup: bench.Setup) -> bench.VirtualRun:
 
 def branch(
     trunk: bench.VirtualRun, table: Table, row: Row | None, *, reference: bool = False
-) -> Flown:
+) -> FlownRow:
     """Carry a copy of the trunk on, with a fault, with what it takes away, or clean (row None).
 
     The copy is a forked process: the trunk itself stays where it is.
@@ -106,11 +106,11 @@ def branch(
     _, code = os.waitpid(child, 0)
     if code:
         raise RuntimeError(f"{'the clean run' if row is None else row.type} ended with {code}")
-    flown: Flown = pickle.loads(data)
+    flown: FlownRow = pickle.loads(data)
     return flown
 
 
-def _carry_on(run: bench.VirtualRun, table: Table, row: Row | None, *, reference: bool) -> Flown:
+def _carry_on(run: bench.VirtualRun, table: Table, row: Row | None, *, reference: bool) -> FlownRow:
     places: list[Place] = []
     if row is not None:
         entries = [table.entry(row)]
@@ -119,7 +119,7 @@ def _carry_on(run: bench.VirtualRun, table: Table, row: Row | None, *, reference
     run.advance(run.setup.total_s, Quiet())
     recorded = run.finish(Quiet())
     last = recorded.blocks[-1]
-    return Flown(
+    return FlownRow(
         final=recorded.final,
         events=recorded.events,
         status=recorded.status,
@@ -136,7 +136,12 @@ def _carry_on(run: bench.VirtualRun, table: Table, row: Row | None, *, reference
 
 
 def outcome(
-    table: Table, row: Row, setup: bench.Setup, flown: Flown, reference: Flown, clean: Flown
+    table: Table,
+    row: Row,
+    setup: bench.Setup,
+    flown: FlownRow,
+    reference: FlownRow,
+    clean: FlownRow,
 ) -> dict[str, Any]:
     """Return the figures of a row, and what of them is out of bounds.
 
@@ -177,7 +182,7 @@ def outcome(
     return values | {"failed": failures(row, values)}
 
 
-def _losses(flown: Flown, row: Row) -> int:
+def _losses(flown: FlownRow, row: Row) -> int:
     """Return how often a link was lost, where that is the row's event."""
     links = flown.status["links"].values() if row.event == "PORT_LOST" else ()
     return sum(int(link["losses"]) for link in links)

@@ -15,7 +15,7 @@ from typing import Any
 
 from hil.evidence import pool, runner
 from hil.evidence.fault_matrix import live_rows, machine, real_bus, run, table
-from hil.evidence.fault_matrix.run import Flown
+from hil.evidence.fault_matrix.run import FlownRow
 from hil.evidence.store import Store
 from hil.faults.real_bus import cable
 from hil.run import bench
@@ -30,7 +30,7 @@ def _setup(seed: int) -> bench.Setup:
 
 
 @lru_cache(maxsize=1)
-def _trunk(seed: int) -> tuple[bench.VirtualRun, Flown]:
+def _trunk(seed: int) -> tuple[bench.VirtualRun, FlownRow]:
     """Return the run the rows branch off, and its clean end."""
     bounds = table.load()
     trunk = run.trunk(bounds, _setup(seed))

@@ -36,7 +36,7 @@ def modular(content: bytes) -> int:
     return sum(int.from_bytes(word, "big") for word in words) & 0xFFFFFFFF
 
 
-class Uplink:
+class DeliveryUplink:
     """Encoder of units from the ground that fit one another, and what they say a file is."""
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ def _unit(flags: int, body: bytes, ids: tuple[int, int, int]) -> bytes:
     return bytes((flags, *len(body).to_bytes(2, "big"), 0, *ids)) + body
 
 
-class Model:
+class DeliveryModel:
     """What the units that came may amount to: every byte ever sent for a place, every end."""
 
     def __init__(self) -> None:
@@ -127,7 +127,7 @@ def delivery_target() -> Target:
         (folder / DOWN).write_bytes(DOWN_BYTES)
         entity = FileEntity(folder, lambda: 1, max_file_bytes=MAX_FILE_BYTES)
         entity.send(folder / DOWN, remove=False)
-        uplink, model, now_ns, count = Uplink(), Model(), 0, 0
+        uplink, model, now_ns, count = DeliveryUplink(), DeliveryModel(), 0, 0
         for op, payload in segments(data):
             raw = uplink.seal(payload) if op & SEALED else payload
             model.take(raw)
@@ -153,7 +153,7 @@ def _drain(entity: FileEntity, now_ns: int) -> int:
     raise OracleError("never silent")
 
 
-def _look(entity: FileEntity, folder: Path, model: Model) -> None:
+def _look(entity: FileEntity, folder: Path, model: DeliveryModel) -> None:
     """Hold what is told and what lies in the folder against what came."""
     for number, good, text in entity.finished():
         if number == 0 and good:

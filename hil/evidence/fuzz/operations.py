@@ -80,7 +80,7 @@ class _Recording:
         self._on = False
 
 
-class Bench:
+class OperationsBench:
     """Loop, service and what comes out of them."""
 
     def __init__(self, folder: Path) -> None:
@@ -273,12 +273,12 @@ class Bench:
 
 def operations_target() -> Target:
     """Return the target of a whole daemon in virtual time; it is open until the process ends."""
-    bench = Bench(Path(tempfile.mkdtemp(prefix="fuzz-operations-")))
+    bench = OperationsBench(Path(tempfile.mkdtemp(prefix="fuzz-operations-")))
     atexit.register(bench.close)
     return partial(play, bench)
 
 
-def play(bench: Bench, data: bytes) -> None:
+def play(bench: OperationsBench, data: bytes) -> None:
     """Play one input as a sequence of hostile steps. Raises OracleError."""
     choices = Choices(data)
     for _ in range(MOST_STEPS):
@@ -289,7 +289,7 @@ def play(bench: Bench, data: bytes) -> None:
     require(bench.outside.read_bytes() == OUTSIDE, "a file outside was written", bench.outside)
 
 
-def _step(bench: Bench, choices: Choices) -> None:
+def _step(bench: OperationsBench, choices: Choices) -> None:
     kind = choices.number(40)
     bench.counts["cases"] += 1
     if kind == 0:
@@ -317,7 +317,7 @@ def _name(packet: bytes) -> str:
     return found[0] if found else ""
 
 
-def _upload(bench: Bench, choices: Choices) -> None:
+def _upload(bench: OperationsBench, choices: Choices) -> None:
     """Load a table, validate, and mostly activate it; then let the loop take a window with it."""
     number = choices.number(4)
     table, content = TABLES[number], bench.grammar.table(number, choices)
@@ -344,7 +344,7 @@ def _upload(bench: Bench, choices: Choices) -> None:
         bench.command("TBL_ROLLBACK", table=table)
 
 
-def _file(bench: Bench, choices: Choices) -> None:
+def _file(bench: OperationsBench, choices: Choices) -> None:
     """Put something strange into the file area."""
     path = bench.files / choices.one(("a.txt", "loop", "deep", "table", "empty"))
     kind = choices.number(5)

@@ -63,7 +63,7 @@ class _Recording:
 
 
 @dataclass(slots=True)
-class Bench:
+class TelemetryBench:
     """The application on a host that only counts."""
 
     config: Config
@@ -130,7 +130,9 @@ def configuration(folder: Path) -> Config:
     return prepare(load_scenario("target_leo"), 1, folder, telemetry=telemetry).config
 
 
-def random_bytes(bench: Bench, count: int, rng: np.random.Generator, advance: Advance) -> int:
+def random_bytes(
+    bench: TelemetryBench, count: int, rng: np.random.Generator, advance: Advance
+) -> int:
     """Feed random bytes; return how many packets were found in them. Raises FuzzError."""
     uplink, before, packets, in_packets = ClearUplink(), bench.digest(), 0, 0
     fed = 0
@@ -213,7 +215,9 @@ def repaired(packet: bytes, rng: np.random.Generator) -> bytes:
     return whole + crc16.ibm_3740(whole).to_bytes(2, "big")
 
 
-def mutants(bench: Bench, count: int, rng: np.random.Generator, advance: Advance) -> dict[str, int]:
+def mutants(
+    bench: TelemetryBench, count: int, rng: np.random.Generator, advance: Advance
+) -> dict[str, int]:
     """Give changed telecommands; return how many were accepted and rejected. Raises FuzzError."""
     known = DICTIONARY.telecommands
     tally = {"damaged": 0, "accepted": 0, "rejected": 0}
@@ -235,7 +239,7 @@ def mutants(bench: Bench, count: int, rng: np.random.Generator, advance: Advance
     return tally
 
 
-def _give_damaged(bench: Bench, packet: bytes, bad: bytes) -> None:
+def _give_damaged(bench: TelemetryBench, packet: bytes, bad: bytes) -> None:
     """Give a damaged packet and a good one after it: only the good one may count."""
     before = bench.digest()
     uplink = ClearUplink()
@@ -253,7 +257,7 @@ def _give_damaged(bench: Bench, packet: bytes, bad: bytes) -> None:
         raise FuzzError(f"{bad.hex()}: not all of it was counted, or it had an effect")
 
 
-def _give(bench: Bench, packet: bytes) -> bool:
+def _give(bench: TelemetryBench, packet: bytes) -> bool:
     """Give a packet with a good check value; return whether it was accepted."""
     before, events, counts = bench.digest(), bench.told(), bench.counted()
     executor = bench.app.executor
@@ -273,7 +277,7 @@ def _give(bench: Bench, packet: bytes) -> bool:
 def run(config: Config, count: int, changed: int, seed: int, progress: Progress) -> dict[str, Any]:
     """Do both; return what became of it. Raises FuzzError."""
     rng = np.random.default_rng(seed)
-    bench = Bench(config)
+    bench = TelemetryBench(config)
     bar = progress.add_task("random bytes", total=count)
     packets = random_bytes(bench, count, rng, partial(_advance, progress, bar))
     bar = progress.add_task("mutants", total=changed)

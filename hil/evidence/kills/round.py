@@ -56,7 +56,7 @@ class Kill:
     ]  # bounds in time that were missed: they ask for a machine with time to spare
 
 
-class Daemon:
+class KilledDaemon:
     """`fsw run` on a configuration, started again and again."""
 
     def __init__(self, config: Path, observer: Observer) -> None:
@@ -135,7 +135,7 @@ class Round:
         plant_path = write_yaml(self._folder / "plant.yaml", plant)
         with ExitStack() as held:
             process = held.enter_context(live.started_plant(plant_path, self._folder))
-            daemon = Daemon(setup.config_path, self._observer)
+            daemon = KilledDaemon(setup.config_path, self._observer)
             held.callback(daemon.close)
             daemon.start(cold=True)
             wait_for(
@@ -152,7 +152,7 @@ class Round:
                 time.sleep(float(self._rng.uniform(*PAUSE_S)))
                 yield self._kill(daemon, k, up_ns)
 
-    def _kill(self, daemon: Daemon, number: int, up_ns: int) -> Kill:
+    def _kill(self, daemon: KilledDaemon, number: int, up_ns: int) -> Kill:
         victim = str(self._rng.choice(VICTIMS, p=WEIGHTS))
         loop, service = daemon.pids
         self._events()
@@ -193,7 +193,7 @@ class Round:
         )
 
     def _loop_is_back(
-        self, daemon: Daemon, killed_ns: int
+        self, daemon: KilledDaemon, killed_ns: int
     ) -> tuple[float, float, float, list[str]]:
         """Wait for the restored estimate to be seen; times from the start of the new process."""
         began_ns = daemon.started_ns

@@ -60,7 +60,7 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Record:
+class StudyRecord:
     """One method's result on one seed.
 
     error (10 b,) is estimate minus truth in pi of the unknown bodies, None when the method failed;

@@ -12,7 +12,7 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.messages import Block
-from hil.evidence.methods.cases import DEVICE, WIDER, Record, scenario_of, truth_of
+from hil.evidence.methods.cases import DEVICE, WIDER, StudyRecord, scenario_of, truth_of
 from hil.evidence.methods.exact import true_robot
 from hil.evidence.methods.fisher import ALL
 from hil.evidence.methods.flight_side import priors_of, write_config
@@ -33,7 +33,7 @@ SENSORS = "data sheet"  # the scenarios' devices
 SILENT = 1e12  # times the noise of a channel that is not used
 
 
-def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[Record]:
+def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[StudyRecord]:
     """Return the results of some methods on the blocks of one run of plant and daemon."""
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         config, blocks = _run(case, seed, Path(folder))

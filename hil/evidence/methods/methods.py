@@ -18,7 +18,7 @@ FUSED = "fused"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Outcome:
+class MethodOutcome:
     """A method's result: bodies' parameters x (10 b,), covariance, and how it ended."""
 
     status: str
@@ -49,7 +49,7 @@ METHODS: Mapping[str, Method] = {
 }
 
 
-def on_blocks(name: str, blocks: Sequence[Block], config: Config) -> Outcome:
+def on_blocks(name: str, blocks: Sequence[Block], config: Config) -> MethodOutcome:
     """Run a method on blocks.
 
     Raises
@@ -60,7 +60,7 @@ def on_blocks(name: str, blocks: Sequence[Block], config: Config) -> Outcome:
     settings = with_estimator(config, chosen.method, chosen.weighting)
     found = run_batch(settings, blocks, chosen.method, ())
     k = slice(0, COUNT * len(found["unknown"]))
-    return Outcome(
+    return MethodOutcome(
         status=found["status"],
         x=np.array(found["mean"])[k],
         covariance=np.array(found["covariance"])[k, k],

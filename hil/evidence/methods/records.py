@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.evidence.methods.cases import Key, Record, settings
+from hil.evidence.methods.cases import Key, StudyRecord, settings
 from hil.evidence.provenance import commit
 from hil.evidence.store import Row, Store
 from hil.world.inertia import FloatArray
@@ -28,18 +28,18 @@ def name(key: Key) -> str:
     return "|".join((key.level, key.case, key.sensors, key.method, str(key.seed)))
 
 
-def records(store: Store) -> dict[Key, Record]:
+def records(store: Store) -> dict[Key, StudyRecord]:
     """Return all stored records."""
     found = map(_record, store.rows.values())
     return {record.key: record for record in found}
 
 
-def rows(results: Iterable[Record]) -> dict[str, Row]:
+def rows(results: Iterable[StudyRecord]) -> dict[str, Row]:
     """Return the rows of records, marked with the commit of the code."""
     return {name(record.key): _plain(replace(record, commit=commit())) for record in results}
 
 
-def _plain(record: Record) -> Row:
+def _plain(record: StudyRecord) -> Row:
     return {
         **asdict(record.key),
         "status": record.status,
@@ -52,9 +52,9 @@ def _plain(record: Record) -> Row:
     }
 
 
-def _record(row: Row) -> Record:
+def _record(row: Row) -> StudyRecord:
     names = ("level", "case", "sensors", "method", "seed")
-    return Record(
+    return StudyRecord(
         key=Key(**{name: row[name] for name in names}),
         status=row["status"],
         error=_array(row["error"]),

@@ -8,8 +8,8 @@ from io import StringIO
 from rich.console import Console
 from rich.table import Table
 
-from hil.evidence.methods.statistics import Figures, Ratio
-from hil.evidence.methods.summary import Row, Verdict, chance_of_outliers
+from hil.evidence.methods.statistics import EfficiencyRatio, Figures
+from hil.evidence.methods.summary import SummaryRow, Verdict, chance_of_outliers
 
 WIDTH = 260
 LEVELS = {
@@ -27,7 +27,7 @@ mean for a right covariance (chi-square). biased: groups whose mean error is not
 says so."""
 
 
-def tables(rows: Sequence[Row]) -> list[Table]:
+def tables(rows: Sequence[SummaryRow]) -> list[Table]:
     """Return one table per level and case."""
     found = []
     for level, title in LEVELS.items():
@@ -49,7 +49,7 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
 
 
 def show(
-    rows: Sequence[Row], verdicts: Sequence[Verdict], notes: Sequence[str], console: Console
+    rows: Sequence[SummaryRow], verdicts: Sequence[Verdict], notes: Sequence[str], console: Console
 ) -> None:
     """Print the whole report."""
     for table in tables(rows):
@@ -67,7 +67,7 @@ def show(
         )
 
 
-def text(rows: Sequence[Row], verdicts: Sequence[Verdict], notes: Sequence[str]) -> str:
+def text(rows: Sequence[SummaryRow], verdicts: Sequence[Verdict], notes: Sequence[str]) -> str:
     """Return the report as plain text."""
     console = Console(file=StringIO(), width=WIDTH, color_system=None)
     show(rows, verdicts, notes, console)
@@ -75,7 +75,7 @@ def text(rows: Sequence[Row], verdicts: Sequence[Verdict], notes: Sequence[str])
     return written.getvalue() if isinstance(written, StringIO) else ""
 
 
-def _table(title: str, rows: Sequence[Row]) -> Table:
+def _table(title: str, rows: Sequence[SummaryRow]) -> Table:
     table = Table(title=title)
     groups = list(rows[0].figures.groups)
     left = ("sensors", "method", "biased")
@@ -107,7 +107,7 @@ def number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.1e}"
 
 
-def _ratio(ratio: Ratio) -> str:
+def _ratio(ratio: EfficiencyRatio) -> str:
     return f"{number(ratio.value)}\n[dim]{number(ratio.low)}..{number(ratio.high)}[/dim]"
 
 

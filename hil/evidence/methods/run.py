@@ -9,7 +9,7 @@ from rich.console import Console
 
 from hil.evidence import pool, runner
 from hil.evidence.methods import device_bytes, sample_level
-from hil.evidence.methods.cases import CASES, DEVICE, SAMPLE, SENSOR_SETS, Key, Record
+from hil.evidence.methods.cases import CASES, DEVICE, SAMPLE, SENSOR_SETS, Key, StudyRecord
 from hil.evidence.methods.methods import METHODS
 from hil.evidence.methods.records import records, rows
 from hil.evidence.store import Row, Store
@@ -32,7 +32,7 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Unit:
+class StudyUnit:
     """Work of one process at a time: some methods on the data of one seed."""
 
     level: str
@@ -68,13 +68,13 @@ def quick_plan() -> Plan:
     )
 
 
-def wanted(plan: Plan) -> list[Unit]:
+def wanted(plan: Plan) -> list[StudyUnit]:
     """Return all units, seed by seed, so that an interrupted study is even over its parts."""
     units = []
     for seed in range(max(plan.sample_seeds, plan.device_seeds)):
         if seed < plan.device_seeds:
             units += [
-                Unit(
+                StudyUnit(
                     level=DEVICE,
                     case=case,
                     sensors=device_bytes.SENSORS,
@@ -85,7 +85,7 @@ def wanted(plan: Plan) -> list[Unit]:
             ]
         if seed < plan.sample_seeds:
             units += [
-                Unit(
+                StudyUnit(
                     level=SAMPLE,
                     case=case,
                     sensors=sensors,
@@ -98,14 +98,14 @@ def wanted(plan: Plan) -> list[Unit]:
     return units
 
 
-def missing(units: Sequence[Unit], done: set[Key]) -> list[Unit]:
+def missing(units: Sequence[StudyUnit], done: set[Key]) -> list[StudyUnit]:
     """Return the units without what is done; empty ones left out."""
     rest = []
     for unit in units:
         methods = tuple(key.method for key in unit.keys if key not in done)
         if methods:
             rest.append(
-                Unit(
+                StudyUnit(
                     level=unit.level,
                     case=unit.case,
                     sensors=unit.sensors,
@@ -116,14 +116,14 @@ def missing(units: Sequence[Unit], done: set[Key]) -> list[Unit]:
     return rest
 
 
-def run_unit(unit: Unit) -> dict[str, Row]:
+def run_unit(unit: StudyUnit) -> dict[str, Row]:
     """Return the rows of the unit's results."""
     if unit.level == DEVICE:
         return rows(device_bytes.run_seed(unit.case, unit.seed, unit.methods))
     return rows(sample_level.run_seed(unit.case, unit.sensors, unit.seed, unit.methods))
 
 
-def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key, Record]:
+def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key, StudyRecord]:
     """Run what the store lacks, showing progress; return the records of the plan."""
     units = wanted(plan)
     rest = missing(units, set(records(store)))
@@ -133,5 +133,5 @@ def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key,
     return {key: record for key, record in records(store).items() if key in keys}
 
 
-def _text(unit: Unit) -> str:
+def _text(unit: StudyUnit) -> str:
     return f"{unit.level} {unit.case}, {unit.sensors}, seed {unit.seed}"

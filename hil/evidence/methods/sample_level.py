@@ -19,13 +19,13 @@ from hil.evidence.methods.cases import (
     WIDER,
     WINDOW_S,
     Key,
-    Record,
+    StudyRecord,
     scenario_of,
     truth_of,
 )
 from hil.evidence.methods.exact import exact_samples
 from hil.evidence.methods.flight_side import without_biases, write_config
-from hil.evidence.methods.methods import Outcome, on_blocks
+from hil.evidence.methods.methods import MethodOutcome, on_blocks
 from hil.evidence.methods.sensed import condition, declared, draws, sensed, with_noise
 from hil.judge.score import normalised_error_squared
 from hil.world.inertia import FloatArray
@@ -33,7 +33,7 @@ from hil.world.inertia import FloatArray
 NOISE_STREAM = 113  # spawn key of the samples' noise, apart from the priors' and the devices'
 
 
-def run_seed(case: str, sensors: str, seed: int, methods: Sequence[str]) -> list[Record]:
+def run_seed(case: str, sensors: str, seed: int, methods: Sequence[str]) -> list[StudyRecord]:
     """Return the results of some methods on one draw of noise.
 
     The unit noise of a seed is the same for every case and sensor set; the prior, drawn from the
@@ -63,7 +63,7 @@ def judge_all(
     methods: Sequence[str],
     blocks: Sequence[Block],
     config: Config,
-) -> list[Record]:
+) -> list[StudyRecord]:
     """Return the records of some methods on the same blocks."""
     records = []
     for method in methods:
@@ -77,7 +77,7 @@ def judge_all(
     return records
 
 
-def judged(key: Key, outcome: Outcome, truth: FloatArray) -> Record:
+def judged(key: Key, outcome: MethodOutcome, truth: FloatArray) -> StudyRecord:
     """Return the record of a method's outcome against the truth; not finite: failed."""
     error, covariance = outcome.x - truth, outcome.covariance
     if not (np.all(np.isfinite(error)) and np.all(np.isfinite(covariance))):
@@ -85,7 +85,7 @@ def judged(key: Key, outcome: Outcome, truth: FloatArray) -> Record:
     variance = np.diag(covariance)
     if not np.all(variance > 0):
         return failed(key, f"{outcome.status}: covariance not positive")
-    return Record(
+    return StudyRecord(
         key=key,
         status=outcome.status,
         error=error,
@@ -96,7 +96,9 @@ def judged(key: Key, outcome: Outcome, truth: FloatArray) -> Record:
     )
 
 
-def failed(key: Key, reason: str) -> Record:
+def failed(key: Key, reason: str) -> StudyRecord:
     """Return the record of a method that gave nothing."""
     status = f"FAILED: {reason}"
-    return Record(key=key, status=status, error=None, sigma=None, nees=float("inf"), iterations=0)
+    return StudyRecord(
+        key=key, status=status, error=None, sigma=None, nees=float("inf"), iterations=0
+    )

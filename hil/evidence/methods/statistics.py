@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from hil.evidence.methods.cases import Record
+from hil.evidence.methods.cases import StudyRecord
 from hil.world.inertia import FloatArray
 
 CONFIDENCE = 0.95
@@ -18,7 +18,7 @@ BIAS_LEVEL = 1e-3  # of Hotelling's test of a zero mean error
 
 
 @dataclass(frozen=True, slots=True)
-class Ratio:
+class EfficiencyRatio:
     """A root-mean-square ratio with the bounds of its 95 % interval."""
 
     value: float
@@ -38,10 +38,10 @@ class Figures:
     failed: int  # without any result
     not_ok: int  # with a result that the method itself does not call good
     dof: int
-    overall: Ratio
-    own_overall: Ratio
-    groups: Mapping[str, Ratio]
-    own_groups: Mapping[str, Ratio]
+    overall: EfficiencyRatio
+    own_overall: EfficiencyRatio
+    groups: Mapping[str, EfficiencyRatio]
+    own_groups: Mapping[str, EfficiencyRatio]
     median: float  # over seeds, of one seed's root-mean-square whitened error
     worst: float
     worst_seed: int
@@ -54,7 +54,7 @@ class Figures:
 
 
 def figures(
-    records: Sequence[Record],
+    records: Sequence[StudyRecord],
     bounds: Sequence[FloatArray],
     own_bounds: Sequence[FloatArray],
     groups: Mapping[str, slice],
@@ -119,20 +119,20 @@ def width(group: slice) -> int:
     return int(group.stop - group.start)
 
 
-def _ratio(squares: FloatArray, dof: int) -> Ratio:
+def _ratio(squares: FloatArray, dof: int) -> EfficiencyRatio:
     """Return the root of the mean of (k,) squares per degree of freedom, with its interval."""
     if squares.size == 0:
-        return Ratio(float("nan"), float("nan"), float("nan"))
+        return EfficiencyRatio(float("nan"), float("nan"), float("nan"))
     if squares.size < FEW:
         value = float(np.sqrt(squares.mean()))
         total = dof * squares.size
         low, high = chi_square_ends(total)
-        return Ratio(value, value * (total / high) ** 0.5, value * (total / low) ** 0.5)
+        return EfficiencyRatio(value, value * (total / high) ** 0.5, value * (total / low) ** 0.5)
     rng = np.random.default_rng(0)
     picks = rng.integers(0, squares.size, (RESAMPLES, squares.size))
     means = np.sqrt(squares[picks].mean(axis=1))
     low, high = np.quantile(means, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
-    return Ratio(float(np.sqrt(squares.mean())), float(low), float(high))
+    return EfficiencyRatio(float(np.sqrt(squares.mean())), float(low), float(high))
 
 
 def _biased(

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 from hil.evidence.methods import device_bytes, fisher
-from hil.evidence.methods.cases import DEVICE, WIDER, Key, Record, group_slices, scenario_of
+from hil.evidence.methods.cases import DEVICE, WIDER, Key, StudyRecord, group_slices, scenario_of
 from hil.evidence.methods.flight_side import priors_of
 from hil.evidence.methods.methods import CONSISTENT, FUSED, METHODS
 from hil.evidence.methods.statistics import CONFIDENCE, Figures, chi_square_ends, figures
@@ -22,7 +22,7 @@ FUSED_BOUND: Mapping[str, float] = {"sample": 1.1, "device": 1.25}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Row:
+class SummaryRow:
     """One method on one case and sensor set."""
 
     level: str
@@ -43,9 +43,9 @@ class Verdict:
     passed: bool
 
 
-def rows(records: Mapping[Key, Record]) -> list[Row]:
+def rows(records: Mapping[Key, StudyRecord]) -> list[SummaryRow]:
     """Return a row for every combination with results, in the order of the report."""
-    found: dict[tuple[str, str, str, str], list[Record]] = {}
+    found: dict[tuple[str, str, str, str], list[StudyRecord]] = {}
     for key in sorted(records):
         name = (key.level, key.case, key.sensors, key.method)
         found.setdefault(name, []).append(records[key])
@@ -55,7 +55,7 @@ def rows(records: Mapping[Key, Record]) -> list[Row]:
         bounds = _bounds(own, fisher.ALL)
         own_bounds = _bounds(own, METHODS[method].own)
         table.append(
-            Row(
+            SummaryRow(
                 level=level,
                 case=case,
                 sensors=sensors,
@@ -69,7 +69,7 @@ def rows(records: Mapping[Key, Record]) -> list[Row]:
     )
 
 
-def verdicts(table: Sequence[Row], *, quick: bool = False) -> list[Verdict]:
+def verdicts(table: Sequence[SummaryRow], *, quick: bool = False) -> list[Verdict]:
     """Return what is required of the fused estimator and of the consistent methods.
 
     `quick`: few seeds, so bounds and bands are widened to what chance leaves once in a thousand.
@@ -86,12 +86,12 @@ def verdicts(table: Sequence[Row], *, quick: bool = False) -> list[Verdict]:
     return found
 
 
-def orderings(table: Sequence[Row]) -> list[str]:
+def orderings(table: Sequence[SummaryRow]) -> list[str]:
     """Return the methods from best to worst per case and sensor set, by the median seed.
 
     With a good inertial unit MRNEA stands before RDA, with a poor one behind it.
     """
-    found: dict[tuple[str, str, str], list[Row]] = {}
+    found: dict[tuple[str, str, str], list[SummaryRow]] = {}
     for row in table:
         found.setdefault((row.level, row.case, row.sensors), []).append(row)
     lines = ["Order by the median seed's error over the bound of all channels:"]
@@ -102,7 +102,7 @@ def orderings(table: Sequence[Row]) -> list[str]:
     return lines + _swaps(table)
 
 
-def _swaps(table: Sequence[Row]) -> list[str]:
+def _swaps(table: Sequence[SummaryRow]) -> list[str]:
     """Return with which sensor sets the paper's MRNEA, and that without its bias, precede RDA."""
     median = {(r.level, r.case, r.sensors, r.method): r.figures.median for r in table}
     found: dict[tuple[str, str], dict[bool, list[str]]] = {}
@@ -118,7 +118,7 @@ def _swaps(table: Sequence[Row]) -> list[str]:
     ]
 
 
-def provenance(records: Mapping[Key, Record]) -> list[str]:
+def provenance(records: Mapping[Key, StudyRecord]) -> list[str]:
     """Return how many results of each method are of which commit."""
     counts: dict[tuple[str, str], dict[str, int]] = {}
     for key, record in records.items():
@@ -131,7 +131,7 @@ def provenance(records: Mapping[Key, Record]) -> list[str]:
     return lines
 
 
-def plain(table: Sequence[Row], judged: Sequence[Verdict]) -> dict[str, Any]:
+def plain(table: Sequence[SummaryRow], judged: Sequence[Verdict]) -> dict[str, Any]:
     """Return rows and verdicts as plain values for a JSON file."""
     return {
         "rows": [asdict(row) for row in table],
@@ -140,7 +140,7 @@ def plain(table: Sequence[Row], judged: Sequence[Verdict]) -> dict[str, Any]:
     }
 
 
-def _fused(row: Row, quick: bool) -> list[Verdict]:
+def _fused(row: SummaryRow, quick: bool) -> list[Verdict]:
     f, limit = row.figures, FUSED_BOUND[row.level]
     if quick:
         limit *= (float(stats.chi2.ppf(1.0 - RARE, f.dof * f.seeds)) / (f.dof * f.seeds)) ** 0.5
@@ -163,7 +163,7 @@ def _fused(row: Row, quick: bool) -> list[Verdict]:
     ]
 
 
-def _nees(method: str, own: Iterable[Row], quick: bool) -> list[Verdict]:
+def _nees(method: str, own: Iterable[SummaryRow], quick: bool) -> list[Verdict]:
     """Judge every row's mean NEES by its own 95 % band."""
     found = []
     for row in own:
@@ -194,7 +194,7 @@ def chance_of_outliers(judged: Sequence[Verdict]) -> tuple[int, int, float]:
     return left, len(bands), chance
 
 
-def _bounds(records: Sequence[Record], channels: str) -> list[FloatArray]:
+def _bounds(records: Sequence[StudyRecord], channels: str) -> list[FloatArray]:
     """Return the Cramer-Rao bound of every record; at device level with its seed's prior."""
     key = records[0].key
     if key.level != DEVICE:

@@ -20,7 +20,7 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.messages import Block
 from hil.evidence.methods.flight_side import problem_of, write_config
-from hil.evidence.paper.cases import ALL, NONE, Unit, exact_sensors, scenario_of, truth_of
+from hil.evidence.paper.cases import ALL, NONE, PaperUnit, exact_sensors, scenario_of, truth_of
 from hil.evidence.paper.identify import verification
 from hil.evidence.paper.samples import history_of
 from hil.run.flight import bound_sensors
@@ -42,7 +42,7 @@ def wrenches(system: str) -> dict[str, float]:
     return {f"{body}_{kind}": sigma for body in BODIES[system] for kind, sigma in kinds.items()}
 
 
-def run_bias(unit: Unit) -> dict[str, Any]:
+def run_bias(unit: PaperUnit) -> dict[str, Any]:
     """Return the four errors of each method: disturbed or not, ignored or estimated."""
     found: dict[str, Any] = {}
     for method in METHODS:
@@ -56,7 +56,7 @@ def run_bias(unit: Unit) -> dict[str, Any]:
     return found
 
 
-def _solved(unit: Unit, method: str, acting: str, *, estimated: bool) -> dict[str, Any]:
+def _solved(unit: PaperUnit, method: str, acting: str, *, estimated: bool) -> dict[str, Any]:
     problem = _problem(unit, acting, estimated=estimated)
     rows = row_function("fused" if method == "fused" else "rda", "eiv", problem)
     truth = truth_of(scenario_of(unit.orbit, unit.system, acting))
@@ -75,7 +75,7 @@ def _solved(unit: Unit, method: str, acting: str, *, estimated: bool) -> dict[st
     }
 
 
-def _problem(unit: Unit, acting: str, *, estimated: bool) -> Problem:
+def _problem(unit: PaperUnit, acting: str, *, estimated: bool) -> Problem:
     scenario = scenario_of(unit.orbit, unit.system, acting)
     environment = scenario.environment if estimated else None
     told = replace(

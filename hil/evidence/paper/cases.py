@@ -84,7 +84,7 @@ def noise_of(name: str, rate_hz: float) -> ChannelNoise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
-class Unit:
+class PaperUnit:
     """One motion and one draw of noise, given to some methods."""
 
     level: str  # sample or device

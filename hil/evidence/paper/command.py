@@ -22,7 +22,7 @@ def paper(*, quick: bool, out: Path | None, seeds: int | None, device_seeds: int
     The short form, one seed of everything, is not held against the requirements.
     """
     os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes
-    plan = run.quick_plan() if quick else run.Plan()
+    plan = run.quick_plan() if quick else run.PaperPlan()
     if seeds is not None:
         plan = replace(plan, seeds=seeds, few=min(plan.few, seeds))
     if device_seeds is not None:

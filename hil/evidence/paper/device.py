@@ -14,7 +14,7 @@ import yaml
 
 from hil.evidence.methods.exact import true_robot
 from hil.evidence.methods.flight_side import priors_of, write_config
-from hil.evidence.paper.cases import Unit, scenario_of
+from hil.evidence.paper.cases import PaperUnit, scenario_of
 from hil.evidence.paper.identify import scored
 from hil.run.bench import Setup, run_virtual, truth_of
 from hil.world.history import TruthHistory
@@ -32,7 +32,7 @@ ESTIMATOR = {
 }
 
 
-def run_device(unit: Unit) -> dict[str, Any]:
+def run_device(unit: PaperUnit) -> dict[str, Any]:
     """Return the fused result of one run, the daemon's own last estimate, plain values."""
     scenario = _scenario(unit)
     robot, spline, history = _motion(unit.orbit, unit.system, unit.acting)
@@ -57,7 +57,7 @@ def run_device(unit: Unit) -> dict[str, Any]:
     return {"fused": found | {"valid": final.valid}}
 
 
-def _scenario(unit: Unit) -> Scenario:
+def _scenario(unit: PaperUnit) -> Scenario:
     scenario = scenario_of(unit.orbit, unit.system, unit.acting)
     path = FOLDER / "common" / "sensors_paper.yaml"
     flight = dict(scenario.flight)

@@ -18,7 +18,7 @@ from fsw.estimators.model.problem import Problem
 from fsw.messages.errors import EstimatorError
 from hil.evidence.methods.cases import WIDER
 from hil.evidence.methods.flight_side import problem_of, write_config
-from hil.evidence.paper.cases import Unit, exact_sensors, noise_of, scenario_of, truth_of
+from hil.evidence.paper.cases import PaperUnit, exact_sensors, noise_of, scenario_of, truth_of
 from hil.evidence.paper.motion import solve_with_motion
 from hil.evidence.paper.printed_cm import PrintedMomentum
 from hil.evidence.paper.samples import Conditioned, conditioned
@@ -33,7 +33,7 @@ DRAWS = 200
 DRAW_STREAM = 137
 
 
-def run_samples(unit: Unit, rate_hz: float) -> dict[str, Any]:
+def run_samples(unit: PaperUnit, rate_hz: float) -> dict[str, Any]:
     """Return every method's result on one draw of noise, plain values."""
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         config = config_of(unit, Path(folder), with_wrench=False)
@@ -55,7 +55,7 @@ def run_samples(unit: Unit, rate_hz: float) -> dict[str, Any]:
     return found
 
 
-def config_of(unit: Unit, folder: Path, *, with_wrench: bool) -> Config:
+def config_of(unit: PaperUnit, folder: Path, *, with_wrench: bool) -> Config:
     """Return what the flight side is told, its prior drawn from the seed and made wide.
 
     Of the environment it knows the gravity gradient, as in the paper; samples count from the start
@@ -69,7 +69,7 @@ def config_of(unit: Unit, folder: Path, *, with_wrench: bool) -> Config:
     return config.model_copy(update={"imu": imu})
 
 
-def _fused(unit: Unit, data: Conditioned, plain: Problem, pulled: Problem) -> dict[str, Any]:
+def _fused(unit: PaperUnit, data: Conditioned, plain: Problem, pulled: Problem) -> dict[str, Any]:
     """All channels and the motion; where something acts from outside, a constant wrench along.
 
     The motion taken as exact gives the start.
@@ -117,13 +117,13 @@ PAPER_METHODS: Mapping[str, Callable[[Conditioned, Problem], BatchSolution]] = {
 }
 
 
-def _judged(unit: Unit, problem: Problem, solution: BatchSolution) -> dict[str, Any]:
+def _judged(unit: PaperUnit, problem: Problem, solution: BatchSolution) -> dict[str, Any]:
     """Return a result's errors against the truth."""
     k, covariance = problem.bodies, solution.information.covariance()
     return scored(unit, solution.mean[k], covariance[k, k], solution.status)
 
 
-def scored(unit: Unit, x: FloatArray, covariance: FloatArray, status: str) -> dict[str, Any]:
+def scored(unit: PaperUnit, x: FloatArray, covariance: FloatArray, status: str) -> dict[str, Any]:
     """Return end-effector errors, parameters, and what the covariance lets expect."""
     scenario = scenario_of(unit.orbit, unit.system, unit.acting)
     truth, tool = truth_of(scenario), verification(unit.orbit, unit.system)
@@ -139,7 +139,7 @@ def scored(unit: Unit, x: FloatArray, covariance: FloatArray, status: str) -> di
     return values | _spread(unit, covariance, "expected")
 
 
-def _spread(unit: Unit, covariance: FloatArray, prefix: str) -> dict[str, float]:
+def _spread(unit: PaperUnit, covariance: FloatArray, prefix: str) -> dict[str, float]:
     """Return the mean end-effector errors of draws from a covariance about the truth."""
     truth = truth_of(scenario_of(unit.orbit, unit.system, unit.acting))
     tool = verification(unit.orbit, unit.system)

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from hil.evidence import pool, runner
-from hil.evidence.paper.cases import ALL, NOISES, NONE, PAPER, PAPER_SEED, PARTS, SYSTEMS, Unit
+from hil.evidence.paper.cases import ALL, NOISES, NONE, PAPER, PAPER_SEED, PARTS, SYSTEMS, PaperUnit
 from hil.evidence.store import Row, Store
 
 VERSION = 1
@@ -17,7 +17,7 @@ SAMPLE, DEVICE, BIAS = "sample", "device", "bias"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class PaperPlan:
     """How much is run; the paper's seed comes first."""
 
     rate_hz: float = 500.0
@@ -27,14 +27,14 @@ class Plan:
     systems: tuple[str, ...] = SYSTEMS
 
 
-def quick_plan() -> Plan:
+def quick_plan() -> PaperPlan:
     """Return one seed of everything at 100 Hz, and no device bytes."""
-    return Plan(rate_hz=100.0, seeds=1, few=1, device_seeds=0)
+    return PaperPlan(rate_hz=100.0, seeds=1, few=1, device_seeds=0)
 
 
-def units(plan: Plan) -> list[Unit]:
+def units(plan: PaperPlan) -> list[PaperUnit]:
     """Return all units: the tables first, seed by seed."""
-    found: list[Unit] = []
+    found: list[PaperUnit] = []
     for k in range(plan.seeds):
         found += [_unit("leo", system, PAPER, ALL, k) for system in plan.systems]
         found.append(_unit("leo", "target", PAPER, NONE, k))
@@ -59,14 +59,14 @@ def units(plan: Plan) -> list[Unit]:
 
 def _unit(
     orbit: str, system: str, noise: str, acting: str, k: int, methods: tuple[str, ...] | None = None
-) -> Unit:
-    unit = Unit(
+) -> PaperUnit:
+    unit = PaperUnit(
         level=SAMPLE, orbit=orbit, system=system, noise=noise, acting=acting, seed=PAPER_SEED + k
     )
     return unit if methods is None else replace(unit, methods=methods)
 
 
-def run_unit(unit: Unit, rate_hz: float) -> dict[str, Row]:
+def run_unit(unit: PaperUnit, rate_hz: float) -> dict[str, Row]:
     """Return the unit's results by method, plain values, under the unit's key."""
     if unit.level == SAMPLE:
         from hil.evidence.paper.identify import run_samples
@@ -86,7 +86,7 @@ def open_store(folder: Path, rate_hz: float) -> Store:
     return Store(folder, {"version": VERSION, "rate_hz": rate_hz})
 
 
-def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[str, Row]:
+def complete(plan: PaperPlan, store: Store, jobs: int, console: Console) -> dict[str, Row]:
     """Run what the store lacks; return the results of the plan by key."""
     wanted = units(plan)
     rest = runner.missing(wanted, _key, store)
@@ -96,9 +96,9 @@ def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[str,
     return {key: values for key, values in store.rows.items() if key in keys}
 
 
-def _key(unit: Unit) -> str:
+def _key(unit: PaperUnit) -> str:
     return unit.key
 
 
-def _text(unit: Unit) -> str:
+def _text(unit: PaperUnit) -> str:
     return " ".join(unit.key.split("|")[:6])

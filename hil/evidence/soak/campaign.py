@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from fsw.config import load as load_config
 from hil.evidence import pool, runner
-from hil.evidence.soak.epoch import REST_S, TAIL_S, Epoch, Segment
+from hil.evidence.soak.epoch import REST_S, TAIL_S, SoakEpoch, SoakSegment
 from hil.evidence.store import Row, Store
 from hil.run.bench import Setup, prepare
 from hil.run.flight import write_yaml
@@ -46,7 +46,7 @@ def plan(hours: float, motion_s: float) -> tuple[int, int]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class SoakCase:
     """One epoch, and where its segments are announced as they are flown."""
 
     scenario: Scenario
@@ -54,7 +54,7 @@ class Case:
     number: int
     segments: int
     folder: Path
-    flown: Queue[Segment | None]
+    flown: Queue[SoakSegment | None]
 
 
 def open_store(folder: Path, hours: float, rate_hz: float, imu_rate_hz: int, seed: int) -> Store:
@@ -70,7 +70,7 @@ def soak(
     seed: int,
     folder: Path,
     jobs: int = 1,
-    announce: Callable[[Segment], None] = lambda _: None,
+    announce: Callable[[SoakSegment], None] = lambda _: None,
 ) -> Store:
     """Fly what the folder lacks and return its store; every epoch has a process of its own.
 
@@ -88,7 +88,7 @@ def soak(
         return store
     with _announced(announce) as flown:
         cases = [
-            Case(
+            SoakCase(
                 scenario=scenario,
                 seed=seed,
                 number=number,
@@ -104,11 +104,11 @@ def soak(
 
 
 @contextmanager
-def _announced(announce: Callable[[Segment], None]) -> Iterator[Queue[Segment | None]]:
+def _announced(announce: Callable[[SoakSegment], None]) -> Iterator[Queue[SoakSegment | None]]:
     """Yield a queue for other processes; a thread announces what they put into it."""
     manager = SyncManager(ctx=get_context("spawn"))
     manager.start(end_with_driver)
-    flown: Queue[Segment | None] = manager.Queue()
+    flown: Queue[SoakSegment | None] = manager.Queue()
 
     def follow() -> None:
         while (segment := flown.get()) is not None:
@@ -124,7 +124,7 @@ def _announced(announce: Callable[[Segment], None]) -> Iterator[Queue[Segment | 
             thread.join()
 
 
-def fly(case: Case) -> dict[str, Row]:
+def fly(case: SoakCase) -> dict[str, Row]:
     """Fly one epoch, announcing its segments; return its row."""
     place = case.folder / f"epoch_{case.number:03d}"
     shutil.rmtree(place, ignore_errors=True)
@@ -135,7 +135,7 @@ def fly(case: Case) -> dict[str, Row]:
     write_yaml(setup.config_path, document)
     segments = []
     with ProcessPoolExecutor(1, get_context("spawn"), end_with_driver) as reader:
-        epoch = Epoch(prepare_again(setup), case.seed, case.number, place, reader)
+        epoch = SoakEpoch(prepare_again(setup), case.seed, case.number, place, reader)
         for segment in epoch.run(case.segments):
             segments.append(asdict(segment))
             case.flown.put(segment)

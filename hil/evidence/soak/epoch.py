@@ -21,7 +21,7 @@ from fsw.messages.commands import Command, CommandName
 from fsw.service.recorder import Parts, RecorderSink
 from hil.devices.plant import Plant
 from hil.evidence.soak import faults
-from hil.evidence.soak.ports import Lane, Reversed
+from hil.evidence.soak.ports import PortLane, Reversed
 from hil.judge.score import normalised_error_squared
 from hil.links.virtual import VirtualBench
 from hil.run.bench import Setup
@@ -37,7 +37,7 @@ PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Segment:
+class SoakSegment:
     """What one segment showed."""
 
     epoch: int
@@ -91,7 +91,7 @@ class Watch(NullSink):
         return self._digest.hexdigest()
 
 
-class Epoch:
+class SoakEpoch:
     """One daemon's life."""
 
     def __init__(
@@ -111,12 +111,12 @@ class Epoch:
             part_s=setup.config.recorder.part_s,
             part_bytes=setup.config.recorder.part_bytes,
         )
-        self._lane = Lane(self._bench(0, T0_NS))
+        self._lane = PortLane(self._bench(0, T0_NS))
         sink = Fanout(self._watch, self._recorder)
         self._daemon: Daemon = build(setup.config, self._lane, self._lane.ports(), sink)
         self._injected = 0
 
-    def run(self, segments: int) -> Iterator[Segment]:
+    def run(self, segments: int) -> Iterator[SoakSegment]:
         """Yield the segments of the epoch."""
         rate_hz = self._setup.config.scheduler.tick_rate_hz
         length_s = REST_S + self._setup.spline.duration_s + TAIL_S
@@ -158,7 +158,7 @@ class Epoch:
             found.append(f"{stored} blocks stored")
         return found
 
-    def _judge(self, number: int, names: list[str]) -> Segment:
+    def _judge(self, number: int, names: list[str]) -> SoakSegment:
         daemon = self._daemon
         daemon.submit(Command(name=CommandName.FINISH))
         daemon.step()
@@ -174,7 +174,7 @@ class Epoch:
             )
         broken += self._trim()
         gc.collect()
-        return Segment(
+        return SoakSegment(
             epoch=self._number,
             number=number,
             nees=nees,

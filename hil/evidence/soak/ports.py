@@ -45,7 +45,7 @@ class Reversed:
 _NAMES = {field.name for field in fields(TruthState)}
 
 
-class Lane:
+class PortLane:
     """The daemon's clock and ports; the bench behind them is exchanged between segments."""
 
     def __init__(self, bench: VirtualBench) -> None:
@@ -94,7 +94,7 @@ class _Can:
 
     hands_back = False
 
-    def __init__(self, lane: Lane) -> None:
+    def __init__(self, lane: PortLane) -> None:
         self._lane = lane
         self.unplugged = False
 
@@ -127,7 +127,7 @@ class _Can:
 class _Serial:
     """A serial port of the lane."""
 
-    def __init__(self, lane: Lane, device: str) -> None:
+    def __init__(self, lane: PortLane, device: str) -> None:
         self._lane, self._device = lane, device
         self.unplugged = False
 

@@ -47,7 +47,7 @@ PEER_IMPORTS = "import time; import numpy, pinocchio; print(time.process_time())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ratio:
+class SpeedRatio:
     """One comparison; `bound` None: printed for information."""
 
     name: str
@@ -127,7 +127,7 @@ def least_squares(problem: Problem, samples: Samples) -> FloatArray:
 
 def compare_identify(
     recording: Path, config_path: Path, problem: Problem, samples: Samples
-) -> list[Ratio]:
+) -> list[SpeedRatio]:
     """Measure bytes to result beside the peer, without and with the imports of both."""
     config = load(config_path)
     own_s = seconds(partial(identify, recording, config, METHOD, ()), 2)
@@ -146,18 +146,18 @@ def compare_identify(
     )
     name = f"identify --method {METHOD}, bytes to result"
     return [
-        Ratio(name=f"{name} / pinocchio loop + lstsq", value=own_s / peer_s, bound=2.0),
-        Ratio(
+        SpeedRatio(name=f"{name} / pinocchio loop + lstsq", value=own_s / peer_s, bound=2.0),
+        SpeedRatio(
             name="  with the imports of both",
             value=whole_s / (peer_s + float(imports.stdout)),
             bound=None,
         ),
-        Ratio(name="  bytes to result [s]", value=own_s, bound=None),
-        Ratio(name="  pinocchio loop + lstsq [s]", value=peer_s, bound=None),
+        SpeedRatio(name="  bytes to result [s]", value=own_s, bound=None),
+        SpeedRatio(name="  pinocchio loop + lstsq [s]", value=peer_s, bound=None),
     ]
 
 
-def compare_online(problem: Problem, samples: Samples, seed: int) -> list[Ratio]:
+def compare_online(problem: Problem, samples: Samples, seed: int) -> list[SpeedRatio]:
     """Measure the estimation task of the daemon's own loop over a flight, both bodies unknown."""
     few = samples.first(peers.REGRESSOR_SAMPLES)
 
@@ -169,12 +169,12 @@ def compare_online(problem: Problem, samples: Samples, seed: int) -> list[Ratio]
     call = 0.5 * (before_s + call_s())
     name = "online estimation per 500 Hz sample"
     return [
-        Ratio(
+        SpeedRatio(
             name=f"{name} / regressor call",
             value=float(np.mean(work.estimation_s)) / call,
             bound=15.0,
         ),
-        Ratio(
+        SpeedRatio(
             name="  longest unit of it / regressor call",
             value=float(work.estimation_s.max()) / call,
             bound=None,
@@ -193,7 +193,7 @@ def compare_peers(problem: Problem, samples: Samples, urdf: Path) -> list[str]:
     return [
         outcome
         if isinstance(outcome, str)
-        else Ratio(name=outcome[0], value=outcome[1], bound=outcome[2]).line()
+        else SpeedRatio(name=outcome[0], value=outcome[1], bound=outcome[2]).line()
         for outcome in found
     ]
 
@@ -212,7 +212,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         config = load(config_path)
         urdf = config.resolve(config.robot.urdf)
         problem = build_problem(config, RobotModel(urdf, config.robot.tool_frame))
-        parts: list[Callable[[], list[Ratio]]] = [
+        parts: list[Callable[[], list[SpeedRatio]]] = [
             lambda: compare_identify(recording, config_path, problem, samples),
             lambda: compare_online(problem, samples, options.seed),
         ]

@@ -39,7 +39,7 @@ class StartupError(RuntimeError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class StartupPair:
     """One start of each [s]."""
 
     import_s: float
@@ -91,14 +91,14 @@ def time_first_sync(config_path: Path, config: Config) -> float:
     raise StartupError(f"no SYNC within {TIMEOUT_S} s; {log_path}: {tail}")
 
 
-def measure(count: int) -> Iterator[Pair]:
+def measure(count: int) -> Iterator[StartupPair]:
     """Yield pairs measured in turn; a first one, that fills the caches, is not counted."""
     with TemporaryDirectory(prefix="startup_") as name, ExitStack() as held:
         setup = prepare(load(SCENARIO), 0, Path(name), real_time=True)
         for device in ("imu", "star_tracker"):
             held.enter_context(_silent_line(Path(name) / device))
         for k in range(count + 1):
-            pair = Pair(
+            pair = StartupPair(
                 import_s=time_import(), sync_s=time_first_sync(setup.config_path, setup.config)
             )
             if k:

@@ -40,7 +40,7 @@ STATUS_S = 30.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
+class TransferResult:
     """One transfer."""
 
     number: int
@@ -70,7 +70,7 @@ class Result:
         return self.after_return_s > BOUND_S
 
 
-class Daemon:
+class TransferDaemon:
     """`fsw run` without a plant, in a folder."""
 
     def __init__(self, folder: Path) -> None:
@@ -129,7 +129,7 @@ class Daemon:
         self._log.close()
 
 
-def campaign(count: int, folder: Path, seed: int) -> Iterator[Result]:
+def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
     """Yield transfers until there are so many in the folder.
 
     Raises
@@ -144,7 +144,7 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[Result]:
     place = folder / f"run_{done:05d}"
     place.mkdir(exist_ok=True)
     with ExitStack() as stack, path.open("a", encoding="utf-8") as file:
-        daemon = Daemon(place)
+        daemon = TransferDaemon(place)
         stack.callback(daemon.close)
         daemon.wait()
         cable = Cable(daemon.port)
@@ -159,12 +159,14 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[Result]:
 class Exchange:
     """One transfer, and what is done to it."""
 
-    def __init__(self, daemon: Daemon, cable: Cable, place: Path, number: int, seed: int) -> None:
+    def __init__(
+        self, daemon: TransferDaemon, cable: Cable, place: Path, number: int, seed: int
+    ) -> None:
         self._daemon, self._cable, self._number = daemon, cable, number
         self._place, self._rng = place, np.random.default_rng((seed, number))
         self._port = cable.port
 
-    def run(self) -> Result:
+    def run(self) -> TransferResult:
         """Do it."""
         rng, number = self._rng, self._number
         direction = "put" if number % 2 else "get"
@@ -189,7 +191,7 @@ class Exchange:
         if process.returncode == 0:
             source.unlink()
             target.unlink(missing_ok=True)
-        return Result(
+        return TransferResult(
             number=number,
             direction=direction,
             size=len(data),
@@ -242,11 +244,13 @@ class Exchange:
         )
 
 
-def held(path: Path) -> list[Result]:
+def held(path: Path) -> list[TransferResult]:
     """Return the transfers of a campaign so far."""
     if not path.exists():
         return []
-    return [Result(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [
+        TransferResult(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()
+    ]
 
 
 def summary(folder: Path) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from ground.assets import ENTRY, default_folder
 from ground.commands import Catalogue
 from ground.dictionary import XTCE
 from ground.link import Link
-from ground.telemetry import Decoder, apid, split
+from ground.telemetry import TelemetryDecoder, apid, split
 from tests.support.browser import (
     ARTIFACTS,
     chromium,
@@ -150,7 +150,7 @@ def test_librecube_gets_a_file_byte_by_byte_with_one_percent_of_the_units_lost(l
     lost: Counter[str] = Counter()
     link = Link("127.0.0.1", live.port, None)
     catalogue = Catalogue()
-    wrap = Delivery(link, catalogue, Decoder(), 60.0, lambda _text: None)._wrapped
+    wrap = Delivery(link, catalogue, TelemetryDecoder(), 60.0, lambda _text: None)._wrapped
 
     class LossyLink(Transport):
         def request(self, pdu: bytes) -> None:
@@ -272,7 +272,7 @@ def test_space_packet_parser_decodes_every_packet_with_the_values_of_the_daemons
     live, packets
 ):
     spp = pytest.importorskip("space_packet_parser", reason="needs space_packet_parser")
-    definition, decoder, log = spp.load_xtce(XTCE), Decoder(), DaemonLog(live)
+    definition, decoder, log = spp.load_xtce(XTCE), TelemetryDecoder(), DaemonLog(live)
     compared: Counter[str] = Counter()
     wrong: dict[str, object] = {}
     with warnings.catch_warnings():
@@ -292,7 +292,7 @@ def test_space_packet_parser_decodes_every_packet_with_the_values_of_the_daemons
 
 
 def test_the_last_counters_are_those_of_the_daemons_last_summary(live, packets):
-    decoder, final = Decoder(), live.status()["telemetry"]
+    decoder, final = TelemetryDecoder(), live.status()["telemetry"]
     last = {s.packet: s.values for s in map(decoder.decode, packets) if s is not None}
     for name in ("tc_bytes", "tc_garbage_bytes", "tc_resyncs", "udp_dropped", "tm_dropped"):
         assert last["link"][name] == final["link"][name]
@@ -303,7 +303,7 @@ def test_the_last_counters_are_those_of_the_daemons_last_summary(live, packets):
 
 def test_ccsdspy_decodes_the_stored_stream_in_bulk(packets):
     ccsdspy = pytest.importorskip("ccsdspy", reason="needs ccsdspy: sh tests/setup")
-    decoder = Decoder()
+    decoder = TelemetryDecoder()
     streams: dict[str, list[bytes]] = {}
     for raw in packets:
         if apid(raw) != 101:

@@ -16,7 +16,7 @@ import pytest
 
 from hil.__main__ import main
 from hil.evidence.soak.campaign import plan, slope_mb, soak, summary
-from hil.evidence.soak.epoch import Segment
+from hil.evidence.soak.epoch import SoakSegment
 from hil.evidence.soak.ports import Reversed
 from hil.evidence.store import JOURNAL, Store
 from hil.run.bench import prepare
@@ -32,7 +32,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> list[Store]:
     folders = [tmp_path_factory.mktemp("soak") for _ in range(2)]
     stores = []
     for folder in folders:
-        flown: list[Segment] = []
+        flown: list[SoakSegment] = []
         stores.append(soak(HOURS, 50.0, 125, SEED, folder, 1, flown.append))
         assert [segment.number for segment in flown] == [0, 1, 2]
     return stores
@@ -55,7 +55,7 @@ def test_the_seed_fixes_every_bit(flown: list[Store]) -> None:
 
 @pytest.mark.slow
 def test_what_was_flown_is_not_flown_again(flown: list[Store]) -> None:
-    again: list[Segment] = []
+    again: list[SoakSegment] = []
     store = soak(HOURS, 50.0, 125, SEED, flown[0].folder, 1, again.append)
     assert again == []
     assert store.rows == flown[0].rows

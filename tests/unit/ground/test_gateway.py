@@ -19,10 +19,10 @@ from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard
 from ground.gateway.history import MAX_ROWS, Ring, thinned
 from ground.gateway.points import Points
-from ground.gateway.server import KEPT, PERIOD_S, Client, application
+from ground.gateway.server import KEPT, PERIOD_S, PageClient, application
 from ground.history import CommandHistory
 from ground.link import Link
-from ground.telemetry import Decoder
+from ground.telemetry import TelemetryDecoder
 from tests.support.fake_daemon import OUTSIDE, FakeDaemon, packet, run_of_estimates
 
 MASS = "estimate.target_mass_kg"
@@ -112,7 +112,7 @@ def test_live_values_come_at_most_ten_times_a_second(assets):
 
 
 def test_a_slow_page_loses_the_oldest_values():
-    client = Client()
+    client = PageClient()
     client.wanted = {MASS}
     for k in range(KEPT + 7):
         client.offer("estimate", float(k), {"target_mass_kg": float(k), "nis": 1.0})
@@ -377,7 +377,7 @@ def test_a_page_that_may_only_look_sends_nothing_and_another_site_never(assets, 
 
 def test_a_body_that_is_not_identified_has_no_values():
     points = Points()
-    decoded = Decoder().decode(packet("estimate", target_present=1, target_mass_kg=300.0))
+    decoded = TelemetryDecoder().decode(packet("estimate", target_present=1, target_mass_kg=300.0))
     numbers = points.numbers(decoded)
     assert numbers["target_mass_kg"] == 300.0
     assert numbers["base_present"] == 0.0

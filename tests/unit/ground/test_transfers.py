@@ -12,7 +12,7 @@ import pytest
 
 from ground.delivery import EndedError, Facts, RefusedError, facts_of
 from ground.errors import GroundError, LinkError, UsageError
-from ground.transfers import Record, Records, SpoiledError, Transfer, carry_on
+from ground.transfers import Records, ResumableTransfer, SpoiledError, TransferRecord, carry_on
 
 PIECE = 1000
 
@@ -82,10 +82,12 @@ def content(size: int) -> bytes:
     return np.random.default_rng(size).bytes(size)
 
 
-def start(direction: str, size: int, tmp_path: Path, daemon: FakeDelivery, records) -> Transfer:
+def start(
+    direction: str, size: int, tmp_path: Path, daemon: FakeDelivery, records
+) -> ResumableTransfer:
     remote, local = "files/a", tmp_path / "a"
     (local if direction == "put" else daemon.folder / remote).write_bytes(content(size))
-    make = Transfer.put if direction == "put" else Transfer.get
+    make = ResumableTransfer.put if direction == "put" else ResumableTransfer.get
     return make(remote, local, records, lambda _text: None, PIECE)
 
 
@@ -112,7 +114,7 @@ def test_a_program_killed_at_any_call_is_continued_with_the_next_piece(
     while records.all():
         runs += 1
         daemon.breaks = [len(daemon.calls) + through]
-        again = Transfer(records.find(transfer.record.id), records, lambda _text: None)
+        again = ResumableTransfer(records.find(transfer.record.id), records, lambda _text: None)
         try:
             again.run(daemon)
         except LinkError:
@@ -191,12 +193,14 @@ def test_a_damaged_upload_is_not_given_its_name(tmp_path, daemon, records):
 
 
 def test_a_missing_file_is_refused_with_its_name(tmp_path, daemon, records):
-    transfer = Transfer.get("files/none", tmp_path / "x", records, lambda _text: None, PIECE)
+    transfer = ResumableTransfer.get(
+        "files/none", tmp_path / "x", records, lambda _text: None, PIECE
+    )
     with pytest.raises(RefusedError, match="files/none: no such file"):
         transfer.run(daemon)
     assert not transfer.is_worth_keeping
     with pytest.raises(UsageError, match="no such file"):
-        Transfer.put("b", tmp_path / "none", records, lambda _text: None, PIECE)
+        ResumableTransfer.put("b", tmp_path / "none", records, lambda _text: None, PIECE)
 
 
 def test_records_that_are_damaged_are_left_alone(tmp_path, daemon, records):
@@ -206,7 +210,7 @@ def test_records_that_are_damaged_are_left_alone(tmp_path, daemon, records):
     assert records.all() == [transfer.record]
     with pytest.raises(UsageError, match="no such transfer"):
         records.find("bad")
-    assert isinstance(records.find(transfer.record.id), Record)
+    assert isinstance(records.find(transfer.record.id), TransferRecord)
 
 
 def test_a_lost_link_is_waited_for_and_a_refusal_is_not(daemon):

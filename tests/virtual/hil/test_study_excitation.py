@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fsw.excitation.plan import Request
+from fsw.excitation.plan import MotionRequest
 from hil.evidence.excitation import cases
 from hil.evidence.excitation.compare import contests
 from hil.evidence.excitation.gradients import criterion_error, limits_error, race
@@ -33,7 +33,7 @@ def test_the_optimiser_beats_random_motions_within_the_limits():
 
 
 def test_the_scatter_is_the_predicted_one():
-    request = Request(duration_s=20.0, iterations=15, candidates=5)
+    request = MotionRequest(duration_s=20.0, iterations=15, candidates=5)
     plan = cases.planner(cases.subject("target"), request).plan()
     found = scatter("target", plan.trajectory, 6)
     # 60 normal values: 4 sigma of their standard deviation is 0.37

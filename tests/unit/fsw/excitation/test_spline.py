@@ -34,7 +34,7 @@ def test_jerk_is_continuous_over_the_knots():
 
 
 def test_a_closed_one_ends_where_it_starts():
-    layout = spline.Layout(duration_s=12.0, intervals=6, n=7, closed=True)
+    layout = spline.SplineLayout(duration_s=12.0, intervals=6, n=7, closed=True)
     q = layout.trajectory(motion(layout)).evaluate(np.array([0.0, 12.0]))[0]
     np.testing.assert_allclose(q[0], q[1], atol=1e-12)
 

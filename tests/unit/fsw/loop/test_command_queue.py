@@ -1,6 +1,6 @@
 import pytest
 
-from fsw.loop.command_queue import QUEUE_LIMIT, Dispatcher
+from fsw.loop.command_queue import QUEUE_LIMIT, CommandQueue
 from fsw.messages.commands import Code, Command, CommandName
 from tests.support.loop_cases import FakeEstimator, KeepSink
 
@@ -8,7 +8,7 @@ from tests.support.loop_cases import FakeEstimator, KeepSink
 class Bench:
     def __init__(self) -> None:
         self.estimator, self.sink = FakeEstimator(), KeepSink()
-        self.dispatcher = Dispatcher(self.estimator, self.sink)
+        self.dispatcher = CommandQueue(self.estimator, self.sink)
 
     def tell(self, name: CommandName, number: int = 1, **args) -> Code:
         self.dispatcher.submit(Command(name=name, id=number, args=args))
@@ -37,7 +37,7 @@ def test_finish_ends_due_work_first_and_gives_an_estimate(bench: Bench):
 def test_what_a_checkpoint_carries_is_the_choice_of_unknowns_and_no_table(bench: Bench):
     given: list = []
     sink = KeepSink()
-    dispatcher = Dispatcher(
+    dispatcher = CommandQueue(
         bench.estimator, sink, reconfigure=lambda c: given.append(dict(c)) or bench.estimator
     )
     orders = ({"noise": {"joints": {}}}, {"unknown": ["base"]}, {"estimator": {"settle_blocks": 3}})
@@ -119,7 +119,7 @@ COMMANDS = [
 @pytest.mark.parametrize(("name", "args"), COMMANDS)
 def test_an_error_nobody_foresaw_fails_the_command_and_the_loop_continues(name, args):
     estimator, sink = Breaking(), KeepSink()
-    dispatcher = Dispatcher(estimator, sink, reconfigure=estimator._raise)
+    dispatcher = CommandQueue(estimator, sink, reconfigure=estimator._raise)
     dispatcher.submit(Command(name=name, id=7, args=args))
     assert dispatcher.run(1000, 5, 7) == []
     (reply,) = sink.replies
@@ -136,7 +136,7 @@ def test_an_error_nobody_foresaw_fails_the_command_and_the_loop_continues(name, 
 @pytest.mark.parametrize("name", [CommandName.FINISH, CommandName.ADOPT])
 def test_an_estimator_left_in_the_middle_of_a_failed_command_returns_to_its_prior(name):
     estimator = Breaking()
-    dispatcher = Dispatcher(estimator, KeepSink())
+    dispatcher = CommandQueue(estimator, KeepSink())
     dispatcher.submit(Command(name=name, args={"result": {}}))
     dispatcher.run(0, 0)
     assert estimator.calls[-1] == "reset"

@@ -10,7 +10,7 @@ import pytest
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import build_collisions
-from fsw.excitation.plan import InfeasibleError, Planner, Request
+from fsw.excitation.plan import InfeasibleError, MotionRequest, Planner
 from fsw.excitation.subject import build_subject
 from fsw.excitation.verify import every_limit
 from hil.evidence.excitation import cases
@@ -19,7 +19,7 @@ from hil.world.truth import simulate
 from tests.support.excitation_cases import limits, subject
 from tests.unit.fsw.excitation.test_collision import BOX, with_geometry
 
-SHORT = Request(duration_s=20.0, iterations=25, candidates=5)
+SHORT = MotionRequest(duration_s=20.0, iterations=25, candidates=5)
 
 TINY = replace(SHORT, duration_s=10.0, iterations=10, candidates=2)
 

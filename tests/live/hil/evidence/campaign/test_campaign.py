@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from hil.evidence import pool
-from hil.evidence.campaign.config import Campaign, Run, read
+from hil.evidence.campaign.config import Campaign, CampaignRun, read
 from hil.evidence.campaign.summary import summary
 from hil.evidence.campaign.work import rows_of, rows_of_lost
 from hil.evidence.store import JOURNAL
@@ -39,7 +39,7 @@ def path(tmp_path: Path) -> Path:
     return place
 
 
-def run_of(seed: int, **changes: Any) -> Run:
+def run_of(seed: int, **changes: Any) -> CampaignRun:
     values = {
         "level": "sample",
         "scenario": "target_leo",
@@ -49,7 +49,7 @@ def run_of(seed: int, **changes: Any) -> Run:
         "rate_hz": 50.0,
         "seed": seed,
     }
-    return Run(**(values | changes))
+    return CampaignRun(**(values | changes))
 
 
 def command(path: Path, out: Path, *more: str) -> list[str]:
@@ -191,7 +191,7 @@ def test_one_process_two_processes_and_dask_give_the_same_bits(path: Path, tmp_p
         }
 
 
-def rows_by_key(ran: Iterable[tuple[Run, dict[str, Any]]]) -> dict[str, Any]:
+def rows_by_key(ran: Iterable[tuple[CampaignRun, dict[str, Any]]]) -> dict[str, Any]:
     return {key: row for _, rows in ran for key, row in rows.items()}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.errors import SETTINGS
-from hil.evidence.methods.cases import DEVICE, SAMPLE, Key, Record
+from hil.evidence.methods.cases import DEVICE, SAMPLE, Key, StudyRecord
 from hil.evidence.methods.records import open_store, records, rows
 from hil.evidence.methods.run import Plan as StudyPlan
 from hil.evidence.methods.run import missing, wanted
@@ -20,10 +20,10 @@ def record(seed, method="fused", error=True):
     key = Key(level=SAMPLE, case="base", sensors="data sheet", method=method, seed=seed)
     values = np.linspace(-1, 1, 10) * np.pi if error else None
     nees = 9.5 if error else float("inf")
-    return Record(key=key, status="OK", error=values, sigma=values, nees=nees, iterations=3)
+    return StudyRecord(key=key, status="OK", error=values, sigma=values, nees=nees, iterations=3)
 
 
-def add(store: Store, *results: Record) -> None:
+def add(store: Store, *results: StudyRecord) -> None:
     for key, row in rows(results).items():
         store.add(key, row)
 

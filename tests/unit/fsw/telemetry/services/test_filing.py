@@ -8,7 +8,7 @@ import pytest
 from file_delivery.entity import FileEntity
 from file_delivery.errors import DeliveryError
 from file_delivery.library import DAEMON, GROUND, Pair
-from file_delivery.transfer import State, Transfer
+from file_delivery.transfer import Transfer, TransferState
 from fsw.telemetry.dictionary.codes import Error
 from tests.support.application_cases import BEGUN, DONE, Flight
 
@@ -169,7 +169,7 @@ def test_transfers_are_reported_suspended_resumed_and_aborted(flight: Flight):
     flight.send("REPORT_TRANSFERS")
     assert flight.last("transfer_status")["entries"] == 0
     key = (2, (1 << 60) + 1)
-    delivery.under_way = [Transfer(key, "up.bin", 100, 40, State.RECEIVING, 0)]
+    delivery.under_way = [Transfer(key, "up.bin", 100, 40, TransferState.RECEIVING, 0)]
     flight.send("REPORT_TRANSFERS")
     told = flight.last("transfer_status")
     assert (told["entry"], told["entries"], told["path"]) == (1, 1, "up.bin")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hil.evidence.methods.cases import SAMPLE, Key, Record
+from hil.evidence.methods.cases import SAMPLE, Key, StudyRecord
 from hil.evidence.methods.statistics import chi_square_ends, figures
 
 GROUPS = {"mass": slice(0, 1), "first moment": slice(1, 4), "inertia": slice(4, 10)}
@@ -20,7 +20,7 @@ def covariance():
 
 def records(errors, nees):
     return [
-        Record(
+        StudyRecord(
             key=Key(level=SAMPLE, case="target", sensors="data sheet", method="fused", seed=k),
             status="OK",
             error=error,
@@ -92,7 +92,7 @@ def test_few_seeds_get_the_chi_square_interval():
 def test_failed_seed_is_counted_and_left_out():
     rows, bounds = drawn()
     key = Key(level=SAMPLE, case="target", sensors="data sheet", method="fused", seed=SEEDS)
-    lost = Record(key=key, status="FAILED", error=None, sigma=None, nees=np.inf, iterations=0)
+    lost = StudyRecord(key=key, status="FAILED", error=None, sigma=None, nees=np.inf, iterations=0)
     f = figures([*rows, lost], [*bounds, bounds[0]], [*bounds, bounds[0]], GROUPS)
     same = figures(rows, bounds, bounds, GROUPS)
     assert (f.failed, f.not_ok, f.seeds) == (1, 1, SEEDS + 1)

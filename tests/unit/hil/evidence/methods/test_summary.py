@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.evidence.methods.cases import SAMPLE, Key, Record
+from hil.evidence.methods.cases import SAMPLE, Key, StudyRecord
 from hil.evidence.methods.statistics import figures
-from hil.evidence.methods.summary import Row, orderings, provenance
+from hil.evidence.methods.summary import SummaryRow, orderings, provenance
 
 
 def record(method, seed, commit, size=1.0, sensors="good IMU"):
     key = Key(level=SAMPLE, case="target", sensors=sensors, method=method, seed=seed)
     error = size * np.random.default_rng(seed).standard_normal(10)
-    return Record(
+    return StudyRecord(
         key=key, status="OK", error=error, sigma=np.ones(10), nees=10.0, iterations=1, commit=commit
     )
 
@@ -20,7 +20,7 @@ def record(method, seed, commit, size=1.0, sensors="good IMU"):
 def row(method, size, sensors):
     own = [record(method, seed, "a", size, sensors) for seed in range(12)]
     bounds = [np.eye(10)] * len(own)
-    return Row(
+    return SummaryRow(
         level=SAMPLE,
         case="target",
         sensors=sensors,

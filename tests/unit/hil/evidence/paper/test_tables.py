@@ -10,7 +10,7 @@ import pytest
 from hil.evidence.paper import report, tables
 from hil.evidence.paper.cases import ALL, METHODS, PAPER, PAPER_SEED, SYSTEMS
 from hil.evidence.paper.printed import BEST, METRICS, PRINTED
-from hil.evidence.paper.run import Plan, open_store, quick_plan, units
+from hil.evidence.paper.run import PaperPlan, open_store, quick_plan, units
 from hil.world.scenario import ScenarioError
 
 ERROR = {"mrnea": 1e-2, "rda": 1.1e-2, "cm": 5e-2, "ce": 4e-2, "fused": 2e-5}
@@ -19,7 +19,7 @@ ERROR = {"mrnea": 1e-2, "rda": 1.1e-2, "cm": 5e-2, "ce": 4e-2, "fused": 2e-5}
 def made_up(seeds: int = 20) -> dict:
     rng = np.random.default_rng(1)
     results = {}
-    for unit in units(Plan(seeds=seeds, few=1, device_seeds=0)):
+    for unit in units(PaperPlan(seeds=seeds, few=1, device_seeds=0)):
         if unit.level != "sample":
             continue
         results[unit.key] = {
@@ -37,7 +37,7 @@ def made_up(seeds: int = 20) -> dict:
 
 
 def test_a_plan_covers_every_cell_with_its_seeds():
-    found = units(Plan())
+    found = units(PaperPlan())
     tables_4_to_7 = [u for u in found if (u.orbit, u.noise, u.acting) == ("leo", PAPER, ALL)]
     for system in SYSTEMS:
         for level, wanted in (("sample", 20), ("device", 20)):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from fsw.loop.command_queue import Dispatcher
+from fsw.loop.command_queue import CommandQueue
 from fsw.telemetry.services.executor import TelecommandExecutor
-from hil.evidence.fuzz.operations import Bench, play
+from hil.evidence.fuzz.operations import OperationsBench, play
 from hil.evidence.fuzz.oracle import OracleError
 from hil.evidence.fuzz.seeds import seeds
 
@@ -19,45 +19,47 @@ INPUT_BYTES = 120
 
 
 @pytest.fixture
-def spoilt(tmp_path: Path) -> Iterator[Bench]:
+def spoilt(tmp_path: Path) -> Iterator[OperationsBench]:
     """A bench for what leaves answers behind."""
-    bench = Bench(tmp_path)
+    bench = OperationsBench(tmp_path)
     yield bench
     bench.close()
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("operations"))
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OperationsBench]:
+    bench = OperationsBench(tmp_path_factory.mktemp("operations"))
     yield bench
     bench.close()
 
 
-def test_an_error_nobody_foresaw_is_noticed(spoilt: Bench, monkeypatch: pytest.MonkeyPatch):
+def test_an_error_nobody_foresaw_is_noticed(
+    spoilt: OperationsBench, monkeypatch: pytest.MonkeyPatch
+):
     def unforeseen(*_arguments: object) -> None:
         raise RuntimeError("nobody foresaw this")
 
-    monkeypatch.setattr(Dispatcher, "_execute", unforeseen)
+    monkeypatch.setattr(CommandQueue, "_execute", unforeseen)
     with pytest.raises(OracleError, match="nobody foresaw"):
         spoilt.line(b'{"command": "reset"}')
 
 
 def test_a_telecommand_that_is_not_answered_is_noticed(
-    spoilt: Bench, monkeypatch: pytest.MonkeyPatch
+    spoilt: OperationsBench, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(TelecommandExecutor, "_success", lambda *_arguments: None)
     with pytest.raises(OracleError, match="not answered"):
         spoilt.command("PING")
 
 
-def test_what_has_ended_a_daemon_once_does_not_any_more(bench: Bench):
+def test_what_has_ended_a_daemon_once_does_not_any_more(bench: OperationsBench):
     for data in seeds("operations"):
         play(bench, data)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-def test_hostile_operations_are_answered_and_end_nothing(bench: Bench):
+def test_hostile_operations_are_answered_and_end_nothing(bench: OperationsBench):
     rng = random.Random(7)
     bench.counts.clear()
     while bench.counts["cases"] < CASES:
@@ -66,6 +68,6 @@ def test_hostile_operations_are_answered_and_end_nothing(bench: Bench):
         assert bench.counts[name] > 0, name
 
 
-def test_the_corpus_of_a_campaign_still_passes(bench: Bench):
+def test_the_corpus_of_a_campaign_still_passes(bench: OperationsBench):
     for path in sorted((Path(__file__).parents[4] / "corpus" / "operations").iterdir()):
         play(bench, path.read_bytes())

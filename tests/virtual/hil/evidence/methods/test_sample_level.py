@@ -21,7 +21,7 @@ from hil.evidence.methods.cases import (
 from hil.evidence.methods.exact import exact_samples
 from hil.evidence.methods.fisher import bound, information
 from hil.evidence.methods.flight_side import problem_of, without_biases, write_config
-from hil.evidence.methods.methods import CONSISTENT, METHODS, Outcome, on_blocks
+from hil.evidence.methods.methods import CONSISTENT, METHODS, MethodOutcome, on_blocks
 from hil.evidence.methods.sensed import condition, declared, sensed
 
 
@@ -98,7 +98,7 @@ def test_the_methods_whose_nees_is_judged_are_methods():
 
 def test_result_that_is_not_finite_is_a_failure():
     key = Key(level="sample", case="base", sensors="data sheet", method="cm", seed=0)
-    bad = Outcome(status="OK", x=np.full(10, np.nan), covariance=np.eye(10), iterations=1)
+    bad = MethodOutcome(status="OK", x=np.full(10, np.nan), covariance=np.eye(10), iterations=1)
     record = sample_level.judged(key, bad, np.zeros(10))
     assert record.error is None
     assert record.status.startswith("FAILED")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from hil.evidence.methods.sensed import ChannelNoise
-from hil.evidence.paper.cases import ALL, NOISES, PAPER, Unit, noise_of, scenario_of
+from hil.evidence.paper.cases import ALL, NOISES, PAPER, PaperUnit, noise_of, scenario_of
 from hil.evidence.paper.identify import config_of
 from hil.evidence.paper.samples import Conditioned, conditioned, history_of
 
 RATE_HZ = 100.0
-UNIT = Unit(level="sample", orbit="leo", system="target", noise=PAPER, acting=ALL, seed=1)
+UNIT = PaperUnit(level="sample", orbit="leo", system="target", noise=PAPER, acting=ALL, seed=1)
 QUIET = ChannelNoise(
     position_rad=0.0, torque_nm=0.0, rate_rad_s=0.0, acceleration_m_s2=0.0, attitude_rad=0.0
 )
