@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +65,7 @@ class JointTable:
     def at(self, t_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return q [rad], qd [rad/s], tau [N m], each (n,)."""
         cell = t_s / GRID_S
-        base = int(cell // 1)
+        base = math.floor(cell)
         if not self._first < base < self._first + len(self._table) - 2:
             self._fill(base)
         x = cell - base

@@ -41,7 +41,8 @@ class _Plant:
 
     def __init__(self, robot: Robot, wrench: Wrench | None) -> None:
         self.model = robot.model
-        self.data = mujoco.MjData(robot.model)
+        self.data = data = mujoco.MjData(robot.model)
+        self.qpos, self.qvel = data.qpos, data.qvel  # views; each look at the attribute costs
         self.wrench = wrench
         self.passive = BASE_NV + len(robot.slides)  # coordinates nobody drives
         self.nq = self.passive + 1 + robot.n
@@ -59,8 +60,8 @@ class _Plant:
         eliminated, a_b = -H_bb^-1 (c_b + H_bm qdd); it does not know of external wrenches.
         """
         model, data, nq = self.model, self.data, self.nq
-        data.qpos[:] = y[:nq]
-        data.qvel[:] = y[nq:]
+        self.qpos[:] = y[:nq]
+        self.qvel[:] = y[nq:]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)
@@ -74,21 +75,19 @@ class _Plant:
         )
         if self.springs is not None:
             c[BASE_NV:m] -= self.springs.force_n(y[BASE_NQ : m + 1], y[nq + BASE_NV : nq + m])
-        _, reaction, info = dposv(H[:m, :m], -(c[:m] + H[:m, m:] @ command))
+        force = H[:, m:] @ command + c  # on every coordinate, with the base held
+        _, reaction, info = dposv(H[:m, :m], -force[:m])
         if info != 0:
             raise ValueError(f"base inertia not positive definite at t = {t_s} s")
-        self.tau = H[m:, :m] @ reaction + H[m:, m:] @ command + c[m:]
-        acceleration = np.concatenate([reaction, command])
+        self.tau = H[m:, :m] @ reaction + force[m:]
+        rate = np.empty(len(y))
+        rate[:3] = y[nq : nq + 3]
+        rate[3:BASE_NQ] = _quaternion_rate(y[3:7], y[nq + 3 : nq + BASE_NV])
+        rate[BASE_NQ:nq] = y[nq + BASE_NV :]
+        rate[nq : nq + m], rate[nq + m :] = reaction, command
         if self.wrench is not None:
-            acceleration = acceleration + self._disturbance(t_s, self.wrench)
-        return np.concatenate(
-            [
-                y[nq : nq + 3],
-                _quaternion_rate(y[3:7], y[nq + 3 : nq + BASE_NV]),
-                y[nq + BASE_NV :],
-                acceleration,
-            ]
-        )
+            rate[nq:] += self._disturbance(t_s, self.wrench)
+        return rate
 
     def _disturbance(self, t_s: float, wrench: Wrench) -> FloatArray:
         """Acceleration H^-1 J^T f that the external wrench adds to the commanded one."""
@@ -126,16 +125,14 @@ class Springs:
         return np.asarray(-self._stiffness * x_m - self._damping * v_m_s - wall)
 
 
-def _quaternion_rate(quat_wxyz: FloatArray, w_B: FloatArray) -> FloatArray:
+def _quaternion_rate(quat_wxyz: FloatArray, w_B: FloatArray) -> tuple[float, ...]:
     qw, qx, qy, qz = quat_wxyz.tolist()
-    a, b, c = w_B.tolist()
-    return 0.5 * np.array(
-        [
-            -qx * a - qy * b - qz * c,
-            qw * a + qy * c - qz * b,
-            qw * b + qz * a - qx * c,
-            qw * c + qx * b - qy * a,
-        ]
+    a, b, c = (0.5 * w_B).tolist()
+    return (
+        -qx * a - qy * b - qz * c,
+        qw * a + qy * c - qz * b,
+        qw * b + qz * a - qx * c,
+        qw * c + qx * b - qy * a,
     )
 
 
