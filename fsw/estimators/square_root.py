@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dtpqrt
+from scipy.linalg.lapack import dtpqrt, dtrtri, dtrtrs
 
 from fsw.messages import FloatArray
 from fsw.messages.errors import EstimatorError
@@ -40,7 +40,8 @@ class SquareRootInformation:
     def update(self, A: FloatArray, c: FloatArray) -> SquareRootInformation:
         """Return this information with the whitened rows A x = c, A (k, p), folded in.
 
-        LAPACK's dtpqrt factorises the triangle above the new rows in one call.
+        LAPACK's dtpqrt factorises the triangle above the new rows in one call; below the diagonal
+        it leaves the zeros.
         """
         p = len(self.z)
         top = np.zeros((p + 1, p + 1), order="F")
@@ -48,7 +49,7 @@ class SquareRootInformation:
         rows = np.empty((len(c), p + 1), order="F")
         rows[:, :p], rows[:, p] = A, c
         factor = dtpqrt(0, min(32, p + 1), top, rows, overwrite_a=1, overwrite_b=1)[0]
-        return SquareRootInformation(np.triu(factor[:p, :p]), factor[:p, p].copy())
+        return SquareRootInformation(factor[:p, :p].copy(), factor[:p, p].copy())
 
     def mean(self) -> FloatArray:
         """Return the state estimate.
@@ -58,12 +59,14 @@ class SquareRootInformation:
         EstimatorError if the information is singular or not finite.
         """
         self._check()
-        return solve_triangular(self.R, self.z)
+        mean: FloatArray = dtrtrs(self.R, self.z)[0]
+        return mean
 
     def covariance_root(self) -> FloatArray:
         """Return R^-1: covariance = R^-1 R^-T. Raises EstimatorError if singular or not finite."""
         self._check()
-        return solve_triangular(self.R, np.eye(len(self.z)))
+        root: FloatArray = dtrtri(self.R)[0]
+        return root
 
     def covariance(self) -> FloatArray:
         """Return the covariance (p, p), symmetric. Raises EstimatorError if singular."""
@@ -81,7 +84,7 @@ class SquareRootInformation:
             L = np.linalg.cholesky(unit + AS @ AS.T)
         except np.linalg.LinAlgError:  # a prior so wide that the unit is lost beside its square
             L = np.linalg.qr(np.concatenate([unit, AS.T])).R.T
-        white: FloatArray = np.linalg.solve(L, innovation)
+        white: FloatArray = dtrtrs(L, innovation, lower=1)[0]
         return white
 
     def scaled_condition_number(self) -> float:

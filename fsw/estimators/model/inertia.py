@@ -20,9 +20,11 @@ from fsw.messages import FloatArray
 PARAMETERS = 10
 NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 PAPER_ORDER = (0, 1, 2, 3, 4, 5, 7, 6, 8, 9)  # eq. (1) from pi, and back (its own inverse)
-_SYMMETRIC = ((0, 1, 3), (1, 2, 4), (3, 4, 5))  # pi[4:] as a matrix
-_REPORT = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # xx xy xz yy yz zz as a matrix
+_SYMMETRIC = np.array(((0, 1, 3), (1, 2, 4), (3, 4, 5)))  # pi[4:] as a matrix
+_REPORT = np.array(((0, 1, 2), (1, 3, 4), (2, 4, 5)))  # xx xy xz yy yz zz as a matrix
 _REPORT_INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
+_ROW_COLUMN, _SIX = np.array(_REPORT_INDEX), np.arange(6)
+_DIAGONAL = (_ROW_COLUMN[0] == _ROW_COLUMN[1]).astype(float)
 _PI_INDEX = ((0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2))
 
 
@@ -50,7 +52,7 @@ def to_parameters(mass_kg: float, com_m: FloatArray, inertia_kg_m2: FloatArray) 
     Source: Huygens-Steiner, I_O = I_C + m (c.c 1 - c c^T).
     """
     c = np.asarray(com_m, float)
-    central = np.asarray(inertia_kg_m2, float)[np.array(_REPORT)]
+    central = np.asarray(inertia_kg_m2, float)[_REPORT]
     origin = central + mass_kg * (c @ c * np.eye(3) - np.outer(c, c))
     return np.concatenate(([mass_kg], mass_kg * c, origin[_PI_INDEX]))
 
@@ -59,7 +61,7 @@ def from_parameters(pi: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Return mass, centre of mass (3,), central inertia (6,) xx xy xz yy yz zz."""
     m = float(pi[0])
     c = pi[1:4] / m
-    origin = pi[4:][np.array(_SYMMETRIC)]
+    origin = pi[4:][_SYMMETRIC]
     central = origin - m * (c @ c * np.eye(3) - np.outer(c, c))
     return m, c, central[_REPORT_INDEX]
 
@@ -71,11 +73,13 @@ def report_jacobian(pi: FloatArray) -> FloatArray:
     J[0, 0] = 1.0
     J[1:4, 0], J[1:4, 1:4] = -c / m, np.eye(3) / m
     # central = origin - (h.h 1 - h h^T)/m with h = m c
-    for row, (i, j) in enumerate(zip(*_REPORT_INDEX, strict=True)):
-        J[4 + row, 4 + _SYMMETRIC[i][j]] = 1.0
-        J[4 + row, 0] = (c @ c) * (i == j) - c[i] * c[j]
-        for k in range(3):
-            J[4 + row, 1 + k] = -(2 * c[k] * (i == j) - c[j] * (i == k) - c[i] * (j == k))
+    i, j = _ROW_COLUMN
+    row, diagonal, central = _SIX, _DIAGONAL, J[4:]
+    central[row, 4 + _SYMMETRIC[i, j]] = 1.0
+    central[:, 0] = (c @ c) * diagonal - c[i] * c[j]
+    central[:, 1:4] = -2.0 * diagonal[:, None] * c
+    central[row, 1 + i] += c[j]
+    central[row, 1 + j] += c[i]
     return J
 
 
@@ -85,7 +89,7 @@ def pseudo_inertia(pi: FloatArray) -> FloatArray:
     The body is physically consistent iff it is positive definite. Source: Wensing, Kim, Slotine
     (RA-L 2018), eq. (10).
     """
-    origin = pi[4:][np.array(_SYMMETRIC)]
+    origin = pi[4:][_SYMMETRIC]
     P = np.empty((4, 4))
     P[:3, :3] = 0.5 * np.trace(origin) * np.eye(3) - origin
     P[:3, 3] = P[3, :3] = pi[1:4]

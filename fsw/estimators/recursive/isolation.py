@@ -90,13 +90,17 @@ class ChannelScreen:
         where = np.flatnonzero(use)
         group = np.where(where < n, where, n + (where >= n + 3))  # joints, accelerometer, gyro
         rows_of = np.tile(group, nodes)
-        ratios = {}
-        for channel in np.unique(group).tolist():
-            own = rows_of == channel
-            S = V[own] @ V[own].T
-            dof = int(own.sum())
-            nis = float(r[own] @ np.linalg.solve(S, r[own]))
-            ratios[channel] = nis / float(chdtri(dof, self._false_alarm))
+        channels, sizes = np.unique(rows_of, return_counts=True)
+        ends, order = np.cumsum(sizes), np.argsort(rows_of, kind="stable")
+        ratios: dict[int, float] = {}
+        for dof in np.unique(sizes).tolist():  # channels of as many rows at once
+            alike = np.flatnonzero(sizes == dof)
+            own = order[(ends[alike] - dof)[:, None] + np.arange(dof)]
+            S, part = V[own] @ V[own].transpose(0, 2, 1), r[own][:, :, None]
+            nis = np.sum(part * np.linalg.solve(S, part), axis=(1, 2)) / chdtri(
+                dof, self._false_alarm
+            )
+            ratios |= dict(zip(channels[alike].tolist(), nis.tolist(), strict=True))
         return ratios
 
     def _without(self, block: Block) -> Block:
