@@ -118,7 +118,7 @@ class FileEntity:
         return number
 
     def receive(self, pdu: bytes, now_ns: int) -> None:
-        """Use one unit that came; what is none, or fits nowhere, is counted."""
+        """Process one received unit; an invalid unit, or one of no transfer, is counted."""
         self._thaw(now_ns)
         self._counters["pdus_received"] += 1
         try:
@@ -195,7 +195,7 @@ class FileEntity:
         raise DeliveryError("FILE_NOT_FOUND", f"no transfer {key[1]} of entity {key[0]}")
 
     def _answer(self, unit: GenericPduPacket, now_ns: int) -> None:
-        """Pass a unit to the file on its way there. Raises UnitError when there is none."""
+        """Pass a unit to its outgoing file. Raises UnitError if no transfer has that number."""
         for file in self._outgoing.values():
             if file.outcome is None and is_number_of(unit, file.key):
                 file.answer(unit, now_ns)

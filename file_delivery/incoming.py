@@ -143,7 +143,7 @@ class Incoming:
 
     @property
     def _partial(self) -> str:
-        """What the file is called until it is whole."""
+        """Name of the file until it is complete."""
         return f"{PARTIAL}{self.key[0]}-{self.key[1]}"
 
     def _request_metadata(self, unit: GenericPduPacket, now_ns: int) -> None:

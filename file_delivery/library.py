@@ -1,4 +1,4 @@
-"""What both directions of file delivery ask of cfdp-py: its settings, and what it may raise."""
+"""Use of cfdp-py by both directions of file delivery: its settings and its errors."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Faults(DefaultFaultHandlerBase):
 
 
 class CheckTimers(CheckTimerProvider):
-    """Timers of transfers without acknowledgement; asked for, though there are none here."""
+    """Timers that the library requires for unacknowledged transfers, which are never used here."""
 
     def provide_check_timer(
         self,

@@ -1,4 +1,4 @@
-"""What is known of a transfer: how far it is, and how it ended."""
+"""Progress and outcome of a transfer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Transfer:
     size: int  # [B]; 0: not known yet
     done: int  # [B]
     state: TransferState
-    last_ns: int  # when the other end was last heard, or new data were sent
+    last_ns: int  # last unit from the other end, or last new data sent
 
 
 @dataclass(slots=True)

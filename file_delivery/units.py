@@ -45,7 +45,7 @@ UNPARSABLE = (
     TlvTypeMissmatchError,
 )
 MESSAGE_BYTES = 96  # of a reason, and of a name that is sent back
-MAX_REQUESTED_BYTES = 1 << 20  # of one request for lost data; what is left is asked for again
+MAX_REQUESTED_BYTES = 1 << 20  # of one request for lost data; the rest is requested again
 
 
 class UnitError(Exception):
@@ -53,7 +53,7 @@ class UnitError(Exception):
 
 
 def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
-    """Return the unit. Raises UnitError when it is none, or beyond the limits."""
+    """Return the decoded unit. Raises UnitError if it is invalid or beyond the limits."""
     try:
         unit = PduFactory.from_raw(raw)
         if unit is None:
@@ -76,7 +76,7 @@ def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
 
 
 def _read_all(unit: GenericPduPacket) -> None:
-    """Read what the library decodes only when it is asked for, so that it raises here."""
+    """Read every field that the library decodes lazily, so that its errors are raised here."""
     _ = unit.transaction_seq_num.value, unit.source_entity_id.value, unit.dest_entity_id.value
     if isinstance(unit, MetadataPdu):
         _ = unit.source_file_name, unit.dest_file_name, unit.checksum_type
@@ -138,7 +138,7 @@ def renamed(unit: MetadataPdu, name: str) -> MetadataPdu:
 
 
 def checked_request(unit: NakPdu, file_size: int) -> NakPdu:
-    """Return a request for lost data cut to what may be asked for at once.
+    """Return a request for lost data, cut to the largest size of one request.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def checked_request(unit: NakPdu, file_size: int) -> NakPdu:
     taken: list[tuple[int, int]] = []
     for start, end in unit.segment_requests:
         if not 0 <= start <= end <= file_size:
-            raise UnitError(f"bytes {start} to {end} asked for; the file has {file_size}")
+            raise UnitError(f"bytes {start} to {end} requested; the file has {file_size}")
         if (start, end) == (0, 0):
             taken.append((0, 0))
         elif left > 0:

@@ -48,7 +48,7 @@ class EndedError(GroundError):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known of a file."""
+    """Size, checksum and modification time of a file."""
 
     size: int  # [B]
     crc32: int  # 0: not known
@@ -104,7 +104,7 @@ class Delivery:
             self._carry(entity, name, local.name, None)
 
     def facts(self, remote: str) -> Facts | None:
-        """Return size and CRC of a file there; None when there is none. Raises GroundError."""
+        """Return size and CRC of a remote file; None if it does not exist. Raises GroundError."""
         try:
             (sample,) = self.ask("REPORT_FILE_ATTRIBUTES", path=remote)
         except RefusedError as error:
@@ -178,14 +178,14 @@ class Delivery:
                 self._check_refusal(raw, request)
 
     def _linger(self, entity: FileEntity) -> None:
-        """Say and hear the last words; without them the transfer is good all the same."""
+        """Exchange the last acknowledgements; the transfer is complete even if they are lost."""
         until_s = time.monotonic() + LINGER_S
         while not entity.is_idle and time.monotonic() < until_s:
             self._look(entity, None)
         self._send_units(entity)
 
     def _withdraw(self, entity: FileEntity) -> None:
-        """Tell the other end that nobody is here any more."""
+        """Cancel this program's transfers, so that the daemon stops sending."""
         for transfer in entity.transfers():
             if transfer.key[0] == GROUND or transfer.name:
                 entity.cancel(transfer.key)

@@ -1,4 +1,4 @@
-"""What comes down, cut into packets: a stream in clear, or of authenticated frames.
+"""Telemetry stream to packets, in clear or from authenticated frames.
 
 A frame is one of CCSDS 732.1-B (USLP) with the security of 355.0-B, and carries one packet:
 

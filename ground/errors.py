@@ -1,4 +1,4 @@
-"""What can go wrong on the ground, and the exit code it gives."""
+"""Errors of the ground programs and their exit codes."""
 
 from __future__ import annotations
 

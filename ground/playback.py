@@ -26,7 +26,7 @@ COUNT_14 = 1 << 14
 P_FIELD = 0x2F
 TIME_AT = HEADER_BYTES + 7  # of the P-field in a packet with a secondary header
 LAST_S = float((1 << 32) - 1)  # that a time can name: until now
-MOST_RANGES = 32  # of one store; more are asked for as one
+MOST_RANGES = 32  # of one store; more are requested as one
 SECONDARY_HEADER = 0x08
 VERIFICATION = 1  # service
 

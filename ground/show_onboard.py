@@ -80,7 +80,7 @@ def _what(
 def load_sequence(
     arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
 ) -> int:
-    """Load a sequence from its text, and start it if that was asked for."""
+    """Load a sequence from its text; start it if requested."""
     catalogue, decoder = Catalogue(), TelemetryDecoder()
     try:
         text = arguments.file.read_text()

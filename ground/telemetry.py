@@ -19,7 +19,7 @@ HEADER_BYTES = 6
 MAX_PACKET_BYTES = 65542
 FILE_APID = 101  # its packets carry CFDP units and have no CRC
 FRACTIONS_PER_S = 1 << 24
-SHARED = "service_"  # begins the name of what tells packets of one service and subtype apart
+SHARED = "service_"  # prefix of the field that distinguishes packets of one service and subtype
 KIND = ("header_apid", "header_service", "header_subtype")
 HEADER, CRC = "header_", "crc16"  # names around a packet's own fields
 UNKNOWN = "unknown"  # name of a packet that the dictionary does not have
@@ -42,7 +42,7 @@ class Sample:
 
 
 def split(buffer: bytearray) -> Iterator[bytes]:
-    """Take whole packets from the front of a buffer. Raises LinkError when it holds none."""
+    """Remove whole packets from the front of a buffer. Raises LinkError if it holds no packet."""
     while len(buffer) >= HEADER_BYTES:
         length = (buffer[4] << 8 | buffer[5]) + HEADER_BYTES + 1
         if buffer[0] >> 4 != 0:  # version 0, telemetry

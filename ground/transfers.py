@@ -37,7 +37,7 @@ Connect = Callable[[], AbstractContextManager[Delivery]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransferRecord:
-    """What has to be known to continue a transfer."""
+    """State that a transfer needs to continue after an interruption."""
 
     id: str
     direction: Literal["get", "put"]
@@ -51,13 +51,13 @@ class TransferRecord:
 
     @property
     def partial(self) -> Path:
-        """What has come down so far."""
+        """Local file of the bytes received so far."""
         local = Path(self.local)
         return local.with_name(f".{local.name}.{self.id}.part")
 
     @property
     def uploaded(self) -> str:
-        """What has gone up so far."""
+        """Remote name of the bytes uplinked so far."""
         return f"{self.remote}.{self.id}.part"
 
     @property
@@ -67,7 +67,7 @@ class TransferRecord:
 
 
 class SpoiledError(GroundError):
-    """What was transferred so far is of no use."""
+    """The bytes transferred so far cannot be used."""
 
     def __init__(self, message: str) -> None:
         super().__init__(message, FAILED)

@@ -23,7 +23,7 @@ HOUSEKEEPING = (3, 25)
 
 
 class VerificationOutcome(StrEnum):
-    """What became of a telecommand."""
+    """Outcome of a telecommand."""
 
     COMPLETED = "completed"
     REJECTED = "rejected"
@@ -49,13 +49,13 @@ class Verification:
 
     request: tuple[int, int]  # first two words of the telecommand
     is_authenticated: bool = False  # only the daemon can have made these reports
-    wanted: str = ""  # a housekeeping packet that was asked for
+    wanted: str = ""  # a requested housekeeping packet
     reports: list[Sample] = field(default_factory=list)
     answers: list[Sample] = field(default_factory=list)
     outcome: VerificationOutcome = VerificationOutcome.NO_ANSWER
 
     def take(self, sample: Sample) -> bool:
-        """Take a packet into account; True when it says something about this telecommand."""
+        """Read a packet; return True if it reports on this telecommand."""
         if sample.service != 1:
             if self.reports and (sample.packet == self.wanted or _is_answer(sample)):
                 self.answers.append(sample)

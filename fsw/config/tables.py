@@ -102,7 +102,7 @@ class MonitorConfig(Section):
     low: Finite | None = None
     high: Finite | None = None
     repetitions: int = Field(default=3, ge=1, le=1000)
-    stale_s: NonNegative = 0.0  # older than this it is told as stale; 0: never
+    stale_s: NonNegative = 0.0  # a value older than this is reported as stale; 0: never
     enabled: bool = True
     action: Literal["none", "safe", "standby", "reset_estimator", "abort_batch"] = "none"
 

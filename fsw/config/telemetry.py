@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from fsw.config.base import Interval, Positive, Rate, Section
 from fsw.config.sdls import SdlsConfig
 
-JOINT_SLOTS = 8  # what packets of fixed size have room for; `fsw check` tells what is left out
+JOINT_SLOTS = 8  # what packets of fixed size have room for; `fsw check` reports joints left out
 BUS_SLOTS = 4
 # in the state directory, not for the ground
 STATE_FOLDERS = (
@@ -55,7 +55,7 @@ class TelemetryConfig(Section):
     start_mode: Literal["identify", "standby", "safe"] = "identify"
     science_rate_hz: Rate = 100.0  # the fastest a science packet can come
     housekeeping_interval_s: Interval = 1.0  # sets 1 2 4 5 8; 3 6 7 a fifth as often; 0: none
-    science_interval_s: Interval = 0.0  # 0: only when asked for
+    science_interval_s: Interval = 0.0  # 0: only when requested
     packet_stores: PacketStoresConfig = PacketStoresConfig()
     file_directory: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")] = "files"  # one name,
     # a folder in service.state_directory: what can go down and up

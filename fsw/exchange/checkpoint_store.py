@@ -33,7 +33,7 @@ def identity_of(config: Config) -> Identity:
 
 
 def boot_id() -> str:
-    """Return what changes when the machine starts again; empty where the system does not tell."""
+    """Return the kernel's boot identifier; empty if the system does not provide it."""
     try:
         return BOOT_ID.read_text(encoding="ascii").strip()
     except OSError:
@@ -96,7 +96,7 @@ class CheckpointStore:
         return None, None
 
     def _known(self) -> dict[str, int]:
-        """Return the sequence number of each generation, whosever it is; -1 where there is none."""
+        """Return the sequence number of each generation of any daemon; -1 for a missing file."""
         if self._sequences is None:
             self._sequences = {}
             for name in NAMES:

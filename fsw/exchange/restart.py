@@ -80,7 +80,7 @@ class Restart:
 
 
 def take(estimator: object, now_ns: int, grid_ns: int | None = None) -> Snapshot | None:
-    """Return the state between two windows; None of an estimator that cannot tell it."""
+    """Return the state between two windows; None if the estimator does not support it."""
     if not isinstance(estimator, Restorable):
         return None
     state, blocks = estimator.snapshot(), estimator.blocks

@@ -80,7 +80,7 @@ class BlockWriter:
 
     Raises
     ------
-    BlockStoreError when that file is none.
+    BlockStoreError when the file is not a block store.
     """
 
     def __init__(self, path: Path, capacity: int = CAPACITY, *, keep: bool = False) -> None:

@@ -81,7 +81,7 @@ class Service:
         self._drops_told = 0
 
     def _resumed(self, path: Path) -> BlockWriter:
-        """Reopen the block store of a crashed service; start a new one if the file is none."""
+        """Reopen the block store of a crashed service; start a new one if it is invalid."""
         try:
             for block in read_blocks(path):
                 self._keeper.block(block)

@@ -14,7 +14,7 @@ Report = Callable[[str, str, str], None]  # severity, code, text
 
 
 class RecorderSwitch:
-    """At most one recording in progress; `sink` is None while there is none."""
+    """Starts and stops the recording; `sink` is None while no recording is in progress."""
 
     def __init__(self, config: Config, report: Report) -> None:
         self._config, self._report = config, report

@@ -62,7 +62,7 @@ def run_job(
     unknown = request.unknown or tuple(config.unknown)
     try:
         if not blocks:
-            raise EstimatorError("NO_DATA: no block in the window asked for")
+            raise EstimatorError("NO_DATA: no block in the requested window")
         result = run(config, blocks, request.method, unknown, progress)
     except EstimatorError as error:
         return JobReport(id=request.id, state="failed", progress=1.0, text=str(error))

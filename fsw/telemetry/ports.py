@@ -1,4 +1,4 @@
-"""What the telemetry application asks of its neighbours: file delivery, the loop, the recorder."""
+"""Interfaces that the telemetry application needs: file delivery, the loop, the recorder."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FileDelivery(Protocol):
         ...
 
     def receive(self, pdu: bytes, now_ns: int) -> None:
-        """Take one unit that came up; garbage is counted, never raised."""
+        """Process one received unit; an invalid unit is counted and raises nothing."""
         ...
 
     def poll(self, now_ns: int) -> list[bytes]:
@@ -96,9 +96,9 @@ class Host:
     Parameters
     ----------
     epoch : the origin of `now_ns`
-    forward : takes a command to the loop; False when it cannot
-    report : an event of our own: severity, code, text
-    configured : told the configuration that is in force now
+    forward : sends a command to the loop; returns False when the ring is full
+    report : reports an event: severity, code, text
+    configured : receives the new effective configuration
     """
 
     now_ns: Callable[[], int]

@@ -1,4 +1,4 @@
-"""What was: a ring of the newest values per packet, and recordings."""
+"""History for the page: a ring of the newest values of each packet, and recordings."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def thinned(rows: NDArray[np.float64], size: int) -> list[Row]:
 
 
 class Recordings:
-    """Estimates and events of recordings, read when they are asked for.
+    """Estimates and events of recordings, read on request.
 
     Parameters
     ----------

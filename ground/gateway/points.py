@@ -1,4 +1,4 @@
-"""What the page can show: every number of the dictionary, and one-sigma bands of estimates."""
+"""Values that the page can plot: every number of the dictionary, one-sigma bands of estimates."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ MAX_SIZE = 5000
 
 
 class PageClient:
-    """One open page: what it has asked for, and what waits for it."""
+    """One open page: its subscriptions and its queue."""
 
     def __init__(self) -> None:
         self.wanted: set[str] = set()

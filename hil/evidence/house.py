@@ -99,7 +99,7 @@ def room(module: str) -> str:
 
 
 def is_in(package: str, module: str) -> bool:
-    """Tell whether a module is a package or below it."""
+    """Return whether a module is a package or below it."""
     return f"{module}.".startswith(f"{package}.")
 
 
@@ -159,6 +159,6 @@ def lines(paths: Iterable[Path]) -> int:
 
 
 def is_mirror(path: Path, root: Path) -> bool:
-    """Tell whether LANE/PACKAGE/FOLDER/test_NAME.py has a module or folder PACKAGE/FOLDER/NAME."""
+    """Return whether LANE/PACKAGE/FOLDER/test_NAME.py mirrors PACKAGE/FOLDER/NAME."""
     place = root.joinpath(*path.parts[1:-1], path.stem.removeprefix("test_"))
     return place.with_suffix(".py").exists() or (place / "__init__.py").exists()

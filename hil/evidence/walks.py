@@ -48,7 +48,7 @@ from hil.world.scenario import load
 from hil.world.sensors import SensorConfig
 
 SCENARIO = "target_leo"
-WARM_S = 3.0  # the motion goes on and estimates flow
+WARM_S = 3.0  # the motion continues and estimates are published
 PATIENCE_S = 3.0  # virtual, from the frame to its packet
 KEEPERS = ("fsw.estimators", "fsw.scheduler.align", "fsw.telemetry.state")
 COMPUTING = "fsw.estimators"  # where what is handed on has been computed from what came in
@@ -197,7 +197,7 @@ def arguments(frame: FrameType, code: CodeType) -> Iterator[tuple[str, object]]:
 
 
 def is_computed(value: object, module: str) -> bool:
-    """Tell whether a hop's argument is one it has computed: arrays of estimators, or bytes."""
+    """Return whether a hop computed its argument: an array of an estimator, or bytes."""
     if isinstance(value, np.ndarray):
         return module.startswith(COMPUTING) and value.dtype.kind == "f"
     return isinstance(value, bytes | bytearray) and len(value) >= LEAST_BYTES

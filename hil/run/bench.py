@@ -217,7 +217,7 @@ class VirtualRun:
         self._shown_s = 0.0
 
     def advance(self, until_s: float, meter: Meter) -> None:
-        """Go on until so long after power-on."""
+        """Continue until the given time after power-on."""
         clock, daemon = self.world.clock, self._daemon
         end_ns = T0_NS + round(until_s * 1e9)
         began_s = time.perf_counter()

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 
 class Meter(Protocol):
-    """Takes the state of a run as it goes."""
+    """Receives the state of a run while it advances."""
 
     def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
         """Show the time done [s] and the newest estimate's summary."""

@@ -98,7 +98,7 @@ class Table(IntEnum):
 
 
 class CommandOutcome(IntEnum):
-    """What became of a command."""
+    """Outcome of a command."""
 
     ACCEPTED = 0  # not finished yet
     COMPLETED = 1

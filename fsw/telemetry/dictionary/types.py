@@ -1,4 +1,4 @@
-"""What the dictionary is made of: fields, packets, telecommands; small frozen values only."""
+"""Types of the dictionary: fields, packets, telecommands; frozen values only."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ WIRE_BYTES = 16384  # chosen for sending together; what comes later cannot overt
 
 
 class Priority(IntEnum):
-    """What goes first when a client does not read as fast as packets are made."""
+    """Order of packets for a client that reads more slowly than packets are made."""
 
     HEALTH = 0  # the health set, verification reports, time
     EVENT = 1

@@ -226,7 +226,7 @@ class Decoder:
             self._by_key.setdefault(key, []).append((packet, Layout(packet.fields)))
 
     def decode(self, raw: bytes) -> Telemetry:
-        """Return what a packet says. Raises ValueError when it is none of the dictionary's."""
+        """Return a decoded packet. Raises ValueError if the dictionary does not define it."""
         header = SpacePacketHeader.unpack(raw)
         if not header.sec_header_flag:
             (entry,) = self._by_key.get((header.apid, 9, 2), [None])

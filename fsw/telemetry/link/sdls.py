@@ -51,7 +51,7 @@ class FrameReject(StrEnum):
 
 
 class Role(StrEnum):
-    """What the holder of a key may do."""
+    """Permission that a key gives its holder."""
 
     COMMAND = "command"
     LOOK = "look"  # it is authentic, and its telecommands are refused
@@ -68,7 +68,7 @@ class Association:
 
     @property
     def fingerprint(self) -> str:
-        """What the key is called where its number is kept."""
+        """Name of the key in the file of used numbers."""
         return hashlib.sha256(self.key).hexdigest()[:16]
 
 

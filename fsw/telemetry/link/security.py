@@ -1,4 +1,4 @@
-"""Both directions of the authenticated link: keys, roles, numbers, and the change of keys."""
+"""Both directions of the authenticated link: keys, roles, numbers, and new keys at run time."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ Report = Callable[[str, str], object]  # event code, text
 
 @dataclass(slots=True)
 class LinkCounters:
-    """What went over the link, of all clients so far."""
+    """Counts of bytes and packets over the link, for all clients since the start."""
 
     tm_packets: int = 0
     tm_bytes: int = 0
@@ -263,7 +263,7 @@ class LinkServer:
             self._refuse(promote(client, others, self._config.max_clients))
 
     def _watch_uplink(self, client: LinkClient) -> None:
-        """Count and tell garbage that is new."""
+        """Count and report garbage received since the last call."""
         skipped, resyncs = client.uplink.skipped_bytes, client.uplink.resyncs
         self.counters.tc_garbage_bytes += skipped - client.skipped
         self.counters.tc_resyncs += resyncs - client.resyncs
@@ -272,7 +272,7 @@ class LinkServer:
         client.skipped, client.resyncs = skipped, resyncs
 
     def _watch_queue(self, client: LinkClient) -> None:
-        """Tell drops that are new, and that they are over: of all that waited nothing is left."""
+        """Report new drops, and report their end once the client's queue is empty."""
         if client.dropped > client.told_drops and not client.is_slow:
             client.is_slow = True
             self._report("LINK_DROPS", f"{client.name} is slow: packets are dropped")

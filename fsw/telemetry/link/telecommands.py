@@ -40,7 +40,7 @@ class TcError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequestId:
-    """What verification reports call a telecommand: its first four bytes."""
+    """Identity of a telecommand in verification reports: its first four bytes."""
 
     packet_id: int
     sequence: int

@@ -1,4 +1,4 @@
-"""What comes up: bytes of a client to telecommand packets, in clear or authenticated."""
+"""Uplink: from a client's bytes to telecommand packets, in clear or authenticated."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class LookUplink(ClearUplink):
 
 
 class SecureUplink:
-    """Authenticated frames; everything else is refused and told."""
+    """Reads authenticated frames; refuses and reports everything else."""
 
     def __init__(self, receiver: FrameReceiver) -> None:
         self._splitter = FrameSplitter(receiver)

@@ -1,4 +1,4 @@
-"""What `fsw check` looks at for the authenticated uplink: its keys and its kept numbers."""
+"""Checks of `fsw check` for the authenticated uplink: its keys and its stored numbers."""
 
 from __future__ import annotations
 

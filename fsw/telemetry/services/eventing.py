@@ -28,7 +28,7 @@ Logged = tuple[int, Event]  # start of the daemon, event
 
 @dataclass(slots=True)
 class _Track:
-    """What is known of one event."""
+    """Counters and switch of one event."""
 
     count: int = 0
     since_ns: int = 0  # when the throttle's period began

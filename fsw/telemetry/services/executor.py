@@ -85,7 +85,7 @@ def each(handler: Handler) -> Handler:
 
 @dataclass(slots=True)
 class TcCounters:
-    """What became of telecommands."""
+    """Counts of telecommands by outcome."""
 
     tc_packets: int = 0
     tc_accepted: int = 0
@@ -110,7 +110,7 @@ class TelecommandExecutor:
         self.counters = TcCounters()
 
     def add(self, handlers: Mapping[str, Handler]) -> None:
-        """Take handlers, by name of the telecommand; one without any is NOT_SUPPORTED."""
+        """Add handlers by telecommand name; a telecommand without handler is NOT_SUPPORTED."""
         self._handlers.update(handlers)
 
     def check(self, packet: bytes) -> Request:

@@ -1,4 +1,4 @@
-"""Service 23: what lies in the daemon's folders."""
+"""Service 23: files and folders of the daemon."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Housekeeping:
                 self.report(sid)
 
     def science(self, t_ns: int, record: bytes) -> None:
-        """Take one record of samples; send it when its time has come."""
+        """Record the newest samples; send them if the science packet is due."""
         self._science = (t_ns, record)
         rate = self._rates[SCIENCE_SID]
         # half a millisecond early is in time: records come on the loop's grid, which jitters
@@ -69,7 +69,7 @@ class Housekeeping:
             self._context.down.wrap(SCIENCE, t_ns, _SID_BYTES + record)
 
     def apply(self, table: RatesTable) -> None:
-        """Take the rates of a table."""
+        """Adopt the rates of a table."""
         for sid, item in table.sets.items():
             self._rates[sid] = _Rate(round(item.interval_s * 1e9), item.enabled)
 

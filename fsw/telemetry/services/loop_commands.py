@@ -89,7 +89,7 @@ class LoopCommands:
         return Done.LATER
 
     def reply(self, reply: Reply) -> None:
-        """Take the loop's answer."""
+        """Complete, continue or fail the telecommand that a reply belongs to."""
         if reply.accepted and reply.command:
             self._applied(CommandName(reply.command))
         waiting = self._waiting.pop(reply.id, None)
@@ -113,7 +113,7 @@ class LoopCommands:
         self._finish(waiting.request, None)
 
     def job(self, report: JobReport) -> None:
-        """Take the progress or end of a batch job."""
+        """Report progress or end of a batch job to the ground."""
         job = self._jobs.get(report.id)
         if job is None:
             return

@@ -26,7 +26,7 @@ NUMBERS = {label: number for number, label in VALUE.labels.items()}
 
 
 class Check(IntEnum):
-    """What a check found; labels are the dictionary's."""
+    """Result of a check; the names are the dictionary's labels."""
 
     UNCHECKED = 0
     WITHIN = 1
@@ -79,7 +79,7 @@ class Monitoring:
         self.keep: Callable[[MonitorsTable], None] = lambda _: None
 
     def apply(self, table: MonitorsTable) -> None:
-        """Take another table; every status begins anew."""
+        """Adopt another table; every status restarts as UNCHECKED."""
         self._monitors = {m.id: _Monitor(m) for m in table.monitors}
 
     def table(self) -> list[dict[str, Any]]:

@@ -34,7 +34,7 @@ class _Running:
 
 
 class ObjectChecksums:
-    """Takes check-sums, one file at a time.
+    """Computes checksums, one file at a time.
 
     Parameters
     ----------

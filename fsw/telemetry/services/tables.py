@@ -1,4 +1,4 @@
-"""Tables: load, validate, activate at a tick boundary, dump, abort, roll back.
+"""Tables: load, validate, activate between two ticks, dump, abort, roll back.
 
 What is active is a generation on the disk; what is staged is in memory only. A power cut therefore
 leaves the old table or the new one.

@@ -38,7 +38,7 @@ class Boot:
         return boot
 
     def text(self) -> str:
-        """Return what an operator is told."""
+        """Return the text of the event STARTED."""
         return f"run {self.count}: {CAUSES[self.cause]}"
 
     def keep(self, store: GenerationStore, *, running: bool, commanded: bool) -> None:

@@ -47,7 +47,7 @@ class HealthWord:
         return self._standing
 
     def event(self, code: str) -> int:
-        """Take an event; return the bits it newly latched."""
+        """Apply an event to the health word; return the newly latched bits."""
         if code in CLEARED_BY:
             self._standing &= ~(1 << CLEARED_BY[code])
         bit = SET_BY.get(code)
@@ -61,7 +61,7 @@ class HealthWord:
         return new
 
     def standing(self, bit: Health, present: bool) -> int:
-        """Take whether a fault stands now; return the bit when newly latched, else 0."""
+        """Record whether a fault is present; return its bit if newly latched, otherwise 0."""
         mask = 1 << bit
         if not present:
             self._standing &= ~mask

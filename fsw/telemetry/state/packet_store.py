@@ -38,7 +38,7 @@ _TIME = slice(TM_HEADER_BYTES - CUC_BYTES, TM_HEADER_BYTES)
 
 @dataclass(slots=True)
 class StoreSegment:
-    """What is known of one file."""
+    """Times and size of one segment file."""
 
     number: int
     path: Path
@@ -48,7 +48,7 @@ class StoreSegment:
     newest_ns: int | None = None
 
     def note(self, t_ns: int, size_bytes: int) -> None:
-        """Take account of one more packet."""
+        """Add one packet to the segment's counts."""
         self.size_bytes += size_bytes
         self.oldest_ns = t_ns if self.oldest_ns is None else min(self.oldest_ns, t_ns)
         self.newest_ns = t_ns if self.newest_ns is None else max(self.newest_ns, t_ns)

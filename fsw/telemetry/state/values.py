@@ -1,4 +1,4 @@
-"""From what the daemon knows to the fields of the housekeeping sets that tell of loop and data."""
+"""Converts status, estimates and jobs to the fields of the housekeeping sets."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ def covariance_values(estimate: Estimate | None) -> Values:
 
 
 def job_values(job: Mapping[str, Any] | None, method: str, unknown: Sequence[str]) -> Values:
-    """Return the batch job and its result; method and unknown as they were asked for."""
+    """Return the batch job and its result; method and unknown bodies as requested."""
     job = job or {}
     result: Mapping[str, Any] = job.get("result") or {}
     values: Values = {

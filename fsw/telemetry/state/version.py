@@ -1,4 +1,4 @@
-"""What is running: package, commit where the source knows it, interpreter."""
+"""Version of the running software: package, commit if known, interpreter."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def version_values() -> dict[str, str]:
 
 
 def commit(top: Path) -> str:
-    """Return the commit of a source tree's checkout; empty where there is none."""
+    """Return the commit of a source checkout; empty outside a checkout."""
     git = top / ".git"
     try:
         if git.is_file():  # a linked work tree

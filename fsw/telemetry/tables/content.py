@@ -1,4 +1,4 @@
-"""What the tables hold: read, checked, and written out; none of it has an effect."""
+"""Contents of tables: reading, validation and writing, without any effect on the daemon."""
 
 from __future__ import annotations
 

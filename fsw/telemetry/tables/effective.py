@@ -1,4 +1,4 @@
-"""The configuration in force: the file, with what was uplinked and set laid over it."""
+"""The effective configuration: the file, changed by uplinked tables and commanded parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def effective_config(config: Config) -> Config:
             try:
                 validate_table(config, table, generation.content)
             except ConfigError:
-                continue  # told by the service, which reads the same files
+                continue  # reported by the service, which reads the same files
             config = laid_over(config, state, table, generation.content)
             break
     _remove_robots(state, config)

@@ -1,4 +1,4 @@
-"""What the tables do when they are in force."""
+"""Puts validated tables in force."""
 
 from __future__ import annotations
 

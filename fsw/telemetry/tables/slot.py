@@ -32,7 +32,7 @@ class Copy(IntEnum):
 
 @dataclass(slots=True)
 class Slot:
-    """What is known of one table."""
+    """State of one table: its staged, active and previous content."""
 
     store: GenerationStore
     state: TableState = TableState.ACTIVE
@@ -61,7 +61,7 @@ class Slot:
         self.error = Error.NONE
 
     def recall(self, validate: Callable[[bytes], None]) -> int:
-        """Take the newest stored generation that is good and still valid; return how many are not.
+        """Activate the newest valid stored generation; return the number of invalid ones.
 
         Parameters
         ----------

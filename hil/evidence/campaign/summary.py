@@ -1,4 +1,4 @@
-"""What a campaign's runs say together: intervals, consistency, efficiency."""
+"""Statistics over the runs of a campaign: intervals, consistency, efficiency."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the parts asked for; return 0."""
+    """Run the requested parts; return 0."""
     parser = argparse.ArgumentParser(prog="python -m hil.evidence.excitation", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--systems", nargs="+", choices=list(cases.SYSTEMS), default=cases.SYSTEMS)

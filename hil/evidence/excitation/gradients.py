@@ -108,7 +108,7 @@ class _Clocked(Criterion):
         return time.process_time() - self._began
 
     def note(self, _iteration: int, value: float, _kind: str, excess: float) -> None:
-        """Take the solver's progress."""
+        """Record the solver's progress."""
 
 
 class _Numeric(_Clocked):
@@ -142,7 +142,7 @@ class _NumericRows(LimitRows):
     def rows(
         self, z: FloatArray, members: Sequence[FloatArray], *, derivatives: bool = False
     ) -> list[DesignRows]:
-        """Return every limit's rows, with numeric Jacobians when asked for."""
+        """Return every limit's rows, with numeric Jacobians if requested."""
         found = super().rows(z, members)
         if not derivatives:
             return found

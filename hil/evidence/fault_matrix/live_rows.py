@@ -37,7 +37,7 @@ TIMING = ("REALTIME", "RING_DROPS", "CAN_UNSENT", "CAN_OVERFLOW", "PRIOR_CONFLIC
 
 @dataclass(slots=True)
 class Hold:
-    """What a fault may take hold of."""
+    """The processes and devices that a fault can act on."""
 
     folder: Path
     document: dict[str, Any]  # the flight configuration

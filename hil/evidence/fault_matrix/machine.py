@@ -87,7 +87,7 @@ def _keep_recording(folder: Path) -> None:
 
 
 def _fill(hold: Hold) -> None:
-    """Fill the disk; where there is none, let no file of the service grow any more."""
+    """Fill the disk; without a disk of its own, limit the size of the service's files."""
     folder = hold.folder / "recording"
     if folder.is_mount():
         with (folder / BALLAST).open("wb", buffering=0) as file, suppress(OSError):  # no space left
@@ -124,7 +124,7 @@ def _in_parts(hold: Hold) -> None:
 
 
 def _without_reserve(hold: Hold) -> None:
-    """Have chunks of the recording end as often as at full rates, and memory asked for at each.
+    """End chunks of the recording as often as at full rates, and allocate memory at each.
 
     Otherwise the C library serves them from what it has kept, and a limit is felt at some time.
     """

@@ -43,7 +43,7 @@ def _restarted(_hold: Hold) -> None:
 
 
 def _while_it_lasts(make: Callable[[Hold], Babble | Echo]) -> Act:
-    """Return a fault that goes on by itself until its end."""
+    """Return a fault that continues by itself until its end."""
     begun: list[Babble | Echo] = []
 
     def begin(hold: Hold) -> None:

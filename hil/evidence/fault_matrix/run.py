@@ -52,7 +52,7 @@ def prepare(
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlownRow:
-    """What is left of a run, and when its fault began and its device was itself again."""
+    """Results of a run, with the times at which its fault began and its device recovered."""
 
     final: Result
     events: Sequence[Event]
@@ -145,7 +145,7 @@ def outcome(
 ) -> dict[str, Any]:
     """Return the figures of a row, and what of them is out of bounds.
 
-    What the clean run of the same seed tells too is not the fault's doing.
+    Events that the clean run of the same seed reports too are not caused by the fault.
     """
     final = flown.final
     truth = np.concatenate([pi_of(setup.scenario.truth[b]) for b in setup.scenario.unknown])

@@ -42,7 +42,7 @@ class Row(BaseModel):
 
     @property
     def reasons(self) -> tuple[str, str, str]:
-        """Why it is told late, why it is over late, why it shares its event; empty: it is not."""
+        """Reasons for a late report, a late end or a shared event; empty: none applies."""
         return self.reason, self.recover_reason, self.shares
 
     @property

@@ -26,7 +26,7 @@ SEQUENCES = 2_000  # of a bout of the whole daemon: an input is some ten command
 SHORT_INPUT_BYTES = 128  # of most bouts, or the longest seed: an input's cost goes by its length
 LONG_EVERY = 16  # bouts: one up to MAX_INPUT_BYTES
 RSS_LIMIT_MB = 1024
-TIMEOUT_S = 900  # of the clock on the wall: a campaign that was stopped for a while goes on
+TIMEOUT_S = 900  # of the clock on the wall: a campaign that was paused continues
 BOUT_LIMIT_S = 3600.0
 _UNITS = re.compile(r"stat::number_of_executed_units:\s+(\d+)")
 _RSS = re.compile(r"stat::peak_rss_mb:\s+(\d+)")
@@ -34,7 +34,7 @@ _RSS = re.compile(r"stat::peak_rss_mb:\s+(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class Bout:
-    """What one process did."""
+    """Results of one process."""
 
     target: str
     inputs: int

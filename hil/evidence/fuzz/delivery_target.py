@@ -73,7 +73,7 @@ def _unit(flags: int, body: bytes, ids: tuple[int, int, int]) -> bytes:
 
 
 class DeliveryModel:
-    """What the units that came may amount to: every byte ever sent for a place, every end."""
+    """Contents that the received units permit: every byte ever sent for an offset, every end."""
 
     def __init__(self) -> None:
         self._bytes: dict[tuple[int, int], defaultdict[int, set[int]]] = {}
@@ -104,7 +104,7 @@ class DeliveryModel:
             self._unchecked.add(key)
 
     def explains(self, content: bytes) -> bool:
-        """Tell whether one transaction's units give this content, announced as such."""
+        """Return whether the units of one transaction give this content and announce it."""
         for key, ends in self._ends.items():
             places: Mapping[int, set[int]] = self._bytes.get(key, {})
             known = all(octet in places.get(at, ()) for at, octet in enumerate(content))
@@ -145,7 +145,7 @@ def delivery_target() -> Target:
 
 
 def _drain(entity: FileEntity, now_ns: int) -> int:
-    """Take all that is to be sent; return the time then."""
+    """Poll until nothing is left to send; return the time at the end."""
     for _ in range(MAX_LOOKS):
         now_ns += LOOK_NS
         if not entity.poll(now_ns):
@@ -154,7 +154,7 @@ def _drain(entity: FileEntity, now_ns: int) -> int:
 
 
 def _look(entity: FileEntity, folder: Path, model: DeliveryModel) -> None:
-    """Hold what is told and what lies in the folder against what came."""
+    """Compare reported ends and files in the folder with the received units."""
     for number, good, text in entity.finished():
         if number == 0 and good:
             content = (folder / text).read_bytes()

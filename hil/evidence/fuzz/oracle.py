@@ -1,4 +1,4 @@
-"""What every target may ask, and how an input becomes a stream with the check values right.
+"""Questions that every target may ask, and streams with correct check values from inputs.
 
 An input is read as segments `op | length | payload`. Random bytes hardly ever have a right CRC, so
 a segment may be sealed: its check value is put behind it by an encoder the flight software does not

@@ -35,7 +35,7 @@ class Source(Protocol):
         ...
 
     def feed(self, chunks: Sequence[ByteChunk]) -> Sequence[Any]:
-        """Take chunks in."""
+        """Feed chunks to the decoder."""
         ...
 
 

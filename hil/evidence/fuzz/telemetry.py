@@ -115,7 +115,7 @@ class TelemetryBench:
         return self.events + self.app.context.reporter.summaries.held
 
     def take(self, found: list[Uplinked]) -> None:
-        """Take what is refused or of file delivery, as the service does. Raises FuzzError."""
+        """Process rejected packets and file units as the service does. Raises FuzzError."""
         (accepted, rejected), events = self.counted(), self.told()
         refused = sum(not item.is_file for item in found)
         for item in found:

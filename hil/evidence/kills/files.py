@@ -1,4 +1,4 @@
-"""What a kill may have left in the files: checkpoints and recordings, read as the daemon would."""
+"""Checks files after a kill: checkpoints and recordings, read as the daemon reads them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SYNC_COUNTERS = 240
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartState:
-    """What is in one file of a recording."""
+    """Contents of one file of a recording."""
 
     truncated: bool
     first_ns: int

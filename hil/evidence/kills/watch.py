@@ -1,4 +1,4 @@
-"""What an observer sees of a daemon from outside: its status file, its events, its processes."""
+"""A daemon seen from outside: its status file, its events, its processes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Observer:
         self.status: dict[str, Any] = {}
 
     def status_since(self, t_ns: int) -> bool:
-        """Tell whether there is a status of after a time; it is in `status` then."""
+        """Return whether a status newer than a given time exists; then `status` holds it."""
         status = read_status(self._state / "status.json")
         if status is None or int(status["t_ns"]) <= t_ns or status.get("estimate") is None:
             return False
@@ -53,7 +53,7 @@ class Observer:
 
 
 def alive(pid: int) -> bool:
-    """Tell whether a process runs; a zombie does not."""
+    """Return whether a process runs; a zombie does not."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except (FileNotFoundError, ProcessLookupError):

@@ -1,4 +1,4 @@
-"""What the study varies: cases, sensor sets, levels; and one method's result on one seed."""
+"""Cases of the study: sensor sets and levels; and the result of one method on one seed."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class StudyUnit:
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """What the unit gives."""
+        """Result of the unit."""
         return tuple(
             Key(
                 level=self.level,

@@ -28,7 +28,7 @@ class EfficiencyRatio:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Figures:
-    """What a method did over its seeds; ratios are of the root-mean-square whitened error.
+    """Statistics of a method over its seeds; ratios are of the root-mean-square whitened error.
 
     `overall` and `groups` are against the bound of all channels, `own_overall` and `own_groups`
     against that of the method's own.

@@ -1,4 +1,4 @@
-"""What disturbances do to noise-free data: ignored, or estimated and modelled, RDA and fused.
+"""Bias from disturbances on noise-free data, ignored or modelled, for RDA and fused.
 
 Blocks of exact channels, weighed as the data sheet's noise leaves them, through the flight
 software's own row functions. The prior's mean is the truth: what is left is the disturbances'.

@@ -1,4 +1,4 @@
-"""What the study varies: systems, orbits, noise, disturbances, seeds."""
+"""Cases of the study: systems, orbits, noise, disturbances, seeds."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def run_samples(unit: PaperUnit, rate_hz: float) -> dict[str, Any]:
 
 
 def config_of(unit: PaperUnit, folder: Path, *, with_wrench: bool) -> Config:
-    """Return what the flight side is told, its prior drawn from the seed and made wide.
+    """Return the flight configuration, with a wide prior drawn from the seed.
 
     Of the environment it knows the gravity gradient, as in the paper; samples count from the start
     of the motion. The paper measures the acceleration of the base's origin: there is the sensor.

@@ -1,4 +1,4 @@
-"""The study's units, run over processes, each result stored as it comes: a rerun goes on."""
+"""The study's units, run over processes, each result stored when ready, so a rerun continues."""
 
 from __future__ import annotations
 

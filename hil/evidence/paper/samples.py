@@ -33,7 +33,7 @@ NOISE_STREAM = 131
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditioned:
-    """What the methods get of one draw of noise."""
+    """Samples of one draw of noise, as the methods receive them."""
 
     blocks: list[Block]  # the joints' motion from the curve, taken as exact
     curve: JointCurve

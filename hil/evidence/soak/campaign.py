@@ -144,7 +144,7 @@ def fly(case: SoakCase) -> dict[str, Row]:
 
 
 def prepare_again(setup: Setup) -> Setup:
-    """Return the setup with its configuration read anew."""
+    """Return the setup with its configuration read again."""
     return replace(setup, config=load_config(setup.config_path))
 
 

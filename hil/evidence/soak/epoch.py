@@ -38,7 +38,7 @@ PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoakSegment:
-    """What one segment showed."""
+    """Figures of one segment."""
 
     epoch: int
     number: int
@@ -204,7 +204,7 @@ class SoakEpoch:
 
 
 def is_truncated(path: Path) -> bool:
-    """Tell whether a recording breaks off."""
+    """Return whether a recording ends before its end record."""
     return contents_of([path]).truncated
 
 

@@ -55,7 +55,7 @@ class PortLane:
         self._pushed_ns = 0
 
     def exchange(self, bench: VirtualBench) -> None:
-        """Go on with another bench, whose time begins now; every port fails once."""
+        """Continue with another bench whose time begins now; every port fails once."""
         self.bench = bench
         self._pushed_ns = 0
         self.can.unplugged = True

@@ -75,7 +75,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Endurance:
-    """What one long run showed."""
+    """Figures of one long run."""
 
     estimator: str
     blocks: int
@@ -86,7 +86,7 @@ class Endurance:
 
     @property
     def flat(self) -> bool:
-        """Tell whether memory stayed what it was at the first look."""
+        """Return whether memory stayed at its first measurement."""
         first, last = self.looks[0], self.looks[-1]
         pushed = self.blocks * (1.0 - first.updates / last.updates)
         return (
@@ -97,7 +97,7 @@ class Endurance:
 
     @property
     def passed(self) -> bool:
-        """Tell whether memory is flat, the factor finite and the covariance the batch's."""
+        """Return whether memory is flat, the factor finite and the covariance that of the batch."""
         return self.flat and self.finite and self.covariance_difference < COVARIANCE_BOUND
 
     def line(self) -> str:
@@ -188,7 +188,7 @@ class SumsTally:
         self._count = 0
 
     def before_push(self, block: Block) -> None:
-        """Take the sums of a block at the state the estimator will use."""
+        """Add a block to the batch sums, linearised at the estimator's state."""
         online = self._online
         self._newest = self._newest + block_sums(block, online._x, online._problem)  # noqa: SLF001
         self._count += 1
@@ -320,7 +320,7 @@ def _advance(progress: Progress, task: TaskID, done: int) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run every estimator asked for; 0 if all passed."""
+    """Run every requested estimator; return 0 if all passed."""
     parser = argparse.ArgumentParser(
         prog="python -m hil.evidence.speed.endurance", description=__doc__
     )

@@ -45,7 +45,7 @@ SCENARIO = "target_leo"
 SECOND_NS = 1_000_000_000
 EDGE_NS = 100_000_000  # after every switch, not counted
 SETTLE_S = 8  # for the service to come up
-LEAST_PACKETS = 50  # before counting: the client is heard
+LEAST_PACKETS = 50  # before counting: the client receives telemetry
 LOOK_NS = 500_000_000  # between two looks whether it is
 START_NS = 60 * SECOND_NS  # for service and client to come up
 TELL_S = 10  # between two lines of progress
@@ -55,7 +55,7 @@ INTERVALS_MS = dict.fromkeys(range(1, 9), 100) | {20: 10}
 
 @dataclass(slots=True)
 class Phase:
-    """What was seen in the seconds of one kind."""
+    """Measurements of the seconds with telemetry, or of those without."""
 
     work_us: list[float] = field(default_factory=list)
     slips: int = 0
@@ -65,7 +65,7 @@ class Phase:
     packets: int = 0  # telemetry sent, as far as the daemon counted it
 
     def add(self, other: Phase) -> None:
-        """Take what was seen in another run."""
+        """Add the measurements of another run."""
         for item in fields(self):
             setattr(self, item.name, getattr(self, item.name) + getattr(other, item.name))
 
@@ -81,7 +81,7 @@ class Phase:
 
 
 def is_on(now_ns: int) -> bool:
-    """Tell whether telemetry is on in this second."""
+    """Return whether telemetry is on in this second."""
     return now_ns // SECOND_NS % 2 == 0
 
 
@@ -178,7 +178,7 @@ def _fly(path: Path, port: int | None, seconds: int) -> tuple[Phase, Phase]:
 
 @contextmanager
 def _asking(daemon: Daemon, port: int, state: Path) -> Iterator[None]:
-    """Have a client of its own process while the block runs; the loop ticks until it is heard."""
+    """Run a client process during the block; the loop ticks until telemetry reaches it."""
     command = [sys.executable, "-m", "hil.evidence.speed.telemetry_cost", "--client", str(port)]
     with subprocess.Popen(tied(command), env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}) as process:
         try:

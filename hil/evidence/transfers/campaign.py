@@ -55,7 +55,7 @@ class TransferResult:
 
     @property
     def fault(self) -> str:
-        """What is wrong with it; empty: nothing."""
+        """Faults found in the transfer; empty: none."""
         if self.exit_code == 0 and not self.is_right:
             return "reported as good, and is not"
         if self.exit_code != 0 and not self.reason:
