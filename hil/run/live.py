@@ -66,7 +66,7 @@ def children(pid: int) -> list[int]:
     """Return the processes a process has started."""
     try:
         text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # ended before, or while it was read
         return []
     return [int(word) for word in text.split()]
 
