@@ -60,7 +60,7 @@ class Screening(Protocol):
     """An estimator that leaves channels of a block out."""
 
     def screened(self, block: Block) -> Block:
-        """Return the newest block as it was used."""
+        """Return the newest block with the marks that screening has set."""
         ...
 
 

@@ -105,9 +105,9 @@ class NodeFit:
         return sigma**2 * self._unit[orders]
 
     def whitener(self, orders: tuple[int, ...]) -> FloatArray:
-        """Return W (rank, orders x nodes): the stacked derivatives of unit noise made white.
+        """Return W (rank, orders x nodes) that whitens the stacked derivatives of unit noise.
 
-        The covariance's rank is at most the polynomial's degree plus one; W leaves the rest out.
+        The rank of their covariance is at most the polynomial's degree plus one.
         """
         if orders not in self._white:
             values, vectors = np.linalg.eigh(self.covariance(orders, 1.0))

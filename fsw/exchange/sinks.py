@@ -114,7 +114,7 @@ class Fanout:
         self._sinks = sinks
 
     def put(self, message: Message) -> None:
-        """Pass the message to all."""
+        """Pass the message to every sink."""
         for sink in self._sinks:
             sink.put(message)
 

@@ -42,7 +42,7 @@ def information_root(subject: Subject, trajectory: Trajectory, rate_hz: float) -
 
 
 def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
-    """Return R with R^T R the information of recorded blocks, prior included.
+    """Return the square root R of the information R^T R of recorded blocks and prior.
 
     The estimator's own rows, linearised at the nominal body with zero biases.
     """

@@ -65,7 +65,7 @@ def triangular_root(rows: FloatArray) -> FloatArray:
 
 
 def covariance(R: FloatArray, p: int) -> FloatArray:
-    """Return the columns (s, p) of (R^T R)^-1 that belong to the first p states."""
+    """Return the first p columns of the covariance (R^T R)^-1, shape (s, p)."""
     half = solve_triangular(R, np.eye(len(R), p), trans=1)
     return np.asarray(solve_triangular(R, half))
 

@@ -129,7 +129,7 @@ def build_subject(
 
 
 def prior_root(covariance: FloatArray) -> FloatArray:
-    """Return R with R^T R the inverse of a covariance."""
+    """Return the square root R of an information matrix: R^T R is the inverse covariance."""
     L = np.linalg.cholesky(covariance)
     return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
 

@@ -51,7 +51,7 @@ def open_recording(
 
     Parameters
     ----------
-    part : what the metadata record `part` says
+    part : content of the metadata record `part`
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(".tmp")  # a file of the final name always says whose it is

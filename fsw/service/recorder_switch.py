@@ -38,7 +38,7 @@ class RecorderSwitch:
         self._config = config
 
     def open(self, *, resume: bool) -> None:
-        """Begin if the configuration says where; what fails is an event and tried again later."""
+        """Begin recording if a directory is configured; report a failure and retry later."""
         directory = self._config.recorder.directory
         if directory is None:
             return

@@ -107,7 +107,7 @@ class Feed:
             await asyncio.sleep(RETRY_S)
 
     def stale_packets(self) -> set[str]:
-        """Return what is overdue; without a connection everything."""
+        """Return the names of overdue packets; of all packets while there is no connection."""
         if not self.connected:
             return set(self._points.packets)
         now_s = time.monotonic()

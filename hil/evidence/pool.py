@@ -45,7 +45,7 @@ def over_processes(
     lost: Callable[[C, str], R] | None = None,
     single: bool = False,
 ) -> Iterator[tuple[C, R]]:
-    """Yield cases with their results as they come.
+    """Yield each case with its result, in the order in which they finish.
 
     A process that dies is replaced and its cases run again. The processes end with this one, and
     as soon as it is interrupted; their libraries use one thread.
@@ -59,7 +59,7 @@ def over_processes(
 
     Raises
     ------
-    CaseLostError for such a case, without `lost`; whatever `work` raises.
+    CaseLostError if a case's process died every time and `lost` is missing; errors of `work`.
     """
     for name in ONE_THREAD:  # new processes read them before their libraries start
         os.environ[name] = "1"

@@ -56,10 +56,10 @@ def _by_motion(prediction: Prediction) -> FloatArray:
 def smoothed(
     s: BlockStack, prediction: Prediction, use: NDArray[np.bool_], weighted: FloatArray
 ) -> BlockStack:
-    """Return the blocks with the joint motion that residuals S^-1 r (N, rows) make more likely.
+    """Return the blocks with joint motion re-estimated from weighted residuals S^-1 r (N, rows).
 
-    At the measured motion the Jacobian is correlated with the residuals by the motion's noise,
-    which shrinks the estimate; at z + Sigma D^T S^-1 r it is not. Source: as mrnea.py.
+    A Jacobian evaluated at the measured motion shares the motion's noise with the residuals,
+    which shrinks the estimate; evaluated at z + Sigma D^T S^-1 r it does not. Source: mrnea.py.
     """
     m, n, B = s.m, s.n, len(s.blocks)
     D = _by_motion(prediction)[:, :, use]

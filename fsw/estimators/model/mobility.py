@@ -36,9 +36,9 @@ _SYMMETRIC = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mapped:
-    """The covariance by way of the mobility.
+    """Covariance in pi of a Gaussian whose base part is assumed in the mobility coordinates.
 
-    `stretch`: largest variance over that of the linearisation, one where pi is straight.
+    `stretch`: largest ratio of a mapped variance to the linearised one; 1 for a linear map.
     """
 
     covariance: FloatArray  # (p, p)

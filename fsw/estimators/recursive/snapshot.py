@@ -36,7 +36,7 @@ def put(owner: object, names: Sequence[str], values: Values) -> None:
 
 
 def check_fit(problem: Problem, kind: str, values: Values) -> None:
-    """Refuse a state of another kind of estimator or of other unknowns.
+    """Check that a stored state fits this kind of estimator and these unknowns.
 
     Raises
     ------

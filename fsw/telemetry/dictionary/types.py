@@ -210,7 +210,7 @@ class EventDefinition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dictionary:
-    """Everything that crosses the link."""
+    """Definition of every packet, telecommand, parameter and event on the link."""
 
     packets: tuple[Packet, ...]
     telecommands: tuple[Telecommand, ...]

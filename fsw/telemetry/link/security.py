@@ -23,7 +23,7 @@ class Security:
     ----------
     state : folder in which the used numbers are kept
     environment : names the folder of systemd credentials
-    report : reports an event of its own
+    report : reports an event: code, text
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Security:
         self._report("KEYS_LOADED", words)
 
     def poll(self, now_ns: int) -> None:
-        """Give back numbers kept ahead when no frame has come for a while."""
+        """Store the exact last frame number once no frame has arrived for `QUIET_NS`."""
         if self.receiver.accepted != self._seen:
             self._seen, self._quiet_ns = self.receiver.accepted, now_ns
         elif self._quiet_ns and now_ns - self._quiet_ns >= QUIET_NS:
@@ -85,7 +85,7 @@ class Security:
                 self.receiver.settle()
 
     def close(self) -> None:
-        """Give back every number kept ahead."""
+        """Store the last used frame numbers, so that the next start skips none."""
         with suppress(OSError):
             self.receiver.settle()
             if self.sender is not None:

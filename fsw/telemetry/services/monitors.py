@@ -50,7 +50,7 @@ class _Monitor:
 
 
 def check_table(table: MonitorsTable) -> None:
-    """Raise ConfigError when a monitor watches what is not telemetered."""
+    """Raise ConfigError if a monitor names a value that telemetry does not contain."""
     unknown = [m.value for m in table.monitors if m.value not in NUMBERS]
     if unknown:
         raise ConfigError(f"monitors.value: {unknown} are no numbers of the housekeeping sets")

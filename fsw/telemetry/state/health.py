@@ -70,5 +70,5 @@ class HealthWord:
         return self.set(bit)
 
     def clear(self, mask: int) -> None:
-        """Unlatch; a fault that stands stays latched."""
+        """Clear latched bits of a mask; the bit of a fault that is still present stays set."""
         self.latched &= ~mask | self._standing

@@ -21,10 +21,10 @@ ROBOT_FILE = "robot_{:08x}.urdf"  # CRC-32 of its content: another robot never t
 
 
 def effective_config(config: Config) -> Config:
-    """Return the configuration a daemon starts with; what does not hold any more is left out.
+    """Return the effective configuration at the start, without stored values that are now invalid.
 
-    Reads the state directory only when there is a link by which something can have been uplinked.
-    Raises OSError when an uplinked robot cannot be written out for the model's reader.
+    Stored tables and parameters are read only if the configuration has a telemetry link.
+    Raises OSError if an uplinked robot model cannot be written to its file.
     """
     if config.telemetry is None:
         return config

@@ -189,7 +189,7 @@ def _losses(flown: FlownRow, row: Row) -> int:
 
 
 def failures(row: Row, values: Mapping[str, Any]) -> list[str]:
-    """Return which bounds do not hold."""
+    """Return the names of the violated bounds."""
     wanted = {row.event} & set(Fault)
     recovers = row.recovered != "NONE"
     least, most = values["sigma_ratio_bounds"]

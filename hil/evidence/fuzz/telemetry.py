@@ -43,7 +43,7 @@ Advance = Callable[[int], None]
 
 
 class FuzzError(RuntimeError):
-    """Something that must hold does not; the message holds what was sent."""
+    """A required property is violated; the message contains the bytes sent."""
 
 
 class _Recording:

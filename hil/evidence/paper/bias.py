@@ -43,7 +43,7 @@ def wrenches(system: str) -> dict[str, float]:
 
 
 def run_bias(unit: PaperUnit) -> dict[str, Any]:
-    """Return the four errors of each method: disturbed or not, ignored or estimated."""
+    """Return each method's errors: with and without disturbance, ignored and estimated."""
     found: dict[str, Any] = {}
     for method in METHODS:
         for acting in (NONE, ALL):

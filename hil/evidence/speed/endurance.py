@@ -224,7 +224,7 @@ def again(blocks: Sequence[Block], k: int, period_ns: int) -> Block:
 def endure(
     name: str, flown: Flown, updates: float, show: Callable[[int], None] = lambda _done: None
 ) -> Endurance:
-    """Push a flight's blocks until so many updates are done, and judge.
+    """Update an estimator with one flight's blocks again and again; judge memory and result.
 
     Memory is looked at first after a tenth of the updates, `FIRST_LOOK_UPDATES` at most, and not
     before the flight came twice (or half of a short run): only then do the stored blocks hold

@@ -167,7 +167,7 @@ class Exchange:
         self._port = cable.port
 
     def run(self) -> TransferResult:
-        """Do it."""
+        """Run the transfer with its interruption; return the result."""
         rng, number = self._rng, self._number
         direction = "put" if number % 2 else "get"
         sizes = LARGE_BYTES if number % PERIOD in INTERRUPTED else SIZES_BYTES
