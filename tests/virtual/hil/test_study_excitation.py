@@ -49,7 +49,9 @@ def test_an_impossible_request_is_refused(name):
     assert error.uses[0].excess > 0
 
 
-def test_finite_differences_are_much_slower():
-    found = race(cases.subject("target"), 3)
+def test_finite_differences_lead_the_same_way():
+    """How much slower they are is a figure of the evidence, not of a test."""
+    found = race(cases.subject("target"), 1)
     assert np.isfinite(found.exact_value)
-    assert found.numeric_s > 5.0 * found.exact_s
+    assert found.numeric_value == pytest.approx(found.exact_value, abs=1e-2)
+    assert min(found.exact_s, found.numeric_s) > 0.0
