@@ -168,7 +168,7 @@ class FileEntity:
                 self._outgoing[key] = file
 
     def suspend(self, key: Key) -> None:
-        """Suspend a transfer, with its timers stopped. Raises DeliveryError."""
+        """Let a transfer rest; it does not time out. Raises DeliveryError."""
         self._find(key).suspended = True
 
     def resume(self, key: Key, now_ns: int) -> None:

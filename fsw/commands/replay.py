@@ -7,19 +7,20 @@ recording and nothing is sent. The tick grid is free: results depend on the stam
 from __future__ import annotations
 
 import json
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fsw.clock import MonotonicClock
 from fsw.config import Config
-from fsw.drivers.wire import ByteChunk, CanFrame, unpack_frame
+from fsw.drivers.wire import NO_FRAMES, ByteChunk, CanFrame, FrameArray
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
-from fsw.exchange.recording import Record
-from fsw.exchange.recording_parts import contents_of, messages_of, parts_of
+from fsw.exchange.recording import END_NS, Column, Message, Piece, messages_of, pieces_of
+from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.restart import Mode, Restart
 from fsw.exchange.sinks import NullSink, Sink
 from fsw.exchange.status import estimate_summary
@@ -31,7 +32,7 @@ from fsw.messages.commands import Command, CommandName
 from fsw.messages.errors import ConfigError, PortError
 from fsw.service.recorder import CHECKPOINT
 
-TICK_RATE_HZ = 50.0
+TICK_RATE_HZ = 5.0
 REPLAYED = (
     CommandName.RESET,
     CommandName.FINISH,
@@ -44,35 +45,99 @@ REPLAYED = (
 )
 
 
-class RecordingFeed:
-    """Messages of a recording, handed out topic by topic as simulated time passes."""
+Traffic = FrameArray | list[ByteChunk]
 
-    def __init__(self, records: Iterator[Record], topics: Sequence[str]) -> None:
-        self._records = records
-        self._next = next(records, None)
-        self._queues: dict[str, deque[Record]] = {topic: deque() for topic in topics}
-        self.now_ns = self._next.t_ns if self._next is not None else 0
+
+class _Track:
+    """Traffic of one topic: what waits for its time, and what has become available."""
+
+    def __init__(self, *, is_bus: bool) -> None:
+        self._is_bus = is_bus
+        self._times_ns = np.empty(0, np.int64)
+        self._waiting: Traffic = NO_FRAMES if is_bus else []
+        self._available = 0
+
+    def add(self, column: Column) -> None:
+        """Add a piece's messages; they are put in order of time, as they stand in it."""
+        added: Traffic = column.frames() if self._is_bus else column.chunks()
+        times_ns = (
+            added["t_ns"]
+            if isinstance(added, np.ndarray)
+            else np.array([chunk.t_ns for chunk in added], np.int64)
+        )
+        times_ns = np.concatenate([self._times_ns, times_ns])
+        waiting = (
+            self._waiting + added
+            if isinstance(added, list) and isinstance(self._waiting, list)
+            else np.concatenate([self._waiting, added])
+        )
+        if np.count_nonzero(times_ns[1:] < times_ns[:-1]):
+            order = np.argsort(times_ns, kind="stable")
+            times_ns = times_ns[order]
+            waiting = [waiting[k] for k in order] if isinstance(waiting, list) else waiting[order]
+        self._times_ns, self._waiting = times_ns, waiting
+
+    def next_ns(self) -> int:
+        """Return the time of what waits first [ns]."""
+        rest = self._times_ns[self._available :]
+        return int(rest[0]) if rest.size else END_NS
+
+    def release(self, until_ns: int) -> None:
+        """Make everything stamped at or before `until_ns` available."""
+        self._available = int(np.searchsorted(self._times_ns, until_ns, side="right"))
+
+    def newest_ns(self) -> int:
+        """Return the time of the newest that is available [ns]; 0 of none."""
+        return int(self._times_ns[self._available - 1]) if self._available else 0
+
+    def take(self) -> Traffic:
+        """Return what has become available since the last call."""
+        count, self._available = self._available, 0
+        taken, self._waiting = self._waiting[:count], self._waiting[count:]
+        self._times_ns = self._times_ns[count:]
+        return taken
+
+
+class RecordingFeed:
+    """Traffic of a recording, handed out topic by topic as simulated time passes."""
+
+    def __init__(self, pieces: Iterator[tuple[Piece, int]], topics: Sequence[str]) -> None:
+        self._pieces = pieces
+        self._tracks = {t: _Track(is_bus=t.startswith("/can/")) for t in topics}
+        self._known_ns = -1  # nothing before this time is missing
+        self._more()
+        first_ns = min(track.next_ns() for track in self._tracks.values())
+        self.now_ns = first_ns if first_ns < END_NS else 0
 
     @property
     def exhausted(self) -> bool:
         """Whether every message has been handed out."""
-        return self._next is None
+        return self._known_ns == END_NS and all(
+            track.next_ns() == END_NS for track in self._tracks.values()
+        )
+
+    def _more(self) -> None:
+        """Read the next piece."""
+        piece, self._known_ns = next(self._pieces, (None, END_NS))
+        if piece is not None:
+            for topic, column in piece.read().items():
+                self._tracks[topic].add(column)
 
     def advance(self, until_ns: int) -> None:
-        """Make everything stamped at or before `until_ns` available, and that the time."""
-        while self._next is not None and self._next.t_ns <= until_ns:
-            self.now_ns = max(self.now_ns, self._next.t_ns)
-            self._queues[self._next.topic].append(self._next)
-            self._next = next(self._records, None)
-        if self._next is not None:
-            self.now_ns = max(self.now_ns, until_ns)
+        """Make everything stamped at or before `until_ns` available, and that the time.
 
-    def take(self, topic: str) -> list[Record]:
+        Time ends with the recording.
+        """
+        while self._known_ns <= until_ns:
+            self._more()
+        for track in self._tracks.values():
+            track.release(until_ns)
+        newest_ns = max(track.newest_ns() for track in self._tracks.values())
+        self.now_ns = max(self.now_ns, newest_ns if self.exhausted else until_ns)
+
+    def take(self, topic: str) -> Traffic:
         """Return what has become available of a topic since the last call."""
-        queue = self._queues[topic]
-        taken = list(queue)
-        queue.clear()
-        return taken
+        return self._tracks[topic].take()
 
 
 class ReplayClock:
@@ -98,18 +163,14 @@ class ReplayFramePort:
 
     def __init__(self, feed: RecordingFeed, topic: str) -> None:
         self._feed, self._topic = feed, topic
-        self.undecodable = 0
 
-    def read(self) -> list[CanFrame]:
-        """Return recorded frames up to now."""
-        frames = []
-        for record in self._feed.take(self._topic):
-            frame = unpack_frame(record.t_ns, record.data)
-            if frame is None:
-                self.undecodable += 1
-            else:
-                frames.append(frame)
-        return frames
+    def drain(self) -> None:
+        """Nothing to do: what is recorded waits."""
+
+    def read(self) -> FrameArray:
+        """Return recorded frames up to now; what is no frame is left out."""
+        frames = self._feed.take(self._topic)
+        return frames if isinstance(frames, np.ndarray) else NO_FRAMES
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
         """Refuse: a recorded bus takes nothing."""
@@ -135,7 +196,8 @@ class ReplayBytePort:
 
     def read(self) -> list[ByteChunk]:
         """Return recorded chunks up to now."""
-        return [ByteChunk(record.t_ns, record.data) for record in self._feed.take(self._topic)]
+        chunks = self._feed.take(self._topic)
+        return chunks if isinstance(chunks, list) else []
 
     def write(self, data: bytes) -> None:
         """Refuse: a recorded line takes nothing."""
@@ -251,7 +313,7 @@ def replay(
             f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
             f"found: {', '.join(sorted(held.topics)) or 'none'}"
         )
-    feed = RecordingFeed(messages_of(parts, topics), topics)
+    feed = RecordingFeed(pieces_of(parts, topics), topics)
     scheduler = config.scheduler.model_copy(update={"tick_rate_hz": TICK_RATE_HZ})
     daemon = build(
         config.model_copy(update={"scheduler": scheduler}),
@@ -298,7 +360,7 @@ def _ports(config: Config, feed: RecordingFeed) -> Ports:
     )
 
 
-def _plan(daemon: Daemon, commands: Sequence[Record], checkpoint: bytes | None) -> int | None:
+def _plan(daemon: Daemon, commands: Sequence[Message], checkpoint: bytes | None) -> int | None:
     """Plan the recorded commands; return when the run ended [ns], None if it was killed.
 
     A run that continued from a checkpoint starts from the same one.

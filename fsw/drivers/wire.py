@@ -1,19 +1,38 @@
-"""Stamped bytes and frames between ports and codecs, and the protocols of ports."""
+"""Stamped bytes and frames between ports and codecs, and the protocols of ports.
+
+Frames travel as arrays of `FRAME`: the stamp, then the Linux structure of a CAN FD frame, of which
+a classic frame uses the first 16 bytes. `CanFrame` is one of them as plain values.
+"""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 # of linux/can.h
 EFF_FLAG, RTR_FLAG, ERR_FLAG = 0x80000000, 0x40000000, 0x20000000
 EFF_MASK, SFF_MASK = 0x1FFFFFFF, 0x7FF
 FD_BRS, FD_FDF = 0x01, 0x04
-CLASSIC_BYTES, FD_BYTES = 16, 72
-_CLASSIC = struct.Struct("<IB3x8s")
-_FD = struct.Struct("<IBB2x64s")
+HEAD_BYTES, CLASSIC_BYTES, FD_BYTES = 8, 16, 72
+MAX_DATA_BYTES = 64
+_ROW = struct.Struct("<qIBB2x64s")
+FRAME = np.dtype(
+    {
+        "names": ["t_ns", "word", "length", "flags", "reserved", "data"],
+        "formats": ["<i8", "<u4", "u1", "u1", "<u2", ("u1", (MAX_DATA_BYTES,))],
+        "offsets": [0, 8, 12, 13, 14, 16],
+        "itemsize": _ROW.size,
+    }
+)
+_WORD = 8  # where the Linux structure begins in a row
+FrameArray = NDArray[np.void]  # (k,) of FRAME; `word` is the identifier with its flag bits
+NO_FRAMES: FrameArray = np.empty(0, FRAME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +79,12 @@ class FramePort(Protocol):
 
     hands_back: bool  # whether what is written is read again, stamped when it was on the bus
 
-    def read(self) -> list[CanFrame]:
-        """Return every frame received since the last call, with its stamp. Raises PortError."""
+    def drain(self) -> None:
+        """Take every waiting frame from the system, and do nothing else. Raises PortError."""
+        ...
+
+    def read(self) -> FrameArray:
+        """Return every frame drained since the last call, with its stamp."""
         ...
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
@@ -104,14 +127,83 @@ class BytePort(Protocol):
         ...
 
 
+def word_of(frame: CanFrame) -> int:
+    """Return the identifier of a frame with its flag bits."""
+    flags = EFF_FLAG * frame.is_extended | RTR_FLAG * frame.is_remote | ERR_FLAG * frame.is_error
+    return frame.can_id | flags
+
+
+def row_of(t_ns: int, word: int, data: bytes, flags: int = 0) -> bytes:
+    """Return one frame as the bytes of a `FRAME`."""
+    return _ROW.pack(t_ns, word, len(data), flags, data)
+
+
+def frame_array(frames: Iterable[CanFrame]) -> FrameArray:
+    """Return frames as an array of `FRAME`."""
+    rows = [
+        row_of(frame.t_ns, word_of(frame), frame.data, frame.is_fd * FD_FDF | frame.bitrate_switch)
+        for frame in frames
+    ]
+    return rows_of(b"".join(rows))
+
+
+def rows_of(data: bytes | bytearray | memoryview) -> FrameArray:
+    """Return the frames of a buffer of whole `FRAME` rows, without copying it."""
+    return np.frombuffer(data, FRAME)
+
+
+def frame_at(frames: FrameArray, row: int) -> CanFrame:
+    """Return one frame of an array as plain values."""
+    t_ns, word, length, flags, _, data = frames[row].item()
+    return CanFrame(
+        t_ns=t_ns,
+        can_id=word & (EFF_MASK if word & (EFF_FLAG | ERR_FLAG) else SFF_MASK),
+        data=bytes(data[:length]),
+        is_fd=bool(flags & FD_FDF),
+        is_extended=bool(word & EFF_FLAG),
+        is_remote=bool(word & RTR_FLAG),
+        is_error=bool(word & ERR_FLAG),
+        bitrate_switch=bool(flags & FD_BRS),
+    )
+
+
+def recorded_bytes(frames: FrameArray) -> list[bytes]:
+    """Return the Linux structure of every frame: 16 bytes, 72 of a CAN FD frame."""
+    data, size, head = frames.tobytes(), FRAME.itemsize, _WORD
+    ends = np.where(frames["flags"] & FD_FDF, head + FD_BYTES, head + CLASSIC_BYTES).tolist()
+    return [data[k * size + head : k * size + end] for k, end in enumerate(ends)]
+
+
+def frames_from(
+    stamps_ns: NDArray[np.int64], records: NDArray[np.uint8], sizes: NDArray[np.integer]
+) -> FrameArray:
+    """Return the frames of Linux structures; what is neither of the two is left out.
+
+    Parameters
+    ----------
+    stamps_ns : (k,) receive stamps
+    records : (k, 16) or (k, 72), the structures, each in the first bytes of its row
+    sizes : (k,) bytes of each structure
+    """
+    frames = np.zeros(len(records), FRAME)
+    start, stop = _WORD, _WORD + records.shape[1]
+    frames.view(np.uint8).reshape(len(frames), FRAME.itemsize)[:, start:stop] = records
+    is_fd = sizes == FD_BYTES
+    frames["t_ns"] = stamps_ns
+    frames["flags"] = np.where(is_fd, frames["flags"] & FD_BRS | FD_FDF, 0)
+    room = np.where(is_fd, MAX_DATA_BYTES, np.where(sizes == CLASSIC_BYTES, HEAD_BYTES, -1))
+    good = frames["length"] <= room
+    return frames if good.all() else frames[good]
+
+
+def frame_list(frames: FrameArray) -> list[CanFrame]:
+    """Return the frames of an array as plain values."""
+    return [frame_at(frames, row) for row in range(len(frames))]
+
+
 def pack_frame(frame: CanFrame) -> bytes:
     """Return the Linux structure of a frame, flag bits in `can_id`."""
-    can_id = frame.can_id
-    can_id |= EFF_FLAG * frame.is_extended | RTR_FLAG * frame.is_remote | ERR_FLAG * frame.is_error
-    if frame.is_fd:
-        flags = FD_FDF | FD_BRS * frame.bitrate_switch
-        return _FD.pack(can_id, len(frame.data), flags, frame.data)
-    return _CLASSIC.pack(can_id, len(frame.data), frame.data)
+    return recorded_bytes(frame_array([frame]))[0]
 
 
 def unpack_frame(t_ns: int, data: bytes) -> CanFrame | None:
@@ -119,24 +211,8 @@ def unpack_frame(t_ns: int, data: bytes) -> CanFrame | None:
 
     The identifier of an error frame is its error classes, of 29 bits.
     """
-    if len(data) == CLASSIC_BYTES:
-        word, length, payload = _CLASSIC.unpack(data)
-        is_fd = brs = False
-    elif len(data) == FD_BYTES:
-        word, length, flags, payload = _FD.unpack(data)
-        is_fd, brs = True, bool(flags & FD_BRS)
-    else:
+    if len(data) not in (CLASSIC_BYTES, FD_BYTES):
         return None
-    if length > len(payload):
-        return None
-    extended, error = bool(word & EFF_FLAG), bool(word & ERR_FLAG)
-    return CanFrame(
-        t_ns=t_ns,
-        can_id=word & (EFF_MASK if extended or error else SFF_MASK),
-        data=payload[:length],
-        is_fd=is_fd,
-        is_extended=extended,
-        is_remote=bool(word & RTR_FLAG),
-        is_error=error,
-        bitrate_switch=brs,
-    )
+    record = np.frombuffer(data, np.uint8)[None]
+    found = frames_from(np.array([t_ns]), record, np.array([len(data)]))
+    return frame_at(found, 0) if len(found) else None

@@ -10,27 +10,39 @@ import json
 import struct
 import zlib
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata
+from mcap.records import Attachment, Channel, Chunk, Metadata
+from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
-from fsw.drivers.wire import pack_frame
-from fsw.exchange.sinks import CanTraffic, RawTraffic, SerialTraffic
+from fsw.drivers.wire import (
+    CLASSIC_BYTES,
+    FD_BYTES,
+    ByteChunk,
+    FrameArray,
+    frames_from,
+    recorded_bytes,
+)
+from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages.errors import ConfigError
 
+END_NS = 1 << 63  # after every time
 _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time
+_RECORD = struct.Struct("<BQH4xQ8x")  # both, without sequence and publish time
 COMPRESSION = {
     "zstd": CompressionType.ZSTD,
     "lz4": CompressionType.LZ4,
@@ -62,15 +74,6 @@ _SCHEMAS: dict[str, dict[str, Any]] = {
 }
 
 
-def raw_traffic(message: CanTraffic | SerialTraffic) -> RawTraffic:
-    """Return traffic as a recording holds it: Linux CAN structures, or bytes as they were read."""
-    if isinstance(message, CanTraffic):
-        records = [(frame.t_ns, pack_frame(frame)) for frame in message.frames]
-        return RawTraffic(f"/can/{message.bus}", "socketcan", records)
-    chunks = [(chunk.t_ns, chunk.data) for chunk in message.chunks]
-    return RawTraffic(f"/serial/{message.device}", "raw", chunks)
-
-
 class RecordingWriter:
     """One MCAP file. Finished chunks reach the file, so a kill loses at most the last one.
 
@@ -100,12 +103,17 @@ class RecordingWriter:
         """Add a metadata record."""
         self._writer.add_metadata(name, dict(values))
 
-    def traffic(self, traffic: CanTraffic | SerialTraffic | RawTraffic) -> None:
+    def traffic(self, traffic: CanTraffic | SerialTraffic) -> None:
         """Add traffic of a link, one message for every frame or chunk."""
-        if not isinstance(traffic, RawTraffic):
-            traffic = raw_traffic(traffic)
-        for t_ns, data in traffic.records:
-            self._add(traffic.topic, traffic.encoding, t_ns, data)
+        if isinstance(traffic, CanTraffic):
+            stamps_ns = traffic.frames["t_ns"].tolist()
+            records = zip(stamps_ns, recorded_bytes(traffic.frames), strict=True)
+            topic, encoding = f"/can/{traffic.bus}", "socketcan"
+            for t_ns, data in records:
+                self._add(topic, encoding, t_ns, data)
+        else:
+            for chunk in traffic.chunks:
+                self._add(f"/serial/{traffic.device}", "raw", chunk.t_ns, chunk.data)
 
     def json(self, topic: str, t_ns: int, values: Mapping[str, Any]) -> None:
         """Add one JSON message."""
@@ -154,13 +162,37 @@ class RecordingWriter:
         return self._writer.register_channel(topic, encoding, schema)
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Message(NamedTuple):
     """One message of a recording."""
 
-    topic: str
     t_ns: int
+    place: tuple[int, ...]  # in the files: the order where times are equal
+    topic: str
     data: bytes
+
+
+class Column(NamedTuple):
+    """The messages of one topic in a piece of a recording, in file order."""
+
+    data: bytes  # of the piece
+    spans: list[tuple[int, int, int]]  # log time [ns], first byte and byte behind each message
+
+    def frames(self) -> FrameArray:
+        """Return them as frames of a bus; what is no frame is left out."""
+        spans = np.array(self.spans, np.int64)
+        sizes = spans[:, 2] - spans[:, 1]
+        width = int(sizes[0])
+        if width in (CLASSIC_BYTES, FD_BYTES) and np.count_nonzero(sizes == width) == len(sizes):
+            octets = np.frombuffer(self.data, np.uint8)
+            rows = np.lib.stride_tricks.sliding_window_view(octets, width)[spans[:, 1]]
+        else:
+            padded = [self.data[a:b][:FD_BYTES].ljust(FD_BYTES, b"\0") for _, a, b in self.spans]
+            rows = np.frombuffer(b"".join(padded), np.uint8).reshape(-1, FD_BYTES)
+        return frames_from(spans[:, 0], rows, sizes)
+
+    def chunks(self) -> list[ByteChunk]:
+        """Return them as chunks of a serial line."""
+        return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,26 +248,46 @@ def first_metadata(path: Path, name: str) -> dict[str, str]:
     return {}
 
 
-def messages(path: Path, topics: Sequence[str]) -> Iterator[Record]:
-    """Yield the messages of some topics in log-time order, ties in file order.
+def messages(path: Path, topics: Sequence[str]) -> Iterator[Message]:
+    """Yield the messages of some topics of one file; see `messages_of`."""
+    return messages_of([path], topics)
 
-    A whole file is read chunk by chunk through its index. A truncated one has none: it is read up
-    to the break into memory and sorted.
+
+def messages_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[Message]:
+    """Yield the messages of some topics of all parts in log-time order, ties in file order.
+
+    Raises
+    ------
+    ConfigError when a file cannot be read or is damaged.
+    """
+    held: list[Message] = []
+    for piece, following_ns in pieces_of(parts, topics):
+        for topic, column in piece.read().items():
+            held += [
+                Message(t_ns, (piece.part, piece.offset, start), topic, column.data[start:stop])
+                for t_ns, start, stop in column.spans
+            ]
+        held.sort()
+        ready = bisect_left(held, following_ns, key=lambda item: item.t_ns)
+        yield from held[:ready]
+        del held[:ready]
+
+
+def pieces_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[tuple[Piece, int]]:
+    """Yield the pieces of all parts by their first time, and what no later piece precedes [ns].
+
+    A whole file is read chunk by chunk through its index; a truncated one has none and is one
+    piece, read into memory up to the break.
+
+    Raises
+    ------
+    ConfigError when a file cannot be read.
     """
     wanted = set(topics)
-    with _open(path) as file:
-        summary = _summary(file)
-        if summary is not None and summary.chunk_indexes:
-            yield from _indexed(path, file, summary, wanted)
-            return
-    names: dict[int, str] = {}
-    found: list[Record] = []
-    for record in _stream(path, _Ended()):
-        if isinstance(record, Channel):
-            names[record.id] = record.topic
-        elif isinstance(record, Message) and names.get(record.channel_id) in wanted:
-            found.append(Record(names[record.channel_id], record.log_time, record.data))
-    yield from sorted(found, key=lambda record: record.t_ns)
+    found = [piece for number, path in enumerate(parts) for piece in _pieces(path, number, wanted)]
+    found.sort(key=lambda piece: (piece.start_ns, piece.part, piece.offset))
+    following_ns = [*(piece.start_ns for piece in found[1:]), END_NS]
+    yield from zip(found, following_ns, strict=False)
 
 
 def _whole_contents(file: IO[bytes]) -> Contents | None:
@@ -262,49 +314,83 @@ def _summary(file: IO[bytes]) -> Summary | None:
         return None
 
 
-def _indexed(path: Path, file: IO[bytes], summary: Summary, wanted: set[str]) -> Iterator[Record]:
-    """Yield the messages of a whole file; holds as many chunks as overlap in time."""
-    topics = {i: c.topic for i, c in summary.channels.items() if c.topic in wanted}
-    chunks = sorted(
-        summary.chunk_indexes, key=lambda c: (c.message_start_time, c.chunk_start_offset)
-    )
-    starts = [chunk.message_start_time for chunk in chunks[1:]]
-    held: list[tuple[int, int, int, str, bytes]] = []  # time, place in the file, topic, data
-    for position, index in enumerate(chunks):
-        offset = index.chunk_start_offset
-        try:
-            file.seek(offset + 9)
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A piece of a file that can be read on its own."""
+
+    start_ns: int
+    part: int
+    offset: int
+    read: Callable[[], dict[str, Column]]  # by topic; raises ConfigError when it is damaged
+
+
+def _pieces(path: Path, part: int, wanted: set[str]) -> Iterator[Piece]:
+    with _open(path) as file:
+        summary = _summary(file)
+    if summary is not None and summary.chunk_indexes:
+        topics = {i: c.topic for i, c in summary.channels.items() if c.topic in wanted}
+        for index in summary.chunk_indexes:
+            start_ns, offset = index.message_start_time, index.chunk_start_offset
+            yield Piece(
+                start_ns, part, offset, partial(_read_chunk, path, offset, start_ns, topics)
+            )
+        return
+    found = _streamed(path, wanted)
+    times_ns = [t_ns for column in found.values() for t_ns, _, _ in column.spans]
+    if times_ns:
+        yield Piece(min(times_ns), part, 0, lambda: found)
+
+
+def _streamed(path: Path, wanted: set[str]) -> dict[str, Column]:
+    """Return the messages of a file without an index, up to its end or break."""
+    names: dict[int, str] = {}
+    data = bytearray()
+    spans: dict[str, list[tuple[int, int, int]]] = {}
+    for record in _stream(path, _Ended()):
+        if isinstance(record, Channel):
+            names[record.id] = record.topic
+        elif isinstance(record, McapMessage) and names.get(record.channel_id) in wanted:
+            if record.log_time >= END_NS:
+                raise ConfigError(f"{path}: damaged: a message at {record.log_time} ns")
+            start = len(data)
+            data += record.data
+            span = (record.log_time, start, len(data))
+            spans.setdefault(names[record.channel_id], []).append(span)
+    whole = bytes(data)
+    return {topic: Column(whole, found) for topic, found in spans.items()}
+
+
+def _read_chunk(
+    path: Path, offset: int, start_ns: int, topics: Mapping[int, str]
+) -> dict[str, Column]:
+    try:
+        with _open(path) as file:
+            file.seek(offset + _RECORD_HEAD.size)
             stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), True)
-            data = stream.read(size)
-            found = _chunk_messages(data, offset, topics)
-            if found and min(found)[0] < index.message_start_time:
-                raise ValueError("messages before the time its index says")
-            held += found
-        except _BROKEN as error:
-            raise ConfigError(f"{path}: damaged at byte {offset}: {error}") from error
-        held.sort()
-        ready = len(held)
-        if position < len(starts):
-            ready = bisect_left(held, starts[position], key=lambda item: item[0])
-        for t_ns, _, _, topic, payload in held[:ready]:
-            yield Record(topic, t_ns, payload)
-        del held[:ready]
-
-
-def _chunk_messages(
-    data: bytes, chunk: int, topics: Mapping[int, str]
-) -> list[tuple[int, int, int, str, bytes]]:
-    found = []
-    at = 0
-    while at < len(data):
-        opcode, length = _RECORD_HEAD.unpack_from(data, at)
-        start, at = at + _RECORD_HEAD.size, at + _RECORD_HEAD.size + length
-        if opcode == Opcode.MESSAGE:
-            channel, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(data, start)
-            topic = topics.get(channel)
-            if topic is not None:
-                found.append((t_ns, chunk, start, topic, data[start + _MESSAGE_HEAD.size : at]))
+            found = _columns(stream.read(size), topics)
+        times_ns = [t_ns for column in found.values() for t_ns, _, _ in column.spans]
+        if times_ns and not start_ns <= min(times_ns) <= max(times_ns) < END_NS:
+            raise ValueError("messages before the time its index says, or after every time")
+    except _BROKEN as error:
+        raise ConfigError(f"{path}: damaged at byte {offset}: {error}") from error
     return found
+
+
+def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
+    """Return the messages in a chunk by topic."""
+    spans: dict[int, list[tuple[int, int, int]]] = {channel: [] for channel in topics}
+    at, size, head, body = 0, len(data), _RECORD_HEAD.size, _RECORD_HEAD.size + _MESSAGE_HEAD.size
+    unpack, message = _RECORD.unpack_from, int(Opcode.MESSAGE)
+    padded = data + bytes(_RECORD.size)
+    while at < size:
+        opcode, length, channel, t_ns = unpack(padded, at)
+        stop = at + head + length
+        if opcode == message and channel in spans:
+            spans[channel].append((t_ns, at + body, stop))
+        at = stop
+    if at > size:
+        raise ValueError("a record longer than its chunk")
+    return {topics[channel]: Column(data, found) for channel, found in spans.items() if found}
 
 
 @dataclass(slots=True)

@@ -7,13 +7,12 @@ the last one is kept in a file of the directory, which outlives the recordings t
 
 from __future__ import annotations
 
-import heapq
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from file_delivery.durable import replace_file
-from fsw.exchange.recording import Contents, Record, contents, first_metadata, messages
+from fsw.exchange.recording import Contents, contents, first_metadata
 from fsw.messages.errors import ConfigError
 
 _NAME = re.compile(r"(?P<first>recording_(?P<number>\d{4,}))(?:_(?P<part>\d{4,}))?\.mcap")
@@ -95,8 +94,3 @@ def contents_of(parts: Sequence[Path]) -> Contents:
         metadata={name: data for part in held for name, data in part.metadata.items()},
         truncated=any(part.truncated for part in held),
     )
-
-
-def messages_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[Record]:
-    """Yield the messages of some topics of all parts in log-time order, ties in file order."""
-    return heapq.merge(*(messages(path, topics) for path in parts), key=lambda record: record.t_ns)

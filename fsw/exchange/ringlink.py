@@ -7,15 +7,9 @@ import struct
 from dataclasses import replace
 from enum import IntEnum
 
-from fsw.exchange.recording import raw_traffic
+from fsw.drivers.wire import ByteChunk, rows_of
 from fsw.exchange.ring import RingReader, RingRecord, RingWriter
-from fsw.exchange.sinks import (
-    CanTraffic,
-    Message,
-    RawTraffic,
-    SerialTraffic,
-    StatusReport,
-)
+from fsw.exchange.sinks import CanTraffic, Message, SerialTraffic, StatusReport
 from fsw.messages import Snapshot
 from fsw.messages.commands import Command
 
@@ -28,34 +22,42 @@ _STAMPED = struct.Struct("<qI")  # stamp [ns], length
 class Kind(IntEnum):
     """The type of a ring record."""
 
-    TRAFFIC = 2  # bytes of a link as they are recorded
+    FRAMES = 2  # of a bus, as they are in memory
+    CHUNKS = 4  # of a serial line
     MESSAGE = 3  # any other message, pickled
     END = 12
     COMMAND = 20  # service to loop
 
 
-def pack_traffic(traffic: RawTraffic) -> bytes:
-    """Return traffic as bytes: topic, encoding, then stamp, length and bytes of every record."""
-    parts = []
-    for name in (traffic.topic.encode(), traffic.encoding.encode()):
-        parts += [bytes((len(name),)), name]
-    for t_ns, data in traffic.records:
-        parts += [_STAMPED.pack(t_ns, len(data)), data]
+def pack_frames(traffic: CanTraffic) -> bytes:
+    """Return traffic of a bus as bytes: the bus, then the frames as they are in memory."""
+    name = traffic.bus.encode()
+    return bytes((len(name),)) + name + traffic.frames.tobytes()
+
+
+def pack_chunks(traffic: SerialTraffic) -> bytes:
+    """Return traffic of a line as bytes: device, then stamp, length and bytes of every chunk."""
+    name = traffic.device.encode()
+    parts = [bytes((len(name),)), name]
+    for chunk in traffic.chunks:
+        parts += [_STAMPED.pack(chunk.t_ns, len(chunk.data)), chunk.data]
     return b"".join(parts)
 
 
-def unpack_traffic(payload: bytes) -> RawTraffic:
-    """Return the traffic that `pack_traffic` packed."""
-    middle = 1 + payload[0]
-    offset = middle + 1 + payload[middle]
-    records = []
-    names = payload[1:middle].decode(), payload[middle + 1 : offset].decode()
+def unpack_traffic(record: RingRecord) -> CanTraffic | SerialTraffic:
+    """Return the traffic that `pack_frames` or `pack_chunks` packed."""
+    payload = record.payload
+    offset = 1 + payload[0]
+    name = payload[1:offset].decode()
+    if record.kind == Kind.FRAMES:
+        return CanTraffic(name, rows_of(payload[offset:]))
+    chunks = []
     while offset < len(payload):
         t_ns, length = _STAMPED.unpack_from(payload, offset)
         offset += _STAMPED.size
-        records.append((t_ns, payload[offset : offset + length]))
+        chunks.append(ByteChunk(t_ns, payload[offset : offset + length]))
         offset += length
-    return RawTraffic(*names, records)
+    return SerialTraffic(name, chunks)
 
 
 class RingSink:
@@ -66,8 +68,11 @@ class RingSink:
 
     def put(self, message: Message) -> None:
         """Pass a message; a snapshot goes without its blocks, since the service has seen them."""
-        if isinstance(message, CanTraffic | SerialTraffic):
-            self._ring.push(Kind.TRAFFIC, pack_traffic(raw_traffic(message)))
+        if isinstance(message, CanTraffic):
+            self._ring.push(Kind.FRAMES, pack_frames(message))
+            return
+        if isinstance(message, SerialTraffic):
+            self._ring.push(Kind.CHUNKS, pack_chunks(message))
             return
         if isinstance(message, Snapshot):
             message = replace(message, blocks=())
@@ -83,8 +88,8 @@ class RingSink:
 
 def message_of(record: RingRecord) -> Message | None:
     """Return the loop's message of a record; None for a record of another kind."""
-    if record.kind == Kind.TRAFFIC:
-        return unpack_traffic(record.payload)
+    if record.kind in (Kind.FRAMES, Kind.CHUNKS):
+        return unpack_traffic(record)
     if record.kind == Kind.MESSAGE:
         message: Message = pickle.loads(record.payload)
         return message

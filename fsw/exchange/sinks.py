@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.drivers.wire import ByteChunk, FrameArray
 from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.commands import Reply
 
 Record = Mapping[str, Any]  # plain JSON values only
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CanTraffic:
     """Frames of a bus, sent and received, in the order the sources saw them."""
 
     bus: str
-    frames: Sequence[CanFrame]
+    frames: FrameArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +27,6 @@ class SerialTraffic:
 
     device: str
     chunks: Sequence[ByteChunk]
-
-
-@dataclass(frozen=True, slots=True)
-class RawTraffic:
-    """Traffic of one link as a recording holds it: stamp [ns] and bytes of every message."""
-
-    topic: str
-    encoding: str
-    records: Sequence[tuple[int, bytes]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +63,6 @@ class StateRestored:
 Message = (
     CanTraffic
     | SerialTraffic
-    | RawTraffic
     | Block
     | Estimate
     | Event

@@ -13,7 +13,7 @@ from fsw.config import Config
 from fsw.health.incidents import Incidents
 from fsw.health.rotation import RotationMonitor
 from fsw.health.stuck import StuckScreen
-from fsw.messages import Event, Sample, Window
+from fsw.messages import Event, Samples, Window
 from fsw.messages.findings import Fault, Finding
 
 SLIP_WINDOW_S = 0.5
@@ -45,9 +45,9 @@ class Health:
         self._waiting: list[Finding] = []
         self._events: list[Event] = []
 
-    def screen(self, sample: Sample) -> Sample:
-        """Return a sample without the values of sensors that are stuck."""
-        return sample if self._stuck is None else self._stuck.screen(sample)
+    def screen(self, samples: Samples) -> Samples:
+        """Return samples without the values of sensors that are stuck."""
+        return samples if self._stuck is None else self._stuck.screen(samples)
 
     def take(self, findings: Iterable[Finding], now_ns: int) -> None:
         """Accept findings in order."""

@@ -8,17 +8,21 @@ that to the power k - 1. The bound is taken for a sensor three times quieter tha
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fsw.config import Config
-from fsw.messages import ImuSample, JointSample, Sample
+from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
 from fsw.messages.findings import Fault, Finding
 
 FALSE_ALARM = 1e-12  # per sample
 QUIETER = 3.0
 TORQUE_STEP_NM: Mapping[str, float] = {"classic": 1e-2, "fd": 1e-4}
 CLUSTER_SAMPLES = 3  # equal vectors of three noisy 24-bit readings: below 1e-12 for any real unit
+NEVER = 1 << 62
 REPEAT_NS = 100_000_000  # what is still stuck is reported again after so long
 
 
@@ -30,31 +34,50 @@ def equal_readings(step: float, sigma: float) -> int:
     return 1 + math.ceil(math.log(FALSE_ALARM) / math.log(chance))
 
 
-class _Run:
-    """Equal readings in a row of one channel."""
+class _Runs:
+    """Equal readings in a row of channels of one kind, over batches."""
 
-    __slots__ = ("_told_ns", "count", "limit", "newest")
+    def __init__(self, limits: Sequence[int], width: int) -> None:
+        self._limits = np.array([limit or NEVER for limit in limits])
+        self._newest = np.full((len(limits), width), np.nan)
+        self._counts = np.zeros(len(limits), np.int64)
+        self._reported_ns: dict[int, int] = {}
 
-    def __init__(self, limit: int) -> None:
-        self.limit = limit
-        self.count = 0
-        self.newest: object = None
-        self._told_ns: int | None = None
+    def stuck(self, channel: IntArray, readings: FloatArray) -> IntArray:
+        """Accept readings (k, width) of channels (k,), in order of channel.
 
-    def add(self, reading: object) -> bool:
-        """Accept a reading; True while the channel is stuck."""
-        if reading != self.newest:
-            self.newest, self.count, self._told_ns = reading, 1, None
-            return False
-        self.count += 1
-        return bool(self.limit) and self.count >= self.limit
+        Returns
+        -------
+        (k,) the length of the run each reading stands in, 0 where it is not stuck.
+        """
+        size, place = len(readings), np.arange(len(readings))
+        first = np.ones(size, np.bool_)
+        first[1:] = channel[1:] != channel[:-1]
+        heads = np.flatnonzero(first)
+        before = np.empty_like(readings)
+        before[1:] = readings[:-1]
+        before[heads] = self._newest[channel[heads]]
+        same = (readings == before).all(axis=1)
+        start = np.maximum.accumulate(np.where(first | ~same, place, 0))
+        counts = place - start + 1
+        counts += np.where(same[start], self._counts[channel], 0)  # a run of the batch before
+        tails = np.append(heads[1:], size) - 1
+        self._newest[channel[tails]], self._counts[channel[tails]] = readings[tails], counts[tails]
+        return np.where(counts >= self._limits[channel], counts, 0)
 
-    def is_to_be_told(self, t_ns: int) -> bool:
-        """Return whether a report is due: newly stuck, or stuck for long since the last report."""
-        if self._told_ns is not None and t_ns - self._told_ns < REPEAT_NS:
-            return False
-        self._told_ns = t_ns
-        return True
+    def reports(
+        self, channel: IntArray, counts: IntArray, t_ns: IntArray
+    ) -> Iterator[tuple[int, int, int]]:
+        """Yield channel, time and length of runs to report: newly stuck, and long ones again."""
+        if not (self._reported_ns or np.count_nonzero(counts)):
+            return
+        rows = zip(channel.tolist(), counts.tolist(), t_ns.tolist(), strict=True)
+        for owner, count, time_ns in rows:
+            if not count:
+                self._reported_ns.pop(owner, None)
+            elif time_ns - self._reported_ns.get(owner, -REPEAT_NS) >= REPEAT_NS:
+                self._reported_ns[owner] = time_ns
+                yield owner, time_ns, count
 
 
 class StuckScreen:
@@ -62,11 +85,12 @@ class StuckScreen:
 
     def __init__(self, config: Config) -> None:
         self._joints = [joint.name for joint in config.joints]
-        self._torque = [
-            _Run(equal_readings(j.torque_gain * TORQUE_STEP_NM[j.format], j.torque_noise_nm))
+        limits = [
+            equal_readings(j.torque_gain * TORQUE_STEP_NM[j.format], j.torque_noise_nm)
             for j in config.joints
         ]
-        self._gyro, self._acc = _Run(CLUSTER_SAMPLES), _Run(CLUSTER_SAMPLES)
+        self._torque = _Runs(limits, 1)
+        self._gyro, self._acc = _Runs([CLUSTER_SAMPLES], 3), _Runs([CLUSTER_SAMPLES], 3)
         self._found: list[Finding] = []
 
     def take(self) -> list[Finding]:
@@ -74,31 +98,50 @@ class StuckScreen:
         found, self._found = self._found, []
         return found
 
-    def screen(self, sample: Sample) -> Sample:
-        """Return the sample without its stuck values."""
-        if isinstance(sample, JointSample):
-            torque = sample.torque_nm
-            if torque is None:
-                return sample
-            run = self._torque[sample.joint]
-            if not run.add(torque):
-                return sample
-            self._tell(run, sample.t_receive_ns, Fault.TORQUE_STUCK, self._joints[sample.joint])
-            return replace(sample, torque_nm=None)
-        if isinstance(sample, ImuSample):
-            return self._inertial(sample)
-        return sample
+    def screen(self, samples: Samples) -> Samples:
+        """Return the samples without their stuck values."""
+        received_ns = samples.t_receive_ns
+        if isinstance(samples, JointSamples):
+            torque = samples.torque_nm[:, None]
+            stuck = self._look(
+                self._torque, samples.joint, torque, received_ns, Fault.TORQUE_STUCK, self._joints
+            )
+            if not np.count_nonzero(stuck):
+                return samples
+            return replace(samples, torque_nm=np.where(stuck, np.nan, samples.torque_nm))
+        if isinstance(samples, ImuSamples):
+            only = np.zeros(len(samples), np.int64)
+            rate, force = samples.w_NS_S_rad_s, samples.f_NS_S_m_s2
+            gyro = self._look(self._gyro, only, rate, received_ns, Fault.GYRO_STUCK, ["gyro"])
+            acc = self._look(
+                self._acc, only, force, received_ns, Fault.ACC_STUCK, ["accelerometer"]
+            )
+            if not np.count_nonzero(gyro | acc):
+                return samples
+            return replace(
+                samples,
+                w_NS_S_rad_s=np.where(gyro[:, None], np.nan, rate),
+                f_NS_S_m_s2=np.where(acc[:, None], np.nan, force),
+            )
+        return samples
 
-    def _inertial(self, sample: ImuSample) -> ImuSample:
-        rate, force = sample.w_NS_S_rad_s, sample.f_NS_S_m_s2
-        if rate is not None and self._gyro.add(rate):
-            self._tell(self._gyro, sample.t_receive_ns, Fault.GYRO_STUCK, "gyro")
-            sample = replace(sample, w_NS_S_rad_s=None)
-        if force is not None and self._acc.add(force):
-            self._tell(self._acc, sample.t_receive_ns, Fault.ACC_STUCK, "accelerometer")
-            sample = replace(sample, f_NS_S_m_s2=None)
-        return sample
-
-    def _tell(self, run: _Run, t_ns: int, fault: Fault, subject: str) -> None:
-        if run.is_to_be_told(t_ns):
-            self._found.append(Finding(t_ns, fault, subject, f"{run.count} equal readings"))
+    def _look(
+        self,
+        runs: _Runs,
+        channel: IntArray,
+        values: FloatArray,
+        t_ns: IntArray,
+        fault: Fault,
+        subjects: Sequence[str],
+    ) -> NDArray[np.bool_]:
+        """Return (k,) which values are stuck, and note what is to be reported."""
+        stuck = np.zeros(len(values), np.bool_)
+        usable = np.flatnonzero(~np.isnan(values[:, 0]))
+        order = usable[np.argsort(channel[usable], kind="stable")]
+        if order.size:
+            counts = runs.stuck(channel[order], values[order])
+            stuck[order] = counts > 0
+            for owner, time_ns, count in runs.reports(channel[order], counts, t_ns[order]):
+                text = f"{count} equal readings"
+                self._found.append(Finding(time_ns, fault, subjects[owner], text))
+        return stuck

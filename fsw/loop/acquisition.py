@@ -1,22 +1,33 @@
-"""Inputs of the loop: link + source + the items drained but not fed yet.
+"""Inputs of the loop: link + source + what was drained but not accepted yet.
 
-Two rules make what a source sees a function of recorded stamps alone. Per bus, frames are ordered
-as they were on the wire around a SYNC of ours, and stamps never run backwards. And items are fed up
-to a deadline: what is stamped later waits until the window has closed.
+Every tick drains the ports; what they gave is accepted in batches: ordered, recorded, decoded. Per
+bus, frames are ordered as they were on the wire around a SYNC of ours, and stamps never run
+backwards; the recording holds this order.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import Protocol
+
+import numpy as np
 
 from fsw.clock import Clock
-from fsw.drivers.wire import ByteChunk, BytePort, CanFrame, FramePort
+from fsw.drivers.wire import (
+    NO_FRAMES,
+    SFF_MASK,
+    ByteChunk,
+    BytePort,
+    CanFrame,
+    FrameArray,
+    FramePort,
+    frame_array,
+    frame_at,
+)
 from fsw.exchange.sinks import CanTraffic, SerialTraffic, Sink
 from fsw.loop.link import Link
-from fsw.messages import Event, Sample
+from fsw.messages import AttitudeSamples, Event, ImuSamples, JointSamples
 from fsw.messages.findings import Finding
 
 COB_SYNC = 0x080
@@ -27,8 +38,6 @@ QUIET_NS = 1_000_000_000  # between two events of one kind
 BACK_TOLERANCE_NS = 1_000_000  # of two clocks read at different moments; less than a period
 LATE_NS = 100_000_000  # what was sent and has not come back by then never will
 
-Item = TypeVar("Item", CanFrame, ByteChunk)
-
 
 class FrameSource(Protocol):
     """Codec and counters of one bus's joint nodes."""
@@ -38,7 +47,7 @@ class FrameSource(Protocol):
         """Counters by name."""
         ...
 
-    def feed(self, frames: Sequence[CanFrame]) -> Sequence[Sample]:
+    def feed(self, frames: FrameArray) -> JointSamples:
         """Decode frames in order."""
         ...
 
@@ -75,7 +84,7 @@ class ChunkSource(Protocol):
         """Counters by name."""
         ...
 
-    def feed(self, chunks: Sequence[ByteChunk]) -> Sequence[Sample]:
+    def feed(self, chunks: Sequence[ByteChunk]) -> ImuSamples | AttitudeSamples:
         """Decode chunks in order."""
         ...
 
@@ -142,13 +151,22 @@ class BusInput:
         self.overflowed = 0  # received frames the port had no room for
         self.unsent = 0  # frames its transmit queue had no room for
         self._trouble = (0, 0)  # of both, as last reported
-        self._told_ns = self._newest_ns
-        self.pending: list[CanFrame] = []
+        self._reported_ns = self._newest_ns
+        self._places = np.zeros(SFF_MASK + 1, np.bool_)  # identifiers of configured nodes
+        for node in nodes:
+            self._places[node :: NODE_MASK + 1] = True
+        self._read = NO_FRAMES
+        self._accepted = NO_FRAMES
 
     @property
     def link(self) -> Link[FramePort]:
         """The active bus."""
         return self.links[0 if self.selector is None else self.selector.active]
+
+    @property
+    def waiting(self) -> int:
+        """Frames accepted and not decoded yet."""
+        return len(self._accepted)
 
     def summary(self) -> dict[str, int | str]:
         """Return the bus's own health as plain values."""
@@ -180,6 +198,7 @@ class BusInput:
     def drain_idle(link: Link[FramePort]) -> None:
         """Forget what a bus that is not active holds. Raises PortError."""
         if link.port is not None:
+            link.port.drain()
             link.port.read()
 
     def select(self, sink: Sink) -> bool:
@@ -190,43 +209,62 @@ class BusInput:
         before = self.link
         reason = self.selector.poll(now_ns, (self.links[0].up, self.links[1].up))
         if reason:
+            self._keep(before)
             self._talking_since_ns, self._awaited = None, []
             text = f"{before.name}: {reason}; {self.link.name} is active"
             sink.put(Event(now_ns, "high", "BUS_SWITCHED", text))
         return bool(reason)
 
-    def drain(self, sink: Sink) -> None:
-        """Read the port, put sent frames in their place, record. Raises PortError."""
-        port = self.link.port
-        read = port.read() if port is not None else []
-        if port is not None:
-            self.overflowed += port.take_dropped()
-            self._tell_trouble(sink)
-        frames = self._in_order(read)
-        if not frames:
+    def drain(self) -> None:
+        """Take what the port has. Raises PortError."""
+        if self.link.port is not None:
+            self.link.port.drain()
+
+    def keep(self) -> None:
+        """Take over what the port has drained, which is about to close or to be accepted."""
+        self._keep(self.link)
+
+    def _keep(self, link: Link[FramePort]) -> None:
+        if link.port is not None:
+            frames = link.port.read()
+            self._read = np.concatenate([self._read, frames]) if len(self._read) else frames
+
+    def accept(self, sink: Sink) -> None:
+        """Put what was drained and sent in order, record it, start nodes that wait for it.
+
+        Raises PortError when a node cannot be started.
+        """
+        self.keep()
+        read, self._read = self._read, NO_FRAMES
+        if self.link.port is not None:
+            self.overflowed += self.link.port.take_dropped()
+            self._report_trouble(sink)
+        self._accepted = self._in_order(read)
+        if not len(self._accepted):
             return
-        self.pending += frames
-        sink.put(CanTraffic(self.name, frames))
-        for frame in read:
-            node = frame.can_id & NODE_MASK
-            if node not in self._nodes or frame.is_error or frame.is_extended:
-                continue
-            if self.selector is not None and self._is_answer(frame):
+        sink.put(CanTraffic(self.name, self._accepted))
+        words = read["word"]
+        own = words <= SFF_MASK
+        own[own] = self._places[words[own]]
+        if self.selector is not None and self._talking_since_ns is not None:
+            # older frames have waited in the port; their nodes may have toggled away since
+            answers = own & (read["t_ns"] >= self._talking_since_ns)
+            if np.count_nonzero(answers):
                 self.selector.hear()
-            if frame.can_id == COB_HEARTBEAT + node and frame.data in NOT_STARTED:
-                self._send(*self._nodes[node])
+        for row in np.flatnonzero(own & (words & ~np.uint32(NODE_MASK) == COB_HEARTBEAT)).tolist():
+            frame = frame_at(read, row)
+            if frame.data in NOT_STARTED:
+                self._send(*self._nodes[frame.can_id & NODE_MASK])
 
     def first_sync_ns(self) -> int | None:
-        """Stamp of the first SYNC among what waits to be fed [ns]."""
-        for frame in self.pending:
-            if frame.can_id == COB_SYNC and not frame.is_extended and not frame.is_error:
-                return frame.t_ns
-        return None
+        """Stamp of the first SYNC among what was accepted [ns]."""
+        rows = np.flatnonzero(self._accepted["word"] == COB_SYNC)
+        return int(self._accepted["t_ns"][rows[0]]) if rows.size else None
 
-    def feed(self, until_ns: int) -> Sequence[Sample]:
-        """Decode what is stamped at or before `until_ns`."""
-        ready, self.pending = split(self.pending, until_ns)
-        return self.source.feed(ready) if ready else ()
+    def feed(self) -> JointSamples | None:
+        """Decode what was accepted; None where that was nothing."""
+        accepted, self._accepted = self._accepted, NO_FRAMES
+        return self.source.feed(accepted) if len(accepted) else None
 
     def watch(self, now_ns: int) -> None:
         """Report to the source whether it has its port; a lost port is an event."""
@@ -247,18 +285,11 @@ class BusInput:
             self._talking_since_ns = before_ns
         return True
 
-    def _is_answer(self, frame: CanFrame) -> bool:
-        """Return whether a frame came after the computer's first word on this bus.
-
-        Older ones have waited in the port; their nodes may have toggled away since.
-        """
-        return self._talking_since_ns is not None and frame.t_ns >= self._talking_since_ns
-
-    def _tell_trouble(self, sink: Sink) -> None:
+    def _report_trouble(self, sink: Sink) -> None:
         """Raise an event for frames lost in the port, at most one a second and kind."""
         trouble = (self.overflowed, self.unsent)
         now_ns = self._clock.now_ns()
-        if trouble == self._trouble or now_ns - self._told_ns < QUIET_NS:
+        if trouble == self._trouble or now_ns - self._reported_ns < QUIET_NS:
             return
         kinds = (
             ("CAN_OVERFLOW", "received frames found no room"),
@@ -266,21 +297,20 @@ class BusInput:
         )
         for (code, text), before, count in zip(kinds, self._trouble, trouble, strict=True):
             if count > before:
-                told = f"{self.name}: {count - before} {text} ({count} in all)"
-                sink.put(Event(now_ns, "medium", code, told))
-        self._trouble, self._told_ns = trouble, now_ns
+                report = f"{self.name}: {count - before} {text} ({count} in all)"
+                sink.put(Event(now_ns, "medium", code, report))
+        self._trouble, self._reported_ns = trouble, now_ns
 
-    def _in_order(self, read: list[CanFrame]) -> list[CanFrame]:
+    def _in_order(self, read: FrameArray) -> FrameArray:
         """Merge sent and read frames; stamps never run backwards."""
         frames = self._with_sent(read) if self._sent or self._awaited else read
-        for i, frame in enumerate(frames):
-            if frame.t_ns < self._newest_ns:
-                frames[i] = replace(frame, t_ns=self._newest_ns)
-            else:
-                self._newest_ns = frame.t_ns
+        if len(frames):
+            t_ns = np.maximum.accumulate(np.maximum(frames["t_ns"], self._newest_ns))
+            frames["t_ns"] = t_ns
+            self._newest_ns = int(t_ns[-1])
         return frames
 
-    def _with_sent(self, read: list[CanFrame]) -> list[CanFrame]:
+    def _with_sent(self, read: FrameArray) -> FrameArray:
         """Put what was sent where the bus handed it back, with the stamp it has there.
 
         That stamp is the kernel's: ours, taken after sending, is late by whatever came between. A
@@ -288,38 +318,44 @@ class BusInput:
         come back stands before all that is stamped after its sending began; when it comes later,
         it is there already.
         """
-        now_ns, rest = self._clock.now_ns(), list(read)
-        frames: list[CanFrame] = []
-        sent = [(item, _take_back(rest, item)) for item in self._sent]
-        missing = [
+        now_ns = self._clock.now_ns()
+        identifiers = {item.can_id for _, item in (*self._sent, *self._awaited)}
+        rows = np.flatnonzero(np.isin(read["word"], list(identifiers))).tolist()
+        back = {row: frame_at(read, row) for row in rows}
+        sent = [(item, _take_back(back, item)) for item in self._sent]
+        self._awaited = [
             item
             for item in self._awaited
-            if _take_back(rest, item) is None and now_ns - item[0] < LATE_NS
+            if _take_back(back, item) is None and now_ns - item[0] < LATE_NS
         ]
-        others = deque(rest)
-        for item, back in sent:
-            first_after_ns, own = item
-            if back is not None:
-                first_after_ns = max(first_after_ns, back.t_ns)
-                own = replace(own, t_ns=first_after_ns)
+        self._sent = []
+        own, after_ns, newest_ns = [], [], 0
+        for item, frame in sent:
+            first_after_ns, stamped = item
+            if frame is not None:
+                first_after_ns = max(first_after_ns, frame.t_ns)
+                stamped = replace(stamped, t_ns=first_after_ns)
             elif self.link.port is not None and self.link.port.hands_back:
-                missing.append(item)
-            while others and others[0].t_ns < first_after_ns:
-                frames.append(others.popleft())
-            frames.append(own)
-        self._sent, self._awaited = [], missing
-        return frames + list(others)
+                self._awaited.append(item)
+            newest_ns = max(newest_ns, first_after_ns)
+            own.append(stamped)
+            after_ns.append(newest_ns)
+        foreign = np.ones(len(read), np.bool_)
+        foreign[[row for row in rows if row not in back]] = False
+        others = read[foreign]
+        places = np.searchsorted(np.maximum.accumulate(others["t_ns"]), after_ns)
+        merged: FrameArray = np.insert(others, places, frame_array(own))
+        return merged
 
 
-def _take_back(read: list[CanFrame], item: tuple[int, CanFrame]) -> CanFrame | None:
+def _take_back(read: dict[int, CanFrame], item: tuple[int, CanFrame]) -> CanFrame | None:
     """Remove and return a frame as it has come back, if it has; with when its sending began."""
     before_ns, sent = item
-    for frame in read:
+    for row, frame in read.items():
         if (frame.can_id, frame.data) == (sent.can_id, sent.data) and not (
-            frame.is_error or frame.is_extended or frame.t_ns < before_ns - BACK_TOLERANCE_NS
+            frame.t_ns < before_ns - BACK_TOLERANCE_NS
         ):
-            read.remove(frame)
-            return frame
+            return read.pop(row)
     return None
 
 
@@ -334,42 +370,35 @@ class LineInput:
         self.links = (link,)
         self.source = source
         self._start_bytes = start_bytes
-        self._fresh: list[ByteChunk] = []
-        self.pending: list[ByteChunk] = []
+        self._read: list[ByteChunk] = []
+        self._accepted: list[ByteChunk] = []
+
+    @property
+    def waiting(self) -> int:
+        """Chunks drained and not accepted yet."""
+        return len(self._read)
 
     def start(self) -> None:
         """Ask the device for its data. Raises PortError."""
         if self._start_bytes and self.link.port is not None:
             self.link.port.write(self._start_bytes)
 
-    def stamp(self) -> None:
-        """Read and stamp what is there; nothing else. Raises PortError."""
+    def drain(self) -> None:
+        """Read and stamp what is there. Raises PortError."""
         if self.link.port is not None:
-            self._fresh += self.link.port.read()
+            self._read += self.link.port.read()
 
-    def drain(self, sink: Sink) -> None:
-        """Read the port and record. Raises PortError."""
-        try:
-            self.stamp()
-        finally:
-            fresh, self._fresh = self._fresh, []
-            if fresh:
-                self.pending += fresh
-                sink.put(SerialTraffic(self.name, fresh))
+    def accept(self, sink: Sink) -> None:
+        """Record what was drained."""
+        self._accepted, self._read = self._read, []
+        if self._accepted:
+            sink.put(SerialTraffic(self.name, self._accepted))
 
-    def feed(self, until_ns: int) -> Sequence[Sample]:
-        """Decode what is stamped at or before `until_ns`."""
-        ready, self.pending = split(self.pending, until_ns)
-        return self.source.feed(ready) if ready else ()
+    def feed(self) -> ImuSamples | AttitudeSamples | None:
+        """Decode what was accepted; None where that was nothing."""
+        accepted, self._accepted = self._accepted, []
+        return self.source.feed(accepted) if accepted else None
 
     def watch(self, now_ns: int) -> None:
         """Look whether the device has fallen silent; a lost port is an event of its own."""
         self.source.watch(now_ns, up=self.link.up)
-
-
-def split(items: list[Item], until_ns: int) -> tuple[list[Item], list[Item]]:
-    """Return the leading items stamped at or before `until_ns`, and the rest."""
-    if not items or items[-1].t_ns <= until_ns:
-        return items, []
-    count = next(i for i, item in enumerate(items) if item.t_ns > until_ns)
-    return items[:count], items[count:]

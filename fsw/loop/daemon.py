@@ -30,7 +30,7 @@ from fsw.loop.command_queue import CommandQueue, settle
 from fsw.loop.inputs import Inputs
 from fsw.loop.loop_status import sample_status, tick_status, window_status
 from fsw.loop.science import Science
-from fsw.loop.window_work import WindowWork
+from fsw.loop.window_work import ENDED, WindowWork
 from fsw.messages import Estimate, Event, Window
 from fsw.messages.commands import Command
 from fsw.messages.errors import CommandError, EstimatorError, unforeseen
@@ -39,6 +39,14 @@ from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
 FOREVER_NS = 1 << 62
+MOST_STAGES = 10  # of a batch; where it has fewer ticks it is worked off at once
+BATCHES_TO_LOSE = 4  # a bus of a pair is lost after no fewer batches without a frame
+
+
+def batch_s(config: Config) -> float:
+    """Return how long a batch of inputs is [s]: shorter where a bus is lost after so little."""
+    lost_s = [bus.redundant.lost_after_s for bus in config.buses if bus.redundant is not None]
+    return min([config.scheduler.batch_s, *(s / BATCHES_TO_LOSE for s in lost_s)])
 
 
 class Daemon:
@@ -72,6 +80,10 @@ class Daemon:
         )
         self.hands_over = True  # the newest samples, where there is telemetry to take them
         self._science = None if telemetry is None or passive else Science()
+        self._batch_ticks = max(1, round(config.scheduler.tick_rate_hz * batch_s(config)))
+        self._next_batch = 0
+        self._batch: Generator[None, None, None] | None = None  # half worked off
+        self._accepted_ns = -1  # when it began
         self.latest: Estimate | None = None
         self.unusable_windows = 0
         self.executive = Executive(
@@ -129,6 +141,7 @@ class Daemon:
 
     def shutdown(self) -> Estimate | None:
         """Settle the estimator, publish the last estimate and status, release the ports."""
+        self._finish_batch()
         self._finish_windows()
         now_ns = self._clock.now_ns()
         stop = {"command": "end", "next_window": self.aligner.next_index}
@@ -186,7 +199,7 @@ class Daemon:
             Task("ingest", 1, self._ingest),
             *science,
             Task("estimate", 1, self._estimate),
-            Task("health", 1, self._health),
+            Task("health", self._batch_ticks, self._health),
             Task("commands", 1, self._commands),
             Task("links", max(1, round(rate_hz / 10.0)), self._retry),
             Task("status", status, self._status),
@@ -210,30 +223,53 @@ class Daemon:
         self._inputs.drain()
 
     def _ingest(self, tick: Tick) -> None:
+        """Begin a batch when it is due, and when a window is; do one stage of it a tick."""
+        deadline_ns = self.aligner.deadline_ns
+        is_closing = deadline_ns is not None and self._accepted_ns < deadline_ns <= tick.now_ns
+        if is_closing or tick.index >= self._next_batch:
+            self._finish_batch()
+            self._next_batch = (tick.index // self._batch_ticks + 1) * self._batch_ticks
+            self._accepted_ns, self._batch = tick.now_ns, self._stages(tick.now_ns)
+        if self._batch_ticks < MOST_STAGES:
+            self._finish_batch()
+        elif self._batch is not None:
+            self._batch = self._batch if next(self._batch, ENDED) is not ENDED else None
+
+    def _finish_batch(self) -> None:
+        """Do what is left of the batch in progress."""
+        batch, self._batch = self._batch, None
+        for _ in batch or ():
+            pass
+
+    def _stages(self, now_ns: int) -> Generator[None, None, None]:
+        """Accept and decode what has come by now, close the windows due by now; in bounded stages.
+
+        What comes meanwhile is of the next batch.
+        """
         align = self.aligner
+        self._inputs.accept()
         if not align.started:
             first = self._inputs.first_sync_ns()
-            if first is None:
-                self._feed(FOREVER_NS)
-                return
-            align.start(first)
+            if first is not None:
+                align.start(first)
+        for member in self._inputs:
+            yield
+            samples = member.feed()
+            if samples is None or not len(samples):
+                continue
+            yield
+            align.push(self.health.screen(samples))
+            if self._science is not None:
+                self._science.keep(samples)
         while (deadline_ns := align.deadline_ns) is not None:
-            self._feed(deadline_ns)
-            if deadline_ns > tick.now_ns or align.next_index >= self._window_limit:
+            if deadline_ns > now_ns or align.next_index >= self._window_limit:
                 break
             self._windows.add(align.close(deadline_ns))
+        for member in self._inputs:
+            member.watch(now_ns)
         for bus in self._inputs.buses:
             for severity, code, text in bus.source.events():
                 self._report(severity, code, text)
-
-    def _feed(self, until_ns: int) -> None:
-        push, screen = self.aligner.push, self.health.screen
-        for member in self._inputs:
-            samples = member.feed(until_ns)
-            for sample in samples:
-                push(screen(sample))
-            if samples and self._science is not None:
-                self._science.keep(samples)
 
     def _estimate(self, _tick: Tick) -> None:
         """Do one unit of work, none where a window has just closed; work off a backlog at once."""
@@ -292,7 +328,6 @@ class Daemon:
     def _health(self, tick: Tick) -> None:
         health, pipeline = self.health, self._pipeline
         for member in self._inputs:
-            member.watch(tick.now_ns)
             health.take(member.source.findings(), tick.now_ns)
         # the estimator first: what does not fit the model explains what does not fit its window
         for part in (pipeline.estimator, pipeline.conditioner):

@@ -61,16 +61,25 @@ class Inputs:
         self._guard(bus.link, bus.send_heartbeat)
 
     def drain(self) -> None:
-        """Read everything that has come; change to the other bus of a pair where it must be."""
+        """Take what the buses have; change to the other bus of a pair where it must be.
+
+        The bytes of lines are read when they come.
+        """
         for bus in self.buses:
-            self._guard(bus.link, partial(bus.drain, self._sink))
-            for link in bus.idle_links:
-                self._guard(link, partial(bus.drain_idle, link))
+            self._guard(bus.link, bus.drain)
             if bus.select(self._sink):
                 self._guard(bus.link, bus.start_nodes)
                 self._guard(bus.link, bus.send_heartbeat)
+
+    def accept(self) -> None:
+        """Order and record what has come."""
+        self.stamp_lines()
+        for bus in self.buses:
+            self._guard(bus.link, partial(bus.accept, self._sink))
+            for link in bus.idle_links:
+                self._guard(link, partial(bus.drain_idle, link))
         for line in self.lines:
-            self._guard(line.link, partial(line.drain, self._sink))
+            line.accept(self._sink)
 
     def first_sync_ns(self) -> int | None:
         """Return the stamp of the first SYNC of any bus; None before it."""
@@ -97,7 +106,7 @@ class Inputs:
     def stamp_lines(self) -> None:
         """Read the serial lines between two ticks, so that their bytes have a time of their own."""
         for line in self.lines:
-            self._guard(line.link, line.stamp)
+            self._guard(line.link, line.drain)
 
     def close(self) -> None:
         """Release every port."""
@@ -110,6 +119,9 @@ class Inputs:
         try:
             action()
         except PortError as error:
+            for bus in self.buses:
+                if bus.link is link:
+                    bus.keep()
             now_ns = self._clock.now_ns()
             link.lose(now_ns)
             self._sink.put(Event(now_ns, "high", "PORT_LOST", f"{link.name} lost: {error}"))

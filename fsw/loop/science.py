@@ -6,11 +6,14 @@ The loop packs it; the service only puts headers around it. Order and types are 
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 
+import numpy as np
+
 from fsw.config.telemetry import JOINT_SLOTS
-from fsw.messages import AttitudeSample, ImuSample, JointSample, Sample
+from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
 
 _RECORD = struct.Struct(">4dH16d10dd")
 _GYRO, _ACC, _ATTITUDE, _FIRST_JOINT = 0, 1, 2, 8
@@ -27,33 +30,40 @@ class Science:
         self._times_ns = [0, 0, 0, 0]  # joint, gyro, accelerometer, attitude
         self._fresh = 0
 
-    def keep(self, samples: Sequence[Sample]) -> None:
-        """Remember what one source just gave."""
-        for sample in samples:
-            if isinstance(sample, JointSample):
-                place = sample.joint
-                if place < JOINT_SLOTS:
-                    self._joints[2 * place] = sample.position_rad
-                    if sample.torque_nm is not None:
-                        self._joints[2 * place + 1] = sample.torque_nm
-                    self._times_ns[0] = sample.t_ns
-                    self._fresh |= 1 << (_FIRST_JOINT + place)
-            elif isinstance(sample, ImuSample):
-                self._keep_imu(sample)
-            elif isinstance(sample, AttitudeSample):
-                self._attitude = sample.q_NB_xyzw
-                self._times_ns[3] = sample.t_ns
-                self._fresh |= 1 << _ATTITUDE
+    def keep(self, samples: Samples) -> None:
+        """Remember the newest of what one source just gave."""
+        if isinstance(samples, JointSamples):
+            for joint, position, torque in zip(
+                samples.joint.tolist(),
+                samples.position_rad.tolist(),
+                samples.torque_nm.tolist(),
+                strict=True,
+            ):
+                if joint < JOINT_SLOTS:
+                    self._joints[2 * joint] = position
+                    if not math.isnan(torque):
+                        self._joints[2 * joint + 1] = torque
+                    self._fresh |= 1 << (_FIRST_JOINT + joint)
+            self._times_ns[0] = int(samples.t_ns[-1])
+        elif isinstance(samples, ImuSamples):
+            self._gyro = self._newest(_GYRO, samples.w_NS_S_rad_s, samples.t_gyro_ns, self._gyro)
+            self._acc = self._newest(_ACC, samples.f_NS_S_m_s2, samples.t_acc_ns, self._acc)
+        else:
+            self._attitude = self._newest(
+                _ATTITUDE, samples.q_NB_xyzw, samples.t_ns, self._attitude
+            )
 
-    def _keep_imu(self, sample: ImuSample) -> None:
-        if sample.w_NS_S_rad_s is not None:
-            self._gyro = sample.w_NS_S_rad_s
-            self._times_ns[1] = sample.t_gyro_ns
-            self._fresh |= 1 << _GYRO
-        if sample.f_NS_S_m_s2 is not None:
-            self._acc = sample.f_NS_S_m_s2
-            self._times_ns[2] = sample.t_acc_ns
-            self._fresh |= 1 << _ACC
+    def _newest(
+        self, bit: int, values: FloatArray, t_ns: IntArray, before: Sequence[float]
+    ) -> Sequence[float]:
+        """Return the newest usable value; the one before where there is none."""
+        usable = np.flatnonzero(~np.isnan(values[:, 0]))
+        if not usable.size:
+            return before
+        self._times_ns[1 + bit] = int(t_ns[usable[-1]])
+        self._fresh |= 1 << bit
+        newest: list[float] = values[usable[-1]].tolist()
+        return newest
 
     def record(self, nis: float) -> bytes:
         """Return the record; `nis` of the newest window."""

@@ -16,44 +16,53 @@ FloatArray = NDArray[np.float64]
 MAX_EVENT_TEXT = 1000  # characters
 
 
-@dataclass(frozen=True, slots=True)
-class JointSample:
-    """One joint node's latched position and link-side torque (TPDO1 or its FD tailoring)."""
-
-    t_ns: int  # time of validity (stamp of the SYNC that latched it, plus the latch offset)
-    t_receive_ns: int
-    joint: int  # index in the configured joint list
-    seq: int  # SYNC counter echoed
-    position_rad: float  # calibrated: sign and zero offset applied
-    torque_nm: float | None  # calibrated: sign, gain and offset applied; None: sensor at fault
-    status: int  # raw status bits
+IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class ImuSample:
-    """One IMU datagram; the clusters have their own times because group delays differ."""
+@dataclass(frozen=True, slots=True, eq=False)
+class JointSamples:
+    """Latched positions and link-side torques of joint nodes (TPDO1), in order of arrival."""
 
-    t_gyro_ns: int
-    t_acc_ns: int
-    t_receive_ns: int
-    seq: int  # unwrapped sample index on the device's own clock
-    w_NS_S_rad_s: tuple[float, float, float] | None  # None: cluster flagged unusable
-    f_NS_S_m_s2: tuple[float, float, float] | None  # specific force, None: cluster unusable
-    gyro_status: int
-    acc_status: int
+    t_ns: IntArray  # (k,) time of validity: stamp of the SYNC that latched it, plus latch offset
+    t_receive_ns: IntArray  # (k,)
+    joint: IntArray  # (k,) index in the configured joint list
+    position_rad: FloatArray  # (k,) calibrated: sign and zero offset applied
+    torque_nm: FloatArray  # (k,) calibrated: sign, gain and offset applied; NaN: sensor at fault
 
-
-@dataclass(frozen=True, slots=True)
-class AttitudeSample:
-    """One star-tracker solution, rotated to the spacecraft bus."""
-
-    t_ns: int
-    t_receive_ns: int
-    seq: int
-    q_NB_xyzw: tuple[float, float, float, float]
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t_ns)
 
 
-Sample = JointSample | ImuSample | AttitudeSample
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuSamples:
+    """Datagrams of an inertial unit; the clusters have times of their own (group delays)."""
+
+    t_gyro_ns: IntArray  # (k,)
+    t_acc_ns: IntArray  # (k,)
+    t_receive_ns: IntArray  # (k,)
+    w_NS_S_rad_s: FloatArray  # (k, 3), NaN: cluster not usable
+    f_NS_S_m_s2: FloatArray  # (k, 3) specific force, NaN: cluster not usable
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t_gyro_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttitudeSamples:
+    """Star-tracker solutions, rotated to the spacecraft bus."""
+
+    t_ns: IntArray  # (k,)
+    t_receive_ns: IntArray  # (k,)
+    q_NB_xyzw: FloatArray  # (k, 4)
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t_ns)
+
+
+Samples = JointSamples | ImuSamples | AttitudeSamples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,55 +6,98 @@ samples it holds depends on recorded stamps only, never on when the loop looked.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.config import Config
-from fsw.messages import ChannelWindow, ImuSample, JointSample, Sample, Window
+from fsw.messages import (
+    ChannelWindow,
+    FloatArray,
+    ImuSamples,
+    IntArray,
+    JointSamples,
+    Samples,
+    Window,
+)
 
 FRESHNESS_PERIODS = 5.0  # a channel silent for longer than this many sample periods is stale
-SPARE_WINDOWS = 3  # open windows beyond those the lag needs; later validity times are absurd
-
-
-@dataclass(slots=True)
-class _Bin:
-    """Samples of one channel in one open window, in order of arrival."""
-
-    t_ns: list[int] = field(default_factory=list)
-    values: list[tuple[float, ...]] = field(default_factory=list)
+SPARE_WINDOWS = 3  # a sample valid by more than these after it was received is absurd
+_ONLY = np.zeros(1, np.int64)  # the one channel of a kind
+MAX_WAITING = 4096  # samples before the first SYNC
 
 
 @dataclass(slots=True)
 class _Channel:
-    """One aligned channel and its bounded bins, by window index."""
+    """Bounds of one channel in a window, and its newest sample."""
 
-    width: int
     min_count: int
     max_count: int
     freshness_ns: int
-    bins: dict[int, _Bin] = field(default_factory=dict)
     newest_ns: int | None = None
 
-    def close(self, index: int, stop_ns: int) -> ChannelWindow:
-        held = self.bins.pop(index, None)
-        if held is None:
-            t_ns = np.empty(0, dtype=np.int64)
-            values = np.empty((0, self.width))
-        else:
-            t_ns = np.array(held.t_ns, dtype=np.int64)
-            values = np.array(held.values, dtype=np.float64).reshape(-1, self.width)
-            if t_ns.size > 1 and bool(np.any(np.diff(t_ns) < 0)):
-                order = np.argsort(t_ns, kind="stable")
-                t_ns, values = t_ns[order], values[order]
+    def window(self, t_ns: IntArray, values: FloatArray, stop_ns: int) -> ChannelWindow:
+        """Return the channel's samples of a window, given in order of arrival."""
+        if (t_ns[1:] < t_ns[:-1]).any():
+            order = np.argsort(t_ns, kind="stable")
+            t_ns, values = t_ns[order], values[order]
+        if t_ns.size:
             self.newest_ns = max(int(t_ns[-1]), self.newest_ns or int(t_ns[-1]))
         t_ns.setflags(write=False)
         values.setflags(write=False)
         stale = self.newest_ns is None or stop_ns - self.newest_ns > self.freshness_ns
         return ChannelWindow(
             t_ns=t_ns, values=values, missing=t_ns.size < self.min_count, stale=stale
+        )
+
+
+class _Bins:
+    """Samples of channels of one kind in open windows, in order of arrival."""
+
+    def __init__(self, width: int, channels: Sequence[_Channel]) -> None:
+        self._width = width
+        self._channels = tuple(channels)
+        self._max_counts = np.array([channel.max_count for channel in channels])
+        self._parts: dict[int, list[tuple[IntArray, IntArray, FloatArray]]] = {}
+        self._counts: dict[int, IntArray] = {}  # samples of each channel, by window
+
+    def add(self, index: int, channel: IntArray, t_ns: IntArray, values: FloatArray) -> int:
+        """Put samples in a window; return how many found no room."""
+        held = self._counts.get(index)
+        if held is None:
+            held = np.zeros(len(self._channels), np.int64)
+            self._parts[index] = []
+        counts = held + np.bincount(channel, minlength=len(self._channels))
+        excess = counts - self._max_counts
+        if excess.max() <= 0:
+            self._counts[index] = counts
+            self._parts[index].append((channel, t_ns, values))
+            return 0
+        for k in np.flatnonzero(excess > 0).tolist():
+            last = np.flatnonzero(channel == k)[-int(excess[k]) :]
+            channel, t_ns = np.delete(channel, last), np.delete(t_ns, last)
+            values = np.delete(values, last, axis=0)
+        self._counts[index] = np.minimum(counts, self._max_counts)
+        self._parts[index].append((channel, t_ns, values))
+        return int(np.maximum(excess, 0).sum())
+
+    def close(self, index: int, stop_ns: int) -> tuple[ChannelWindow, ...]:
+        """Return a window's samples of every channel; it is not open any more."""
+        self._counts.pop(index, None)
+        parts = self._parts.pop(index, None)
+        if parts is None:
+            owner, t_ns = np.empty(0, np.int64), np.empty(0, np.int64)
+            values = np.empty((0, self._width))
+        else:
+            owner, t_ns, values = (np.concatenate(column) for column in zip(*parts, strict=True))
+        order = np.argsort(owner, kind="stable")
+        bounds = np.searchsorted(owner[order], np.arange(len(self._channels) + 1)).tolist()
+        t_ns, values = t_ns[order], values[order]
+        return tuple(
+            channel.window(t_ns[start:stop], values[start:stop], stop_ns)
+            for channel, start, stop in zip(self._channels, bounds[:-1], bounds[1:], strict=True)
         )
 
 
@@ -69,28 +112,29 @@ class Aligner:
     def __init__(self, config: Config, n_joints: int) -> None:
         self._window_ns = round(config.estimator.window_s * 1e9)
         self._lag_ns = round(config.estimator.lag_s * 1e9)
-        self._span = self._lag_ns // self._window_ns + 1 + SPARE_WINDOWS
         window_s, fill = config.estimator.window_s, config.estimator.min_fill_ratio
 
-        def channel(width: int, rate_hz: float) -> _Channel:
+        def channel(rate_hz: float) -> _Channel:
             expected = rate_hz * window_s
             return _Channel(
-                width=width,
                 min_count=max(1, int(fill * expected)),
                 max_count=int(4 * expected) + 16,
                 freshness_ns=round(FRESHNESS_PERIODS / rate_hz * 1e9),
             )
 
         rates = {bus.name: bus.rate_hz for bus in config.buses}
-        self._joints = [channel(2, rates[config.joints[i].bus]) for i in range(n_joints)]
+        joints = [channel(rates[joint.bus]) for joint in config.joints[:n_joints]]
+        self._joints = _Bins(2, joints)
         self._joint_names = [joint.name for joint in config.joints[:n_joints]]
-        self._gyro = channel(3, config.imu.rate_hz)
-        self._acc = channel(3, config.imu.rate_hz)
-        self._attitude = channel(4, config.star_tracker.rate_hz if config.star_tracker else 1.0)
+        self._gyro = _Bins(3, [channel(config.imu.rate_hz)])
+        self._acc = _Bins(3, [channel(config.imu.rate_hz)])
+        tracker = config.star_tracker
+        self._attitude = _Bins(4, [channel(tracker.rate_hz if tracker else 1.0)])
         self._t0_ns: int | None = None
         self._grid_ns: int | None = None  # of a run before, to be continued
         self._next = 0
-        self._waiting: list[Sample] = []
+        self._waiting: list[Samples] = []
+        self._waiting_count = 0
         self.late: dict[str, int] = dict.fromkeys([*self._joint_names, "imu", "star_tracker"], 0)
         self.early = 0
         self.future = 0
@@ -138,35 +182,38 @@ class Aligner:
             self._t0_ns = self._grid_ns
             self._next = -((self._grid_ns - first_ns) // self._window_ns)
         waiting, self._waiting = self._waiting, []
-        for sample in waiting:
-            self.push(sample)
+        for samples in waiting:
+            self.push(samples)
 
-    def push(self, sample: Sample) -> None:
-        """Put one sample into the window its time of validity lies in."""
+    def push(self, samples: Samples) -> None:
+        """Put samples into the windows their times of validity lie in."""
         if self._t0_ns is None:
-            if len(self._waiting) < 4096:
-                self._waiting.append(sample)
+            if self._waiting_count < MAX_WAITING:
+                self._waiting.append(samples)
+                self._waiting_count += len(samples)
             else:
-                self.overflow += 1
+                self.overflow += len(samples)
             return
-        received = sample.t_receive_ns
-        if isinstance(sample, JointSample):
-            torque_nm = math.nan if sample.torque_nm is None else sample.torque_nm
-            value = (sample.position_rad, torque_nm)
-            late = self._add(self._joints[sample.joint], sample.t_ns, received, value)
-            source = self._joint_names[sample.joint]
-        elif isinstance(sample, ImuSample):
-            late = False
-            if sample.w_NS_S_rad_s is not None:
-                late = self._add(self._gyro, sample.t_gyro_ns, received, sample.w_NS_S_rad_s)
-            if sample.f_NS_S_m_s2 is not None:
-                late |= self._add(self._acc, sample.t_acc_ns, received, sample.f_NS_S_m_s2)
-            source = "imu"
+        received_ns = samples.t_receive_ns
+        if isinstance(samples, JointSamples):
+            values = np.column_stack([samples.position_rad, samples.torque_nm])
+            late = self._add(self._joints, samples.joint, samples.t_ns, received_ns, values)
+            for joint in samples.joint[late].tolist():
+                self.late[self._joint_names[joint]] += 1
+        elif isinstance(samples, ImuSamples):
+            late = np.zeros(len(samples), np.bool_)
+            for bins, t_ns, values in (
+                (self._gyro, samples.t_gyro_ns, samples.w_NS_S_rad_s),
+                (self._acc, samples.t_acc_ns, samples.f_NS_S_m_s2),
+            ):
+                usable = ~np.isnan(values[:, 0])
+                late[usable] |= self._add(
+                    bins, _ONLY, t_ns[usable], received_ns[usable], values[usable]
+                )
+            self.late["imu"] += int(late.sum())
         else:
-            late = self._add(self._attitude, sample.t_ns, received, sample.q_NB_xyzw)
-            source = "star_tracker"
-        if late:
-            self.late[source] += 1
+            late = self._add(self._attitude, _ONLY, samples.t_ns, received_ns, samples.q_NB_xyzw)
+            self.late["star_tracker"] += int(late.sum())
 
     def close(self, now_ns: int) -> list[Window]:
         """Close every window whose deadline has come; empty ones too, marked missing."""
@@ -186,32 +233,43 @@ class Aligner:
             index=index,
             start_ns=start_ns,
             stop_ns=stop_ns,
-            joints=tuple(joint.close(index, stop_ns) for joint in self._joints),
-            gyro=self._gyro.close(index, stop_ns),
-            accelerometer=self._acc.close(index, stop_ns),
-            attitude=self._attitude.close(index, stop_ns),
+            joints=self._joints.close(index, stop_ns),
+            gyro=self._gyro.close(index, stop_ns)[0],
+            accelerometer=self._acc.close(index, stop_ns)[0],
+            attitude=self._attitude.close(index, stop_ns)[0],
         )
 
     def _deadline(self, index: int) -> int:
         return (self._t0_ns or 0) + (index + 1) * self._window_ns + self._lag_ns
 
-    def _add(self, channel: _Channel, t_ns: int, received_ns: int, value: Sequence[float]) -> bool:
-        """Store one value; True when it came too late."""
-        index = (t_ns - (self._t0_ns or 0)) // self._window_ns
-        if index < 0:
-            self.early += 1
-            return False
-        if index < self._next or received_ns > self._deadline(index):
-            return True
-        if index > self._next + self._span:
-            self.future += 1
-            return False
-        held = channel.bins.get(index)
-        if held is None:
-            held = channel.bins[index] = _Bin()
-        if len(held.t_ns) >= channel.max_count:
-            self.overflow += 1
-            return False
-        held.t_ns.append(t_ns)
-        held.values.append(tuple(value))
-        return False
+    def _add(
+        self,
+        bins: _Bins,
+        channel: IntArray,
+        t_ns: IntArray,
+        received_ns: IntArray,
+        values: FloatArray,
+    ) -> NDArray[np.bool_]:
+        """Store values (k, width) of some channels; return (k,) which came too late."""
+        channel = np.broadcast_to(channel, t_ns.shape)
+        t0_ns = self._t0_ns or 0
+        index = (t_ns - t0_ns) // self._window_ns
+        deadline_ns = t0_ns + (index + 1) * self._window_ns + self._lag_ns
+        early = index < 0
+        late = ~early & ((index < self._next) | (received_ns > deadline_ns))
+        future = t_ns > received_ns + SPARE_WINDOWS * self._window_ns
+        if np.count_nonzero(early | late | future):
+            self.early += int(early.sum())
+            self.future += int((future & ~late & ~early).sum())
+            good = ~(early | late | future)
+            channel, index, t_ns, values = channel[good], index[good], t_ns[good], values[good]
+        if not len(index):
+            return late
+        first, last = int(index.min()), int(index.max())
+        if first == last:
+            self.overflow += bins.add(first, channel, t_ns, values)
+            return late
+        for window in range(first, last + 1):
+            inside = index == window
+            self.overflow += bins.add(window, channel[inside], t_ns[inside], values[inside])
+        return late

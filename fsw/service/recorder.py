@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,6 @@ from fsw.exchange.sinks import (
     AppliedCommand,
     CanTraffic,
     Message,
-    RawTraffic,
     SerialTraffic,
     StatusReport,
 )
@@ -170,8 +169,9 @@ class RecorderSink:
     def put(self, message: Message) -> None:
         """Write one message; blocks, replies, states and science records are not recorded."""
         match message:
-            case CanTraffic() | SerialTraffic() | RawTraffic():
-                self._write(len(_items(message)), lambda writer: writer.traffic(message))
+            case CanTraffic() | SerialTraffic():
+                items = message.frames if isinstance(message, CanTraffic) else message.chunks
+                self._write(len(items), lambda writer: writer.traffic(message))
             case Estimate():
                 self._json("/estimate", message.t_ns, estimate_values(message))
             case Event():
@@ -263,16 +263,6 @@ class RecorderSink:
             self._report("high", failure_code(error), text)
         except ZstdError as error:  # whatever the data: it got no memory
             raise MemoryError(str(error)) from error
-
-
-def _items(traffic: CanTraffic | SerialTraffic | RawTraffic) -> Sequence[object]:
-    match traffic:
-        case CanTraffic():
-            return traffic.frames
-        case SerialTraffic():
-            return traffic.chunks
-        case RawTraffic():
-            return traffic.records
 
 
 def failure_code(error: OSError) -> str:

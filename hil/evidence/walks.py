@@ -33,7 +33,7 @@ from types import CodeType, FrameType
 import numpy as np
 
 import fsw
-from fsw.drivers.wire import CanFrame
+from fsw.drivers.wire import CanFrame, FrameArray, frame_list
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import DOWN_BYTES, UP_BYTES, RingSink
 from fsw.loop.ports import SECOND, Ports
@@ -232,11 +232,11 @@ def _followed(setup: Setup) -> Tracer:
     tracer: Tracer | None = None
     read = world.can.read
 
-    def read_and_follow() -> list[CanFrame]:
+    def read_and_follow() -> FrameArray:
         nonlocal tracer
         frames = read()
         if tracer is None and world.clock.now_ns() > T0_NS + round(WARM_S * 1e9):
-            for frame in frames:
+            for frame in frame_list(frames):
                 if frame.can_id >= FIRST_TPDO1 and len(frame.data) >= 6:
                     tracer = Tracer(frame)
                     sys.setprofile(tracer)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from fsw.drivers.wire import ERR_FLAG
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import NMT_ID, SYNC_ID
 from hil.faults import amounts, values
 from hil.faults import taps as faults
 from hil.faults.place import Place, Type
 from hil.faults.taps import FrameAction, Struck, chain
-from hil.links.virtual import ERROR_FLAG
 
 STRANGER = 0x2A
 MS = 1_000_000
@@ -71,7 +71,7 @@ def _bus_errors(place: Place) -> None:
     """Turn frames damaged on the bus into an error frame and the frame sent again."""
 
     def spoil(frame: TimedFrame, _rng: object) -> list[TimedFrame]:
-        error = (frame[0], ERROR_FLAG | ERROR_BUS, bytes(8), False)
+        error = (frame[0], ERR_FLAG | ERROR_BUS, bytes(8), False)
         return [error, (frame[0] + 150_000, *frame[1:])]
 
     place.can(spoil, faults.keep, 0.05, faults.is_tpdo1)
@@ -124,8 +124,8 @@ def _bus_off(place: Place) -> None:
     _cut(place)
     place.struck.clear()  # the error frame comes first
     if not place.reference:
-        place.world.can.inject((first, ERROR_FLAG | ERROR_BUS_OFF, bytes(8), False))
-        place.world.can.inject((last, ERROR_FLAG | ERROR_RESTARTED, bytes(8), False))
+        place.world.can.inject((first, ERR_FLAG | ERROR_BUS_OFF, bytes(8), False))
+        place.world.can.inject((last, ERR_FLAG | ERROR_RESTARTED, bytes(8), False))
 
 
 def _babble(place: Place) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw.drivers.sources import ImuSource
 from fsw.estimators.recursive.online import build_online
-from fsw.messages import Block, ImuSample
+from fsw.messages import Block
 from hil.judge.bound import sensitivity
 from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
@@ -25,7 +25,7 @@ VALIDITY_FROM_S = 5.0  # the IMU's clock model has settled
 
 
 def make_case(setup: Setup) -> Case:
-    """Return the truth and bounds that judge the result of a run."""
+    """Return what the run's result is judged against."""
     scenario = setup.scenario
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
@@ -101,13 +101,12 @@ def time_of_validity(setup: Setup, recorded: Recorded) -> dict[str, float] | Non
     nearest sampling instant, which is unique as long as the error is below half a period.
     """
     source = ImuSource(setup.config.imu)
-    samples = [s for s in source.feed(recorded.imu_chunks) if isinstance(s, ImuSample)]
-    if not samples:
+    t_gyro_ns = source.feed(recorded.imu_chunks).t_gyro_ns
+    if not t_gyro_ns.size:
         return None
     imu = setup.config.imu
     t0_ns, period_ns = recorded.imu_times["t0_ns"], recorded.imu_times["period_ns"]
-    start_ns = samples[0].t_gyro_ns + VALIDITY_FROM_S * 1e9
-    estimated = np.array([s.t_gyro_ns for s in samples if s.t_gyro_ns > start_ns], dtype=float)
+    estimated = t_gyro_ns[t_gyro_ns > t_gyro_ns[0] + VALIDITY_FROM_S * 1e9].astype(float)
     instant = estimated - t0_ns + imu.gyro_group_delay_s * 1e9
     error_s = (instant - np.rint(instant / period_ns) * period_ns) * 1e-9
     if error_s.size == 0:

@@ -6,7 +6,16 @@ import heapq
 from collections.abc import Callable, Sequence
 from itertools import count
 
-from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.drivers.wire import (
+    FD_BRS,
+    FD_FDF,
+    NO_FRAMES,
+    ByteChunk,
+    CanFrame,
+    FrameArray,
+    row_of,
+    rows_of,
+)
 from fsw.messages.errors import PortError
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import SYNC_ID
@@ -19,8 +28,6 @@ FrameTap = Callable[[Sequence[TimedFrame]], Sequence[TimedFrame]]
 ByteTap = Callable[[Sequence[TimedBytes]], Sequence[TimedBytes]]
 HostTap = Callable[[TimedFrame], Sequence[TimedFrame]]
 WAKE_LATENCY_S = 4e-5
-ERROR_FLAG = 0x20000000  # in an identifier: an error frame, its class in the low bits
-ERROR_CLASSES = 0x1FFFFFFF
 
 
 def _pass_frames(frames: Sequence[TimedFrame]) -> Sequence[TimedFrame]:
@@ -58,6 +65,7 @@ class VirtualCan:
         self._plant, self._clock = plant, clock
         self._queue: list[tuple[int, int, TimedFrame]] = []
         self._order = count()
+        self._drained: list[bytes] = []
 
     def _deliver(self, frames: Sequence[TimedFrame]) -> None:
         if self._is_cut():
@@ -69,8 +77,8 @@ class VirtualCan:
         now_ns = self._clock.now_ns()
         return any(start <= now_ns < stop for start, stop in self.outages_ns)
 
-    def read(self) -> list[CanFrame]:
-        """Return the frames whose end on the bus has come, stamped now."""
+    def drain(self) -> None:
+        """Take the frames whose end on the bus has come, stamped now."""
         now_ns = self._clock.now_ns()
         self.open()
         self._deliver(self._plant.frames_until(now_ns, self.bus, self.line))
@@ -79,16 +87,16 @@ class VirtualCan:
             sync_ns, payload = producer.next_ns(), producer.payload()
             self._deliver([(sync_ns, SYNC_ID, payload, False)])
             self._deliver(self._plant.on_frame(sync_ns, SYNC_ID, payload, self.bus))
-        frames = []
+        rows = self._drained
         while self._queue and self._queue[0][0] <= now_ns:
-            end_ns, can_id, data, is_fd = heapq.heappop(self._queue)[2]
+            end_ns, word, data, is_fd = heapq.heappop(self._queue)[2]
             stamp_ns = now_ns if producer is None else end_ns
-            is_error = bool(can_id & ERROR_FLAG)
-            can_id &= ERROR_CLASSES
-            frames.append(
-                CanFrame(stamp_ns, can_id, data, is_fd, is_error=is_error, bitrate_switch=is_fd)
-            )
-        return frames
+            rows.append(row_of(stamp_ns, word, data, FD_FDF | FD_BRS if is_fd else 0))
+
+    def read(self) -> FrameArray:
+        """Return the frames drained since the last call."""
+        rows, self._drained = self._drained, []
+        return rows_of(b"".join(rows)).copy() if rows else NO_FRAMES
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
         """Send a frame; the nodes' answers queue up."""

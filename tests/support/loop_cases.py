@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fsw.config import Config, load
-from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.drivers.wire import ByteChunk, CanFrame, FrameArray, frame_array, frame_list
 from fsw.exchange.sinks import (
     AppliedCommand,
     CanTraffic,
@@ -44,12 +44,13 @@ class FakeClock:
 
 
 class FakePort:
-    """Frames or chunks queued by the test; fails while `broken`."""
+    """What the test queues; fails while `broken`."""
 
     def __init__(self, clock: FakeClock, fds: tuple[int, ...] = ()) -> None:
         self.clock = clock
         self.fds = fds
         self.queue: list = []
+        self.drained: list = []
         self.written: list[tuple[int, int, bytes]] = []
         self.broken = False
         self.closed = False
@@ -58,7 +59,7 @@ class FakePort:
         if self.broken:
             raise PortError("unplugged")
 
-    def read(self) -> list:
+    def _taken(self) -> list:
         self._check()
         taken, self.queue = self.queue, []
         return taken
@@ -75,6 +76,13 @@ class FakeCan(FakePort):
     dropped = 0
     full = False
 
+    def drain(self) -> None:
+        self.drained += self._taken()
+
+    def read(self) -> FrameArray:
+        drained, self.drained = self.drained, []
+        return frame_array(drained).copy()  # the reader may write into it
+
     def take_dropped(self) -> int:
         dropped, self.dropped = self.dropped, 0
         return dropped
@@ -88,6 +96,9 @@ class FakeCan(FakePort):
 
 
 class FakeSerial(FakePort):
+    def read(self) -> list[ByteChunk]:
+        return self._taken()
+
     def write(self, data: bytes) -> None:
         self._check()
         self.written.append((self.clock.now, 0, data))
@@ -114,7 +125,7 @@ class KeepSink(NullSink):
     def put(self, message):
         match message:
             case CanTraffic():
-                self.frames += message.frames
+                self.frames += frame_list(message.frames)
             case SerialTraffic():
                 self.chunks += message.chunks
             case Block():

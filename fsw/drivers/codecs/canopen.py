@@ -1,6 +1,7 @@
 """CANopen joint nodes: CiA 301/402 objects over ECSS-E-ST-50-15C services, little-endian.
 
-Pure functions between the data of one frame and one value; identifiers are bare 11-bit COB-IDs.
+Pure functions between bytes and values, of many frames at once for TPDO1; identifiers are bare
+11-bit COB-IDs.
 """
 
 from __future__ import annotations
@@ -10,7 +11,11 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fsw.drivers.wire import Reject
+from fsw.messages import FloatArray
 
 COB_NMT = 0x000
 COB_SYNC = 0x080
@@ -42,8 +47,9 @@ STATUS_OF_TORQUE = STATUS_TORQUE_VALID | STATUS_TORQUE_OVERLOAD | STATUS_TORQUE_
 # a braked joint is held, its readings are real
 STATUS_OF_POSITION = 0xFF & ~STATUS_OF_TORQUE & ~STATUS_BRAKE_ENGAGED
 
-_TPDO1 = struct.Struct("<ihBB")
-_FD = struct.Struct("<iiiHBbI")
+TPDO1_BYTES, FD_TPDO1_BYTES, TPDO2_BYTES = 8, 20, 8
+_TPDO1 = np.dtype("<i4, <i2, u1, u1")
+_FD = np.dtype("<i4, <i4, <i4, <u2, u1, i1, <u4")
 _TPDO2 = struct.Struct("<ihh")
 
 
@@ -66,27 +72,23 @@ class NmtState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Tpdo1:
-    """Latched link-side values of one joint, uncalibrated."""
+    """Latched link-side values of joints, uncalibrated; arrays of one length."""
 
-    position_rad: float
-    torque_nm: float
-    status: int
-    sync_counter: int
+    position_rad: FloatArray
+    torque_nm: FloatArray
+    status: NDArray[np.int64]
+    sync_counter: NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class FdTpdo1:
+@dataclass(frozen=True, slots=True, eq=False)
+class FdTpdo1(Tpdo1):
     """CAN FD tailoring of TPDO1."""
 
-    position_rad: float
-    velocity_rad_s: float
-    torque_nm: float
-    status: int
-    sync_counter: int
-    temperature_c: float
-    device_time_us: int
+    velocity_rad_s: FloatArray
+    temperature_c: FloatArray
+    device_time_us: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,37 +109,38 @@ class Emergency:
     detail: bytes
 
 
-def position_usable(status: int) -> bool:
-    """Return whether the position is valid and real; the brake does not matter."""
-    return status & STATUS_OF_POSITION == STATUS_ENCODER_VALID
+def position_usable(status: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return whether positions are valid and real; the brake does not matter."""
+    return np.asarray(status & STATUS_OF_POSITION == STATUS_ENCODER_VALID)
 
 
-def torque_usable(status: int) -> bool:
-    """Return whether the torque is valid and no fault of its sensor is flagged."""
-    return status & STATUS_OF_TORQUE == STATUS_TORQUE_VALID
+def torque_usable(status: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return whether torques are valid and no fault of their sensors is flagged."""
+    return np.asarray(status & STATUS_OF_TORQUE == STATUS_TORQUE_VALID)
 
 
-def decode_tpdo1(data: bytes) -> Tpdo1 | Reject:
-    """Decode the classic 8-byte TPDO1."""
-    if len(data) != _TPDO1.size:
-        return Reject.LENGTH
-    position, torque, status, counter = _TPDO1.unpack(data)
-    return Tpdo1(position * POSITION_SCALE_RAD, torque * TORQUE_SCALE_NM, status, counter)
+def decode_tpdo1(data: NDArray[np.uint8]) -> Tpdo1:
+    """Decode the data (k, 8) of classic TPDO1 frames."""
+    raw = np.ascontiguousarray(data).view(_TPDO1)[:, 0]
+    return Tpdo1(
+        raw["f0"] * POSITION_SCALE_RAD,
+        raw["f1"] * TORQUE_SCALE_NM,
+        raw["f2"].astype(np.int64),
+        raw["f3"].astype(np.int64),
+    )
 
 
-def decode_fd(data: bytes) -> FdTpdo1 | Reject:
-    """Decode the 20-byte CAN FD tailoring of TPDO1."""
-    if len(data) != _FD.size:
-        return Reject.LENGTH
-    position, velocity, torque, status, counter, temperature, time_us = _FD.unpack(data)
+def decode_fd(data: NDArray[np.uint8]) -> FdTpdo1:
+    """Decode the data (k, 20) of frames of the CAN FD tailoring of TPDO1."""
+    raw = np.ascontiguousarray(data).view(_FD)[:, 0]
     return FdTpdo1(
-        position * POSITION_SCALE_RAD,
-        velocity * POSITION_SCALE_RAD,
-        torque * FD_TORQUE_SCALE_NM,
-        status,
-        counter,
-        float(temperature),
-        time_us,
+        position_rad=raw["f0"] * POSITION_SCALE_RAD,
+        velocity_rad_s=raw["f1"] * POSITION_SCALE_RAD,
+        torque_nm=raw["f2"] * FD_TORQUE_SCALE_NM,
+        status=raw["f3"].astype(np.int64),
+        sync_counter=raw["f4"].astype(np.int64),
+        temperature_c=raw["f5"].astype(np.float64),
+        device_time_us=raw["f6"].astype(np.int64),
     )
 
 

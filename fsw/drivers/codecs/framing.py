@@ -8,6 +8,7 @@ reject, `CRC` where it looked like a frame and `SYNC` where it did not.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -103,6 +104,30 @@ class Framer:
         while self._marks and self._marks[0][0] <= self._base:
             self._marks.popleft()
         return frames
+
+    def peek(self, chunks: Sequence[ByteChunk]) -> tuple[int, int]:
+        """Return how many of the next chunks may hold nothing but frames like the last one.
+
+        Returns
+        -------
+        chunks : the first so many have the length of whole frames; 0 where a frame is incomplete
+        length : of one frame [bytes]
+        """
+        length = self._last_length
+        if self._buffer or self._expected != self._base:
+            return 0, length
+        lengths = (len(chunk.data) for chunk in chunks)
+        count = next((k for k, n in enumerate(lengths) if n % length or not n), len(chunks))
+        return count, length
+
+    def pass_over(self, chunks: Sequence[ByteChunk]) -> int:
+        """Count chunks as fed that hold whole frames only; return the index of the first one."""
+        first, size = self._chunks, sum(len(chunk.data) for chunk in chunks)
+        self._chunks += len(chunks)
+        self.received_bytes += size
+        self._base += size
+        self._expected = self._base
+        return first
 
     def _skip(self, start: int, stop: int, reason: Reject) -> None:
         self.skipped_bytes += stop - start

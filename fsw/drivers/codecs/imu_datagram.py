@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fsw.drivers.codecs.framing import Frame, Framer
-from fsw.drivers.wire import Reject
+from fsw.drivers.wire import ByteChunk, Reject
+from fsw.messages import FloatArray
 
 Vector3 = tuple[float, float, float]
 
@@ -23,6 +28,18 @@ class ImuDatagram:
     acc_status: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuRun:
+    """Datagrams of one kind, one behind the other, in chunks that hold nothing else."""
+
+    chunks: Sequence[ByteChunk]
+    length: int  # of a datagram [bytes]
+    counter: NDArray[np.int64]  # (k,) device time [ticks], modulo the codec's modulus
+    latency_s: FloatArray  # (k,) as in `ImuDatagram`
+    w_NS_S_rad_s: FloatArray  # (k, 3)
+    f_NS_S_m_s2: FloatArray  # (k, 3)
+
+
 class ImuCodec(Protocol):
     """A stream codec of an inertial unit whose datagrams carry the unit's own time."""
 
@@ -32,4 +49,8 @@ class ImuCodec(Protocol):
 
     def decode(self, frame: Frame) -> ImuDatagram | Reject | None:
         """Decode a whole frame; None: a valid frame that is no measurement."""
+        ...
+
+    def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
+        """Decode the leading chunks that are a run whose readings are all usable; feed nothing."""
         ...

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 
 from fsw.drivers.codecs.framing import Frame, Framer
 from fsw.drivers.codecs.imu_datagram import ImuDatagram, Vector3
-from fsw.drivers.wire import Reject
+from fsw.drivers.wire import ByteChunk, Reject
 
 SYNC = b"\x75\x65"
 SET_SENSOR_DATA = 0x80
@@ -96,3 +97,6 @@ class MipCodec:
         if time_ns is None:
             return Reject.STALE
         return ImuDatagram(time_ns, 0.0, rate, force, 0, 0)
+
+    def run(self, chunks: Sequence[ByteChunk]) -> None:
+        """Return None: packets have no fixed length."""

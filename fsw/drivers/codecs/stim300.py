@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from fastcrc import crc32
+from numpy.typing import NDArray
 
 from fsw.drivers.codecs.framing import Frame, Framer
-from fsw.drivers.codecs.imu_datagram import ImuDatagram, Vector3
-from fsw.drivers.wire import Reject
+from fsw.drivers.codecs.imu_datagram import ImuDatagram, ImuRun, Vector3
+from fsw.drivers.wire import ByteChunk, Reject
+from fsw.messages import FloatArray
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # the data sheet's g
 TICK_S = 1 / 2000  # the counter counts internal samples
@@ -219,6 +223,7 @@ class Stim300Codec:
 
     def __init__(self, acc_range_g: int, crlf: bool) -> None:
         self.framer = Framer(StimMatcher(crlf))
+        self._tail = len(CR_LF) if crlf else 0
         self._acc_scale = ACC_SCALE_M_S2[acc_range_g]
 
     def decode(self, frame: Frame) -> ImuDatagram | Reject:
@@ -238,3 +243,42 @@ class Stim300Codec:
             gyro_status,
             acc_status,
         )
+
+    def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
+        """Decode the leading chunks that are datagrams of one kind, intact and without a status."""
+        count, length = self.framer.peek(chunks)
+        layout = LAYOUTS.get(chunks[0].data[0]) if count else None
+        if layout is None or not layout.acc or length != layout.length + self._tail:
+            return None
+        data = b"".join(chunk.data for chunk in chunks[:count])
+        rows = np.frombuffer(data, np.uint8).reshape(-1, length)
+        good = rows[:, 0] == data[0]
+        good &= (rows[:, 10] == 0) & (rows[:, layout.acc + 9] == 0)
+        sent = rows[:, layout.crc : layout.crc + 4].copy().view(">u4")[:, 0]
+        starts = range(0, len(data), length)
+        crcs = [crc32.mpeg_2(data[a : a + layout.crc] + layout.dummies) for a in starts]
+        good &= sent == np.array(crcs)
+        if self._tail:
+            good &= (rows[:, -2] == CR_LF[0]) & (rows[:, -1] == CR_LF[1])
+        if np.count_nonzero(good) < len(good):
+            ends = np.cumsum([len(chunk.data) // length for chunk in chunks[:count]])
+            count = int(np.searchsorted(ends, int(np.argmin(good)), side="right"))
+            if not count:
+                return None
+            rows = rows[: ends[count - 1]]
+        end = layout.counter
+        return ImuRun(
+            chunks=chunks[:count],
+            length=length,
+            counter=rows[:, end].astype(np.int64),
+            latency_s=np.asarray((rows[:, end + 1] * 256.0 + rows[:, end + 2]) * 1e-6, float),
+            w_NS_S_rad_s=_vectors(rows[:, 1:10], GYRO_SCALE_RAD_S),
+            f_NS_S_m_s2=_vectors(rows[:, layout.acc : layout.acc + 9], self._acc_scale),
+        )
+
+
+def _vectors(data: NDArray[np.uint8], scale: float) -> FloatArray:
+    """Return vectors (k, 3) of big-endian signed 24-bit integers (k, 9), scaled."""
+    octets = data.reshape(-1, 3, 3).astype(np.int32)
+    raw = (octets[..., 0] << 24 | octets[..., 1] << 16 | octets[..., 2] << 8) >> 8
+    return np.asarray(raw * scale, float)

@@ -1,21 +1,44 @@
-"""CAN port over python-can; a SocketCAN socket is drained directly, in batches."""
+"""CAN port over python-can; sockets of SocketCAN and udp_multicast are read here, in batches."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import socket
+import struct
+from functools import lru_cache
 from typing import Any
 
 import can
+import msgpack
+import numpy as np
+from can.interfaces.udp_multicast.utils import pack_message
+from numpy.typing import NDArray
 
 from fsw.clock import Clock
 from fsw.config import BusConfig
 from fsw.drivers.ports import linux_can
 from fsw.drivers.ports.stamps import KernelStamps
-from fsw.drivers.wire import CanFrame, FramePort, unpack_frame
+from fsw.drivers.wire import (
+    EFF_FLAG,
+    ERR_FLAG,
+    FD_BRS,
+    FD_FDF,
+    HEAD_BYTES,
+    MAX_DATA_BYTES,
+    NO_FRAMES,
+    RTR_FLAG,
+    CanFrame,
+    FrameArray,
+    FramePort,
+    frames_from,
+    row_of,
+    rows_of,
+)
 from fsw.messages.errors import PortError
 
+PACKED_BYTES = 512  # python-can's msgpack form of a CAN FD frame takes about 250
 RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -45,64 +68,63 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
         device = can.Bus(interface=bus.interface, channel=bus.channel, **options)
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
         raise PortError(f"{name}: cannot be opened: {error}") from error
-    link = getattr(device, "socket", None)
-    if bus.interface == "socketcan" and isinstance(link, socket.socket):
-        try:
-            return SocketCanPort(device, link, clock, name)
-        except PortError:
-            device.shutdown()
-            raise
-    return CanPort(device, clock, name, stamped=bus.interface == "udp_multicast")
+    link, group = _socket_of(device, bus.interface)
+    if link is None:
+        return CanPort(device, clock, name)
+    try:
+        return SocketPort(device, link, clock, name, group=group)
+    except PortError:
+        device.shutdown()
+        raise
+
+
+def _socket_of(
+    device: can.BusABC, interface: str
+) -> tuple[socket.socket | None, tuple[str, int] | None]:
+    """Return the socket that can be read here in place of python-can, and its group, if any."""
+    link = group = None
+    if interface == "socketcan":
+        link = getattr(device, "socket", None)
+    elif interface == "udp_multicast":
+        multicast = getattr(device, "_multicast", None)
+        link = getattr(multicast, "_socket", None)
+        group = getattr(multicast, "_send_destination", None)
+    return (link, group) if isinstance(link, socket.socket) else (None, None)
 
 
 class CanPort:
-    """Any python-can bus.
+    """Any python-can bus without sockets of its own here; frames are stamped when read."""
 
-    With `stamped` its messages carry the kernel's stamps and what is sent comes back (as
-    udp_multicast has it), else they are stamped when read. So are the first ones where no socket of
-    the machine had asked for stamps before: Linux switches them on a moment later.
-    """
+    hands_back = False
 
-    def __init__(
-        self, device: can.BusABC, clock: Clock, name: str, *, stamped: bool = False
-    ) -> None:
+    def __init__(self, device: can.BusABC, clock: Clock, name: str) -> None:
         self._device, self._clock, self._name = device, clock, name
-        self.hands_back = stamped
-        self._stamps = KernelStamps(clock) if stamped else None
+        self._messages: list[tuple[int, can.Message]] = []
 
-    def read(self) -> list[CanFrame]:
-        """Return every frame received since the last call."""
-        began_ns = self._clock.now_ns()
-        messages: list[can.Message] = []
+    def drain(self) -> None:
+        """Take every waiting frame."""
         try:
-            while len(messages) < MAX_BATCH:
+            for _ in range(MAX_BATCH):
                 message = self._device.recv(timeout=0)
                 if message is None:
                     break
-                messages.append(message)
+                self._messages.append((self._clock.now_ns(), message))
         except (can.CanError, OSError) as error:
             raise PortError(f"{self._name}: cannot be read: {error}") from error
-        if messages and self._stamps is not None:
-            times_ns = self._stamps.monotonic_ns(round(m.timestamp * 1e9) for m in messages)
-        else:
-            times_ns = [self._clock.now_ns()] * len(messages)
-        if self._stamps is not None and len(messages) < MAX_BATCH:
-            self._stamps.left_empty(began_ns)
-        return [
-            CanFrame(
-                t_ns,
-                message.arbitration_id,
-                bytes(message.data),
-                message.is_fd,
-                message.is_extended_id,
-                message.is_remote_frame,
-                message.is_error_frame,
-                message.bitrate_switch,
-            )
-            for t_ns, message in zip(times_ns, messages, strict=True)
-        ]
 
-    def write(self, can_id: int, data: bytes) -> CanFrame:
+    def read(self) -> FrameArray:
+        """Return every frame drained since the last call."""
+        messages, self._messages = self._messages, []
+        rows = []
+        for t_ns, message in messages:
+            word = message.arbitration_id
+            word |= EFF_FLAG * message.is_extended_id | RTR_FLAG * message.is_remote_frame
+            word |= ERR_FLAG * message.is_error_frame
+            flags = FD_FDF * message.is_fd | FD_BRS * message.bitrate_switch
+            rows.append(row_of(t_ns, word, bytes(message.data), flags))
+        return rows_of(b"".join(rows)).copy()
+
+    def write(self, can_id: int, data: bytes) -> CanFrame | None:
         """Send a classic frame and stamp it."""
         message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
         try:
@@ -112,7 +134,7 @@ class CanPort:
         return CanFrame(self._clock.now_ns(), can_id, data)
 
     def take_dropped(self) -> int:
-        """Return 0: python-can does not tell."""
+        """Return 0: python-can does not report it."""
         return 0
 
     def wake_fds(self) -> tuple[int, ...]:
@@ -124,58 +146,72 @@ class CanPort:
         self._device.shutdown()
 
 
-class SocketCanPort:
-    """A SocketCAN bus: opened by python-can, its socket served without python-can's cost per frame.
+class SocketPort:
+    """A bus opened by python-can whose socket is read here, in batches with the kernel's stamps.
 
-    Frames carry the kernel's stamps (`KernelStamps`).
+    SocketCAN hands over frames, udp_multicast python-can's msgpack form of them. Linux switches
+    stamps on a moment after the first socket has asked for them: frames before that are stamped
+    when read.
     """
 
     hands_back = True
 
-    def __init__(self, device: can.BusABC, link: socket.socket, clock: Clock, name: str) -> None:
+    def __init__(
+        self,
+        device: can.BusABC,
+        link: socket.socket,
+        clock: Clock,
+        name: str,
+        *,
+        group: tuple[str, int] | None = None,
+    ) -> None:
+        """`group`: address of datagrams that hold python-can's msgpack form. Raises PortError."""
         self._device, self._socket, self._clock, self._name = device, link, clock, name
+        self._packed, self._group = group is not None, group
         self.buffer_bytes = linux_can.prepare(link, RECEIVE_BUFFER_BYTES)
         code = link.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if code:
             raise PortError(f"{name}: cannot be opened: {os.strerror(code)}")
-        self._receiver = linux_can.Receiver(link)
+        slot_bytes = PACKED_BYTES if self._packed else linux_can.FD_BYTES
+        self._receiver = linux_can.Receiver(link, slot_bytes)
         self._stamps = KernelStamps(clock)
-        self._failure: OSError | None = None
+        self._empty_ns = clock.now_ns()  # when the last drain that left nothing waiting began
+        self._batches: list[FrameArray] = []  # read because every slot was taken
 
-    def read(self) -> list[CanFrame]:
-        """Return every frame received since the last call, with its kernel stamp."""
-        frames: list[CanFrame] = []
-        began_ns = self._clock.now_ns()
-        failure, self._failure = self._failure, None
-        while failure is None and len(frames) < MAX_BATCH:
-            try:
-                batch = self._receiver.receive()
-            except OSError as error:
-                failure = error
-                batch = self._rest()
-            frames += self._stamped(batch)
-            if len(batch) < linux_can.BATCH:
-                self._stamps.left_empty(began_ns)
-                break
-        if frames:
-            self._failure = failure  # told by the next read
-        elif failure is not None:
-            raise PortError(f"{self._name}: cannot be read: {failure}") from failure
-        return frames
+    def drain(self) -> None:
+        """Take every waiting frame into the receiver's slots.
 
-    def _rest(self) -> list[linux_can.Received]:
-        """Return what came before the error the kernel has just told, once."""
+        An error that the kernel has to report comes before the frames behind it; both are taken.
+        """
         try:
-            return self._receiver.receive()
-        except OSError:
-            return []
+            self._drain()
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._drain()
+            raise PortError(f"{self._name}: cannot be read: {error}") from error
 
-    def _stamped(self, batch: list[linux_can.Received]) -> list[CanFrame]:
-        if not batch:
-            return []
-        times_ns = self._stamps.monotonic_ns(frame.realtime_ns for frame in batch)
-        frames = map(unpack_frame, times_ns, (received.data for received in batch))
-        return [frame for frame in frames if frame is not None]
+    def _drain(self) -> None:
+        began_ns = self._clock.now_ns()
+        for _ in range(MAX_BATCH // linux_can.SLOTS):
+            if self._receiver.drain():
+                self._empty_ns = began_ns
+                return
+            self._batches.append(self._frames())
+
+    def read(self) -> FrameArray:
+        """Return every frame drained since the last call, with its kernel stamp."""
+        batches, self._batches = [*self._batches, self._frames()], []
+        return batches[0] if len(batches) == 1 else np.concatenate(batches)
+
+    def _frames(self) -> FrameArray:
+        batch = self._receiver.read()
+        if not len(batch.lengths):
+            return NO_FRAMES
+        times_ns = self._stamps.monotonic_ns(batch.realtime_ns)
+        self._stamps.left_empty(self._empty_ns)
+        if self._packed:
+            return _unpacked(batch, times_ns)
+        return frames_from(times_ns, batch.data, batch.lengths)
 
     def take_dropped(self) -> int:
         """Return and forget how many frames the receive buffer had no room for."""
@@ -185,7 +221,10 @@ class SocketCanPort:
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
         """Send a classic frame and stamp it; None when the transmit queue is full."""
         try:
-            self._socket.send(linux_can.pack_classic(can_id, data), socket.MSG_DONTWAIT)
+            if self._group is not None:
+                self._socket.sendto(_packed(can_id, data), self._group)
+            else:
+                self._socket.send(linux_can.pack_classic(can_id, data), socket.MSG_DONTWAIT)
         except OSError as error:
             if error.errno in QUEUE_FULL:
                 return None
@@ -199,3 +238,34 @@ class SocketCanPort:
     def close(self) -> None:
         """Release the interface."""
         self._device.shutdown()
+
+
+@lru_cache(maxsize=1024)
+def _packed(can_id: int, data: bytes) -> bytes:
+    """Return a classic frame in python-can's msgpack form."""
+    message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+    return bytes(pack_message(message))
+
+
+def _unpacked(batch: linux_can.Received, times_ns: NDArray[np.int64]) -> FrameArray:
+    """Return the frames of datagrams in python-can's msgpack form; anything else is left out."""
+    rows = []
+    data = memoryview(batch.data.tobytes())
+    slot = batch.data.shape[1]
+    for k, (t_ns, length) in enumerate(zip(times_ns.tolist(), batch.lengths.tolist(), strict=True)):
+        try:
+            values = msgpack.unpackb(data[k * slot : k * slot + length])
+            word = values["arbitration_id"]
+            if values["is_extended_id"]:
+                word |= EFF_FLAG
+            if values["is_remote_frame"]:
+                word |= RTR_FLAG
+            if values["is_error_frame"]:
+                word |= ERR_FLAG
+            flags = (FD_FDF if values["is_fd"] else 0) | (FD_BRS if values["bitrate_switch"] else 0)
+            payload = values["data"]
+            if len(payload) <= (MAX_DATA_BYTES if flags else HEAD_BYTES):
+                rows.append(row_of(t_ns, word, payload, flags))
+        except (ValueError, TypeError, KeyError, struct.error, msgpack.UnpackException):
+            continue
+    return rows_of(b"".join(rows)).copy()

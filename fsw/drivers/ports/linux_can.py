@@ -1,4 +1,4 @@
-"""Linux SocketCAN at the level of its system calls: batches of frames with kernel stamps.
+"""Linux sockets at the level of system calls: batches of datagrams or frames with kernel stamps.
 
 Source: the kernel's networking/can.rst, recvmmsg(2), socket(7).
 """
@@ -12,15 +12,19 @@ import socket
 import struct
 from typing import NamedTuple
 
-BATCH = 64  # frames per system call
+import numpy as np
+from numpy.typing import NDArray
+
+BATCH = 64  # datagrams per system call
+SLOTS = 1024  # a saturated bus of 1 Mbit/s fills them in 0.12 s
 CLASSIC_BYTES, FD_BYTES = 16, 72  # struct can_frame, struct canfd_frame
 CONTROL_BYTES = 64  # room for a stamp and a drop counter
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_RXQ_OVFL = 33, 35, 40
-_CMSG = struct.Struct("=Qii")  # length, level, type
-_TIMESPEC = struct.Struct("=qq")
-_COUNT = struct.Struct("=I")
+_STAMP_KIND = socket.SOL_SOCKET | SO_TIMESTAMPNS << 32  # of struct cmsghdr: level and type
+_DROPS_KIND = socket.SOL_SOCKET | SO_RXQ_OVFL << 32
+_STAMP_END, _DROPS_END = 32, 52  # bytes of ancillary data up to the end of either
 _FRAME = struct.Struct("=IB3x8s")
-_U32 = 1 << 32
+_U32 = (1 << 32) - 1
 
 
 class _Vector(ctypes.Structure):
@@ -43,11 +47,25 @@ class _Message(ctypes.Structure):
     _fields_ = (("header", _Header), ("length", ctypes.c_uint32))
 
 
-class Received(NamedTuple):
-    """One frame as the kernel holds it; `realtime_ns` is CLOCK_REALTIME, 0: not stamped."""
+_MESSAGE = np.dtype(
+    {
+        "names": ["control_length", "length"],
+        "formats": ["u8", "u4"],
+        "offsets": [_Header.control_length.offset, _Message.length.offset],
+        "itemsize": ctypes.sizeof(_Message),
+    }
+)
 
-    data: bytes
-    realtime_ns: int
+
+class Received(NamedTuple):
+    """Datagrams of one system call; the arrays are the caller's own."""
+
+    data: NDArray[np.uint8]  # (k, slot)
+    lengths: NDArray[np.uint32]  # (k,)
+    realtime_ns: NDArray[np.int64]  # (k,) CLOCK_REALTIME, 0: not stamped
+
+
+NOTHING = Received(np.empty((0, 0), np.uint8), np.empty(0, np.uint32), np.empty(0, np.int64))
 
 
 def prepare(link: socket.socket, buffer_bytes: int) -> int:
@@ -73,67 +91,79 @@ def pack_classic(can_id: int, data: bytes) -> bytes:
 
 
 class Receiver:
-    """Drains one socket with recvmmsg, never blocking."""
+    """Drains one socket with recvmmsg, never blocking, into slots that are read later.
 
-    def __init__(self, link: socket.socket) -> None:
+    Parameters
+    ----------
+    slot_bytes : longest datagram; a longer one is cut
+    """
+
+    def __init__(self, link: socket.socket, slot_bytes: int = FD_BYTES) -> None:
         self._fd = link.fileno()
-        self._libc = ctypes.CDLL(None, use_errno=True)
-        self._data = bytearray(BATCH * FD_BYTES)
-        self._control = bytearray(BATCH * CONTROL_BYTES)
-        data = ctypes.addressof(ctypes.c_char.from_buffer(self._data))
-        control = ctypes.addressof(ctypes.c_char.from_buffer(self._control))
-        self._vectors = (_Vector * BATCH)()
-        self._messages = (_Message * BATCH)()
+        self._recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
+        self._data = np.zeros((SLOTS, slot_bytes), np.uint8)
+        self._control = np.zeros((SLOTS, CONTROL_BYTES // 8), np.int64)
+        self._vectors = (_Vector * SLOTS)()
+        self._messages = (_Message * SLOTS)()
         for i, (vector, message) in enumerate(zip(self._vectors, self._messages, strict=True)):
-            vector.base, vector.length = data + i * FD_BYTES, FD_BYTES
+            vector.base, vector.length = self._data[i].ctypes.data, slot_bytes
             message.header.vectors = ctypes.pointer(vector)
             message.header.vector_count = 1
-            message.header.control = control + i * CONTROL_BYTES
-        self._view = memoryview(self._data)
-        self._used = BATCH  # messages whose buffer for ancillary data needs its length set again
+            message.header.control = self._control[i].ctypes.data
+        fields = np.frombuffer(memoryview(self._messages), _MESSAGE)
+        self._lengths, self._control_lengths = fields["length"], fields["control_length"]
+        self._control_lengths[:] = CONTROL_BYTES
+        self._starts = [ctypes.byref(message) for message in self._messages]
+        self._held = 0
         self._drops = 0  # the kernel's counter, as last reported
-        self.dropped = 0  # frames the receive buffer had no room for
+        self.dropped = 0  # datagrams the receive buffer had no room for
 
-    def receive(self) -> list[Received]:
-        """Return up to BATCH waiting frames; fewer than BATCH: no more are waiting.
-
-        The kernel tells of dropped frames with the first frame that found room after them.
+    def drain(self) -> bool:
+        """Fill free slots with waiting datagrams; True when no more are waiting.
 
         Raises
         ------
         OSError when the interface is down or gone.
         """
-        messages = self._messages
-        for i in range(self._used):
-            messages[i].header.control_length = CONTROL_BYTES
-        self._used = 0
-        count = self._libc.recvmmsg(self._fd, messages, BATCH, socket.MSG_DONTWAIT, None)
-        if count < 0:
-            code = ctypes.get_errno()
-            if code in (errno.EAGAIN, errno.EINTR):
-                return []
-            raise OSError(code, os.strerror(code))
-        self._used = count
-        out = []
-        for i in range(count):
-            start = i * FD_BYTES
-            data = bytes(self._view[start : start + messages[i].length])
-            out.append(Received(data, self._ancillary(i, messages[i].header.control_length)))
-        return out
+        while self._held < SLOTS:
+            wanted = min(BATCH, SLOTS - self._held)
+            start = self._starts[self._held]
+            count = self._recvmmsg(self._fd, start, wanted, socket.MSG_DONTWAIT, None)
+            if count < 0:
+                code = ctypes.get_errno()
+                if code in (errno.EAGAIN, errno.EINTR):
+                    return True
+                raise OSError(code, os.strerror(code))
+            self._held += count
+            if count < wanted:
+                return True
+        return False
 
-    def _ancillary(self, i: int, length: int) -> int:
-        """Return a frame's stamp, and read the drop counter if it comes with it."""
-        at = i * CONTROL_BYTES
-        end = at + length
-        stamp_ns = 0
-        while at + _CMSG.size <= end:
-            size, level, kind = _CMSG.unpack_from(self._control, at)
-            if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
-                seconds, rest_ns = _TIMESPEC.unpack_from(self._control, at + _CMSG.size)
-                stamp_ns = seconds * 1_000_000_000 + rest_ns
-            elif level == socket.SOL_SOCKET and kind == SO_RXQ_OVFL:
-                (drops,) = _COUNT.unpack_from(self._control, at + _CMSG.size)
-                self.dropped += (drops - self._drops) % _U32
-                self._drops = drops
-            at += (size + 7) & ~7
-        return stamp_ns
+    def read(self) -> Received:
+        """Return the datagrams in the slots, in order; the slots are free again.
+
+        The kernel reports dropped datagrams with the first one that found room after them.
+        """
+        count, self._held = self._held, 0
+        if not count:
+            return NOTHING
+        stamps_ns = self._ancillary(count)
+        self._control_lengths[:count] = CONTROL_BYTES
+        return Received(self._data[:count].copy(), self._lengths[:count].copy(), stamps_ns)
+
+    def _ancillary(self, count: int) -> NDArray[np.int64]:
+        """Return the stamps of a batch, and read the drop counter where it comes with them.
+
+        A record of ancillary data is its length, its level and type, and the value; the stamp comes
+        before the drop counter.
+        """
+        control, used = self._control[:count], self._control_lengths[:count]
+        stamped = (used >= _STAMP_END) & (control[:, 1] == _STAMP_KIND)
+        stamps_ns = np.where(stamped, control[:, 2] * 1_000_000_000 + control[:, 3], 0)
+        behind = (used >= _DROPS_END) & (control[:, 5] == _DROPS_KIND)
+        alone = (used < _STAMP_END) & (used > 0) & (control[:, 1] == _DROPS_KIND)
+        if behind.any() or alone.any():
+            told = np.where(behind, control[:, 6], control[:, 2])[behind | alone] & _U32
+            self.dropped += (int(told[-1]) - self._drops) & _U32
+            self._drops = int(told[-1])
+        return stamps_ns

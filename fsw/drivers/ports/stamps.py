@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fsw.clock import KERNEL_WAIT_NS, Clock, monotonic_less_realtime_ns
 
@@ -34,15 +37,13 @@ class KernelStamps:
         """Note that a read which began then [ns, monotonic] left nothing waiting."""
         self._empty_ns = began_ns
 
-    def monotonic_ns(self, stamps_ns: Iterable[int]) -> list[int]:
+    def monotonic_ns(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the times of a batch that was read just now; the clocks are compared once."""
         offset_ns, now_ns = self._compare(), self._clock.now_ns()
         if abs(offset_ns - self._offset_ns) > SET_NS:
             self._doubted_until_ns = now_ns + DOUBT_NS
         self._offset_ns = offset_ns
         trusted_ns = self._empty_ns - (KERNEL_WAIT_NS if now_ns >= self._doubted_until_ns else 0)
-        times_ns = []
-        for stamp_ns in stamps_ns:
-            t_ns = stamp_ns + offset_ns
-            times_ns.append(min(t_ns if t_ns >= trusted_ns else self._empty_ns, now_ns))
-        return times_ns
+        times_ns = stamps_ns + offset_ns
+        times_ns[times_ns < trusted_ns] = self._empty_ns
+        return np.minimum(times_ns, now_ns)

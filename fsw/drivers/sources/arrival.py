@@ -71,6 +71,19 @@ class ArrivalTracker:
         self._open.append(arrival)
         return arrival
 
+    def finish_whole(self) -> list[Arrival]:
+        """Return the arrivals of the open chunk, made final by a frame that stands in another."""
+        done, self._open = self._open, []
+        return done
+
+    def add_whole(self, chunk: int, count: int, length: int) -> None:
+        """Note that `count` frames of `length` bytes are all that a new chunk holds."""
+        self._chunk, self.bytes_in_chunk = chunk, count * length
+
+    def hold(self, arrivals: list[Arrival]) -> None:
+        """Keep the arrivals of the open chunk until they are final."""
+        self._open = arrivals
+
     def clear(self) -> None:
         """Drop what is not final (the device's time has jumped)."""
         self._open = []

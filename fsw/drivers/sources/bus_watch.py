@@ -3,13 +3,22 @@
 A SYNC is settled three SYNCs later: until then a frame may be late and no cause is known. If every
 node misses it, it is the SYNC that was lost, not the answers; if most answer twice, it was doubled.
 Everything is counted in SYNCs, so a loop that was late itself finds nothing wrong.
+
+Most batches are as they should be: every node answers every SYNC once, in order and in time. Then
+nothing can be found, which a few comparisons of arrays show; any other batch is judged event by
+event.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
+import numpy as np
+
+from fsw.messages import IntArray
 from fsw.messages.findings import Fault, Finding
 
 SETTLE_SYNCS = 3
@@ -20,6 +29,26 @@ BABBLE_FRAMES_PER_S = 3000.0  # of nobody's, a third of what a bus can carry
 BABBLE_SYNCS = 3
 MAX_FINDINGS = 1024  # until they are taken; the oldest go
 FOREVER = 1 << 62
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answers:
+    """Answers of nodes in a batch, in order of arrival; all arrays (k,)."""
+
+    node: IntArray
+    sync: IntArray  # running index of the SYNC each answers; below 0: of none
+    newest: IntArray  # running index of the newest SYNC when it came
+    row: IntArray  # in the batch
+    t_ns: IntArray
+
+
+class Mark(NamedTuple):
+    """A SYNC in a batch, a frame of nobody's, or a boot-up message."""
+
+    row: int
+    t_ns: int
+    sync: int = -1  # running index of the SYNC
+    booted: int = -1  # the node
 
 
 class _Node:
@@ -59,7 +88,7 @@ class BusWatch:
         late_syncs: int,
     ) -> None:
         self._bus = bus
-        self._nodes = {node: _Node(name) for node, name in names.items()}
+        self._nodes = {node: _Node(names[node]) for node in sorted(names)}
         self._silent, self._late = silent_syncs, late_syncs
         self._answers: dict[int, dict[int, int]] = {}
         self._heard = 0  # nodes received at all
@@ -71,8 +100,8 @@ class BusWatch:
         self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
     def take(self) -> list[Finding]:
-        """Return and forget what was found."""
-        found = list(self._found)
+        """Return and forget what was found, in the order of time."""
+        found = sorted(self._found, key=lambda finding: finding.t_ns)
         self._found.clear()
         return found
 
@@ -80,6 +109,81 @@ class BusWatch:
         """Note a finding about a node's joint, or about the bus."""
         subject = self._bus if node is None else self._nodes[node].name
         self._found.append(Finding(t_ns, fault, subject, text))
+
+    def feed(self, answers: Answers, syncs: Sequence[Mark], others: Sequence[Mark]) -> None:
+        """Accept a batch: the answers, the SYNCs, and what else tells about nodes."""
+        if not others and self._is_regular(answers, syncs):
+            return
+        events: list[tuple[int, int, Mark | tuple[int, int]]]
+        events = [(mark.row, -1, mark) for mark in (*syncs, *others)]
+        columns = (answers.row, answers.node, answers.sync, answers.t_ns)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        events += [(row, node, (sync, t_ns)) for row, node, sync, t_ns in rows]
+        for _, node, event in sorted(events, key=lambda item: item[0]):
+            if not isinstance(event, Mark):
+                sync, t_ns = event
+                if sync < 0:
+                    self.answer_of_no_sync(node)
+                else:
+                    self.answer(node, sync, t_ns)
+            elif event.sync >= 0:
+                self.sync(event.sync, event.t_ns)
+            elif event.booted >= 0:
+                self.boot(event.booted, event.t_ns)
+            else:
+                self.stranger()
+
+    def _is_regular(self, answers: Answers, syncs: Sequence[Mark]) -> bool:
+        """Accept a batch in which nothing can be found; False: nothing was done.
+
+        Every node has answered every SYNC up to its newest once. If it goes on so, each answer
+        before the third SYNC behind its own, then no SYNC is settled without all its answers.
+        """
+        states, last = self._nodes, syncs[-1].sync if syncs else self._index
+        nodes = np.fromiter(states, np.int64, len(states))
+        before = np.array([state.newest for state in states.values()])
+        late = answers.newest - answers.sync
+        if (
+            self._strangers
+            or self._bus_silent
+            or self._heard < len(states)
+            or self._silent < SETTLE_SYNCS
+            or (answers.sync < 0).any()
+            or (late > min(self._late, SETTLE_SYNCS) - 1).any()
+            or any(s.silent_at >= 0 or s.excused == FOREVER for s in states.values())
+            or not self._is_settled_so_far()
+        ):
+            return False
+        order = np.argsort(answers.node, kind="stable")
+        node, sync = answers.node[order], answers.sync[order]
+        first = np.searchsorted(node, nodes)
+        stop = np.searchsorted(node, nodes, side="right")
+        counts = stop - first
+        newest = before + counts
+        if counts.sum() != len(node) or (newest < last - SETTLE_SYNCS).any():
+            return False
+        place = np.arange(len(node)) - np.repeat(first, counts)
+        if not np.array_equal(sync, np.repeat(before + 1, counts) + place):
+            return False
+        self._index = last
+        self._answers = {
+            k: {n: 1 for n, s in zip(nodes.tolist(), newest.tolist(), strict=True) if s >= k}
+            for k in range(max(last - SETTLE_SYNCS + 1, 0), int(newest.max()) + 1)
+        }
+        for state, index in zip(states.values(), newest.tolist(), strict=True):
+            state.newest = index
+        return True
+
+    def _is_settled_so_far(self) -> bool:
+        """Return whether every node answered each SYNC not settled yet once, up to its newest."""
+        newest = [state.newest for state in self._nodes.values()]
+        for index in range(self._index - SETTLE_SYNCS + 1, self._index + 1):
+            answers = self._answers.get(index, {})
+            if len(answers) != sum(n >= index for n in newest):
+                return False
+            if len(answers) != sum(answers.values()):
+                return False
+        return True
 
     def sync(self, index: int, t_ns: int) -> None:
         """Accept a SYNC; settle an earlier one."""

@@ -36,6 +36,28 @@ class EncoderWatch:
         self._offset = 0.0  # sum of the steps
         self._since_ns = 0
 
+    @property
+    def is_steady(self) -> bool:
+        """Whether no step and no standing encoder is being judged."""
+        return not (self._offset or self._stuck)
+
+    @property
+    def newest(self) -> tuple[int, float, float]:
+        """Time and position of the newest sample, and the running mean of the rate."""
+        return self._t_ns, self._position, self._rate
+
+    def follow(self, t_ns: int, position_rad: float, rate: float, count: int, equal: int) -> None:
+        """Accept a batch of so many samples in which nothing could be found, by its end.
+
+        Parameters
+        ----------
+        rate : running mean at the end [rad/s]
+        equal : equal readings at the end
+        """
+        self._t_ns, self._position, self._rate = t_ns, position_rad, rate
+        self._run += count
+        self._equal = equal if equal < count else self._equal + equal
+
     def look(self, t_ns: int, position_rad: float) -> Fault | None:
         """Accept the next raw position; return its fault, or None."""
         dt_ns, step = t_ns - self._t_ns, position_rad - self._position

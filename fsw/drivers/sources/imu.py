@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import fields
+from itertools import islice
+
+import numpy as np
 
 from fsw.config import HealthConfig, ImuConfig
 from fsw.drivers.codecs.framing import Frame
-from fsw.drivers.codecs.imu_datagram import ImuCodec, ImuDatagram, Vector3
+from fsw.drivers.codecs.imu_datagram import ImuCodec, ImuDatagram, ImuRun, Vector3
 from fsw.drivers.codecs.mip import MipCodec
 from fsw.drivers.codecs.stim300 import (
     STANDARD_GRAVITY_M_S2,
@@ -20,12 +25,16 @@ from fsw.drivers.sources.counters import Counters, serial_counters
 from fsw.drivers.sources.line_watch import IMU_LINE, LineWatch
 from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
 from fsw.drivers.wire import ByteChunk, Reject
-from fsw.messages import ImuSample
+from fsw.messages import ImuSamples
 from fsw.messages.findings import Fault, Finding
 
 SUBJECT = "imu"
 MIN_LATENCY_LIMIT_S = 0.01  # a latency field above this and above two periods is no latency
 JITTER_SAMPLES, JITTER_OF = 3, 16  # so many late ones among so many make jitter
+IRREGULAR_CHUNKS = 16  # judged one by one before a run is looked for again
+UNUSABLE: Vector3 = (math.nan, math.nan, math.nan)
+NO_SAMPLES = ImuSamples(*np.empty((3, 0), np.int64), *np.empty((2, 0, 3)))
+_Sample = tuple[tuple[int, int, int], Vector3, Vector3]  # times [ns], rate, specific force
 _REFUSED = {Step.WRONG: Reject.SEQUENCE, Step.UNTRUE: Reject.RANGE}
 
 
@@ -91,14 +100,100 @@ class ImuSource:
         """Look whether the unit has fallen silent; everything received has been fed."""
         self._watch.watch(now_ns, up=up)
 
-    def feed(self, chunks: Sequence[ByteChunk]) -> list[ImuSample]:
+    def feed(self, chunks: Sequence[ByteChunk]) -> ImuSamples:
         """Accept chunks in order and return the samples they complete."""
-        samples: list[ImuSample] = []
+        parts: list[ImuSamples] = []
+        while chunks:
+            run = self._codec.run(chunks)
+            found = None if run is None else self._follow(run)
+            if run is not None and found is not None:
+                parts.append(found)
+                chunks = chunks[len(run.chunks) :]
+            else:
+                parts.append(self._one_by_one(chunks[:IRREGULAR_CHUNKS]))
+                chunks = chunks[IRREGULAR_CHUNKS:]
+        if len(parts) == 1:
+            return parts[0]
+        return joined(parts) if parts else NO_SAMPLES
+
+    def _follow(self, run: ImuRun) -> ImuSamples | None:
+        """Accept a run of datagrams that follow one another; None, and nothing done, for another.
+
+        Every datagram stands in one chunk, whose bytes are all accepted: that alone bounds its
+        arrival.
+        """
+        counts = [len(chunk.data) // run.length for chunk in run.chunks]
+        t_ns = np.repeat(np.array([chunk.t_ns for chunk in run.chunks], np.int64), counts)
+        w, f = run.w_NS_S_rad_s, run.f_NS_S_m_s2
+        if not self._watch.is_clean or not self._clock.ready:
+            return None
+        if np.abs(w).max() > self._rate_limit or np.abs(f).max() > self._force_limit:
+            return None
+        if run.latency_s.max() > self._latency_limit_s:
+            return None
+        latency_ns = run.latency_s * 1e9
+        indexes = self._track.follow(run.counter, t_ns, latency_ns)
+        if indexes is None:
+            return None
+        arrivals = self._arrivals
+        first = self._codec.framer.pass_over(run.chunks)
+        delays_ns = (latency_ns + run.length * arrivals.byte_ns).tolist()
+        self._observe(arrivals.finish_whole())
+        sent: list[float] = []
+        rows = zip(indexes.tolist(), delays_ns, strict=True)
+        held: list[Arrival] = []
+        for chunk, count in zip(run.chunks, counts, strict=True):
+            self._observe(held)
+            arrivals.add_whole(first, count, run.length)
+            first += 1
+            held = [
+                Arrival(n, delay_ns, chunk.t_ns, 0.0, (place + 1) * run.length)
+                for place, (n, delay_ns) in enumerate(islice(rows, count))
+            ]
+            sent += [self._sent_ns(arrival) for arrival in held]
+        arrivals.hold(held)
+        self._watch.followed(run.chunks[-1].t_ns)
+        self._counts.accepted += len(w)
+        self._counts.accepted_bytes += len(w) * run.length
+        sent_ns = np.array(sent)
+        return ImuSamples(
+            t_ns + np.rint(sent_ns - self._gyro_delay_ns).astype(np.int64),
+            t_ns + np.rint(sent_ns - self._acc_delay_ns).astype(np.int64),
+            t_ns,
+            w,
+            f,
+        )
+
+    def _observe(self, done: list[Arrival]) -> None:
+        """Let the clock model see arrivals that are final."""
+        arrivals = self._arrivals
+        for arrival in done:
+            bound_ns = arrival.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns)
+            self._clock.observe(arrival.n, arrival.t_receive_ns, bound_ns - arrival.delay_ns)
+
+    def _sent_ns(self, arrival: Arrival) -> float:
+        """Return when a datagram's first byte was sent, relative to its chunk's stamp [ns]."""
+        arrivals, base_ns = self._arrivals, arrival.t_receive_ns
+        sent_ns = arrival.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns) - arrival.delay_ns
+        if self._clock.ready:
+            reference_ns, rest_ns = self._clock.predict_ns(arrival.n)
+            predicted_ns = (reference_ns - base_ns) + rest_ns
+            self._look_at_lateness(sent_ns - predicted_ns, base_ns)
+            sent_ns = min(sent_ns, predicted_ns)
+        return sent_ns
+
+    def _one_by_one(self, chunks: Sequence[ByteChunk]) -> ImuSamples:
+        """Accept chunks of any content."""
+        samples: list[_Sample] = []
         for chunk in chunks:
             frames = self._codec.framer.feed(chunk)
             if frames:
                 self._take(self._plausible(frames), samples)
-        return samples
+        if not samples:
+            return NO_SAMPLES
+        times_ns, rates, forces = zip(*samples, strict=True)
+        gyro_ns, acc_ns, receive_ns = np.array(times_ns, np.int64).T.copy()
+        return ImuSamples(gyro_ns, acc_ns, receive_ns, np.array(rates), np.array(forces))
 
     def _plausible(self, frames: list[Frame]) -> list[tuple[Frame, ImuDatagram]]:
         """Decode frames and drop those whose values no working unit sends."""
@@ -125,7 +220,7 @@ class ImuSource:
             and datagram.latency_s <= self._latency_limit_s
         )
 
-    def _take(self, items: list[tuple[Frame, ImuDatagram]], samples: list[ImuSample]) -> None:
+    def _take(self, items: list[tuple[Frame, ImuDatagram]], samples: list[_Sample]) -> None:
         track, arrivals, clock = self._track, self._arrivals, self._clock
         for at, (frame, datagram) in enumerate(items):
             length = len(frame.data)
@@ -143,9 +238,7 @@ class ImuSource:
                 continue
             if arrivals.is_new_chunk(frame):
                 self._release(samples)
-                for done in arrivals.finish(frame):
-                    bound_ns = done.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns)
-                    clock.observe(done.n, done.t_receive_ns, bound_ns - done.delay_ns)
+                self._observe(arrivals.finish(frame))
             if step is Step.RESTART:
                 self._release(samples)
                 clock.reset()
@@ -192,30 +285,26 @@ class ImuSource:
             text = f"{late_ns * 1e-6:.1f} ms later than the unit's clock allows"
             self._watch.find(t_ns, Fault.IMU_JITTER, text)
 
-    def _release(self, samples: list[ImuSample]) -> None:
+    def _release(self, samples: list[_Sample]) -> None:
         """Give the accepted datagrams of one chunk their times."""
-        arrivals, clock = self._arrivals, self._clock
         for arrival, datagram in self._group:
-            base_ns = arrival.t_receive_ns
-            sent_ns = arrival.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns) - arrival.delay_ns
-            if clock.ready:
-                reference_ns, rest_ns = clock.predict_ns(arrival.n)
-                predicted_ns = (reference_ns - base_ns) + rest_ns
-                self._look_at_lateness(sent_ns - predicted_ns, base_ns)
-                sent_ns = min(sent_ns, predicted_ns)
+            base_ns, sent_ns = arrival.t_receive_ns, self._sent_ns(arrival)
+            times_ns = (
+                base_ns + round(sent_ns - self._gyro_delay_ns),
+                base_ns + round(sent_ns - self._acc_delay_ns),
+                base_ns,
+            )
+            rate, force = datagram.w_NS_S_rad_s, datagram.f_NS_S_m_s2
             samples.append(
-                ImuSample(
-                    base_ns + round(sent_ns - self._gyro_delay_ns),
-                    base_ns + round(sent_ns - self._acc_delay_ns),
-                    base_ns,
-                    arrival.n,
-                    datagram.w_NS_S_rad_s,
-                    datagram.f_NS_S_m_s2,
-                    datagram.gyro_status,
-                    datagram.acc_status,
-                )
+                (times_ns, UNUSABLE if rate is None else rate, UNUSABLE if force is None else force)
             )
         self._group = []
+
+
+def joined(parts: Sequence[ImuSamples]) -> ImuSamples:
+    """Return samples that follow one another as one."""
+    names = [field.name for field in fields(ImuSamples)]
+    return ImuSamples(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
 def _is_below(vector: Vector3 | None, limit: float) -> bool:

@@ -1,44 +1,69 @@
-"""One joint node: calibration, plausibility and bookkeeping of its samples."""
+"""Joint nodes: calibration, plausibility and bookkeeping of their samples."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
 from fsw.config import JointConfig
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.encoder_watch import EncoderWatch
+from fsw.drivers.sources.encoder_watch import (
+    GAP_PERIODS,
+    RATE_GAIN,
+    STUCK_RATE_RATIO,
+    EncoderWatch,
+)
 from fsw.drivers.wire import Reject
+from fsw.messages import FloatArray, IntArray
 from fsw.messages.findings import Fault
 
-HISTORY_SYNCS = 256  # SYNCs over which duplicates are known and losses settled
+HISTORY_SYNCS = 256  # SYNCs over which losses are settled
 CHAIN = 3  # samples in unbroken, consistent order ...
 CHAIN_S = 0.1  # ... over at least this time are believed against the last accepted one
 SLACK_SIGMAS = 10.0
 _MASK = (1 << HISTORY_SYNCS) - 1
 
+Refused = tuple[int, Reject, Fault | None]  # place in the batch, reason, and what it shows
 
-def calibrate(config: JointConfig, position_rad: float, torque_nm: float) -> tuple[float, float]:
-    """Apply sign, zero offset, gain and offset; position in the URDF's zero and sign.
 
-    position = sign x raw - zero_offset, torque = sign x gain x raw - offset.
-    """
-    return (
-        config.sign * position_rad - config.zero_offset_rad,
-        config.sign * config.torque_gain * torque_nm - config.torque_offset_nm,
-    )
+class Calibration:
+    """Sign, zero offset, gain and offset of the joints of a bus."""
+
+    def __init__(self, joints: Sequence[JointConfig]) -> None:
+        self._sign = np.array([joint.sign for joint in joints], float)
+        self._zero_rad = np.array([joint.zero_offset_rad for joint in joints])
+        self._gain = np.array([joint.sign * joint.torque_gain for joint in joints], float)
+        self._offset_nm = np.array([joint.torque_offset_nm for joint in joints])
+
+    def apply(
+        self, joint: IntArray, position_rad: FloatArray, torque_nm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return positions in the URDF's zero and sign, and torques.
+
+        position = sign x raw - zero_offset, torque = sign x gain x raw - offset; `joint` (k,) is
+        the place of each value's joint in the list given at the beginning.
+        """
+        return (
+            self._sign[joint] * position_rad - self._zero_rad[joint],
+            self._gain[joint] * torque_nm - self._offset_nm[joint],
+        )
 
 
 class JointTrack:
-    """State of one joint between frames; a rejected sample changes only counters."""
+    """State of one joint between batches; a rejected sample changes only counters."""
 
     def __init__(self, index: int, config: JointConfig, period_s: float) -> None:
         self.index = index
         self.config = config
         self.counts = Counters()
         self.first_sync = -1  # index of the first SYNC an accepted sample came for
-        self.last_t_ns = 0
-        self.fault: Fault | None = None  # what the newest sample was refused for
+        self._last_t_ns = 0
         self._last_rad = 0.0
         self._newest = 0
-        self._seen = 0  # bit i: a sample for SYNC newest - i was accepted
+        self._seen = 0  # bit i: a sample for SYNC newest - i was accepted in time
         self._slack_rad = SLACK_SIGMAS * config.position_noise_rad
         self._slack_rad += config.speed_limit_rad_s * period_s
         self._encoder = EncoderWatch(period_s, config.speed_limit_rad_s, self._slack_rad)
@@ -47,43 +72,77 @@ class JointTrack:
         self._doubted_t_ns = 0
         self._doubted_rad = 0.0
 
-    def has(self, sync: int) -> bool:
-        """Return whether a sample for the SYNC of this index was accepted."""
-        back = self._newest - sync
-        return 0 <= back < HISTORY_SYNCS and bool(self._seen >> back & 1)
+    @property
+    def slack_rad(self) -> float:
+        """Largest step between samples that is no jump, the joint's own motion left out [rad]."""
+        return self._slack_rad
+
+    @property
+    def state(self) -> tuple[bool, int, int, float, float]:
+        """Whether nothing is in doubt; newest SYNC, its time [ns], position [rad], rate [rad/s]."""
+        t_ns, position_rad, rate = self._encoder.newest
+        clean = self.first_sync >= 0 and self._encoder.is_steady and t_ns == self._last_t_ns
+        return clean, self._newest, t_ns, position_rad, rate
+
+    def follow(
+        self, sync: int, t_ns: int, position_rad: float, rate: float, count: int, equal: int
+    ) -> None:
+        """Accept a regular batch by its end; see `EncoderWatch.follow`."""
+        self._encoder.follow(t_ns, position_rad, rate, count, equal)
+        self._seen = (self._seen << count | (1 << count) - 1) & _MASK
+        self._newest, self._last_t_ns, self._last_rad = sync, t_ns, position_rad
+        self._chain = 0
+
+    def settle(self, first: int, stop: int) -> None:
+        """Count the SYNCs of [first, stop) for which no sample was accepted in time as lost."""
+        first = max(first, self.first_sync + 1, stop - HISTORY_SYNCS)
+        if self.first_sync < 0 or first >= stop:
+            return
+        wanted = stop - first
+        back = self._newest - stop + 1  # of the last of them behind the newest accepted one
+        seen = self._seen >> back if back >= 0 else self._seen << -back
+        self.counts.lost += wanted - (seen & (1 << wanted) - 1).bit_count()
 
     def judge(
-        self, sync: int, t_ns: int, position_rad: float, torque_nm: float | None
-    ) -> Reject | None:
-        """Return why calibrated values for a SYNC are refused, or None and take them as seen.
+        self,
+        syncs: Sequence[int],
+        t_ns: Sequence[int],
+        positions_rad: Sequence[float],
+        torques_nm: Sequence[float],
+        in_time: Sequence[bool],
+    ) -> list[Refused]:
+        """Return which calibrated values are refused, in order, and take the others as seen.
 
-        A node's frames never overtake one another, so a counter behind the last one is wrong. A
-        torque of None is not judged.
+        A node's frames never overtake one another, so a SYNC behind the last one is wrong. A torque
+        that is not a number is not judged.
         """
-        self.fault = None
-        first = self.first_sync < 0
-        if not first and sync <= self._newest:
-            return Reject.SEQUENCE
+        refused: list[Refused] = []
         limit_nm = self.config.torque_limit_nm
-        if torque_nm is not None and not -limit_nm <= torque_nm <= limit_nm:
-            self.fault = Fault.TORQUE_RANGE
-            return Reject.RANGE
-        self.fault = self._encoder.look(t_ns, position_rad)
-        if self.fault is not None:
-            return Reject.RANGE
-        near = first or self._is_reachable(self.last_t_ns, self._last_rad, t_ns, position_rad)
-        if not near and not self._is_believed(t_ns, position_rad):
-            self.fault = Fault.ENCODER_JUMP
-            return Reject.RANGE
-        if first:
-            self.first_sync = sync
-            self._seen = 1
-        else:
-            self._seen = (self._seen << (sync - self._newest) | 1) & _MASK
-        self._newest = sync
-        self.last_t_ns, self._last_rad = t_ns, position_rad
-        self._chain = 0
-        return None
+        look = self._encoder.look
+        rows = zip(syncs, t_ns, positions_rad, torques_nm, in_time, strict=True)
+        for k, (sync, time_ns, position, torque, timely) in enumerate(rows):
+            first = self.first_sync < 0
+            if not first and sync <= self._newest:
+                refused.append((k, Reject.SEQUENCE, None))
+                continue
+            if torque > limit_nm or torque < -limit_nm:
+                refused.append((k, Reject.RANGE, Fault.TORQUE_RANGE))
+                continue
+            fault = look(time_ns, position)
+            if fault is not None:
+                refused.append((k, Reject.RANGE, fault))
+                continue
+            near = first or self._is_reachable(self._last_t_ns, self._last_rad, time_ns, position)
+            if not near and not self._is_believed(time_ns, position):
+                refused.append((k, Reject.RANGE, Fault.ENCODER_JUMP))
+                continue
+            if first:
+                self.first_sync = self._newest = sync
+            self._seen = (self._seen << (sync - self._newest) | timely) & _MASK
+            self._newest = sync
+            self._last_t_ns, self._last_rad = time_ns, position
+            self._chain = 0
+        return refused
 
     def _is_reachable(self, t0_ns: int, position0: float, t_ns: int, position: float) -> bool:
         allowed = self._slack_rad + self.config.speed_limit_rad_s * abs(t_ns - t0_ns) * 1e-9
@@ -100,3 +159,114 @@ class JointTrack:
         self._chain += 1
         self._doubted_t_ns, self._doubted_rad = t_ns, position_rad
         return self._chain >= CHAIN and t_ns - self._chain_start_ns >= CHAIN_S * 1e9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """Calibrated values of a bus's joints in a batch, by joint and then in order; all (k,)."""
+
+    sync: IntArray  # running index of the SYNC
+    t_ns: IntArray  # its stamp
+    position_rad: FloatArray
+    torque_nm: FloatArray  # NaN: not judged
+    in_time: NDArray[np.bool_]
+
+
+class JointTracks:
+    """All joints of a bus.
+
+    Most batches are regular: a joint's samples follow one another SYNC by SYNC, and their steps are
+    so alike that no running mean between the smallest and the largest rate makes one of them a
+    jump. Such a batch is accepted by a few comparisons of arrays, any other sample by sample.
+    """
+
+    def __init__(self, joints: Sequence[tuple[int, JointConfig]], period_s: float) -> None:
+        self._tracks = [JointTrack(index, config, period_s) for index, config in joints]
+        configs = [config for _, config in joints]
+        self._torque_limit_nm = np.array([config.torque_limit_nm for config in configs])
+        self._speed_limit_rad_s = np.array([config.speed_limit_rad_s for config in configs])
+        self._slack_rad = np.array([track.slack_rad for track in self._tracks])
+        self._gap_ns = GAP_PERIODS * period_s * 1e9
+
+    def __iter__(self) -> Iterator[JointTrack]:
+        return iter(self._tracks)
+
+    def __getitem__(self, place: int) -> JointTrack:
+        """Return a joint by its place in the list given at the beginning."""
+        return self._tracks[place]
+
+    def judge(self, counts: Sequence[int], readings: Readings) -> list[Refused]:
+        """Return which values are refused, by place in the batch, and take the others as seen.
+
+        Parameters
+        ----------
+        counts : readings of each joint
+        """
+        bounds = np.concatenate([[0], np.cumsum(counts)]).tolist()
+        present = [k for k, count in enumerate(counts) if count]
+        if not present:
+            return []
+        regular = self._accept_regular(present, [bounds[k] for k in present], readings)
+        refused: list[Refused] = []
+        for k in present:
+            if k in regular:
+                continue
+            start, part = bounds[k], slice(bounds[k], bounds[k + 1])
+            found = self._tracks[k].judge(
+                readings.sync[part].tolist(),
+                readings.t_ns[part].tolist(),
+                readings.position_rad[part].tolist(),
+                readings.torque_nm[part].tolist(),
+                readings.in_time[part].tolist(),
+            )
+            refused += [(start + place, reason, fault) for place, reason, fault in found]
+        return refused
+
+    def _accept_regular(self, present: list[int], starts: list[int], r: Readings) -> set[int]:
+        """Accept the readings of joints whose batch is regular; return which joints these are."""
+        tracks = [self._tracks[k] for k in present]
+        size, heads, owners = len(r.sync), np.array(starts), np.array(present)
+        stops = np.append(heads[1:], size)
+        counts = stops - heads
+        of = np.repeat(owners, counts)
+        states = [track.state for track in tracks]
+        clean, newest, last_ns, last_rad, rate = (
+            np.array(column) for column in zip(*states, strict=True)
+        )
+        dsync, dt_ns, step = np.empty(size, np.int64), np.empty(size), np.empty(size)
+        dsync[1:], dsync[heads] = np.diff(r.sync), r.sync[heads] - newest
+        dt_ns[1:], dt_ns[heads] = np.diff(r.t_ns), r.t_ns[heads] - last_ns
+        step[1:], step[heads] = np.diff(r.position_rad), r.position_rad[heads] - last_rad
+        ok = (dsync == 1) & r.in_time & (dt_ns > 0) & (dt_ns <= self._gap_ns)
+        dt_s = np.where(ok, dt_ns, 1e9) * 1e-9
+        rates = step / dt_s
+        low = np.repeat(np.minimum(np.minimum.reduceat(rates, heads), rate), counts)
+        high = np.repeat(np.maximum(np.maximum.reduceat(rates, heads), rate), counts)
+        speed_rad_s, slack_rad = self._speed_limit_rad_s[of], self._slack_rad[of]
+        ok &= np.maximum(step - low * dt_s, high * dt_s - step) <= slack_rad
+        ok &= np.abs(step) <= slack_rad + speed_rad_s * dt_s
+        slow = np.maximum(np.abs(low), np.abs(high)) < STUCK_RATE_RATIO * speed_rad_s
+        ok &= slow | (step != 0.0)
+        ok &= ~(np.abs(r.torque_nm) > self._torque_limit_nm[of])
+        good = np.logical_and.reduceat(ok, heads) & clean
+        age = np.repeat(stops, counts) - 1 - np.arange(size)
+        mean = rate * (1.0 - RATE_GAIN) ** counts
+        mean += np.add.reduceat(RATE_GAIN * (1.0 - RATE_GAIN) ** age * rates, heads)
+        moved = np.maximum.reduceat(np.where(step != 0.0, np.arange(size), -1), heads)
+        equal = stops - 1 - np.maximum(moved, heads - 1)
+        ends = stops - 1
+        rows = zip(
+            tracks,
+            good.tolist(),
+            r.sync[ends].tolist(),
+            r.t_ns[ends].tolist(),
+            r.position_rad[ends].tolist(),
+            mean.tolist(),
+            counts.tolist(),
+            equal.tolist(),
+            strict=True,
+        )
+        for track, is_good, *end in rows:
+            if is_good:
+                track.follow(*end)
+        return {k for k, is_good in zip(present, good.tolist(), strict=True) if is_good}

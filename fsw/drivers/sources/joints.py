@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fsw.config import BusConfig, HealthConfig, JointConfig
 from fsw.drivers.codecs import canopen
 from fsw.drivers.sources.bus_errors import BusErrors
-from fsw.drivers.sources.bus_watch import BusWatch
+from fsw.drivers.sources.bus_watch import Answers, BusWatch, Mark
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.joint_track import JointTrack, calibrate
-from fsw.drivers.sources.sync import SyncHistory
-from fsw.drivers.wire import CanFrame, Reject
-from fsw.messages import JointSample
+from fsw.drivers.sources.joint_track import (
+    HISTORY_SYNCS,
+    Calibration,
+    JointTrack,
+    JointTracks,
+    Readings,
+)
+from fsw.drivers.sources.sync import UNKNOWN, SyncHistory
+from fsw.drivers.wire import MAX_DATA_BYTES, CanFrame, FrameArray, Reject, frame_at
+from fsw.messages import IntArray, JointSamples
 from fsw.messages.findings import Fault, Finding
 
 LOST_AFTER_NS = 100_000_000  # a SYNC without a sample for so long counts as a lost sample
+MOST_SYNCS = HISTORY_SYNCS // 2  # of a batch; a longer one is cut, or losses would be forgotten
 MAX_EVENTS = 256
 ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100  # classes of a SocketCAN error frame
 _FAULT_OF_REJECT = {
@@ -57,7 +67,15 @@ class JointBusSource:
         self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
         self._unsettled: deque[tuple[int, int]] = deque()  # SYNC stamp and index
         period_s = 1.0 / bus.rate_hz
-        self._tracks = {c.node_id: JointTrack(i, c, period_s) for i, c in joints}
+        self._tracks = JointTracks(joints, period_s)
+        configs = [config for _, config in joints]
+        self._calibration = Calibration(configs)
+        self._indexes = np.array([i for i, _ in joints], np.int64)
+        self._ids = np.array([config.node_id for config in configs], np.int64)
+        self._place = np.full(canopen.NODE_MASK + 1, -1)  # of a node's joint among these
+        self._place[self._ids] = np.arange(len(joints))
+        self._is_fd = np.array([config.format == "fd" for config in configs])
+        self._lengths = np.where(self._is_fd, canopen.FD_TPDO1_BYTES, canopen.TPDO1_BYTES)
         self._counts = Counters()  # what belongs to no joint
         self._states: dict[int, int] = {}
         self._other_frames = 0
@@ -70,7 +88,7 @@ class JointBusSource:
     def counters(self) -> dict[str, int]:
         """Counters of the whole bus."""
         out = self._counts.as_dict()
-        for track in self._tracks.values():
+        for track in self._tracks:
             for key, value in track.counts.as_dict().items():
                 out[key] += value
         out["sync"] = self._syncs.count
@@ -86,7 +104,7 @@ class JointBusSource:
     @property
     def joint_counters(self) -> dict[int, dict[str, int]]:
         """Counters by index of the joint."""
-        return {t.index: t.counts.as_dict() for t in self._tracks.values()}
+        return {t.index: t.counts.as_dict() for t in self._tracks}
 
     @property
     def node_states(self) -> dict[int, int]:
@@ -98,7 +116,7 @@ class JointBusSource:
 
         `velocity_rad_s`, `motor_torque_ratio` (of the rated torque), `temperature_degc`, by name.
         """
-        signs = {track.config.name: track.config.sign for track in self._tracks.values()}
+        signs = {track.config.name: track.config.sign for track in self._tracks}
         return {
             name: {
                 "velocity_rad_s": signs[name] * slow.velocity_rad_s,
@@ -133,30 +151,80 @@ class JointBusSource:
 
     def start_frames(self) -> list[tuple[int, bytes]]:
         """Return the NMT frames that start every configured node."""
-        return [canopen.encode_nmt(canopen.NmtCommand.START, node) for node in self._tracks]
+        return [canopen.encode_nmt(canopen.NmtCommand.START, node) for node in self._ids.tolist()]
 
-    def feed(self, frames: Sequence[CanFrame]) -> list[JointSample]:
+    def feed(self, frames: FrameArray) -> JointSamples:
         """Accept frames in order, sent SYNCs included, and return the samples they hold."""
-        samples = []
-        first, last = canopen.COB_TPDO1, canopen.COB_TPDO1 | canopen.NODE_MASK
-        for frame in frames:
-            can_id = frame.can_id
+        ends = np.flatnonzero(frames["word"] == canopen.COB_SYNC)[MOST_SYNCS::MOST_SYNCS]
+        if not ends.size:
+            return self._feed(frames)
+        parts = [self._feed(part) for part in np.split(frames, ends)]
+        names = [field.name for field in fields(JointSamples)]
+        return JointSamples(
+            **{n: np.concatenate([getattr(part, n) for part in parts]) for n in names}
+        )
+
+    def _feed(self, frames: FrameArray) -> JointSamples:
+        words = frames["word"]
+        is_answer = (words > canopen.COB_TPDO1) & (
+            words <= canopen.COB_TPDO1 | canopen.NODE_MASK
+        )  # no flag bits: base format
+        is_slow = (words > canopen.COB_TPDO2) & (words <= canopen.COB_TPDO2 | canopen.NODE_MASK)
+        is_slow[is_slow] = self._place[words[is_slow] & canopen.NODE_MASK] >= 0
+        self._slow_values(frames[is_slow])
+        rows = np.flatnonzero(is_answer)
+        node = self._place[words[rows] & canopen.NODE_MASK]
+        syncs, others = self._others(frames, np.flatnonzero(~(is_answer | is_slow)))
+        if np.count_nonzero(node < 0):
+            others += self._unknown(frames, rows[node < 0])
+            rows, node = rows[node >= 0], node[node >= 0]
+        samples = self._answers(frames[rows], rows, node, syncs, others)
+        if syncs:
+            self._settle(syncs)
+        return samples
+
+    def _slow_values(self, frames: FrameArray) -> None:
+        """Keep the newest slow values of every joint."""
+        self._other_frames += len(frames)
+        whole = np.flatnonzero(frames["length"] == canopen.TPDO2_BYTES)
+        places = self._place[frames["word"][whole] & canopen.NODE_MASK].tolist()
+        for place, row in dict(zip(places, whole.tolist(), strict=True)).items():
+            slow = canopen.decode_tpdo2(frame_at(frames, row).data)
+            if not isinstance(slow, Reject):
+                self._slow[self._tracks[place].config.name] = slow
+
+    def _others(self, frames: FrameArray, rows: NDArray[np.intp]) -> tuple[list[Mark], list[Mark]]:
+        """Accept what is no sample: SYNCs, error frames, slower services; return what they show."""
+        syncs: list[Mark] = []
+        others: list[Mark] = []
+        part = frames[rows]
+        data, width = part["data"].tobytes(), MAX_DATA_BYTES
+        columns = (rows, part["word"], part["length"], part["t_ns"])
+        items = zip(*(column.tolist() for column in columns), strict=True)
+        for k, (row, word, length, t_ns) in enumerate(items):
+            if word == canopen.COB_SYNC:
+                if self._syncs.add(data[k * width : k * width + length], t_ns, row):
+                    syncs.append(Mark(row, t_ns, sync=self._syncs.count - 1))
+                continue
+            frame = frame_at(frames, row)
             if frame.is_error:
                 self._error(frame)
             elif frame.is_remote or frame.is_extended:
                 self._other_frames += 1
-                self._watch.stranger()
-            elif first < can_id <= last:
-                sample = self._sample(frame)
-                if sample is not None:
-                    samples.append(sample)
-            elif can_id == canopen.COB_SYNC:
-                if self._syncs.add(frame.data, frame.t_ns):
-                    self._settle(frame.t_ns)
-                    self._watch.sync(self._syncs.count - 1, frame.t_ns)
+                others.append(Mark(row, t_ns))
             else:
-                self._route(frame)
-        return samples
+                others += self._route(frame, row)
+        return syncs, others
+
+    def _unknown(self, frames: FrameArray, rows: NDArray[np.intp]) -> list[Mark]:
+        """Count samples of nodes that are not configured."""
+        for row in rows.tolist():
+            frame = frame_at(frames, row)
+            self._counts.received_bytes += len(frame.data)
+            self._counts.reject(Reject.NODE, len(frame.data))
+            text = f"sample of node 0x{frame.can_id & canopen.NODE_MASK:02x}"
+            self._watch.find(frame.t_ns, Fault.NODE_UNKNOWN, None, text)
+        return [Mark(row, int(frames["t_ns"][row])) for row in rows.tolist()]
 
     def _error(self, frame: CanFrame) -> None:
         """Accept an error frame of the bus controller."""
@@ -167,88 +235,143 @@ class JointBusSource:
         elif not frame.can_id & ERROR_RESTARTED:
             self._watch.find(frame.t_ns, Fault.BUS_ERRORS, None, f"class 0x{frame.can_id:03x}")
 
-    def _sample(self, frame: CanFrame) -> JointSample | None:
-        node = frame.can_id & canopen.NODE_MASK
-        track = self._tracks.get(node)
-        length = len(frame.data)
-        if track is None:
-            self._counts.received_bytes += length
-            self._counts.reject(Reject.NODE, length)
-            self._watch.stranger()
-            self._watch.find(frame.t_ns, Fault.NODE_UNKNOWN, None, f"sample of node 0x{node:02x}")
-            return None
-        counts = track.counts
-        counts.received_bytes += length
-        fd = track.config.format == "fd"
-        pdo = canopen.decode_fd(frame.data) if fd else canopen.decode_tpdo1(frame.data)
-        sync = None
-        reason: Reject | None = None
-        if isinstance(pdo, Reject):
-            reason = pdo
-        else:
-            sync = self._syncs.find(pdo.sync_counter, frame.t_ns)
-            if sync is None:
-                reason = Reject.STALE
-        if isinstance(pdo, Reject) or sync is None or reason is not None:
-            # whatever it says, the node is there and has answered the newest SYNC or the one before
-            self._watch.answer_of_no_sync(node)
-            self._refuse(track, frame, reason or Reject.STALE)
-            return None
-        self._watch.answer(node, sync[1], frame.t_ns)
-        if not canopen.position_usable(pdo.status):
-            fault = next(f for bits, f in _FAULT_OF_STATUS if pdo.status & bits or bits == 0xFF)
-            self._watch.find(frame.t_ns, fault, node, f"status 0x{pdo.status:02x}")
-            self._refuse(track, frame, Reject.STATUS)
-            return None
-        position, reading = calibrate(track.config, pdo.position_rad, pdo.torque_nm)
-        torque: float | None = reading
-        if not canopen.torque_usable(pdo.status):
-            torque = None
-        reason = track.judge(sync[1], sync[0], position, torque)
-        if track.fault is not None:
-            self._watch.find(frame.t_ns, track.fault, node)
-        if reason is not None:
-            self._refuse(track, frame, reason)
-            return None
-        if torque is None:
-            self._torque_unusable += 1
-            overload = pdo.status & canopen.STATUS_TORQUE_OVERLOAD
-            fault = Fault.TORQUE_OVERLOAD if overload else Fault.TORQUE_FAULT
-            self._watch.find(frame.t_ns, fault, node, f"status 0x{pdo.status:02x}")
-        counts.accepted += 1
-        counts.accepted_bytes += length
-        t_ns = sync[0] + self._latch_offset_ns
-        return JointSample(
-            t_ns, frame.t_ns, track.index, pdo.sync_counter, position, torque, pdo.status
+    def _answers(
+        self,
+        frames: FrameArray,
+        rows: NDArray[np.intp],
+        node: IntArray,
+        syncs: list[Mark],
+        others: list[Mark],
+    ) -> JointSamples:
+        """Judge TPDO1 frames of configured nodes; `node` (k,) is the place of each one's joint."""
+        t_ns, length = frames["t_ns"], frames["length"]
+        whole = length == self._lengths[node]
+        pdo = self._decode(frames["data"], node, whole)
+        index, sync_ns, newest = self._syncs.match(pdo.sync_counter, rows, t_ns)
+        index[~whole] = UNKNOWN
+        self._watch.feed(Answers(self._ids[node], index, newest, rows, t_ns), syncs, others)
+        usable = (index >= 0) & canopen.position_usable(pdo.status)
+        position_rad, torque_nm = self._calibration.apply(node, pdo.position_rad, pdo.torque_nm)
+        has_torque = canopen.torque_usable(pdo.status)
+        torque_nm[~has_torque] = np.nan
+        self._count_received(node, length)
+        if np.count_nonzero(usable) < len(usable):
+            self._refuse_unused(frames, node, np.flatnonzero(~usable), whole, index, pdo.status)
+        order = np.flatnonzero(usable)
+        order = order[np.argsort(node[order], kind="stable")]
+        counts = np.bincount(node[order], minlength=len(self._lengths)).tolist()
+        readings = Readings(
+            sync=index[order],
+            t_ns=sync_ns[order],
+            position_rad=position_rad[order],
+            torque_nm=torque_nm[order],
+            in_time=t_ns[order] - sync_ns[order] <= LOST_AFTER_NS,
+        )
+        for place, reason, fault in self._tracks.judge(counts, readings):
+            row = order[place]
+            track = self._tracks[node[row]]
+            counts[node[row]] -= 1
+            track.counts.reject(reason, int(length[row]))
+            usable[row] = False
+            if fault is not None:
+                self._watch.find(int(t_ns[row]), fault, track.config.node_id)
+        for track, size, count in zip(self._tracks, self._lengths.tolist(), counts, strict=True):
+            track.counts.accepted += count
+            track.counts.accepted_bytes += count * size
+        self._report_torques(frames, node, usable & ~has_torque, pdo.status)
+        if np.count_nonzero(usable) < len(usable):
+            sync_ns, t_ns, node = sync_ns[usable], t_ns[usable], node[usable]
+            position_rad, torque_nm = position_rad[usable], torque_nm[usable]
+        return JointSamples(
+            t_ns=sync_ns + self._latch_offset_ns,
+            t_receive_ns=t_ns.astype(np.int64),
+            joint=self._indexes[node],
+            position_rad=position_rad,
+            torque_nm=torque_nm,
         )
 
-    def _refuse(self, track: JointTrack, frame: CanFrame, reason: Reject) -> None:
-        track.counts.reject(reason, len(frame.data))
-        if reason in _FAULT_OF_REJECT:
-            self._watch.find(frame.t_ns, _FAULT_OF_REJECT[reason], track.config.node_id)
+    def _decode(
+        self, data: NDArray[np.uint8], node: IntArray, whole: NDArray[np.bool_]
+    ) -> canopen.Tpdo1:
+        """Return the values of frames in their joints' format; those not whole have counter 0."""
+        classic, fd = canopen.decode_tpdo1, canopen.decode_fd
+        is_fd = self._is_fd[node]
+        if not is_fd.any():
+            pdo = classic(data[:, : canopen.TPDO1_BYTES])
+        elif is_fd.all():
+            pdo = fd(data[:, : canopen.FD_TPDO1_BYTES])
+        else:
+            both = (classic(data[:, : canopen.TPDO1_BYTES]), fd(data[:, : canopen.FD_TPDO1_BYTES]))
+            pdo = canopen.Tpdo1(
+                *(
+                    np.where(is_fd, getattr(both[1], name), getattr(both[0], name))
+                    for name in ("position_rad", "torque_nm", "status", "sync_counter")
+                )
+            )
+        pdo.sync_counter[~whole] = 0
+        return pdo
 
-    def _settle(self, now_ns: int) -> None:
+    def _count_received(self, node: IntArray, length: NDArray[np.uint8]) -> None:
+        sizes = np.bincount(node, weights=length, minlength=len(self._lengths)).tolist()
+        for track, size in zip(self._tracks, sizes, strict=True):
+            track.counts.received_bytes += int(size)
+
+    def _refuse_unused(
+        self,
+        frames: FrameArray,
+        nodes: IntArray,
+        places: NDArray[np.intp],
+        whole: NDArray[np.bool_],
+        index: IntArray,
+        status: IntArray,
+    ) -> None:
+        """Refuse frames of a wrong length, of no SYNC, or whose status forbids their use."""
+        for place in places.tolist():
+            track = self._tracks[nodes[place]]
+            node = track.config.node_id
+            t_ns, length = int(frames["t_ns"][place]), int(frames["length"][place])
+            if index[place] < 0:
+                reason = Reject.STALE if whole[place] else Reject.LENGTH
+                self._watch.find(t_ns, _FAULT_OF_REJECT[reason], node)
+            else:
+                reason, bits = Reject.STATUS, int(status[place])
+                fault = next(f for mask, f in _FAULT_OF_STATUS if bits & mask or mask == 0xFF)
+                self._watch.find(t_ns, fault, node, f"status 0x{bits:02x}")
+            track.counts.reject(reason, length)
+
+    def _report_torques(
+        self, frames: FrameArray, node: IntArray, faulty: NDArray[np.bool_], status: IntArray
+    ) -> None:
+        """Count accepted samples whose torque cannot be used."""
+        for place in np.flatnonzero(faulty).tolist():
+            self._torque_unusable += 1
+            bits = int(status[place])
+            overload = bits & canopen.STATUS_TORQUE_OVERLOAD
+            fault = Fault.TORQUE_OVERLOAD if overload else Fault.TORQUE_FAULT
+            t_ns, owner = int(frames["t_ns"][place]), int(self._ids[node[place]])
+            self._watch.find(t_ns, fault, owner, f"status 0x{bits:02x}")
+
+    def _settle(self, syncs: list[Mark]) -> None:
         """Count the samples that did not come for SYNCs of some age."""
-        self._unsettled.append((now_ns, self._syncs.count - 1))
-        while self._unsettled[0][0] < now_ns - LOST_AFTER_NS:
-            _, sync = self._unsettled.popleft()
-            for track in self._tracks.values():
-                if 0 <= track.first_sync < sync and not track.has(sync):
-                    track.counts.lost += 1
+        waiting = self._unsettled
+        waiting += [(mark.t_ns, mark.sync) for mark in syncs]
+        before_ns = syncs[-1].t_ns - LOST_AFTER_NS
+        first = waiting[0][1]
+        while waiting[0][0] < before_ns:
+            waiting.popleft()
+        if waiting[0][1] > first:
+            for track in self._tracks:
+                track.settle(first, waiting[0][1])
 
-    def _route(self, frame: CanFrame) -> None:
+    def _route(self, frame: CanFrame, row: int) -> list[Mark]:
         """Accept the slower services of the configured nodes; everything else is not ours."""
         self._other_frames += 1
         function, node = frame.can_id & canopen.FUNCTION_MASK, frame.can_id & canopen.NODE_MASK
-        track = self._tracks.get(node)
-        if track is None or frame.can_id > 0x7FF:
-            self._watch.stranger()
-            return
-        if function == canopen.COB_TPDO2:
-            slow = canopen.decode_tpdo2(frame.data)
-            if not isinstance(slow, Reject):
-                self._slow[track.config.name] = slow
-        elif function == canopen.COB_EMCY:
+        place = int(self._place[node])
+        if place < 0:
+            return [Mark(row, frame.t_ns)]
+        track = self._tracks[place]
+        if function == canopen.COB_EMCY:
             emergency = canopen.decode_emcy(frame.data)
             if not isinstance(emergency, Reject):
                 text = f"emergency 0x{emergency.code:04x} register 0x{emergency.register:02x}"
@@ -261,7 +384,8 @@ class JointBusSource:
                 code = "NODE_BOOT_UP" if state == canopen.NmtState.BOOT_UP else "NODE_STATE"
                 self._event("info", code, track, f"NMT state 0x{state:02x}")
             if state == canopen.NmtState.BOOT_UP:
-                self._watch.boot(node, frame.t_ns)
+                return [Mark(row, frame.t_ns, booted=node)]
+        return []
 
     def _event(self, severity: str, code: str, track: JointTrack, text: str) -> None:
         name = f"{track.config.name} (node 0x{track.config.node_id:02x})"

@@ -80,6 +80,15 @@ class LineWatch:
         self._refused += 1
         self._skipped += skipped
 
+    @property
+    def is_clean(self) -> bool:
+        """Whether nothing was skipped, refused or excused since the last accepted frame."""
+        return not (self._skipped or self._refused or self._excused)
+
+    def followed(self, t_ns: int) -> None:
+        """Record that frames without a gap or a byte between them were accepted up to a time."""
+        self._last_ns = t_ns
+
     def accepted(self, t_ns: int, skipped: int, lost: int, length: int) -> None:
         """Record an accepted frame.
 

@@ -14,7 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from fsw.drivers.sources.clock_model import ClockModel
+from fsw.messages import FloatArray, IntArray
 
 CHAIN_S = 0.1  # unbroken rejects that are believed to be the unit's new time
 EARLY_RATIO = 0.4  # of a sample period: earlier than the clock model than that is impossible
@@ -92,6 +95,27 @@ class CounterTrack:
         if good and self._is_untrue(index, item, clock):
             return self._doubt(item.counter, Step.UNTRUE)
         return Step.NEXT if good else self._doubt(item.counter, Step.WRONG)
+
+    def follow(self, counters: IntArray, t_ns: IntArray, latency_ns: FloatArray) -> IntArray | None:
+        """Believe counters (k,) that follow one another step by step; return their indexes (k,).
+
+        None, and nothing is believed, where `check` has to look: at a gap, a silence, a repeated
+        counter or a wait that grew.
+        """
+        if not self._started:
+            return None
+        ahead = np.diff(counters, prepend=self._counter) % self._modulus
+        waited_ns = np.diff(t_ns, prepend=self._t_ns)
+        longer_ns = np.diff(latency_ns, prepend=self._latency_ns)
+        regular = np.abs(ahead - self._step) <= STEP_TOLERANCE * self._step
+        regular &= waited_ns < self._wrap_ns
+        regular &= longer_ns <= UNTRUE_RATIO * self._step * self._tick_ns
+        if np.count_nonzero(regular) < len(counters):
+            return None
+        indexes = self.index + np.cumsum(ahead)
+        self.index, self._counter = int(indexes[-1]), int(counters[-1])
+        self._t_ns, self._latency_ns, self._chain = int(t_ns[-1]), float(latency_ns[-1]), 0
+        return indexes
 
     def accept(self, item: Counted, clock: ClockModel, step: Step) -> int:
         """Believe a counter that `check` gave NEXT or RESTART and return its index."""

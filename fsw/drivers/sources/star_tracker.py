@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from fsw.config import HealthConfig, StarTrackerConfig
 from fsw.drivers.codecs.framing import Frame
 from fsw.drivers.codecs.sagitta import (
@@ -19,7 +21,7 @@ from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
 from fsw.drivers.sources.line_watch import TRACKER_LINE, LineWatch
 from fsw.drivers.wire import ByteChunk, Reject
-from fsw.messages import AttitudeSample
+from fsw.messages import AttitudeSamples
 from fsw.messages.findings import Fault, Finding
 
 SUBJECT = "star_tracker"
@@ -30,6 +32,8 @@ _FAULT_OF_REJECT = {Reject.STATUS: Fault.TRACKER_BLIND, Reject.RANGE: Fault.TRAC
 CHAIN = 3  # solutions in order that are believed to be the unit's new time
 
 Quaternion = tuple[float, float, float, float]
+_Sample = tuple[int, int, Quaternion]  # time of validity and of receipt [ns], attitude
+NO_SAMPLES = AttitudeSamples(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 4)))
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -100,9 +104,9 @@ class StarTrackerSource:
         """Return what to send at start: the subscription, or nothing."""
         return encode_subscribe((SOLUTION_ID,)) if self._config.subscribe else b""
 
-    def feed(self, chunks: Sequence[ByteChunk]) -> list[AttitudeSample]:
+    def feed(self, chunks: Sequence[ByteChunk]) -> AttitudeSamples:
         """Accept chunks in order and return the attitudes they complete."""
-        samples = []
+        samples: list[_Sample] = []
         for chunk in chunks:
             frames = [(f, self._codec.decode(f.data)) for f in self._codec.framer.feed(chunk)]
             sent_us = {item.unix_us for _, item in frames if isinstance(item, Solution)}
@@ -112,7 +116,10 @@ class StarTrackerSource:
                 sample = self._take(frame, decoded)
                 if sample is not None:
                     samples.append(sample)
-        return samples
+        if not samples:
+            return NO_SAMPLES
+        t_ns, t_receive_ns, attitudes = zip(*samples, strict=True)
+        return AttitudeSamples(np.array(t_ns), np.array(t_receive_ns), np.array(attitudes))
 
     def _wait_ns(self, decoded: Solution | Telemetry | Reject, sent_us: set[int]) -> float:
         """Return how long a frame may have waited to be read, from the times sent in its chunk.
@@ -124,7 +131,7 @@ class StarTrackerSource:
             return 0.0
         return (max(sent_us) - decoded.unix_us) * 1e3 + self._period_ns
 
-    def _take(self, frame: Frame, decoded: Solution | Telemetry | Reject) -> AttitudeSample | None:
+    def _take(self, frame: Frame, decoded: Solution | Telemetry | Reject) -> _Sample | None:
         length = len(frame.data)
         t_ns = frame.pieces[-1].t_ns
         if isinstance(decoded, Reject):
@@ -154,12 +161,8 @@ class StarTrackerSource:
             return None
         self._counts.accepted += 1
         self._counts.accepted_bytes += length
-        return AttitudeSample(
-            sample_ns,
-            t_ns,
-            decoded.ticks,
-            to_bus(decoded.q_wxyz, self._config.mounting.q_BS_xyzw, self._config.rotation),
-        )
+        q_BS, rotation = self._config.mounting.q_BS_xyzw, self._config.rotation
+        return sample_ns, t_ns, to_bus(decoded.q_wxyz, q_BS, rotation)
 
     def _refuse(self, frame: Frame, reason: Reject, fault: Fault) -> None:
         self._counts.reject(reason, len(frame.data))

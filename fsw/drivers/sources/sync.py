@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fsw.drivers.codecs.canopen import decode_sync
 from fsw.drivers.wire import Reject
+from fsw.messages import IntArray
 
 MAX_AGE_S = 0.4
 CYCLE_RATIO = 0.9  # of a counter cycle: an older match could be of another cycle
+UNKNOWN = -1
+BEFORE = -1  # row of a SYNC that came in an earlier batch
 
 
 class SyncHistory:
-    """Stamps of the latest SYNCs by counter, each with its running index."""
+    """The latest SYNCs in order: counter, stamp and running index."""
 
     def __init__(self, counter_max: int, rate_hz: float) -> None:
         self._counter_max = counter_max
         self._max_age_ns = round(min(MAX_AGE_S, CYCLE_RATIO * counter_max / rate_hz) * 1e9)
-        self._latest: list[tuple[int, int] | None] = [None] * (counter_max + 1)
-        self._before: list[tuple[int, int] | None] = [None] * (counter_max + 1)
+        self._latest: list[int | None] = [None] * (counter_max + 1)  # stamp by counter
+        self._counters = np.empty(0, np.int64)
+        self._stamps_ns = np.empty(0, np.int64)
+        self._rows = np.empty(0, np.int64)  # in the newest batch
+        self._new: list[tuple[int, int, int]] = []  # counter, stamp, row
         self._echo_ns = 0.5e9 * counter_max / rate_hz
         self._last_counter = 0
         self._issued = 0  # counter of the last one sent from here
@@ -25,8 +33,8 @@ class SyncHistory:
         self.lost = 0  # gaps in the counter as seen here
         self.invalid = 0
 
-    def add(self, data: bytes, t_ns: int) -> bool:
-        """Accept a SYNC; False when it is an echo or carries no counter of this bus."""
+    def add(self, data: bytes, t_ns: int, row: int) -> bool:
+        """Accept the SYNC in a row of the batch; False for an echo or a counter of no such bus."""
         counter = decode_sync(data, self._counter_max)
         if isinstance(counter, Reject):
             self.invalid += 1
@@ -37,8 +45,8 @@ class SyncHistory:
                 return False
             self.lost += (counter - self._last_counter - 1) % self._counter_max
         self._last_counter = counter
-        self._before[counter] = self._latest[counter]
-        self._latest[counter] = (t_ns, self.count)
+        self._latest[counter] = t_ns
+        self._new.append((counter, t_ns, row))
         self.count += 1
         return True
 
@@ -46,7 +54,7 @@ class SyncHistory:
         """Return whether this SYNC is known: the newest, or one whose repetition came late."""
         behind = (self._last_counter - counter) % self._counter_max
         before = self._latest[counter]
-        recent = before is not None and t_ns - before[0] < self._echo_ns
+        recent = before is not None and t_ns - before < self._echo_ns
         return recent and behind < max(1, self._counter_max // 4)
 
     def next_counter(self) -> int:
@@ -57,13 +65,44 @@ class SyncHistory:
         """Note that a SYNC with `next_counter` was sent; it may be added much later."""
         self._issued = self.next_counter()
 
-    def find(self, counter: int, t_ns: int) -> tuple[int, int] | None:
-        """Return stamp and index of the latest SYNC with this counter at or before t_ns."""
-        if not 1 <= counter <= self._counter_max:
-            return None
-        entry = self._latest[counter]
-        if entry is not None and entry[0] > t_ns:
-            entry = self._before[counter]
-        if entry is None or not 0 <= t_ns - entry[0] <= self._max_age_ns:
-            return None
-        return entry
+    def match(
+        self, counters: IntArray, rows: IntArray, t_ns: IntArray
+    ) -> tuple[IntArray, IntArray, IntArray]:
+        """Find the SYNC that every answer of a batch echoes: the latest before it with its counter.
+
+        Parameters
+        ----------
+        counters, rows, t_ns : (k,) echoed counter, row in the batch and stamp of every answer
+
+        Returns
+        -------
+        indexes : (k,) running index of its SYNC, UNKNOWN where there is none or one too old
+        stamps_ns : (k,) of that SYNC
+        newest : (k,) running index of the newest SYNC before the answer
+        """
+        self._take_new()
+        held = self._counters
+        if not held.size:
+            none = np.full(len(counters), UNKNOWN)
+            return none, np.zeros(len(counters), np.int64), none
+        last = np.searchsorted(self._rows, rows) - 1
+        keys = np.sort(held * held.size + np.arange(held.size))  # by counter, then in order
+        near = np.searchsorted(keys, counters * held.size + last, side="right") - 1
+        found = (near >= 0) & (keys[near] // held.size == counters)
+        at = keys[near] % held.size
+        stamps_ns = self._stamps_ns[np.where(found, at, 0)]
+        found &= t_ns - stamps_ns <= self._max_age_ns
+        first = self.count - held.size
+        return np.where(found, first + at, UNKNOWN), stamps_ns, first + last
+
+    def _take_new(self) -> None:
+        """Put the SYNCs of this batch behind those held; forget what no answer can echo."""
+        new = np.array(self._new, np.int64).reshape(-1, 3)
+        self._new = []
+        # no answer of this batch came before the newest SYNC of the batches before it
+        before_ns = self._stamps_ns[-1] if self._stamps_ns.size else 0
+        start = int(np.searchsorted(self._stamps_ns, before_ns - self._max_age_ns))
+        self._counters = np.concatenate([self._counters[start:], new[:, 0]])
+        self._stamps_ns = np.concatenate([self._stamps_ns[start:], new[:, 1]])
+        old = np.full(len(self._rows) - start, BEFORE)
+        self._rows = np.concatenate([old, new[:, 2]])

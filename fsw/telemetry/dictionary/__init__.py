@@ -7,7 +7,6 @@ nothing else; there is no second list.
 from __future__ import annotations
 
 import zlib
-from functools import cache
 
 from fsw.telemetry.dictionary.codes import ERROR
 from fsw.telemetry.dictionary.commands import TELECOMMANDS
@@ -60,7 +59,6 @@ DICTIONARY = Dictionary(
 )
 
 
-@cache
-def dictionary_crc32() -> int:
+def dictionary_crc32(dictionary: Dictionary = DICTIONARY) -> int:
     """Return the CRC-32 of all names, types and numbers; it goes down in housekeeping."""
-    return zlib.crc32(repr(DICTIONARY).encode())
+    return zlib.crc32(repr(dictionary).encode())

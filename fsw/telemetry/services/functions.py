@@ -26,7 +26,7 @@ class Functions:
         self._recording = context.host.recording
 
     def handlers(self) -> dict[str, Handler]:
-        """Return the handlers of these functions."""
+        """Return what takes these functions."""
         simple = {
             "STOP_IDENTIFICATION": CommandName.REST,
             "RESET_ESTIMATOR": CommandName.RESET,

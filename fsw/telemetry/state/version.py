@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import platform
-from functools import cache
 from importlib import metadata
 from pathlib import Path
 
 PACKAGE = "inertia-daemon"
 
 
-@cache
-def _running() -> dict[str, str]:
+def version_values() -> dict[str, str]:
+    """Return package and version, commit, Python."""
     try:
         version = metadata.version(PACKAGE)
     except metadata.PackageNotFoundError:
@@ -21,11 +20,6 @@ def _running() -> dict[str, str]:
         "commit": commit(Path(__file__).parents[3]),
         "python": platform.python_version(),
     }
-
-
-def version_values() -> dict[str, str]:
-    """Return package and version, commit, Python, as they were at the first call."""
-    return dict(_running())
 
 
 def commit(top: Path) -> str:

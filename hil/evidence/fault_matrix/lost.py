@@ -12,11 +12,17 @@ from pathlib import Path
 
 from fsw.commands.replay import replay
 from fsw.config import Config
-from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK, decode_fd, decode_tpdo1
-from fsw.drivers.wire import CanFrame, Reject, unpack_frame
-from fsw.exchange.recording import RecordingWriter
-from fsw.exchange.recording_parts import contents_of, messages_of, parts_of
-from fsw.exchange.sinks import CanTraffic, RawTraffic
+from fsw.drivers.codecs.canopen import (
+    COB_SYNC,
+    COB_TPDO1,
+    FD_TPDO1_BYTES,
+    NODE_MASK,
+    TPDO1_BYTES,
+)
+from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, unpack_frame
+from fsw.exchange.recording import RecordingWriter, messages_of
+from fsw.exchange.recording_parts import contents_of, parts_of
+from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.loop.ports import IMU, STAR_TRACKER
 from hil.judge.outcome import result_of
 from hil.judge.score import Result
@@ -38,9 +44,9 @@ def numbered(
             first_ns = frame.t_ns if first_ns is None else first_ns
             numbers[frame.data[0]] = round((frame.t_ns - first_ns) / period_ns)
         elif frame.can_id & ~NODE_MASK == COB_TPDO1 and not frame.is_error:
-            sample = decode_fd(frame.data) if frame.is_fd else decode_tpdo1(frame.data)
-            if not isinstance(sample, Reject) and sample.sync_counter in numbers:
-                answer = frame.can_id & NODE_MASK, numbers[sample.sync_counter]
+            place, size = (14, FD_TPDO1_BYTES) if frame.is_fd else (7, TPDO1_BYTES)
+            if len(frame.data) == size and frame.data[place] in numbers:
+                answer = frame.can_id & NODE_MASK, numbers[frame.data[place]]
         yield frame, answer
 
 
@@ -73,7 +79,7 @@ def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], pat
     writer = RecordingWriter(path)
     for frame, answer in numbered(frames_of(recording, bus), period_ns):
         if answer not in missing:
-            writer.traffic(CanTraffic(bus, [frame]))
+            writer.traffic(CanTraffic(bus, frame_array([frame])))
     parts = parts_of(recording)
     topics = [COMMANDS, SERIAL + IMU, SERIAL + STAR_TRACKER]
     held = [topic for topic in topics if topic in contents_of(parts).topics]
@@ -81,7 +87,8 @@ def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], pat
         if record.topic == COMMANDS:
             writer.json(COMMANDS, record.t_ns, json.loads(record.data))
         else:
-            writer.traffic(RawTraffic(record.topic, "raw", [(record.t_ns, record.data)]))
+            device = record.topic.removeprefix(SERIAL)
+            writer.traffic(SerialTraffic(device, [ByteChunk(record.t_ns, record.data)]))
     writer.close()
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import msgpack
 import numpy as np
 
-from fsw.drivers.wire import CanFrame, pack_frame
+from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, pack_frame
 from fsw.exchange.checkpoint import Checkpoint, Identity, encode
 from fsw.exchange.recording import RecordingWriter
-from fsw.exchange.sinks import CanTraffic, RawTraffic
+from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages import Snapshot
 from fsw.messages.commands import CommandName
 from fsw.telemetry.dictionary import DICTIONARY
@@ -121,8 +121,9 @@ def _recordings() -> list[bytes]:
             path = Path(folder) / "a.mcap"
             writer = RecordingWriter(path, compression, 4096)
             writer.attach("a", "text/plain", b"b")
-            writer.traffic(CanTraffic("arm", [CanFrame(k, 0x191, bytes(8)) for k in range(3)]))
-            writer.traffic(RawTraffic("/serial/imu", "raw", [(2, b"xyz")]))
+            frames = frame_array(CanFrame(k, 0x191, bytes(8)) for k in range(3))
+            writer.traffic(CanTraffic("arm", frames))
+            writer.traffic(SerialTraffic("imu", [ByteChunk(2, b"xyz")]))
             writer.end_chunk()
             writer.json("/tc", 4, {"command": "end"})
             writer.sync()

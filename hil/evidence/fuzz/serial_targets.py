@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Source(Protocol):
         """Counters by name."""
         ...
 
-    def feed(self, chunks: Sequence[ByteChunk]) -> Sequence[Any]:
+    def feed(self, chunks: Sequence[ByteChunk]) -> Sized:
         """Feed chunks to the decoder."""
         ...
 

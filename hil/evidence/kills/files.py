@@ -8,7 +8,8 @@ from pathlib import Path
 from fsw.drivers.wire import unpack_frame
 from fsw.exchange.checkpoint import CheckpointError, decode
 from fsw.exchange.checkpoint_store import NAMES
-from fsw.exchange.recording_parts import contents_of, messages_of
+from fsw.exchange.recording import messages_of
+from fsw.exchange.recording_parts import contents_of
 from hil.devices.canopen import SYNC_ID
 
 SYNC_COUNTERS = 240

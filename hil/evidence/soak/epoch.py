@@ -151,7 +151,7 @@ class SoakEpoch:
 
     def _queues(self) -> list[str]:
         daemon, config = self._daemon, self._setup.config
-        waiting = {m.name: len(m.pending) for m in daemon._inputs}  # noqa: SLF001 - the instrument
+        waiting = {m.name: m.waiting for m in daemon._inputs}  # noqa: SLF001 - the instrument
         found = [f"{name}: {n} items wait" for name, n in waiting.items() if n > MOST_PENDING]
         stored = len(getattr(daemon._pipeline.estimator, "blocks", ()))  # noqa: SLF001
         if stored > config.estimator.store_blocks:

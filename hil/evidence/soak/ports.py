@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fsw.drivers.wire import ByteChunk, CanFrame
+from fsw.drivers.wire import ByteChunk, CanFrame, FrameArray
 from fsw.loop.ports import Ports
 from fsw.messages.errors import PortError
 from hil.links.virtual import VirtualBench, VirtualCan, VirtualSerial
@@ -106,8 +106,11 @@ class _Can:
         self.unplugged = False
         return self
 
-    def read(self) -> list[CanFrame]:
+    def drain(self) -> None:
         _refuse(self.unplugged)
+        self._port.drain()
+
+    def read(self) -> FrameArray:
         return self._port.read()
 
     def write(self, can_id: int, data: bytes) -> CanFrame:

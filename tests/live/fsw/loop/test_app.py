@@ -17,8 +17,8 @@ import pytest
 from fsw.clock import MonotonicClock
 from fsw.drivers.wire import unpack_frame
 from fsw.exchange.checkpoint import decode
-from fsw.exchange.recording import contents, messages
-from fsw.exchange.recording_parts import messages_of, parts_of
+from fsw.exchange.recording import contents, messages, messages_of
+from fsw.exchange.recording_parts import parts_of
 from fsw.loop import service_process
 from fsw.loop.app import drive
 from fsw.messages.errors import PortError

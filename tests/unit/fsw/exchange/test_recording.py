@@ -1,12 +1,20 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
-from fsw.drivers.wire import CanFrame, pack_frame, unpack_frame
-from fsw.exchange.recording import RecordingWriter, contents, messages
-from fsw.exchange.sinks import CanTraffic, RawTraffic
+from fsw.drivers.wire import (
+    ByteChunk,
+    CanFrame,
+    frame_array,
+    frame_list,
+    pack_frame,
+    unpack_frame,
+)
+from fsw.exchange.recording import RecordingWriter, contents, messages, pieces_of
+from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages.errors import ConfigError
 
 # struct can_frame / canfd_frame of <linux/can.h>: id with flag bits, length, flags, padding, data
@@ -49,10 +57,14 @@ def write(path: Path, seconds: int = 3, **more) -> RecordingWriter:
     writer = RecordingWriter(path, chunk_bytes=4096, **more)
     writer.attach("configuration.yaml", "application/yaml", b"a: 1\n")
     for k in range(seconds * 100):
-        writer.traffic(CanTraffic("arm", [CanFrame(k * 10, 0x80, bytes([k % 256]))]))
-        writer.traffic(RawTraffic("/serial/imu", "raw", [(k * 10 + 5, bytes([k % 256]) * 40)]))
+        writer.traffic(CanTraffic("arm", frame_array([CanFrame(k * 10, 0x80, bytes([k % 256]))])))
+        writer.traffic(SerialTraffic("imu", [ByteChunk(k * 10 + 5, bytes([k % 256]) * 40)]))
     writer.json("/events", 7, {"t_ns": 7, "code": "X"})
     return writer
+
+
+def held(path: Path, topics: list[str]) -> list[tuple[int, str, bytes]]:
+    return [(item.t_ns, item.topic, item.data) for item in messages(path, topics)]
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
@@ -69,11 +81,11 @@ def test_contents_list_topics_attachments_and_metadata(tmp_path: Path):
     writer = write(tmp_path / "a.mcap")
     writer.metadata("recorder", {"dropped": "3"})
     writer.close()
-    held = contents(tmp_path / "a.mcap")
-    assert set(held.topics) == {"/can/arm", "/serial/imu", "/events"}
-    assert held.attachments == {"configuration.yaml": b"a: 1\n"}
-    assert held.metadata == {"recorder": {"dropped": "3"}}
-    assert not held.truncated
+    found = contents(tmp_path / "a.mcap")
+    assert set(found.topics) == {"/can/arm", "/serial/imu", "/events"}
+    assert found.attachments == {"configuration.yaml": b"a: 1\n"}
+    assert found.metadata == {"recorder": {"dropped": "3"}}
+    assert not found.truncated
 
 
 def test_encodings_and_schemas_are_those_of_the_interface(tmp_path: Path):
@@ -95,8 +107,8 @@ def test_a_killed_writer_loses_at_most_its_last_chunk(tmp_path: Path):
     (tmp_path / "b.mcap").write_bytes(data)
     writer.close()
     assert contents(tmp_path / "b.mcap").truncated
-    whole = list(messages(tmp_path / "a.mcap", ["/can/arm", "/serial/imu"]))
-    found = list(messages(tmp_path / "b.mcap", ["/can/arm", "/serial/imu"]))
+    whole = held(tmp_path / "a.mcap", ["/can/arm", "/serial/imu"])
+    found = held(tmp_path / "b.mcap", ["/can/arm", "/serial/imu"])
     assert found == whole[: len(found)]
     assert (len(whole) - len(found)) * 40 < 2 * 4096
 
@@ -104,11 +116,11 @@ def test_a_killed_writer_loses_at_most_its_last_chunk(tmp_path: Path):
 def test_a_file_cut_anywhere_gives_a_sorted_part_and_never_raises(tmp_path: Path):
     write(tmp_path / "a.mcap").close()
     data = (tmp_path / "a.mcap").read_bytes()
-    whole = list(messages(tmp_path / "a.mcap", ["/can/arm"]))
+    whole = held(tmp_path / "a.mcap", ["/can/arm"])
     cut = tmp_path / "cut.mcap"
     for size in range(200, len(data) - 1, 97):
         cut.write_bytes(data[:size])
-        found = list(messages(cut, ["/can/arm"]))
+        found = held(cut, ["/can/arm"])
         assert found == whole[: len(found)]
         assert contents(cut).truncated
 
@@ -127,3 +139,38 @@ def test_numbers_json_has_not_are_null(tmp_path: Path):
     writer.close()
     (record,) = messages(tmp_path / "a.mcap", ["/tm"])
     assert json.loads(record.data) == {"t_ns": 1, "samples": {"x": None}}
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_time_that_no_clock_has_is_damage(tmp_path: Path, whole: bool):
+    writer = RecordingWriter(tmp_path / "a.mcap")
+    for t_ns in (1, 2**63, 2**64 - 1):
+        writer._add("/can/arm", "socketcan", t_ns, CLASSIC)
+    writer.end_chunk()
+    if whole:
+        writer.close()
+    else:
+        writer.abandon()
+    pieces = [piece for piece, _ in pieces_of([tmp_path / "a.mcap"], ["/can/arm"])]
+    with pytest.raises(ConfigError, match=r"a\.mcap"):
+        [piece.read()["/can/arm"].frames() for piece in pieces]
+    with pytest.raises(ConfigError, match=r"a\.mcap"):
+        list(messages(tmp_path / "a.mcap", ["/can/arm"]))
+
+
+def test_a_column_of_mixed_sizes_gives_the_frames_there_are(tmp_path: Path):
+    writer = RecordingWriter(tmp_path / "a.mcap", chunk_bytes=1 << 20)
+    records = [pack_frame(frame) for frame in FRAMES]
+    records[3:3] = [
+        b"",
+        bytes(15),
+        bytes(80),
+        b"\0\0\0\0\x09" + bytes(11),
+        bytes(4) + b"\x41" + bytes(67),
+    ]
+    for data in records:
+        writer._add("/can/arm", "socketcan", 7, data)
+    writer.close()
+    ((piece, _),) = pieces_of([tmp_path / "a.mcap"], ["/can/arm"])
+    found = frame_list(piece.read()["/can/arm"].frames())
+    assert found == [replace(frame, t_ns=7) for frame in FRAMES]

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from fsw.drivers.wire import ByteChunk
-from fsw.exchange.recording_parts import contents_of, messages_of, newest_part, parts_of
-from fsw.exchange.sinks import RawTraffic, SerialTraffic, StatusReport
+from fsw.exchange.recording import messages_of
+from fsw.exchange.recording_parts import contents_of, newest_part, parts_of
+from fsw.exchange.sinks import SerialTraffic, StatusReport
 from fsw.messages.errors import ConfigError
 from fsw.service.recorder import RETRY_NS, Parts, RecorderSink
 from tests.conftest import ArmProject
@@ -81,7 +82,7 @@ def test_stamps_that_overlap_between_parts_come_in_order(arm: ArmProject, tmp_pa
     for stamps in ((10, 30), (20, 40)):
         writer = parts.open()
         for t_ns in stamps:
-            writer.traffic(RawTraffic("/serial/imu", "raw", [(t_ns, b"x")]))
+            writer.traffic(SerialTraffic("imu", [ByteChunk(t_ns, b"x")]))
         writer.close()
     files = parts_of(tmp_path / "recording_0001.mcap")
     assert [record.t_ns for record in messages_of(files, [TOPIC])] == [10, 20, 30, 40]
@@ -119,7 +120,7 @@ def record(arm: ArmProject, folder: Path, parts: int, **words: bool) -> list[Pat
     paths = []
     for _ in range(parts):
         writer = opened.open()
-        writer.traffic(RawTraffic("/serial/imu", "raw", [(0, b"x")]))
+        writer.traffic(SerialTraffic("imu", [ByteChunk(0, b"x")]))
         writer.close()
         paths.append(writer.path)
     return paths

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from fsw.health.stuck import FALSE_ALARM, QUIETER, StuckScreen, equal_readings
-from fsw.messages import ImuSample, JointSample
+from fsw.messages import JointSamples
 from tests.support.estimator_cases import make_config
+from tests.support.samples import imu_samples, joint_samples, rows
 
 
 @pytest.mark.parametrize(("step", "sigma"), [(0.01, 0.05), (0.01, 0.2), (1e-4, 0.05)])
@@ -31,8 +32,8 @@ def test_a_sensor_quieter_than_its_step_is_never_stuck() -> None:
     assert equal_readings(0.01, 0.01) == 0
 
 
-def joint(k: int, torque: float, period_ns: int = 2_000_000) -> JointSample:
-    return JointSample(period_ns * k, period_ns * k, 2, k % 240 + 1, 0.0, torque, 9)
+def joint(k: int, torque: float, period_ns: int = 2_000_000) -> JointSamples:
+    return joint_samples((period_ns * k, period_ns * k, 2, 0.0, torque))
 
 
 def test_a_stuck_torque_is_taken_out_and_comes_back_with_the_first_other_reading() -> None:
@@ -41,8 +42,8 @@ def test_a_stuck_torque_is_taken_out_and_comes_back_with_the_first_other_reading
     assert limit > 2
     tested = StuckScreen(config)
     torques = [1.0] * 60 + [1.01, 1.02]
-    seen = [tested.screen(joint(k, tau)) for k, tau in enumerate(torques)]
-    kept = [s.torque_nm is not None for s in seen if isinstance(s, JointSample)]
+    seen = [rows(tested.screen(joint(k, tau))) for k, tau in enumerate(torques)]
+    kept = [sample.torque_nm is not None for (sample,) in seen]
     assert kept == [k < limit - 1 or k >= 60 for k in range(62)]
     (found, *_) = tested.take()
     assert (found.fault, found.subject) == ("TORQUE_STUCK", config.joints[2].name)
@@ -72,11 +73,12 @@ def test_noise_rounded_to_the_wire_is_never_stuck() -> None:
 def test_a_stuck_cluster_leaves_the_other() -> None:
     tested = StuckScreen(make_config())
     out = [
-        tested.screen(ImuSample(k, k, k, k, (1e-3, 0.0, 0.0), (float(k), 0.0, 0.0), 0, 0))
+        sample
         for k in range(5)
+        for sample in rows(
+            tested.screen(imu_samples((k, k, k, (1e-3, 0.0, 0.0), (float(k), 0.0, 0.0))))
+        )
     ]
-    assert [s.w_NS_S_rad_s is None for s in out if isinstance(s, ImuSample)] == [
-        False, False, True, True, True,
-    ]  # fmt: skip
-    assert all(s.f_NS_S_m_s2 is not None for s in out if isinstance(s, ImuSample))
+    assert [s.w_NS_S_rad_s is None for s in out] == [False, False, True, True, True]
+    assert all(s.f_NS_S_m_s2 is not None for s in out)
     assert {f.fault for f in tested.take()} == {"GYRO_STUCK"}

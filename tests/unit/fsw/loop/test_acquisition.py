@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fsw.drivers.wire import CanFrame
+from fsw.drivers.wire import CanFrame, frame_list
 from fsw.loop.acquisition import BusInput
 from fsw.loop.link import Link
 from tests.support.loop_cases import MS, FakeCan, FakeClock, KeepSink
@@ -22,8 +22,7 @@ class Counting:
         self.fed: list[CanFrame] = []
 
     def feed(self, frames):
-        self.fed += frames
-        return []
+        self.fed += frame_list(frames)
 
     def next_sync(self):
         return 0x080, bytes([self.number + 1])
@@ -63,7 +62,11 @@ class Line:
 
     def drained(self) -> list[tuple[int, int]]:
         self.sink.frames.clear()
-        self.bus.drain(self.sink)
+        self.bus.drain()
+        self.bus.accept(self.sink)
+        self.source.fed.clear()
+        self.bus.feed()
+        assert self.source.fed == self.sink.frames  # recorded as it is decoded
         return [(frame.t_ns, frame.can_id) for frame in self.sink.frames]
 
 

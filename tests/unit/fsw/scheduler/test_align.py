@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from fsw.messages import AttitudeSample, ImuSample, JointSample
+from fsw.messages import ImuSamples, JointSamples
 from fsw.scheduler.align import Aligner
 from tests.conftest import ArmProject
 from tests.support.loop_cases import MS, arm_config
+from tests.support.samples import attitude_samples, imu_samples, joint_samples
 
 T0 = 1_000 * MS
 WINDOW, LAG = 400 * MS, 150 * MS
@@ -17,13 +18,13 @@ def aligner(arm: ArmProject) -> Aligner:
     return aligner
 
 
-def joint(t_ns: int, received_ns: int | None = None, index: int = 0) -> JointSample:
+def joint(t_ns: int, received_ns: int | None = None, index: int = 0) -> JointSamples:
     received_ns = t_ns if received_ns is None else received_ns
-    return JointSample(t_ns, received_ns, index, 1, t_ns * 1e-9, 5.0, 9)
+    return joint_samples((t_ns, received_ns, index, t_ns * 1e-9, 5.0))
 
 
-def imu(t_gyro_ns: int, t_acc_ns: int, received_ns: int) -> ImuSample:
-    return ImuSample(t_gyro_ns, t_acc_ns, received_ns, 1, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0, 0)
+def imu(t_gyro_ns: int, t_acc_ns: int, received_ns: int) -> ImuSamples:
+    return imu_samples((t_gyro_ns, t_acc_ns, received_ns, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
 
 
 def test_a_window_closes_at_its_end_plus_lag_and_not_before(aligner: Aligner):
@@ -80,7 +81,7 @@ def test_the_clusters_of_a_datagram_go_by_their_own_times(aligner: Aligner):
 
 
 def test_a_flagged_cluster_is_left_out_alone(aligner: Aligner):
-    aligner.push(ImuSample(T0, T0, T0, 1, None, (4.0, 5.0, 6.0), 1, 0))
+    aligner.push(imu_samples((T0, T0, T0, None, (4.0, 5.0, 6.0))))
     (window,) = aligner.close(T0 + WINDOW + LAG)
     assert (len(window.gyro.t_ns), len(window.accelerometer.t_ns)) == (0, 1)
 
@@ -97,7 +98,7 @@ def test_missing_is_below_the_configured_fill_and_stale_is_silence(aligner: Alig
 
 
 def test_attitude_keeps_its_quaternion(aligner: Aligner):
-    aligner.push(AttitudeSample(T0 + 1, T0 + 100 * MS, 0, (0.0, 0.6, 0.0, 0.8)))
+    aligner.push(attitude_samples((T0 + 1, T0 + 100 * MS, (0.0, 0.6, 0.0, 0.8))))
     (window,) = aligner.close(T0 + WINDOW + LAG)
     assert window.attitude.values.tolist() == [[0.0, 0.6, 0.0, 0.8]]
     assert not window.attitude.missing
@@ -116,7 +117,7 @@ def test_samples_before_the_start_are_sorted_in_at_it(arm: ArmProject):
 
 
 def test_absurd_validity_and_floods_cannot_grow_the_buffers(aligner: Aligner):
-    aligner.push(joint(T0 + 10**15))
+    aligner.push(joint(T0 + 10**15, T0))
     for k in range(10_000):
         aligner.push(joint(T0 + k))
     assert aligner.future == 1

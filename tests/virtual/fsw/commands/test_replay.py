@@ -8,9 +8,9 @@ import pytest
 
 from fsw.commands.replay import replay
 from fsw.config import Config
-from fsw.drivers.wire import CanFrame
+from fsw.drivers.wire import ByteChunk, CanFrame, frame_array
 from fsw.exchange.recording import RecordingWriter, messages
-from fsw.exchange.sinks import CanTraffic, Fanout, RawTraffic
+from fsw.exchange.sinks import CanTraffic, Fanout, SerialTraffic
 from fsw.loop.ports import Ports
 from fsw.loop.wiring import build
 from fsw.messages.commands import Command, CommandName
@@ -127,7 +127,7 @@ def foreign(live, path: Path, shift_ns: int, topics=FRAMES, chunk: int = 0) -> P
         encoding = {"can": "socketcan", "serial": "raw"}[kind]
         writer._add(f"/{kind}/{name}", encoding, record.t_ns + shift_ns, record.data)
     if chunk:
-        writer.traffic(CanTraffic("arm", [CanFrame(1, 0x7FF, b"")]))
+        writer.traffic(CanTraffic("arm", frame_array([CanFrame(1, 0x7FF, b"")])))
     writer.close()
     return path
 
@@ -149,9 +149,10 @@ def test_a_missing_channel_is_named_with_those_found(live, tmp_path: Path):
 
 def test_a_recording_without_sync_is_refused(live, tmp_path: Path):
     writer = RecordingWriter(tmp_path / "f.mcap")
-    writer.traffic(CanTraffic("arm", [CanFrame(k, 0x191, bytes(8)) for k in range(5)]))
-    writer.traffic(RawTraffic("/serial/imu", "raw", [(3, b"x")]))
-    writer.traffic(RawTraffic("/serial/star_tracker", "raw", [(3, b"x")]))
+    frames = frame_array(CanFrame(k, 0x191, bytes(8)) for k in range(5))
+    writer.traffic(CanTraffic("arm", frames))
+    writer.traffic(SerialTraffic("imu", [ByteChunk(3, b"x")]))
+    writer.traffic(SerialTraffic("star_tracker", [ByteChunk(3, b"x")]))
     writer.close()
     with pytest.raises(ConfigError, match="no SYNC"):
         replay(tmp_path / "f.mcap", live[0])

@@ -2,17 +2,18 @@
 
 import struct
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fsw.drivers.wire import CanFrame
 from fsw.estimators.pipeline import Pipeline
-from fsw.loop.daemon import Daemon
+from fsw.loop.daemon import MOST_STAGES, Daemon
 from fsw.loop.ports import Ports
 from fsw.loop.science import Science
 from fsw.loop.wiring import build
-from fsw.messages import AttitudeSample, Block, ImuSample
+from fsw.messages import Block
 from fsw.messages.commands import Command, CommandName
 from fsw.messages.errors import EstimatorError, PortError
 from fsw.telemetry.dictionary import DICTIONARY
@@ -28,21 +29,27 @@ from tests.support.loop_cases import (
     KeepSink,
     arm_config,
 )
+from tests.support.samples import attitude_samples, imu_samples
 
+EVERY_TICK_S = 1e-6
 UNITS = 5  # of a window, with the fakes: conditioned in two, folded in in two, published
 
 
 class Bench:
-    """Three joints on one bus at 250 Hz, ticks at 500 Hz."""
+    """Three joints on one bus at 250 Hz, ticks at 500 Hz; inputs are judged at every tick."""
 
-    def __init__(self, arm: ArmProject, **more) -> None:
+    def __init__(self, arm: ArmProject, batch_s: float = EVERY_TICK_S, **more) -> None:
         self.clock = FakeClock(10**9)
         self.can, self.imu = FakeCan(self.clock), FakeSerial(self.clock, (7,))
         self.tracker = FakeSerial(self.clock)
         self.sink, self.estimator = KeepSink(), FakeEstimator()
         self.conditioner = FakeConditioner()
         self.daemon: Daemon = build(
-            arm_config(arm, estimator={"window_s": 0.1, "lag_s": 0.05}),
+            arm_config(
+                arm,
+                estimator={"window_s": 0.1, "lag_s": 0.05},
+                scheduler={"batch_s": batch_s},
+            ),
             self.clock,
             Ports(can={"arm": self.can}, imu=self.imu, star_tracker=self.tracker, **more),
             self.sink,
@@ -96,6 +103,32 @@ def test_windows_are_closed_by_the_lag_and_pushed_once_in_order(bench: Bench):
     assert joints[0].t_ns[0] == 10**9 + 100 * MS
     assert [e.blocks for e in bench.sink.estimates] == [1, 2, 3]
     assert bench.estimator.calls.count("work") == 176 + UNITS - 3 * (1 + UNITS)
+
+
+@pytest.mark.parametrize("batch_s", [0.007, 0.02, 0.04, 0.05])
+def test_windows_do_not_depend_on_the_length_of_a_batch(
+    arm: ArmProject, tmp_path: Path, batch_s: float
+):
+    """A window begins a batch at its deadline, and closes a few ticks later."""
+    benches = [Bench(arm), Bench(ArmProject(tmp_path), batch_s)]
+    for bench in benches:
+        bench.run(175)
+        assert len(bench.conditioner.windows) == 2
+        bench.run(1 + MOST_STAGES + UNITS)
+        assert bench.estimator.pushed == [0, 1, 2]
+    fine, coarse = (bench.conditioner.windows for bench in benches)
+    assert str(fine) == str(coarse)
+    recorded = [bench.sink.frames for bench in benches]
+    assert recorded[1] == recorded[0][: len(recorded[1])]
+    assert len(recorded[0]) - len(recorded[1]) <= 4 * batch_s * 250.0
+
+
+def test_samples_are_judged_in_batches_and_read_at_every_tick(arm: ArmProject):
+    bench = Bench(arm, 0.04)
+    for recorded in (3 + 1, 3 + 1 + 40, 3 + 1 + 80):  # a batch is that of twenty ticks
+        bench.run(20)
+        assert bench.can.queue == []
+        assert len(bench.sink.frames) == recorded
 
 
 def test_a_window_is_worked_off_one_unit_a_tick(bench: Bench):
@@ -314,8 +347,8 @@ def test_the_newest_samples_are_handed_over_as_the_dictionary_lays_them_out(arm:
 
 def test_imu_and_attitude_samples_have_their_own_times_and_flags():
     science = Science()
-    imu = ImuSample(3 * 10**9, 4 * 10**9, 0, 1, (0.1, 0.2, 0.3), None, 0, 0)
-    science.keep([imu, AttitudeSample(5 * 10**9, 0, 1, (0.0, 0.6, 0.0, 0.8))])
+    science.keep(imu_samples((3 * 10**9, 4 * 10**9, 0, (0.1, 0.2, 0.3), None)))
+    science.keep(attitude_samples((5 * 10**9, 0, (0.0, 0.6, 0.0, 0.8))))
     layout = Layout(DICTIONARY.packet("science").fields[1:])
     told = layout.unpack(science.record(7.5))
     assert (told["gyro_time_s"], told["acc_time_s"], told["attitude_time_s"]) == (3.0, 0.0, 5.0)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,38 +12,58 @@ from fsw.drivers.codecs import canopen
 from fsw.drivers.wire import Reject
 from tests.support.encoders import tpdo1, tpdo1_fd
 
+
+def octets(*frames: bytes) -> np.ndarray:
+    return np.array([list(data) for data in frames], np.uint8)
+
+
 GOLDEN = bytes.fromhex("0712cdff2efb092a")  # ICD: q = -1.25 rad, -12.34 N m, 0x09, SYNC 42
 
 
 def test_tpdo1_decodes_the_icd_vector() -> None:
-    pdo = canopen.decode_tpdo1(GOLDEN)
-    assert isinstance(pdo, canopen.Tpdo1)
-    assert abs(pdo.position_rad + 1.25) < math.tau * 2**-25
-    assert pdo.torque_nm == pytest.approx(-12.34)
-    assert (pdo.status, pdo.sync_counter) == (0x09, 42)
+    pdo = canopen.decode_tpdo1(octets(GOLDEN))
+    assert abs(pdo.position_rad[0] + 1.25) < math.tau * 2**-25
+    assert pdo.torque_nm == pytest.approx([-12.34])
+    assert (pdo.status.tolist(), pdo.sync_counter.tolist()) == ([0x09], [42])
     assert tpdo1(-1.25, -12.34, 0x09, 42) == GOLDEN
 
 
-@given(
-    st.integers(-(2**31), 2**31 - 1),
-    st.integers(-(2**15), 2**15 - 1),
-    st.binary(min_size=2, max_size=2),
+raw_frames = st.lists(
+    st.tuples(
+        st.integers(-(2**31), 2**31 - 1),
+        st.integers(-(2**15), 2**15 - 1),
+        st.binary(min_size=2, max_size=2),
+    ),
+    min_size=1,
+    max_size=5,
 )
-def test_tpdo1_encodes_back_to_its_bytes(position: int, torque: int, tail: bytes) -> None:
-    data = struct.pack("<ih", position, torque) + tail
-    pdo = canopen.decode_tpdo1(data)
-    assert isinstance(pdo, canopen.Tpdo1)
-    assert tpdo1(pdo.position_rad, pdo.torque_nm, pdo.status, pdo.sync_counter) == data
+
+
+@given(raw_frames)
+def test_tpdo1_encodes_back_to_its_bytes(raw: list[tuple[int, int, bytes]]) -> None:
+    frames = [struct.pack("<ih", position, torque) + tail for position, torque, tail in raw]
+    pdo = canopen.decode_tpdo1(octets(*frames))
+    columns = pdo.position_rad, pdo.torque_nm, pdo.status, pdo.sync_counter
+    again = [tpdo1(*values) for values in zip(*(c.tolist() for c in columns), strict=True)]
+    assert again == frames
 
 
 def test_fd_tailoring_decodes_every_field() -> None:
-    pdo = canopen.decode_fd(tpdo1_fd(0.5, -3.25, 0x0109, 240))
-    assert isinstance(pdo, canopen.FdTpdo1)
-    assert abs(pdo.position_rad - 0.5) < 4e-7
-    assert pdo.torque_nm == pytest.approx(-3.25, abs=1e-9)
-    assert pdo.velocity_rad_s == pytest.approx(1234 * math.tau / 2**24)
-    assert (pdo.status, pdo.sync_counter) == (0x0109, 240)
-    assert (pdo.temperature_c, pdo.device_time_us) == (-7.0, 99)
+    frames = tpdo1_fd(0.5, -3.25, 0x0109, 240), tpdo1_fd(-0.5, 3.5, 0x09, 1)
+    pdo = canopen.decode_fd(octets(*frames))
+    assert np.abs(pdo.position_rad - [0.5, -0.5]).max() < 4e-7
+    assert pdo.torque_nm == pytest.approx([-3.25, 3.5], abs=1e-9)
+    assert pdo.velocity_rad_s == pytest.approx([1234 * math.tau / 2**24] * 2)
+    assert (pdo.status.tolist(), pdo.sync_counter.tolist()) == ([0x0109, 9], [240, 1])
+    assert (pdo.temperature_c.tolist(), pdo.device_time_us.tolist()) == ([-7.0] * 2, [99] * 2)
+
+
+def test_the_first_bytes_of_wider_rows_decode_alike() -> None:
+    wide = np.zeros((3, 64), np.uint8)
+    wide[:, :8] = list(GOLDEN)
+    pdo = canopen.decode_tpdo1(wide[:, :8])
+    assert pdo.sync_counter.tolist() == [42] * 3
+    assert np.abs(pdo.position_rad + 1.25).max() < math.tau * 2**-25
 
 
 def test_slow_services_decode() -> None:
@@ -62,10 +83,8 @@ def test_commands_encode() -> None:
 
 
 @given(st.binary(max_size=80))
-def test_only_the_right_length_decodes(data: bytes) -> None:
+def test_only_the_right_length_of_a_slow_service_decodes(data: bytes) -> None:
     for decode, length in (
-        (canopen.decode_tpdo1, 8),
-        (canopen.decode_fd, 20),
         (canopen.decode_tpdo2, 8),
         (canopen.decode_heartbeat, 1),
         (canopen.decode_emcy, 8),
@@ -82,5 +101,6 @@ def test_only_the_right_length_decodes(data: bytes) -> None:
 def test_status_tells_usable_positions_and_torques(
     status: int, position: bool, torque: bool
 ) -> None:
-    assert canopen.position_usable(status) is position
-    assert canopen.torque_usable(status) is torque
+    several = np.array([status, 0x09, status])
+    assert canopen.position_usable(several).tolist() == [position, True, position]
+    assert canopen.torque_usable(several).tolist() == [torque, True, torque]
