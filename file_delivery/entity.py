@@ -168,7 +168,7 @@ class FileEntity:
                 self._outgoing[key] = file
 
     def suspend(self, key: Key) -> None:
-        """Let a transfer rest; it does not time out. Raises DeliveryError."""
+        """Suspend a transfer, with its timers stopped. Raises DeliveryError."""
         self._find(key).suspended = True
 
     def resume(self, key: Key, now_ns: int) -> None:

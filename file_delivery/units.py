@@ -49,7 +49,7 @@ MAX_REQUESTED_BYTES = 1 << 20  # of one request for lost data; the rest is reque
 
 
 class UnitError(Exception):
-    """A unit that is not used."""
+    """A unit is invalid or beyond the limits and is discarded."""
 
 
 def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:

@@ -79,7 +79,7 @@ class Criterion:
         self._last: tuple[bytes, list[tuple[criteria.Value, FloatArray, FloatArray]]] = (b"", [])
 
     def value(self, z: FloatArray) -> float:
-        """Return what is minimised (mostly a logarithm of the criterion)."""
+        """Return the value to minimise (usually a logarithm of the criterion)."""
         return float(np.mean([found.value for found, _, _ in self._all(z)]))
 
     def gradient(self, z: FloatArray) -> tuple[float, FloatArray]:

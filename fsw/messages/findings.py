@@ -11,7 +11,7 @@ from enum import StrEnum
 
 
 class Fault(StrEnum):
-    """Faults the daemon tells apart; the value is the event's code and the counter's name."""
+    """Faults that the daemon distinguishes; the value names both the event and the counter."""
 
     # a CAN bus
     SYNC_LOST = "SYNC_LOST"

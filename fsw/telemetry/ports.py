@@ -56,11 +56,11 @@ class FileDelivery(Protocol):
         ...
 
     def suspend(self, key: Key) -> None:
-        """Let a transfer rest. Raises DeliveryError FILE_NOT_FOUND."""
+        """Suspend a transfer. Raises DeliveryError FILE_NOT_FOUND."""
         ...
 
     def resume(self, key: Key, now_ns: int) -> None:
-        """Continue a transfer that rests. Raises DeliveryError FILE_NOT_FOUND."""
+        """Continue a suspended transfer. Raises DeliveryError FILE_NOT_FOUND."""
         ...
 
     def counters(self) -> Mapping[str, int]:

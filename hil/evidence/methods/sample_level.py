@@ -97,7 +97,7 @@ def judged(key: Key, outcome: MethodOutcome, truth: FloatArray) -> StudyRecord:
 
 
 def failed(key: Key, reason: str) -> StudyRecord:
-    """Return the record of a method that gave nothing."""
+    """Return the record of a method that failed."""
     status = f"FAILED: {reason}"
     return StudyRecord(
         key=key, status=status, error=None, sigma=None, nees=float("inf"), iterations=0

@@ -116,7 +116,7 @@ def scenario_of(orbit: str, system: str, acting: str) -> Scenario:
 
 
 def exact_sensors(scenario: Scenario, estimator: Mapping[str, Any]) -> Scenario:
-    """Return the scenario with sensors without biases and estimator settings on top."""
+    """Return the scenario with bias-free sensors and the given estimator settings."""
     sensors: dict[str, Any] = copy.deepcopy(scenario.sensors)
     sensors["joints"]["torque_offset_sigma_nm"] = 0.0
     sensors["imu"]["gyro_bias_sigma_rad_s"] = 0.0
