@@ -74,7 +74,7 @@ class UtcCorrelation:
 
 
 def utc_correlation() -> UtcCorrelation:
-    """Return what is UTC less CLOCK_MONOTONIC now, with its largest error."""
+    """Return UTC minus CLOCK_MONOTONIC now, with its largest error."""
     offset_ns, apart_ns = _read_together()
     error_ns, synchronised = _kernel_clock_error()
     return UtcCorrelation(

@@ -25,7 +25,7 @@ VALIDITY_FROM_S = 5.0  # the IMU's clock model has settled
 
 
 def make_case(setup: Setup) -> Case:
-    """Return what the run's result is judged against."""
+    """Return the truth and bounds that judge the result of a run."""
     scenario = setup.scenario
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)

@@ -102,7 +102,7 @@ class Eventing:
         return _log_packets(log.newest(entries))
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes this service's telecommands."""
+        """Return the handlers of this service's telecommands."""
         return {
             "ENABLE_EVENT": each(partial(self._switch, enabled=True)),
             "DISABLE_EVENT": each(partial(self._switch, enabled=False)),

@@ -78,7 +78,7 @@ class Filing:
         return path
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes this service's telecommands."""
+        """Return the handlers of this service's telecommands."""
         return {
             "DELETE_FILE": self._delete,
             "REPORT_FILE_ATTRIBUTES": self._attributes,

@@ -26,7 +26,7 @@ class Functions:
         self._recording = context.host.recording
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes these functions."""
+        """Return the handlers of these functions."""
         simple = {
             "STOP_IDENTIFICATION": CommandName.REST,
             "RESET_ESTIMATOR": CommandName.RESET,

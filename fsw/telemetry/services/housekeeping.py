@@ -81,7 +81,7 @@ class Housekeeping:
         }
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes this service's telecommands."""
+        """Return the handlers of this service's telecommands."""
         return {
             "ENABLE_SET": each(partial(self._switch, enabled=True)),
             "DISABLE_SET": each(partial(self._switch, enabled=False)),

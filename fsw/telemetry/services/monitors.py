@@ -137,7 +137,7 @@ class Monitoring:
             self._functions.act(config.action)
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes this service's telecommands."""
+        """Return the handlers of this service's telecommands."""
         return {
             "ENABLE_MONITOR": each(partial(self._switch, enabled=True)),
             "DISABLE_MONITOR": each(partial(self._switch, enabled=False)),

@@ -93,7 +93,7 @@ class Tables:
         slot.previous, slot.active, slot.generation = slot.active, content, number
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes the table functions of service 8."""
+        """Return the handlers of the table functions of service 8."""
         steps: Mapping[str, Callable[[Request, Table, Slot], Action]] = {
             "TBL_LOAD": self._load,
             "TBL_DATA": self._data,

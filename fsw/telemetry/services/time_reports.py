@@ -43,7 +43,7 @@ class TimeReports:
             )
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes this service's telecommand."""
+        """Return the handler of this service's telecommand."""
         return {"SET_TIME_REPORT_RATE": self._set}
 
     def _set(self, request: Request) -> Action:

@@ -43,7 +43,7 @@ class Transfers:
         return {name: counters.get(name, 0) for name in FILE_COUNTERS}
 
     def handlers(self) -> dict[str, Handler]:
-        """Return what takes these telecommands."""
+        """Return the handlers of these telecommands."""
         return {
             "DOWNLINK_FILE": self._downlink,
             "DOWNLINK_PIECE": self._downlink_piece,
