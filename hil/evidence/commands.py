@@ -23,6 +23,9 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     fuzz.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     fuzz.add_argument("--keep", type=Path, metavar="DIR", help="copy a small corpus there")
     fuzz.add_argument("--only", default="", metavar="TARGET", help="all inputs for one target")
+    fuzz.add_argument(
+        "--live", action="store_true", help="with --only operations: real processes, N cases"
+    )
     fuzz.set_defaults(command=_fuzz)
     kills = commands.add_parser("kills", help="kill -9 of loop and service in a real-time run")
     kills.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
@@ -60,6 +63,10 @@ def _fuzz(arguments: argparse.Namespace) -> int:
     inputs, only = int(arguments.inputs), arguments.only
     if only and only not in TARGETS:
         raise ScenarioError(f"--only: {only!r} is none of {', '.join(TARGETS)}")
+    if arguments.live:
+        if only != "operations":
+            raise ScenarioError("--live: needs --only operations")
+        return _attack(inputs, arguments.out.absolute(), arguments.seed)
     shares = quota(inputs, only)
     with bar() as progress:
         tasks = {name: progress.add_task(name, total=n) for name, n in shares.items()}
@@ -74,6 +81,17 @@ def _fuzz(arguments: argparse.Namespace) -> int:
         keep(arguments.out.absolute(), arguments.keep, most=24, most_bytes=2048)
     print(json.dumps(result))
     return FAILED_EXIT if result["failed"] else 0
+
+
+def _attack(cases: int, folder: Path, seed: int) -> int:
+    from hil.evidence.fuzz.live import run
+
+    folder.mkdir(parents=True, exist_ok=True)
+    with bar() as progress:
+        task = progress.add_task("cases", total=cases)
+        result = run(cases, folder, seed, lambda done: progress.update(task, completed=done))
+    print(json.dumps(result))
+    return FAILED_EXIT if result["faults"] or result["missed"] else 0
 
 
 def _transfers(arguments: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ nothing else; there is no second list.
 from __future__ import annotations
 
 import zlib
+from functools import cache
 
 from fsw.telemetry.dictionary.codes import ERROR
 from fsw.telemetry.dictionary.commands import TELECOMMANDS
@@ -59,6 +60,7 @@ DICTIONARY = Dictionary(
 )
 
 
-def dictionary_crc32(dictionary: Dictionary = DICTIONARY) -> int:
+@cache
+def dictionary_crc32() -> int:
     """Return the CRC-32 of all names, types and numbers; it goes down in housekeeping."""
-    return zlib.crc32(repr(dictionary).encode())
+    return zlib.crc32(repr(DICTIONARY).encode())

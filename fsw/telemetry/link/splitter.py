@@ -90,12 +90,8 @@ class PacketSplitter:
                 del self._buffer[:length]
                 self._in_sync = True
             else:
-                self._skip(length if self._carries(packet) and self._ends_whole(length) else 1)
+                self._skip(length if _carries(packet) and self._ends_whole(length) else 1)
         return found
-
-    def _carries(self, packet: bytes) -> bool:
-        """Whether a damaged packet carries telecommands: they must not be executed in its place."""
-        return int.from_bytes(packet[:2], "big") == self._known and tuple(packet[7:9]) in CARRIERS
 
     def _ends_whole(self, length: int) -> bool:
         """Whether a packet ends where the next one begins, or with the bytes received so far."""
@@ -108,6 +104,11 @@ class PacketSplitter:
         if self._in_sync:
             self._in_sync = False
             self.resyncs += 1
+
+
+def _carries(packet: bytes) -> bool:
+    """Whether a damaged packet carries telecommands: they must not be executed in its place."""
+    return packet[0] & TC_MASK == TC_BITS and tuple(packet[7:9]) in CARRIERS
 
 
 def _is_packet_id(buffer: bytearray) -> bool:

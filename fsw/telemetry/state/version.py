@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
 PACKAGE = "inertia-daemon"
 
 
-def version_values() -> dict[str, str]:
-    """Return package and version, commit, Python."""
+@cache
+def _running() -> dict[str, str]:
     try:
         version = metadata.version(PACKAGE)
     except metadata.PackageNotFoundError:
@@ -20,6 +21,11 @@ def version_values() -> dict[str, str]:
         "commit": commit(Path(__file__).parents[3]),
         "python": platform.python_version(),
     }
+
+
+def version_values() -> dict[str, str]:
+    """Return package and version, commit, Python, as they were at the first call."""
+    return dict(_running())
 
 
 def commit(top: Path) -> str:

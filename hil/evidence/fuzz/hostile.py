@@ -91,15 +91,20 @@ class Grammar:
     ----------
     joints : names of the robot's joints
     robot : its URDF
+    without : telecommands and commands that are never made
     """
 
-    def __init__(self, joints: tuple[str, ...], robot: str) -> None:
+    def __init__(
+        self, joints: tuple[str, ...], robot: str, without: frozenset[str] = frozenset()
+    ) -> None:
+        self._telecommands = [t for t in DICTIONARY.telecommands if t.name not in without]
+        self._commands = [str(n) for n in CommandName if n.name not in without | {"STOP"}]
         self._joints, self._robot = joints, robot
         self._schemas = [m.model_json_schema() for m in (NoiseTable, RatesTable, MonitorsTable)]
 
     def telecommand(self, choices: Choices, sequence: int, depth: int = 0) -> bytes:
         """Return one telecommand, its arguments mostly within their bounds."""
-        item = choices.one(DICTIONARY.telecommands)
+        item = choices.one(self._telecommands)
         if item.repeats and item.service == 20:
             return self._parameters(item, choices, sequence)
         values = {f.name: self._argument(f, choices, sequence, depth) for f in item.arguments}
@@ -220,7 +225,7 @@ class Grammar:
 
     def line(self, choices: Choices) -> bytes:
         """Return one line of the control socket."""
-        name = choices.one([str(n) for n in CommandName if n is not CommandName.STOP])
+        name = choices.one(self._commands)
         values: dict[str, object] = {"command": name}
         if name == "run_batch" or choices.once_in(8):
             values["method"] = choices.one(("fused", "rda", "ce", "none", 3, ["fused"]))

@@ -30,6 +30,14 @@ def test_a_telecommand_within_a_damaged_one_is_not_executed(behind: bytes):
     assert splitter.skipped_bytes == len(damaged)
 
 
+def test_a_telecommand_within_one_whose_application_is_damaged_is_not_executed():
+    splitter = PacketSplitter(KNOWN)
+    damaged = bytearray(kept_for_later())
+    damaged[0] ^= 0x01
+    assert [item.packet for item in splitter.feed(bytes(damaged) + PING, 0)] == [PING]
+    assert splitter.skipped_bytes == len(damaged)
+
+
 def test_garbage_before_a_telecommand_costs_the_garbage_only():
     splitter = PacketSplitter(KNOWN)
     (found,) = splitter.feed(b"\xff\xfe" + PING, 0)

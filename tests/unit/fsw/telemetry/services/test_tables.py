@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 import fsw.telemetry
+from fsw.checks import rehearsal
 from fsw.config.telemetry import STATE_FOLDERS
 from fsw.messages.commands import Code, CommandName
 from fsw.telemetry.dictionary.codes import Error
@@ -350,3 +351,19 @@ def test_no_folder_the_daemon_keeps_its_state_in_may_be_the_file_directory():
         line = re.search(r"^FOLDER\b.*", source.read_text(), re.MULTILINE)
         found |= set(re.findall(r'"(\w+)"', line[0])) if line else set()
     assert found == set(STATE_FOLDERS)
+
+
+def test_an_activation_does_not_repeat_the_dry_update_of_its_validation(quiet: Flight, monkeypatch):
+    tried: list[object] = []
+    real = rehearsal.build_online
+    monkeypatch.setattr(
+        rehearsal, "build_online", lambda *given: tried.append(given) or real(*given)
+    )
+    assert activate(quiet, "NOISE", NOISE) == BEGUN
+    quiet.answer()
+    assert len(tried) == 1
+    assert activate(quiet, "NOISE", NOISE.replace(b"0.25", b"0.35")) == BEGUN
+    assert len(tried) == 2
+    quiet.answer()
+    assert activate(quiet, "ROBOT", HEAVY) == BEGUN
+    assert len(tried) == 4, "the noise in force is tried above another robot"

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+import resource
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fsw.loop.command_queue import CommandQueue
 from fsw.telemetry.services.executor import TelecommandExecutor
-from hil.evidence.fuzz.operations import OperationsBench, play
+from hil.evidence.fuzz.choices import Choices
+from hil.evidence.fuzz.daemon_bench import OperationsBench
+from hil.evidence.fuzz.damage import damaged_packet, repaired_packet
+from hil.evidence.fuzz.operations import fresh_folder, play
 from hil.evidence.fuzz.oracle import OracleError
 from hil.evidence.fuzz.seeds import seeds
 
-CASES = 4_000
+CASES = 40_000
+WARM_CASES = 10_000  # until stores and logs have reached their bounds
+MOST_GROWTH_MB = 32.0  # afterwards, over all cases
 INPUT_BYTES = 120
 
 
@@ -27,10 +35,17 @@ def spoilt(tmp_path: Path) -> Iterator[OperationsBench]:
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OperationsBench]:
-    bench = OperationsBench(tmp_path_factory.mktemp("operations"))
+def bench() -> Iterator[OperationsBench]:
+    folder = fresh_folder()
+    bench = OperationsBench(folder)
     yield bench
     bench.close()
+    shutil.rmtree(folder)
+
+
+def resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
 
 
 def test_an_error_nobody_foresaw_is_noticed(
@@ -52,6 +67,50 @@ def test_a_telecommand_that_is_not_answered_is_noticed(
         spoilt.command("PING")
 
 
+def uncounted(self: TelecommandExecutor, *_arguments: object, **_more: object) -> None:
+    """Refuse without counting it."""
+
+
+def test_a_refusal_that_is_not_counted_is_noticed(
+    spoilt: OperationsBench, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(TelecommandExecutor, "refuse", uncounted)
+    with pytest.raises(OracleError, match="not counted"):
+        give_changed(spoilt, damaged_packet)
+
+
+def test_a_rejection_that_is_not_counted_is_noticed(
+    spoilt: OperationsBench, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(TelecommandExecutor, "_reject", uncounted)
+    with pytest.raises(OracleError, match="not counted"):
+        give_changed(spoilt, repaired_packet)
+
+
+def test_a_rejected_telecommand_with_an_effect_is_noticed(
+    spoilt: OperationsBench, monkeypatch: pytest.MonkeyPatch
+):
+    reject = TelecommandExecutor._reject
+
+    def effective(self: TelecommandExecutor, *arguments: Any, **more: Any) -> None:
+        reject(self, *arguments, **more)
+        self._handlers["DISABLE_MONITORING"](None)()
+
+    monkeypatch.setattr(TelecommandExecutor, "_reject", effective)
+    with pytest.raises(OracleError, match="effect"):
+        give_changed(spoilt, repaired_packet)
+
+
+def give_changed(
+    bench: OperationsBench, change: Callable[[OperationsBench, bytes, Choices], None]
+) -> None:
+    """Give fifty changed telecommands."""
+    rng = random.Random(7)
+    for _ in range(50):
+        choices = Choices(rng.randbytes(200))
+        change(bench, bench.grammar.telecommand(choices, bench.sequence()), choices)
+
+
 def test_what_has_ended_a_daemon_once_does_not_any_more(bench: OperationsBench):
     for data in seeds("operations"):
         play(bench, data)
@@ -62,9 +121,15 @@ def test_what_has_ended_a_daemon_once_does_not_any_more(bench: OperationsBench):
 def test_hostile_operations_are_answered_and_end_nothing(bench: OperationsBench):
     rng = random.Random(7)
     bench.counts.clear()
+    warm_mb = 0.0
     while bench.counts["cases"] < CASES:
         play(bench, rng.randbytes(INPUT_BYTES))
-    for name in ("accepted", "lines", "uploads", "blocks", "TABLE_ACTIVATED", "TABLE_INVALID"):
+        if not warm_mb and bench.counts["cases"] >= WARM_CASES:
+            warm_mb = resident_mb()
+    assert resident_mb() - warm_mb < MOST_GROWTH_MB
+    happened = ("accepted", "lines", "uploads", "blocks", "TABLE_ACTIVATED", "TABLE_INVALID")
+    changed = ("damaged", "repaired_accepted", "repaired_rejected")
+    for name in (*happened, *changed):
         assert bench.counts[name] > 0, name
 
 

@@ -1,0 +1,293 @@
+"""The hostile grammar against real processes: plant, loop and service, over TCP and socket.
+
+A stretch without commands comes before and after the attack. What must hold besides the oracle of
+`operations.py`: loop and service are the same processes at the end; the loop misses no more ticks
+under attack than in the worse of the quiet stretches, but for MOST_MORE_SLIPS in a thousand; the
+memory of each process grows by MOST_GROWTH_MB at most after the first tenth of the cases.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.link.packets import TM_HEADER_BYTES, telecommand_packet
+from hil.evidence.fuzz.choices import Choices
+from hil.evidence.fuzz.daemon_bench import LONG, OUTSIDE, UNFORESEEN, VERIFICATION
+from hil.evidence.fuzz.damage import damage, repair
+from hil.evidence.fuzz.hostile import Grammar
+from hil.evidence.fuzz.operations import play
+from hil.evidence.fuzz.oracle import require
+from hil.run.bench import prepare
+from hil.run.flight import plant_document, write_yaml
+from hil.run.live import LiveError, children, process_of, read_status, started_plant
+from hil.world.scenario import at_rates, load
+
+RATE_HZ, IMU_RATE_HZ = 100.0, 125
+QUIET_S = 20.0
+MOST_MORE_SLIPS = 5.0  # in a thousand ticks
+MOST_GROWTH_MB = 64.0  # of each process
+ANSWER_S, START_S, LINE_S = 30.0, 60.0, 20.0
+LOOK_S = 0.05  # at most, whatever the grammar says
+INPUT_BYTES = 120
+HEADER_BYTES = 6
+RESTART = re.compile(rb"\x08\x01..\x00\x05", re.DOTALL)  # PUS 8,1 with function 5
+WITHOUT = frozenset({"RESTART"})  # ends the loop by intent
+Request = tuple[int, int]
+
+
+class LiveTarget:
+    """The daemon as processes; `play` gives it what it gives the bench in virtual time."""
+
+    def __init__(self, grammar: Grammar, state: Path, port: int) -> None:
+        self.grammar, self.counts = grammar, Counter[str]()
+        self.files, self.outside = state / "files", state.parent / "outside"
+        self.outside.write_bytes(OUTSIDE)
+        self._state, self._sequence = state, 0
+        self._link = socket.create_connection(("127.0.0.1", port), START_S)
+        self._pending = bytearray()
+        self._found: dict[Request, list[str]] = {}
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+    def sequence(self) -> int:
+        """Return the next sequence count."""
+        self._sequence = (self._sequence + 1) & 0x1FFF
+        return self._sequence
+
+    def look(self, later_ns: int = 0) -> None:
+        """Let the daemon run for a moment."""
+        self._read(min(later_ns * 1e-9, LOOK_S))
+
+    def tick(self, count: int = 1) -> None:
+        """Let the loop tick."""
+        self._read(count / RATE_HZ)
+
+    def give(self, packet: bytes, name: str) -> None:
+        """Give one telecommand and wait for its end."""
+        begun = self._exchange(packet, packet, bool)
+        require(begun[0].startswith(("acceptance", "routing")), "not answered", packet.hex(), begun)
+        self.counts["telecommands"] += 1
+        if begun[0] != "acceptance_success":
+            return
+        self.counts["accepted"] += 1
+        if name not in LONG:
+            request = _request(packet)
+            self._until(request, lambda words: any(w.startswith("completion") for w in words))
+
+    def command(self, name: str, **values: object) -> None:
+        """Give a telecommand by name."""
+        item = DICTIONARY.telecommand(name)
+        words = {f.name: f.enumeration.value(str(values[f.name])) if f.enumeration is not None
+                 and isinstance(values.get(f.name), str) else values.get(f.name)
+                 for f in item.arguments}  # fmt: skip
+        self.give(telecommand_packet(item, words, self.sequence()), name)
+
+    def damaged(self, packet: bytes, choices: Choices) -> None:
+        """Give a damaged telecommand; the daemon answers the PING after it."""
+        self._changed(damage(packet, choices), "damaged")
+
+    def repaired(self, packet: bytes, choices: Choices) -> None:
+        """Give a changed telecommand whose check value is right; then a PING."""
+        self._changed(repair(packet, choices), "repaired")
+
+    def _changed(self, changed: bytes, kind: str) -> None:
+        if RESTART.search(changed):
+            return
+        ping = telecommand_packet(DICTIONARY.telecommand("PING"), {}, self.sequence())
+        self._exchange(changed + ping, ping, lambda words: "completion_success" in words)
+        self.counts[kind] += 1
+
+    def line(self, data: bytes) -> None:
+        """Give one line of the control socket and wait for its answer."""
+        answer = b""
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(LINE_S)
+            client.connect(str(self._state / "ctl.sock"))
+            client.sendall(data + b"\n")
+            while not answer.endswith(b"\n") and (piece := client.recv(1 << 16)):
+                answer += piece
+        require(answer.count(b"\n") == 1, "a line without one answer", data[:200], answer[:200])
+        self.counts["lines"] += 1
+
+    def _exchange(
+        self, data: bytes, packet: bytes, ended: Callable[[list[str]], bool]
+    ) -> list[str]:
+        self._found = {_request(packet): []}
+        self._link.sendall(data)
+        return self._until(_request(packet), ended)
+
+    def _until(self, request: Request, ended: Callable[[list[str]], bool]) -> list[str]:
+        """Read until the reports on a request say the end. Raises OracleError."""
+        until_s = time.monotonic() + ANSWER_S
+        words = self._found[request]
+        while not ended(words):
+            require(time.monotonic() < until_s, "not answered", request, words)
+            self._read(0.01, once=True)
+        return words
+
+    def _read(self, wait_s: float, *, once: bool = False) -> None:
+        """Read what comes down for some time, or until something has come."""
+        until_s = time.monotonic() + wait_s
+        while (left_s := until_s - time.monotonic()) > 0.0:
+            self._link.settimeout(left_s)
+            try:
+                data = self._link.recv(1 << 18)
+            except TimeoutError:
+                return
+            require(data, "the daemon has closed the link")
+            self._pending += data
+            self._cut()
+            if once:
+                return
+
+    def _cut(self) -> None:
+        while len(self._pending) >= HEADER_BYTES:
+            length = int.from_bytes(self._pending[4:6], "big") + HEADER_BYTES + 1
+            if len(self._pending) < length:
+                return
+            packet = bytes(self._pending[:length])
+            del self._pending[:length]
+            self._packet(packet)
+
+    def _packet(self, packet: bytes) -> None:
+        if packet[1] != 100 or len(packet) < TM_HEADER_BYTES + 4:
+            return
+        if packet[7] == 5:
+            text = packet[TM_HEADER_BYTES:].decode("ascii", "replace")
+            require(not UNFORESEEN.search(text), "an error nobody foresaw", text)
+        if packet[7] == 1:
+            at = TM_HEADER_BYTES
+            request = _words(packet[at : at + 4])
+            if request in self._found:
+                self._found[request].append(VERIFICATION[packet[8]])
+
+
+def _words(data: bytes) -> Request:
+    return int.from_bytes(data[:2], "big"), int.from_bytes(data[2:4], "big")
+
+
+def _request(packet: bytes) -> Request:
+    return _words(packet[:4])
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Ticks and slips at an instant."""
+
+    ticks: int
+    slips: int
+
+    def since(self, before: Mark) -> float:
+        """Return the slips in a thousand ticks since another mark."""
+        return 1e3 * (self.slips - before.slips) / max(1, self.ticks - before.ticks)
+
+
+def run(cases: int, folder: Path, seed: int, advance: Callable[[int], None]) -> dict[str, Any]:
+    """Attack real processes; return the figures.
+
+    Returns
+    -------
+    The counts, `missed` (more slips than the bound) and `faults` (whatever else did not hold).
+
+    Raises
+    ------
+    OracleError for a case without its answer. LiveError when a process does not start.
+    """
+    scenario = at_rates(load("target_leo"), RATE_HZ, IMU_RATE_HZ)
+    setup = prepare(scenario, seed, folder, real_time=True, telemetry={"port": 0})
+    plant_file = folder / "plant.yaml"
+    write_yaml(plant_file, plant_document(scenario, seed, folder, setup.bus_port))
+    config = setup.config
+    robot = config.resolve(config.robot.urdf).read_text(encoding="utf-8")
+    grammar = Grammar(tuple(joint.name for joint in config.joints), robot, WITHOUT)
+    state = config.resolve(config.service.state_directory)
+    with (
+        started_plant(plant_file, folder),
+        process_of("daemon", ["-m", "fsw", "run", "--cold", str(setup.config_path)], folder) as d,
+    ):
+        target = LiveTarget(grammar, state, _port(state))
+        try:
+            result = _attack(target, d.pid, state, cases, seed, advance)
+        finally:
+            target.close()
+        if d.poll() is not None:
+            result["faults"].append("the loop process has ended")
+    return result
+
+
+def _attack(
+    target: LiveTarget,
+    loop: int,
+    state: Path,
+    cases: int,
+    seed: int,
+    advance: Callable[[int], None],
+) -> dict[str, Any]:
+    pids = (loop, *children(loop)[:1])
+    marks = [_mark(state)]
+    target.tick(round(QUIET_S * RATE_HZ))
+    marks.append(_mark(state))
+    rng, warm, began_s = random.Random(seed), None, time.monotonic()
+    while target.counts["cases"] < cases:
+        play(target, rng.randbytes(INPUT_BYTES))
+        advance(target.counts["cases"])
+        if warm is None and target.counts["cases"] >= cases // 10:
+            warm = [_resident_mb(pid) for pid in pids]
+    attacked_s = time.monotonic() - began_s
+    grown = [_resident_mb(p) - mb for p, mb in zip(pids, warm or (), strict=True)]
+    target.tick(100)  # until the status file shows it
+    marks.append(_mark(state))
+    target.tick(round(QUIET_S * RATE_HZ))
+    marks.append(_mark(state))
+    before, attacked, after = (b.since(a) for a, b in pairwise(marks))
+    faults = []
+    if pids[1] not in children(loop):
+        faults.append("the service process has ended")
+    if max(grown) > MOST_GROWTH_MB:
+        faults.append("memory has grown")
+    return {
+        "seed": seed,
+        **{name: target.counts[name] for name in ("cases", "telecommands", "accepted", "lines")},
+        **{name: target.counts[name] for name in ("uploads", "damaged", "repaired")},
+        "attacked_s": round(attacked_s, 1),
+        "slips_per_1000_ticks": {"before": before, "attacked": attacked, "after": after},
+        "growth_mb": {"loop": round(grown[0], 1), "service": round(grown[1], 1)},
+        "missed": attacked > max(before, after) + MOST_MORE_SLIPS,
+        "faults": faults,
+    }
+
+
+def _port(state: Path) -> int:
+    """Return the port of the link once there is one. Raises LiveError."""
+    until_s = time.monotonic() + START_S
+    while time.monotonic() < until_s:
+        status = read_status(state / "status.json")
+        port = int((status or {}).get("telemetry", {}).get("port") or 0)
+        if port:
+            return port
+        time.sleep(0.1)
+    raise LiveError("the daemon opens no link")
+
+
+def _mark(state: Path) -> Mark:
+    status = read_status(state / "status.json")
+    if status is None:
+        raise LiveError("the daemon has no status")
+    return Mark(int(status["ticks"]), int(status["slips"]))
+
+
+def _resident_mb(pid: int) -> float:
+    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    return pages * 4096 / 2**20
