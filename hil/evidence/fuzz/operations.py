@@ -9,6 +9,7 @@ that waits grows; a packet that is damaged or refused is counted once and change
 from __future__ import annotations
 
 import atexit
+import shutil
 import tempfile
 import zlib
 from collections import Counter
@@ -33,7 +34,9 @@ NAMES = {(t.service, t.subtype, t.function_id): t.name for t in DICTIONARY.telec
 
 def operations_target() -> Target:
     """Return the target of a whole daemon in virtual time; it is open until the process ends."""
-    bench = OperationsBench(fresh_folder())
+    folder = fresh_folder()
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    bench = OperationsBench(folder)
     atexit.register(bench.close)
     return partial(play, bench)
 
