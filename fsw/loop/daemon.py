@@ -84,6 +84,7 @@ class Daemon:
         self._next_batch = 0
         self._batch: Generator[None, None, None] | None = None  # half worked off
         self._accepted_ns = -1  # when it began
+        self._judged = True  # the findings of the last batch worked off
         self.latest: Estimate | None = None
         self.unusable_windows = 0
         self.executive = Executive(
@@ -199,7 +200,7 @@ class Daemon:
             Task("ingest", 1, self._ingest),
             *science,
             Task("estimate", 1, self._estimate),
-            Task("health", self._batch_ticks, self._health),
+            Task("health", 1, self._health),
             Task("commands", 1, self._commands),
             Task("links", max(1, round(rate_hz / 10.0)), self._retry),
             Task("status", status, self._status),
@@ -267,6 +268,7 @@ class Daemon:
             self._windows.add(align.close(deadline_ns))
         for member in self._inputs:
             member.watch(now_ns)
+        self._judged = False
         for bus in self._inputs.buses:
             for severity, code, text in bus.source.events():
                 self._report(severity, code, text)
@@ -326,6 +328,10 @@ class Daemon:
         return self._pipeline.estimator
 
     def _health(self, tick: Tick) -> None:
+        """Look at the findings as soon as a batch is worked off."""
+        if self._judged:
+            return
+        self._judged = True
         health, pipeline = self.health, self._pipeline
         for member in self._inputs:
             health.take(member.source.findings(), tick.now_ns)

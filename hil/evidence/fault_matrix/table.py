@@ -57,6 +57,7 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     recover_s: float
+    batch_s: float  # to what detection takes on top of its own
     filter_s: float
     probability: float
     sigma_ratio: float
@@ -83,9 +84,8 @@ class Table(BaseModel):
 
     def detect_bound_s(self, row: Row) -> float:
         """Return within what a fault must be told."""
-        if row.detect_s is not None:
-            return row.detect_s
-        return row.detect_periods * self.period_s[row.sensor]
+        own_s = row.detect_periods * self.period_s[row.sensor]
+        return (own_s if row.detect_s is None else row.detect_s) + self.batch_s
 
     def of(self, lane: str) -> tuple[Row, ...]:
         """Return the rows of one of `LANES`."""
