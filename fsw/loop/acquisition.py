@@ -318,9 +318,12 @@ class BusInput:
         come back stands before all that is stamped after its sending began; when it comes later,
         it is there already.
         """
-        now_ns = self._clock.now_ns()
+        now_ns, port = self._clock.now_ns(), self.link.port
+        hands_back = port is not None and port.hands_back
         identifiers = {item.can_id for _, item in (*self._sent, *self._awaited)}
-        rows = np.flatnonzero(np.isin(read["word"], list(identifiers))).tolist()
+        rows: list[int] = []
+        if hands_back:
+            rows = np.flatnonzero(np.isin(read["word"], list(identifiers))).tolist()
         back = {row: frame_at(read, row) for row in rows}
         sent = [(item, _take_back(back, item)) for item in self._sent]
         self._awaited = [
@@ -335,7 +338,7 @@ class BusInput:
             if frame is not None:
                 first_after_ns = max(first_after_ns, frame.t_ns)
                 stamped = replace(stamped, t_ns=first_after_ns)
-            elif self.link.port is not None and self.link.port.hands_back:
+            elif hands_back:
                 self._awaited.append(item)
             newest_ns = max(newest_ns, first_after_ns)
             own.append(stamped)

@@ -41,7 +41,7 @@ def test_a_fault_is_told_isolated_and_leaves_no_trace(trunk: Any, row: table.Row
     if row.loses != "nothing":
         reference = run.branch(before, BOUNDS, row, reference=True)
     values = run.outcome(BOUNDS, row, before.setup, flown, reference, clean)
-    assert values["failed"] == [], values
+    assert values["failed"] == [], str(values)
 
 
 def test_a_branch_is_the_run_from_the_start(trunk: Any) -> None:

@@ -38,6 +38,7 @@ class Line:
         self.clock = FakeClock(10**9)
         self.can, self.sink, self.source = FakeCan(self.clock), KeepSink(), Counting()
         self.late_ns = 0
+        self.can.hands_back = True
         write = self.can.write
 
         def slow(can_id, data):
@@ -156,3 +157,9 @@ def test_an_old_frame_alike_is_not_taken_for_what_was_sent(line: Line):
 def test_a_stamp_before_the_sending_began_is_that_of_another_clock(line: Line):
     before_ns = line.sync(back_after_ns=-60 * US)
     assert line.drained() == [(before_ns, 0x080)]
+
+
+def test_a_bus_that_hands_nothing_back_keeps_a_foreign_sync_beside_ours(line: Line):
+    line.can.hands_back = False
+    before_ns = line.sync(back_after_ns=MS)  # another producer's, with our counter
+    assert line.drained() == [(before_ns + 40 * US, 0x080), (before_ns + MS, 0x080)]
