@@ -43,14 +43,14 @@ from fsw.service.process import Service
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, Setup, prepare
-from hil.run.flight import BUS
+from hil.run.flight import BUS, TORQUE_STEP_NM
 from hil.world.scenario import load
 from hil.world.sensors import SensorConfig
 
 SCENARIO = "target_leo"
 WARM_S = 3.0  # the motion continues and estimates are published
 PATIENCE_S = 3.0  # virtual, from the frame to its packet
-KEEPERS = ("fsw.estimators", "fsw.scheduler.align", "fsw.telemetry.state")
+KEEPERS = ("fsw.estimators", "fsw.scheduler.align", "fsw.telemetry")
 COMPUTING = "fsw.estimators"  # where what is handed on has been computed from what came in
 END = "fsw.telemetry.link.server"
 SOURCE = str(Path(fsw.__file__).parent)
@@ -79,6 +79,11 @@ class Tracer:
         self._kept: list[object] = [frame]  # so that no number comes again
         self._makers: dict[object, WalkStep] = {id(frame): start, bytes(frame.data): start}
         self._bytes: list[bytes] = [bytes(frame.data)]
+        torque_nm = TORQUE_STEP_NM["classic"] * int.from_bytes(
+            frame.data[4:6], "little", signed=True
+        )
+        self._torques_nm = (torque_nm, -torque_nm)  # as a joint of either sign has it
+        self._makers |= dict.fromkeys(self._torques_nm, start)
         self._hopping: dict[int, WalkStep] = {}  # by frame of the interpreter
 
     def __call__(self, frame: FrameType, event: str, argument: object) -> None:
@@ -143,6 +148,8 @@ class Tracer:
         self._kept.append(value)
         self._makers.setdefault(id(value), maker)
         self.forms.setdefault(type(value).__name__)
+        if not self._estimated and self._holds_torque(value):
+            self._makers |= dict.fromkeys(self._torques_nm, maker)
         if isinstance(value, Estimate) and not self._estimated:
             self._estimated = True  # from here on the estimate is followed, and nothing else
             self._makers, self._bytes, self._hopping = {id(value): maker}, [], {}
@@ -156,6 +163,14 @@ class Tracer:
                 if "torque" in field.name and isinstance(found, float):
                     self._makers.setdefault(found, maker)
 
+    def _holds_torque(self, value: object) -> bool:
+        """Return whether an array, or an array of a data class, has the torque in it."""
+        if is_dataclass(value) and not isinstance(value, type):
+            return any(self._holds_torque(getattr(value, field.name)) for field in fields(value))
+        if not isinstance(value, np.ndarray) or value.dtype.kind != "f":
+            return False
+        return bool(np.isin(value, self._torques_nm).any())
+
     def maker(self, value: object, depth: int = DEPTH) -> WalkStep | None:
         """Return the step that made what holds the value in something; None if nothing does."""
         if id(value) in self._makers:
@@ -168,6 +183,8 @@ class Tracer:
             found = None if len(data) > MOST_BYTES else next(known, None)
             return None if found is None else self._makers[found]
         if isinstance(value, np.ndarray):
+            if value.dtype.kind in "Vu":
+                return self.maker(value.tobytes())
             numbers = value.ravel()[:MOST_VALUES] if value.dtype.kind == "f" else ()
             return first(self._makers.get(float(number)) for number in numbers)
         return first(self.maker(item, depth - 1) for item in items(value)) if depth else None

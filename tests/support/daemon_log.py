@@ -13,10 +13,12 @@ from typing import Any
 
 from fsw.config import load
 from fsw.drivers.sources import ImuSource, JointBusSource, StarTrackerSource
-from fsw.drivers.wire import ByteChunk, unpack_frame
+from fsw.drivers.wire import ByteChunk, frame_array, unpack_frame
 from fsw.exchange.recording import messages
+from fsw.messages import Samples
 from fsw.telemetry.state.store import GenerationStore
 from tests.support.live_run import LiveRun
+from tests.support.samples import rows
 
 
 class DaemonLog:
@@ -54,12 +56,13 @@ class DaemonLog:
         for bus in config.buses:
             joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
             source = JointBusSource(bus, joints, config.health)
-            for record in messages(path, (f"/can/{bus.name}",)):
-                frame = unpack_frame(record.t_ns, record.data)
-                for sample in source.feed([frame]) if frame is not None else ():
-                    values = (sample.position_rad, sample.torque_nm)
-                    found[f"joint_{sample.joint + 1}"].add(values)
-                    found["joint_time"].add((sample.t_ns * 1e-9,))
+            recorded = messages(path, (f"/can/{bus.name}",))
+            frames = (unpack_frame(record.t_ns, record.data) for record in recorded)
+            whole = frame_array(frame for frame in frames if frame is not None)
+            for sample in rows(source.feed(whole)):
+                values = (sample.position_rad, sample.torque_nm)
+                found[f"joint_{sample.joint + 1}"].add(values)
+                found["joint_time"].add((sample.t_ns * 1e-9,))
         imu = ImuSource(config.imu, None, config.health)
         for sample in fed(path, "/serial/imu", imu.feed):
             found["gyro"].add((sample.t_gyro_ns * 1e-9, *(sample.w_NS_S_rad_s or ())))
@@ -76,6 +79,5 @@ class DaemonLog:
         return root / ("files" if folder == "files" else "recording") / rest
 
 
-def fed(path: Path, topic: str, feed: Callable[[list[ByteChunk]], Iterable[Any]]) -> Iterable[Any]:
-    for record in messages(path, (topic,)):
-        yield from feed([ByteChunk(record.t_ns, record.data)])
+def fed(path: Path, topic: str, feed: Callable[[list[ByteChunk]], Samples]) -> Iterable[Any]:
+    return rows(feed([ByteChunk(record.t_ns, record.data) for record in messages(path, (topic,))]))

@@ -13,7 +13,7 @@ def test_a_torque_is_followed_from_its_frame_through_every_room_to_its_packet() 
     way = walk.way()
     rooms = [name.split(":")[0] for name in way]
     assert way[-1].startswith(walks.END)
-    assert {"JointSample", "Window", "Block", "Estimate"} <= set(walk.forms)
+    assert {"JointSamples", "Window", "Block", "Estimate"} <= set(walk.forms)
     assert set(way) <= set(walk.hops)
     marks = ("fsw.drivers", "fsw.scheduler", "fsw.estimators", "fsw.exchange", "fsw.telemetry")
     first = [next(k for k, room in enumerate(rooms) if room.startswith(mark)) for mark in marks]
