@@ -6,8 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from uuid import uuid4
 
@@ -92,19 +93,26 @@ def seen(mark: str, wanted: tuple[str, ...]) -> bool:
     return all(any(word in line for line in lines) for word in wanted)
 
 
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A folder with a short name: the path of a socket below it is at most 93 bytes long."""
+    with tempfile.TemporaryDirectory(prefix="left-", ignore_cleanup_errors=True) as name:
+        yield Path(name)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(2000)
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_killed_command_leaves_no_process_behind(name, tmp_path):
+def test_a_killed_command_leaves_no_process_behind(name, short_path):
     command, wanted = COMMANDS[name]
-    (tmp_path / "campaign.yaml").write_text(CAMPAIGN)
-    (tmp_path / "conftest.py").write_text("from tests.conftest import pytest_configure\n")
-    (tmp_path / "test_left.py").write_text(TESTS)
+    (short_path / "campaign.yaml").write_text(CAMPAIGN)
+    (short_path / "conftest.py").write_text("from tests.conftest import pytest_configure\n")
+    (short_path / "test_left.py").write_text(TESTS)
     mark = uuid4().hex
-    log = tmp_path / "command.log"
+    log = short_path / "command.log"
     with log.open("wb") as out:
         process = subprocess.Popen(
-            command(tmp_path),
+            command(short_path),
             cwd=ROOT,
             env=os.environ | {MARK: mark, "PYTHONPATH": str(ROOT)},
             stdout=out,
