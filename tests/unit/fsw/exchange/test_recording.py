@@ -8,6 +8,7 @@ from mcap.reader import make_reader
 from fsw.drivers.wire import (
     ByteChunk,
     CanFrame,
+    FrameArray,
     frame_array,
     frame_list,
     pack_frame,
@@ -151,9 +152,13 @@ def test_a_time_that_no_clock_has_is_damage(tmp_path: Path, whole: bool):
         writer.close()
     else:
         writer.abandon()
-    pieces = [piece for piece, _ in pieces_of([tmp_path / "a.mcap"], ["/can/arm"])]
+
+    def decoded() -> list[FrameArray]:
+        pieces = pieces_of([tmp_path / "a.mcap"], ["/can/arm"])
+        return [piece.read()["/can/arm"].frames() for piece, _ in pieces]
+
     with pytest.raises(ConfigError, match=r"a\.mcap"):
-        [piece.read()["/can/arm"].frames() for piece in pieces]
+        decoded()
     with pytest.raises(ConfigError, match=r"a\.mcap"):
         list(messages(tmp_path / "a.mcap", ["/can/arm"]))
 

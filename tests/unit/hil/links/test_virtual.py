@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from fsw.clock import Clock
-from fsw.drivers.wire import BytePort, FramePort
+from fsw.drivers.wire import BytePort, CanFrame, FramePort, frame_list
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from tests.support.plant_cases import AnalyticHistory, sensor_config
@@ -14,6 +14,11 @@ MS = 1_000_000
 def bench(seed: int = 3, **imu: object) -> VirtualBench:
     plant = Plant(AnalyticHistory(), sensor_config(imu=imu), seed, t0_ns=5 * MS)
     return VirtualBench(plant, 5 * MS, seed=seed)
+
+
+def taken(port: FramePort) -> list[CanFrame]:
+    port.drain()
+    return frame_list(port.read())
 
 
 def run(world: VirtualBench, ticks: int) -> tuple[list, list, list]:
@@ -29,7 +34,7 @@ def run(world: VirtualBench, ticks: int) -> tuple[list, list, list]:
             imu += lines[0].read()
             tracker += lines[1].read()
         frames.append(can.write(0x080, bytes([k % 240 + 1])))
-        frames += can.read()
+        frames += taken(can)
         imu += lines[0].read()
         tracker += lines[1].read()
     return frames, imu, tracker
@@ -110,7 +115,7 @@ def test_a_plant_that_produces_sync_stamps_it_at_the_latch():
     frames = []
     for k in range(1, 401):
         world.clock.sleep_until_ns(k * 2 * MS)
-        frames += world.can.read()
+        frames += taken(world.can)
     syncs = [f for f in frames if f.can_id == 0x080]
     assert [f.t_ns for f in syncs] == [2_500_000 * (k + 1) for k in range(320)]
     assert [f.data[0] for f in syncs] == [k % 240 + 1 for k in range(320)]
