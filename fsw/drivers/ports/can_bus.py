@@ -201,6 +201,7 @@ class SocketPort:
     def read(self) -> FrameArray:
         """Return every frame drained since the last call, with its kernel stamp."""
         batches, self._batches = [*self._batches, self._frames()], []
+        self._stamps.left_empty(self._empty_ns)
         return batches[0] if len(batches) == 1 else np.concatenate(batches)
 
     def _frames(self) -> FrameArray:
@@ -208,7 +209,6 @@ class SocketPort:
         if not len(batch.lengths):
             return NO_FRAMES
         times_ns = self._stamps.monotonic_ns(batch.realtime_ns)
-        self._stamps.left_empty(self._empty_ns)
         if self._packed:
             return _unpacked(batch, times_ns)
         return frames_from(times_ns, batch.data, batch.lengths)
