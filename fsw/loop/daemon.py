@@ -143,8 +143,11 @@ class Daemon:
     def shutdown(self) -> Estimate | None:
         """Settle the estimator, publish the last estimate and status, release the ports."""
         self._finish_batch()
-        self._finish_windows()
         now_ns = self._clock.now_ns()
+        self._inputs.drain()
+        self._batch = self._stages(now_ns)  # so that the recording ends when the run does
+        self._finish_batch()
+        self._finish_windows()
         stop = {"command": "end", "next_window": self.aligner.next_index}
         self._sink.put(AppliedCommand(now_ns, stop))
         if self.latest is not None:

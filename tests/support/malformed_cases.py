@@ -18,9 +18,10 @@ import numpy as np
 
 from fsw.commands.replay import replay
 from fsw.config import Config
-from fsw.drivers.wire import CanFrame, pack_frame, unpack_frame
-from fsw.exchange.recording import Record, RecordingWriter, messages
-from fsw.exchange.sinks import CanTraffic, Message, NullSink, RawTraffic
+from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, pack_frame, unpack_frame
+from fsw.exchange.recording import Message as Record
+from fsw.exchange.recording import RecordingWriter, messages
+from fsw.exchange.sinks import CanTraffic, NullSink, SerialTraffic
 from fsw.messages import Block, Estimate, Event
 from hil.judge.score import normalised_error_squared
 from hil.links.virtual import VirtualBench
@@ -110,11 +111,12 @@ def write(path: Path, records: Sequence[Record]) -> Path:
         if record.topic == ARM:
             frame = unpack_frame(record.t_ns, record.data)
             assert frame is not None
-            writer.traffic(CanTraffic("arm", [frame]))
+            writer.traffic(CanTraffic("arm", frame_array([frame])))
         elif record.topic == "/tc":
             writer.json("/tc", record.t_ns, json.loads(record.data))
         else:
-            writer.traffic(RawTraffic(record.topic, "raw", [(record.t_ns, record.data)]))
+            device = record.topic.removeprefix("/serial/")
+            writer.traffic(SerialTraffic(device, [ByteChunk(record.t_ns, record.data)]))
     writer.close()
     return path
 
@@ -135,9 +137,12 @@ def tapped(records: Sequence[Record], taps: Mapping[str, Callable[[Items], Items
             item = (frame.t_ns, frame.can_id, frame.data, frame.is_fd)
             for t_ns, can_id, data, is_fd in tap([item]):
                 changed = CanFrame(t_ns, can_id, data, is_fd)
-                out.append(Record(ARM, t_ns, pack_frame(changed)))
+                out.append(Record(t_ns, (), ARM, pack_frame(changed)))
         else:
-            out += [Record(record.topic, *item) for item in tap([(record.t_ns, record.data)])]
+            out += [
+                Record(t_ns, (), record.topic, data)
+                for t_ns, data in tap([(record.t_ns, record.data)])
+            ]
     return sorted(out, key=lambda record: record.t_ns)
 
 
@@ -185,7 +190,7 @@ def _intact(chunks: Sequence[Record], sent: Sequence[bytes]) -> Iterator[Record]
         at += len(chunk.data)
         data = bytes(np.frombuffer(chunk.data, np.uint8)[held])
         if data:
-            yield Record(chunk.topic, chunk.t_ns, data)
+            yield Record(chunk.t_ns, (), chunk.topic, data)
 
 
 def differences(a: Replayed, b: Replayed) -> dict[str, float]:

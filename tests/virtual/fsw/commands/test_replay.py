@@ -51,8 +51,8 @@ def fly(folder: Path, commands: dict[int, Command]) -> Live:
         if tick in commands:
             daemon.submit(commands[tick])
         daemon.step()
-    status = daemon.status(world.clock.now_ns())
     daemon.shutdown()
+    status = daemon.status(world.clock.now_ns())
     return config, path, keep, status
 
 
