@@ -21,7 +21,7 @@ from fsw.config import Config
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, pack_frame, unpack_frame
 from fsw.exchange.recording import Message as Record
 from fsw.exchange.recording import RecordingWriter, messages
-from fsw.exchange.sinks import CanTraffic, NullSink, SerialTraffic
+from fsw.exchange.sinks import CanTraffic, Message, NullSink, SerialTraffic
 from fsw.messages import Block, Estimate, Event
 from hil.judge.score import normalised_error_squared
 from hil.links.virtual import VirtualBench
