@@ -133,6 +133,11 @@ def word_of(frame: CanFrame) -> int:
     return frame.can_id | flags
 
 
+def flags_of(*, is_fd: bool, bitrate_switch: bool) -> int:
+    """Return the flags of a frame's Linux structure; a classic frame has none."""
+    return FD_FDF | FD_BRS * bool(bitrate_switch) if is_fd else 0
+
+
 def row_of(t_ns: int, word: int, data: bytes, flags: int = 0) -> bytes:
     """Return one frame as the bytes of a `FRAME`."""
     return _ROW.pack(t_ns, word, len(data), flags, data)
@@ -140,10 +145,10 @@ def row_of(t_ns: int, word: int, data: bytes, flags: int = 0) -> bytes:
 
 def frame_array(frames: Iterable[CanFrame]) -> FrameArray:
     """Return frames as an array of `FRAME`."""
-    rows = [
-        row_of(frame.t_ns, word_of(frame), frame.data, frame.is_fd * FD_FDF | frame.bitrate_switch)
-        for frame in frames
-    ]
+    rows = []
+    for frame in frames:
+        flags = flags_of(is_fd=frame.is_fd, bitrate_switch=frame.bitrate_switch)
+        rows.append(row_of(frame.t_ns, word_of(frame), frame.data, flags))
     return rows_of(b"".join(rows))
 
 

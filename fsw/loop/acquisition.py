@@ -147,6 +147,7 @@ class BusInput:
         self._clock = clock
         self._sent: list[tuple[int, CanFrame]] = []
         self._awaited: list[tuple[int, CanFrame]] = []  # recorded already, may still come back
+        self._hands_back = False  # the port that what was sent went to; it may be lost by now
         self._newest_ns = -(1 << 62)
         self.overflowed = 0  # received frames the port had no room for
         self.unsent = 0  # frames its transmit queue had no room for
@@ -280,6 +281,7 @@ class BusInput:
         if sent is None:
             self.unsent += 1
             return False
+        self._hands_back = port.hands_back
         self._sent.append((before_ns, sent))
         if self._talking_since_ns is None:
             self._talking_since_ns = before_ns
@@ -318,11 +320,10 @@ class BusInput:
         come back stands before all that is stamped after its sending began; when it comes later,
         it is there already.
         """
-        now_ns, port = self._clock.now_ns(), self.link.port
-        hands_back = port is not None and port.hands_back
+        now_ns = self._clock.now_ns()
         identifiers = {item.can_id for _, item in (*self._sent, *self._awaited)}
         rows: list[int] = []
-        if hands_back:
+        if self._hands_back:
             rows = np.flatnonzero(np.isin(read["word"], list(identifiers))).tolist()
         back = {row: frame_at(read, row) for row in rows}
         sent = [(item, _take_back(back, item)) for item in self._sent]
@@ -338,7 +339,7 @@ class BusInput:
             if frame is not None:
                 first_after_ns = max(first_after_ns, frame.t_ns)
                 stamped = replace(stamped, t_ns=first_after_ns)
-            elif hands_back:
+            elif self._hands_back:
                 self._awaited.append(item)
             newest_ns = max(newest_ns, first_after_ns)
             own.append(stamped)

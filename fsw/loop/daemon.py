@@ -248,7 +248,7 @@ class Daemon:
     def _stages(self, now_ns: int) -> Generator[None, None, None]:
         """Accept and decode what has come by now, close the windows due by now; in bounded stages.
 
-        What comes meanwhile is of the next batch.
+        Data that arrive meanwhile belong to the next batch.
         """
         align = self.aligner
         self._inputs.accept()

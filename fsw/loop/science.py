@@ -56,7 +56,7 @@ class Science:
     def _newest(
         self, bit: int, values: FloatArray, t_ns: IntArray, before: Sequence[float]
     ) -> Sequence[float]:
-        """Return the newest usable value; the one before where there is none."""
+        """Return the newest usable value; without one, the value given as `before`."""
         usable = np.flatnonzero(~np.isnan(values[:, 0]))
         if not usable.size:
             return before

@@ -269,7 +269,7 @@ class Aligner:
         if first == last:
             self.overflow += bins.add(first, channel, t_ns, values)
             return late
-        for window in range(first, last + 1):
+        for window in np.unique(index).tolist():
             inside = index == window
             self.overflow += bins.add(window, channel[inside], t_ns[inside], values[inside])
         return late

@@ -22,16 +22,17 @@ from fsw.drivers.ports import linux_can
 from fsw.drivers.ports.stamps import KernelStamps
 from fsw.drivers.wire import (
     EFF_FLAG,
+    EFF_MASK,
     ERR_FLAG,
-    FD_BRS,
-    FD_FDF,
     HEAD_BYTES,
     MAX_DATA_BYTES,
     NO_FRAMES,
     RTR_FLAG,
+    SFF_MASK,
     CanFrame,
     FrameArray,
     FramePort,
+    flags_of,
     frames_from,
     row_of,
     rows_of,
@@ -89,6 +90,7 @@ def _socket_of(
         multicast = getattr(device, "_multicast", None)
         link = getattr(multicast, "_socket", None)
         group = getattr(multicast, "_send_destination", None)
+        link = None if group is None else link
     return (link, group) if isinstance(link, socket.socket) else (None, None)
 
 
@@ -120,7 +122,7 @@ class CanPort:
             word = message.arbitration_id
             word |= EFF_FLAG * message.is_extended_id | RTR_FLAG * message.is_remote_frame
             word |= ERR_FLAG * message.is_error_frame
-            flags = FD_FDF * message.is_fd | FD_BRS * message.bitrate_switch
+            flags = flags_of(is_fd=message.is_fd, bitrate_switch=message.bitrate_switch)
             rows.append(row_of(t_ns, word, bytes(message.data), flags))
         return rows_of(b"".join(rows)).copy()
 
@@ -222,7 +224,7 @@ class SocketPort:
         """Send a classic frame and stamp it; None when the transmit queue is full."""
         try:
             if self._group is not None:
-                self._socket.sendto(_packed(can_id, data), self._group)
+                self._socket.sendto(_packed(can_id, data), socket.MSG_DONTWAIT, self._group)
             else:
                 self._socket.send(linux_can.pack_classic(can_id, data), socket.MSG_DONTWAIT)
         except OSError as error:
@@ -255,17 +257,20 @@ def _unpacked(batch: linux_can.Received, times_ns: NDArray[np.int64]) -> FrameAr
     for k, (t_ns, length) in enumerate(zip(times_ns.tolist(), batch.lengths.tolist(), strict=True)):
         try:
             values = msgpack.unpackb(data[k * slot : k * slot + length])
-            word = values["arbitration_id"]
+            word, most = values["arbitration_id"], SFF_MASK
+            if values["is_extended_id"] or values["is_error_frame"]:
+                most = EFF_MASK
+            flags = flags_of(is_fd=values["is_fd"], bitrate_switch=values["bitrate_switch"])
+            payload = values["data"]
+            if word > most or len(payload) > (MAX_DATA_BYTES if flags else HEAD_BYTES):
+                continue
             if values["is_extended_id"]:
                 word |= EFF_FLAG
             if values["is_remote_frame"]:
                 word |= RTR_FLAG
             if values["is_error_frame"]:
                 word |= ERR_FLAG
-            flags = (FD_FDF if values["is_fd"] else 0) | (FD_BRS if values["bitrate_switch"] else 0)
-            payload = values["data"]
-            if len(payload) <= (MAX_DATA_BYTES if flags else HEAD_BYTES):
-                rows.append(row_of(t_ns, word, payload, flags))
+            rows.append(row_of(t_ns, word, payload, flags))
         except (ValueError, TypeError, KeyError, struct.error, msgpack.UnpackException):
             continue
     return rows_of(b"".join(rows)).copy()

@@ -136,7 +136,7 @@ class BusWatch:
     def _is_regular(self, answers: Answers, syncs: Sequence[Mark]) -> bool:
         """Accept a batch in which nothing can be found; False: nothing was done.
 
-        Every node has answered every SYNC up to its newest once. If it goes on so, each answer
+        Every node has answered every SYNC up to its newest once. If it continues so, each answer
         before the third SYNC behind its own, then no SYNC is settled without all its answers.
         """
         states, last = self._nodes, syncs[-1].sync if syncs else self._index

@@ -76,7 +76,7 @@ class SyncHistory:
 
         Returns
         -------
-        indexes : (k,) running index of its SYNC, UNKNOWN where there is none or one too old
+        indexes : (k,) running index of its SYNC, UNKNOWN where no SYNC matches or it is too old
         stamps_ns : (k,) of that SYNC
         newest : (k,) running index of the newest SYNC before the answer
         """

@@ -163,3 +163,14 @@ def test_a_bus_that_hands_nothing_back_keeps_a_foreign_sync_beside_ours(line: Li
     line.can.hands_back = False
     before_ns = line.sync(back_after_ns=MS)  # another producer's, with our counter
     assert line.drained() == [(before_ns + 40 * US, 0x080), (before_ns + MS, 0x080)]
+
+
+def test_a_sync_that_came_back_before_the_port_was_lost_keeps_the_stamp_of_the_bus(line: Line):
+    line.late_ns = 7 * MS
+    before_ns = line.sync(back_after_ns=25 * US)
+    line.bus.drain()
+    line.bus.keep()
+    line.bus.link.lose(line.clock.now)
+    line.sink.frames.clear()
+    line.bus.accept(line.sink)
+    assert [(f.t_ns, f.can_id) for f in line.sink.frames] == [(before_ns + 25 * US, 0x080)]

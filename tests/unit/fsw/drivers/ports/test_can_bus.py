@@ -4,6 +4,7 @@ import socket
 import struct
 
 import can
+import msgpack
 import pytest
 
 from fsw.clock import MonotonicClock
@@ -113,3 +114,29 @@ def test_a_broken_bus_raises_a_port_error() -> None:
     with pytest.raises(PortError, match="bus off"):
         port.write(1, b"")
     port.close()
+
+
+def test_datagrams_that_are_no_frames_are_left_out_and_the_others_are_kept() -> None:
+    config = bus_config(interface="udp_multicast", channel="239.74.163.9", port=43998)
+    good = {
+        "arbitration_id": 0x191, "data": b"ab", "is_extended_id": False, "is_remote_frame": False,
+        "is_error_frame": False, "is_fd": False, "bitrate_switch": False,
+    }  # fmt: skip
+    bad = [
+        {"arbitration_id": 0x1191}, {"arbitration_id": -1}, {"arbitration_id": "x"},
+        {"arbitration_id": 1 << 40}, {"data": bytes(9)}, {"data": "text"}, {"data": 5},
+        {"is_fd": True, "data": bytes(65)}, {"bitrate_switch": True, "data": bytes(20)},
+    ]  # fmt: skip
+    datagrams = [msgpack.packb(good | change) for change in bad]
+    datagrams += [b"", b"\xc1", b"\x93\x01\x02", msgpack.packb([good]), msgpack.packb({})]
+    port = open_can(config, MonotonicClock())
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for datagram in (*datagrams, msgpack.packb(good)):
+                sender.sendto(datagram, ("239.74.163.9", 43998))
+        frames: list[CanFrame] = []
+        while not frames:
+            frames += taken(port)
+    finally:
+        port.close()
+    assert [(f.can_id, f.data) for f in frames] == [(0x191, b"ab")]
