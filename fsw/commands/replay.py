@@ -19,7 +19,7 @@ from fsw.config import Config
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, CanFrame, FrameArray
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
-from fsw.exchange.recording import END_NS, Column, Message, Piece, messages_of, pieces_of
+from fsw.exchange.recording import END_NS, Column, Piece, RecordedMessage, messages_of, pieces_of
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.restart import Mode, Restart
 from fsw.exchange.sinks import NullSink, Sink
@@ -360,7 +360,9 @@ def _ports(config: Config, feed: RecordingFeed) -> Ports:
     )
 
 
-def _plan(daemon: Daemon, commands: Sequence[Message], checkpoint: bytes | None) -> int | None:
+def _plan(
+    daemon: Daemon, commands: Sequence[RecordedMessage], checkpoint: bytes | None
+) -> int | None:
     """Plan the recorded commands; return when the run ended [ns], None if it was killed.
 
     A run that continued from a checkpoint starts from the same one.

@@ -25,9 +25,10 @@ from fsw.exchange.restart import Restart, resume, take
 from fsw.exchange.sinks import AppliedCommand, ScienceRecord, Sink, StatusReport
 from fsw.exchange.status import estimate_summary
 from fsw.health import Health
-from fsw.loop.acquisition import BusInput, LineInput
+from fsw.loop.bus_input import BusInput
 from fsw.loop.command_queue import CommandQueue, settle
 from fsw.loop.inputs import Inputs
+from fsw.loop.line_input import LineInput
 from fsw.loop.loop_status import sample_status, tick_status, window_status
 from fsw.loop.science import Science
 from fsw.loop.window_work import ENDED, WindowWork

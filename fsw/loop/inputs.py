@@ -11,7 +11,8 @@ from functools import partial
 from fsw.clock import Clock
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.exchange.sinks import Sink
-from fsw.loop.acquisition import BusInput, LineInput
+from fsw.loop.bus_input import BusInput
+from fsw.loop.line_input import LineInput
 from fsw.loop.link import Link
 from fsw.messages import Event
 from fsw.messages.errors import PortError

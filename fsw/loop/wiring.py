@@ -11,8 +11,9 @@ from fsw.config import BusConfig, Config
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.estimators.pipeline import Pipeline, default_pipeline
 from fsw.exchange.sinks import Sink
-from fsw.loop.acquisition import BusInput, ChunkSource, LineInput
+from fsw.loop.bus_input import BusInput
 from fsw.loop.daemon import Daemon
+from fsw.loop.line_input import ChunkSource, LineInput
 from fsw.loop.link import Link
 from fsw.loop.ports import CAN, IMU, SECOND, STAR_TRACKER, Ports
 

@@ -13,7 +13,7 @@ import yaml
 from zstandard import ZstdError
 
 from fsw.config import Config, load
-from fsw.exchange.recording import RecordingWriter, contents
+from fsw.exchange.recording import contents
 from fsw.exchange.recording_parts import (
     IDENTITY,
     PART,
@@ -22,6 +22,7 @@ from fsw.exchange.recording_parts import (
     newest_part,
     part_path,
 )
+from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import (
     AppliedCommand,
     CanTraffic,

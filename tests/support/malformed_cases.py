@@ -19,8 +19,8 @@ import numpy as np
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, pack_frame, unpack_frame
-from fsw.exchange.recording import Message as Record
-from fsw.exchange.recording import RecordingWriter, messages
+from fsw.exchange.recording import RecordedMessage, messages
+from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, Message, NullSink, SerialTraffic
 from fsw.messages import Block, Estimate, Event
 from hil.judge.score import normalised_error_squared
@@ -99,12 +99,12 @@ def run(path: Path, config: Config) -> Replayed:
     return Replayed(result.estimate, sink.blocks, sink.codes, status["samples"], status["windows"])
 
 
-def read(path: Path) -> list[Record]:
+def read(path: Path) -> list[RecordedMessage]:
     """Return all that a replay needs of a recording."""
     return list(messages(path, [ARM, IMU, TRACKER, "/tc"]))
 
 
-def write(path: Path, records: Sequence[Record]) -> Path:
+def write(path: Path, records: Sequence[RecordedMessage]) -> Path:
     """Write a recording; the chunks and frames keep their order."""
     writer = RecordingWriter(path)
     for record in records:
@@ -121,7 +121,9 @@ def write(path: Path, records: Sequence[Record]) -> Path:
     return path
 
 
-def tapped(records: Sequence[Record], taps: Mapping[str, Callable[[Items], Items]]) -> list[Record]:
+def tapped(
+    records: Sequence[RecordedMessage], taps: Mapping[str, Callable[[Items], Items]]
+) -> list[RecordedMessage]:
     """Return the records after each topic's tap; SYNC and what the host sent pass untouched."""
     out = []
     for record in records:
@@ -137,16 +139,18 @@ def tapped(records: Sequence[Record], taps: Mapping[str, Callable[[Items], Items
             item = (frame.t_ns, frame.can_id, frame.data, frame.is_fd)
             for t_ns, can_id, data, is_fd in tap([item]):
                 changed = CanFrame(t_ns, can_id, data, is_fd)
-                out.append(Record(t_ns, (), ARM, pack_frame(changed)))
+                out.append(RecordedMessage(t_ns, (), ARM, pack_frame(changed)))
         else:
             out += [
-                Record(t_ns, (), record.topic, data)
+                RecordedMessage(t_ns, (), record.topic, data)
                 for t_ns, data in tap([(record.t_ns, record.data)])
             ]
     return sorted(out, key=lambda record: record.t_ns)
 
 
-def lacking(records: Sequence[Record], clean: Sequence[Record]) -> list[Record]:
+def lacking(
+    records: Sequence[RecordedMessage], clean: Sequence[RecordedMessage]
+) -> list[RecordedMessage]:
     """Return the records without every byte and frame the devices did not send themselves.
 
     `clean` is the same traffic before it was disturbed, one transmission per record.
@@ -166,7 +170,7 @@ def lacking(records: Sequence[Record], clean: Sequence[Record]) -> list[Record]:
     return sorted(out, key=lambda record: record.t_ns)
 
 
-def _intact(chunks: Sequence[Record], sent: Sequence[bytes]) -> Iterator[Record]:
+def _intact(chunks: Sequence[RecordedMessage], sent: Sequence[bytes]) -> Iterator[RecordedMessage]:
     """Yield the chunks with nothing but whole transmissions, each at most once, in order."""
     stream = b"".join(chunk.data for chunk in chunks)
     index = {data: k for k, data in enumerate(sent)}
@@ -190,7 +194,7 @@ def _intact(chunks: Sequence[Record], sent: Sequence[bytes]) -> Iterator[Record]
         at += len(chunk.data)
         data = bytes(np.frombuffer(chunk.data, np.uint8)[held])
         if data:
-            yield Record(chunk.t_ns, (), chunk.topic, data)
+            yield RecordedMessage(chunk.t_ns, (), chunk.topic, data)
 
 
 def differences(a: Replayed, b: Replayed) -> dict[str, float]:

@@ -20,8 +20,9 @@ from fsw.drivers.codecs.canopen import (
     TPDO1_BYTES,
 )
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, unpack_frame
-from fsw.exchange.recording import RecordingWriter, messages_of
+from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, parts_of
+from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.loop.ports import IMU, STAR_TRACKER
 from hil.judge.outcome import result_of

@@ -25,14 +25,14 @@ from fsw.service.blockstore import BlockWriter
 from fsw.service.control import ControlServer
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY
-from fsw.telemetry.link.packets import TM_HEADER_BYTES, telecommand_packet
+from fsw.telemetry.link.packets import TM_HEADER_BYTES
 from fsw.telemetry.link.uplink import ClearUplink
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state.epoch import Epoch
 from hil.devices.plant import Plant
 from hil.evidence.fuzz.choices import Choices
 from hil.evidence.fuzz.damage import damaged_packet, repaired_packet
-from hil.evidence.fuzz.hostile import Grammar
+from hil.evidence.fuzz.hostile import Grammar, named_telecommand
 from hil.evidence.fuzz.oracle import require
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, prepare
@@ -243,11 +243,7 @@ class OperationsBench:
 
     def command(self, name: str, **values: object) -> None:
         """Give a telecommand by name."""
-        item = DICTIONARY.telecommand(name)
-        words = {f.name: f.enumeration.value(str(values[f.name])) if f.enumeration is not None
-                 and isinstance(values.get(f.name), str) else values.get(f.name)
-                 for f in item.arguments}  # fmt: skip
-        self.give(telecommand_packet(item, words, self.sequence()), name)
+        self.give(named_telecommand(name, values, self.sequence()), name)
 
     def sequence(self) -> int:
         """Return the next sequence count."""

@@ -241,3 +241,15 @@ class Grammar:
             b"\xff" * 30,
         )
         return hostile[kind] if kind < len(hostile) else text
+
+
+def named_telecommand(name: str, values: dict[str, object], sequence: int) -> bytes:
+    """Return the packet of a telecommand; a value of an enumeration may be given by its name."""
+    item = DICTIONARY.telecommand(name)
+    words = {}
+    for field in item.arguments:
+        value = values.get(field.name)
+        if field.enumeration is not None and isinstance(value, str):
+            value = field.enumeration.value(value)
+        words[field.name] = value
+    return telecommand_packet(item, words, sequence)

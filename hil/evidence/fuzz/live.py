@@ -24,7 +24,7 @@ from fsw.telemetry.link.packets import TM_HEADER_BYTES, telecommand_packet
 from hil.evidence.fuzz.choices import Choices
 from hil.evidence.fuzz.daemon_bench import LONG, OUTSIDE, UNFORESEEN, VERIFICATION
 from hil.evidence.fuzz.damage import damage, repair
-from hil.evidence.fuzz.hostile import Grammar
+from hil.evidence.fuzz.hostile import Grammar, named_telecommand
 from hil.evidence.fuzz.operations import play
 from hil.evidence.fuzz.oracle import require
 from hil.run.bench import prepare
@@ -88,11 +88,7 @@ class LiveTarget:
 
     def command(self, name: str, **values: object) -> None:
         """Give a telecommand by name."""
-        item = DICTIONARY.telecommand(name)
-        words = {f.name: f.enumeration.value(str(values[f.name])) if f.enumeration is not None
-                 and isinstance(values.get(f.name), str) else values.get(f.name)
-                 for f in item.arguments}  # fmt: skip
-        self.give(telecommand_packet(item, words, self.sequence()), name)
+        self.give(named_telecommand(name, values, self.sequence()), name)
 
     def damaged(self, packet: bytes, choices: Choices) -> None:
         """Give a damaged telecommand; the daemon answers the PING after it."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, pack_frame
 from fsw.exchange.checkpoint import Checkpoint, Identity, encode
-from fsw.exchange.recording import RecordingWriter
+from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages import Snapshot
 from fsw.messages.commands import CommandName

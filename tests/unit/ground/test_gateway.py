@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
-from fsw.exchange.recording import RecordingWriter
+from fsw.exchange.recording_writer import RecordingWriter
 from ground.errors import UsageError
 from ground.gateway.desk import Desk
 from ground.gateway.feed import Feed

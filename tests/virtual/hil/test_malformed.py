@@ -18,7 +18,7 @@ from fsw.drivers.codecs.sagitta import SagittaCodec
 from fsw.drivers.codecs.stim300 import Stim300Codec, StimDatagram
 from fsw.drivers.sources import StarTrackerSource
 from fsw.drivers.wire import ByteChunk, unpack_frame
-from fsw.exchange.recording import Message
+from fsw.exchange.recording import RecordedMessage
 from hil.devices import canopen, sagitta, stim300
 from hil.faults import taps as faults
 from hil.faults.taps import (
@@ -120,7 +120,7 @@ class Clean:
 
     setup: Setup
     recorded: Recorded
-    records: list[Message]
+    records: list[RecordedMessage]
 
 
 @pytest.fixture(scope="module")

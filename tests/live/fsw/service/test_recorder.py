@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from fsw.exchange.recording import RecordingWriter, contents
+from fsw.exchange.recording import contents
+from fsw.exchange.recording_writer import RecordingWriter
 from fsw.messages import Event
 from fsw.service.recorder import RecorderSink, open_recording, recorded_config
 from tests.conftest import ArmProject
@@ -45,7 +46,7 @@ from pathlib import Path
 from fsw.drivers.wire import ByteChunk
 from fsw.exchange.sinks import SerialTraffic, StatusReport
 from fsw.service.recorder import RecorderSink
-from fsw.exchange.recording import RecordingWriter
+from fsw.exchange.recording_writer import RecordingWriter
 sink = RecorderSink(RecordingWriter(Path(sys.argv[1]), chunk_bytes=1 << 30), print)
 sink.put(SerialTraffic("imu", [ByteChunk(0, bytes(1 << 16))]))
 resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))

@@ -19,8 +19,8 @@ from fsw.estimators.diagnosis import (
     verdict,
 )
 from fsw.estimators.model.inertia import report_jacobian, to_parameters
-from fsw.estimators.recursive.online import OnlineEstimator, build_online
-from fsw.messages import Block, Estimate
+from fsw.estimators.recursive.online import build_online
+from fsw.messages import Block
 from tests.support.estimator_cases import (
     TARGET,
     make_config,
@@ -28,6 +28,7 @@ from tests.support.estimator_cases import (
     parameters,
     robot_model,
 )
+from tests.support.recursions import to_the_end
 
 RNG = np.random.default_rng(0)
 P0 = np.diag([4.0, 1.0, 9.0])
@@ -94,16 +95,8 @@ def test_verdict_says_how_long_is_needed() -> None:
     assert "not identified" in verdict("target", 100.0, 50.0, 50.0, 0.0)
 
 
-def run(blocks: list[Block], **options: Any) -> tuple[OnlineEstimator, list[Estimate], list[str]]:
-    config = make_config(("target",), **options)
-    online = build_online(config, robot_model())
-    estimates = [online.push(block) for block in blocks]
-    estimates.append(online.finish())
-    return online, estimates, [code for _, code, _ in online.events()]
-
-
 def test_report_is_json_and_agrees_with_the_estimate() -> None:
-    online, estimates, _ = run(noisy_blocks("target", 1, 40.0))
+    online, estimates, _ = to_the_end(noisy_blocks("target", 1, 40.0))
     report = json.loads(json.dumps(online.report()))
     assert report["valid"]
     assert report["verdict"]["target"].startswith("target mass identified to")

@@ -14,7 +14,8 @@ from fsw.drivers.wire import (
     pack_frame,
     unpack_frame,
 )
-from fsw.exchange.recording import RecordingWriter, contents, messages, pieces_of
+from fsw.exchange.recording import contents, messages, pieces_of
+from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages.errors import ConfigError
 

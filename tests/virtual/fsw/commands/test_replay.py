@@ -9,7 +9,8 @@ import pytest
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array
-from fsw.exchange.recording import RecordingWriter, messages
+from fsw.exchange.recording import messages
+from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, Fanout, SerialTraffic
 from fsw.loop.ports import Ports
 from fsw.loop.wiring import build

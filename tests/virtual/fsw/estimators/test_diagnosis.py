@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fsw.estimators.recursive.online import OnlineEstimator, build_online
-from fsw.messages import Block, Estimate
+from fsw.estimators.recursive.online import build_online
+from fsw.messages import Estimate
 from hil.world.truth import Body
 from tests.support.estimator_cases import (
     TARGET,
@@ -23,15 +22,8 @@ from tests.support.estimator_cases import (
 from tests.support.estimator_cases import (
     plain as body_words,
 )
+from tests.support.recursions import to_the_end
 from tests.support.starts import CASES, config_of
-
-
-def run(blocks: list[Block], **options: Any) -> tuple[OnlineEstimator, list[Estimate], list[str]]:
-    config = make_config(("target",), **options)
-    online = build_online(config, robot_model())
-    estimates = [online.push(block) for block in blocks]
-    estimates.append(online.finish())
-    return online, estimates, [code for _, code, _ in online.events()]
 
 
 @pytest.mark.parametrize("method", ["fused", "mrnea"])
@@ -96,9 +88,9 @@ def test_a_sigma_ten_times_too_small_is_told_and_widened(method: str) -> None:
 @pytest.mark.parametrize("method", ["fused", "mrnea", "rda", "cm"])
 def test_stale_and_repeated_blocks_change_nothing(method: str) -> None:
     blocks = noisy_blocks("target", 4, 12.0)
-    _, clean, _ = run(blocks, method=method)
+    _, clean, _ = to_the_end(blocks, method=method)
     repeated = [b for pair in zip(blocks, blocks, strict=True) for b in pair]
-    _, again, _ = run([*repeated, *blocks[:10]], method=method)
+    _, again, _ = to_the_end([*repeated, *blocks[:10]], method=method)
     assert np.array_equal(clean[-1].mean, again[-1].mean)
     assert again[-1].extra["ignored"] == len(blocks) + 10
     assert again[-1].blocks == clean[-1].blocks
@@ -108,7 +100,7 @@ def test_stale_and_repeated_blocks_change_nothing(method: str) -> None:
 def without(method: str, weighting: str, bad: tuple[int, ...]) -> Estimate:
     """Return the settled estimate of the blocks that are not bad."""
     good = [b for k, b in enumerate(noisy_blocks("target", 5, 10.0)) if k not in bad]
-    return run(good, method=method, weighting=weighting)[1][-1]
+    return to_the_end(good, method=method, weighting=weighting)[1][-1]
 
 
 @pytest.mark.parametrize("first", range(4))
@@ -127,7 +119,7 @@ def test_absurd_blocks_never_crash_and_never_stay(method: str, weighting: str, f
         spoilt = getattr(blocks[k], name).copy()
         spoilt[0, 0] = values[turn % len(values)]
         blocks[k] = replace(blocks[k], **{name: spoilt})
-    _, got, _ = run(blocks, method=method, weighting=weighting)
+    _, got, _ = to_the_end(blocks, method=method, weighting=weighting)
     expected = without(method, weighting, tuple(names))
     assert got[-1].gated == 3
     assert np.all(np.isfinite(got[-1].covariance))

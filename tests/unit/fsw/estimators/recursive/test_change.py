@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from fsw.estimators.recursive.change import InnovationMonitor
-from fsw.estimators.recursive.online import OnlineEstimator, build_online
-from fsw.messages import Block
 from tests.support.estimator_cases import (
-    make_config,
     noisy_blocks,
-    robot_model,
 )
+from tests.support.recursions import with_alarms
 
 DOF = 52
 
@@ -77,20 +74,10 @@ def test_more_noise_than_declared_is_learned_and_less_is_not() -> None:
         assert monitor.level == pytest.approx(expected, rel=0.1)
 
 
-def run(blocks: list[Block], **options: object) -> tuple[OnlineEstimator, list, list[int]]:
-    online = build_online(make_config(("target",), **options), robot_model())
-    estimates, alarms = [], []
-    for block in blocks:
-        estimates.append(online.push(block))
-        if any(code == "CHANGE_DETECTED" for _, code, _ in online.events()):
-            alarms.append(block.index)
-    return online, estimates, alarms
-
-
 def test_one_corrupt_block_is_gated_and_does_not_reopen() -> None:
     blocks = noisy_blocks("target", 5)
     blocks[60] = replace(blocks[60], tau_nm=blocks[60].tau_nm + 3.0)
-    _, estimates, alarms = run(blocks)
+    _, estimates, alarms = with_alarms(blocks)
     assert not alarms
     assert estimates[-1].gated == 1
     assert estimates[-1].valid

@@ -7,30 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fsw.estimators.recursive.online import OnlineEstimator, build_online
-from fsw.messages import Block
 from tests.support.estimator_cases import (
     TARGET,
     draw_biases,
-    make_config,
     noisy,
     noisy_blocks,
-    robot_model,
     true_blocks_cached,
 )
+from tests.support.recursions import with_alarms
 from tests.support.starts import STEP_AT, stepped
 
 DELAY_BLOCKS = 5  # bound on the detection of a 5 % step of the target's mass
-
-
-def run(blocks: list[Block], **options: object) -> tuple[OnlineEstimator, list, list[int]]:
-    online = build_online(make_config(("target",), **options), robot_model())
-    estimates, alarms = [], []
-    for block in blocks:
-        estimates.append(online.push(block))
-        if any(code == "CHANGE_DETECTED" for _, code, _ in online.events()):
-            alarms.append(block.index)
-    return online, estimates, alarms
 
 
 @pytest.mark.parametrize("method", ["fused", "mrnea", "rda"])
@@ -39,7 +26,7 @@ def test_a_step_of_the_mass_is_found_and_the_estimate_follows(method: str) -> No
     rng = np.random.default_rng(4)
     biases = draw_biases(rng)
     blocks = [noisy(b, rng, biases) for b in stepped("target", 1.0, 1.05)]
-    online, estimates, alarms = run(blocks, method=method)
+    online, estimates, alarms = with_alarms(blocks, method=method)
     assert len(alarms) == 1
     assert STEP_AT <= alarms[0] < STEP_AT + DELAY_BLOCKS
     assert estimates[STEP_AT - 1].valid
@@ -60,22 +47,22 @@ def test_noise_twice_the_declared_is_told_and_sigmas_follow() -> None:
         louder = replace(b, index=k, **{name: 4.0 * getattr(b, name) for name in names})
         declared = {name: getattr(b, name) for name in names}
         blocks.append(replace(noisy(louder, rng, biases), **declared))
-    online, _, alarms = run(blocks)
+    online, _, alarms = with_alarms(blocks)
     assert not alarms
     last = online.finish()
     assert last.extra["noise_ratio"] == pytest.approx(2.0, abs=0.2)
-    honest = run(noisy_blocks("target", 6))[0].finish()
+    honest = with_alarms(noisy_blocks("target", 6))[0].finish()
     ratio = last.bodies["target"].mass_sigma_kg / honest.bodies["target"].mass_sigma_kg
     assert ratio == pytest.approx(2.0, rel=0.25)
 
 
 def test_forgetting_without_end_changes_no_bit_and_a_finite_one_widens() -> None:
     blocks = noisy_blocks("target", 7, 30.0)
-    never = run(blocks)[0].finish()
-    endless = run(blocks, forgetting_time_s=1e30)[0].finish()
+    never = with_alarms(blocks)[0].finish()
+    endless = with_alarms(blocks, forgetting_time_s=1e30)[0].finish()
     assert np.array_equal(never.mean, endless.mean)
     assert np.array_equal(never.covariance, endless.covariance)
-    short = run(blocks, forgetting_time_s=8.0)[0].finish()
+    short = with_alarms(blocks, forgetting_time_s=8.0)[0].finish()
     sigma = [e.bodies["target"].mass_sigma_kg for e in (never, short)]
     assert 1.2 * sigma[0] < sigma[1] < 10 * sigma[0]
 
@@ -83,7 +70,7 @@ def test_forgetting_without_end_changes_no_bit_and_a_finite_one_widens() -> None
 def test_forgetting_is_the_same_in_retired_stored_and_running_information() -> None:
     """A store of 6 blocks and one of all: the same covariance within 5 % of each sigma."""
     blocks = noisy_blocks("target", 8, 30.0)
-    few = run(blocks, forgetting_time_s=10.0, store_blocks=6)[0].finish()
-    many = run(blocks, forgetting_time_s=10.0)[0].finish()
+    few = with_alarms(blocks, forgetting_time_s=10.0, store_blocks=6)[0].finish()
+    many = with_alarms(blocks, forgetting_time_s=10.0)[0].finish()
     ratio = np.sqrt(np.diag(few.covariance) / np.diag(many.covariance))
     assert np.all(np.abs(ratio - 1.0) < 0.05)

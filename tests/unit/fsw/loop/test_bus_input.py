@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fsw.drivers.wire import CanFrame, frame_list
-from fsw.loop.acquisition import BusInput
+from fsw.loop.bus_input import BusInput
 from fsw.loop.link import Link
 from tests.support.loop_cases import MS, FakeCan, FakeClock, KeepSink
 

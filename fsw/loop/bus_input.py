@@ -1,4 +1,4 @@
-"""Inputs of the loop: link + source + what was drained but not accepted yet.
+"""A bus as an input of the loop: link + source + what was drained but not accepted yet.
 
 Every tick drains the ports; what they gave is accepted in batches: ordered, recorded, decoded. Per
 bus, frames are ordered as they were on the wire around a SYNC of ours, and stamps never run
@@ -17,17 +17,15 @@ from fsw.clock import Clock
 from fsw.drivers.wire import (
     NO_FRAMES,
     SFF_MASK,
-    ByteChunk,
-    BytePort,
     CanFrame,
     FrameArray,
     FramePort,
     frame_array,
     frame_at,
 )
-from fsw.exchange.sinks import CanTraffic, SerialTraffic, Sink
+from fsw.exchange.sinks import CanTraffic, Sink
 from fsw.loop.link import Link
-from fsw.messages import AttitudeSamples, Event, ImuSamples, JointSamples
+from fsw.messages import Event, JointSamples
 from fsw.messages.findings import Finding
 
 COB_SYNC = 0x080
@@ -73,27 +71,6 @@ class FrameSource(Protocol):
 
     def findings(self) -> Sequence[Finding]:
         """Return and forget what was found wrong."""
-        ...
-
-
-class ChunkSource(Protocol):
-    """Codec and counters of one serial device."""
-
-    @property
-    def counters(self) -> dict[str, int]:
-        """Counters by name."""
-        ...
-
-    def feed(self, chunks: Sequence[ByteChunk]) -> ImuSamples | AttitudeSamples:
-        """Decode chunks in order."""
-        ...
-
-    def findings(self) -> Sequence[Finding]:
-        """Return and forget what was found wrong."""
-        ...
-
-    def watch(self, now_ns: int, *, up: bool) -> None:
-        """Look whether the device has fallen silent; `up`: whether it has its port."""
         ...
 
 
@@ -361,48 +338,3 @@ def _take_back(read: dict[int, CanFrame], item: tuple[int, CanFrame]) -> CanFram
         ):
             return read.pop(row)
     return None
-
-
-class LineInput:
-    """One serial device: bytes in, and the bytes that ask it to talk."""
-
-    def __init__(
-        self, name: str, link: Link[BytePort], source: ChunkSource, start_bytes: bytes
-    ) -> None:
-        self.name = name
-        self.link = link
-        self.links = (link,)
-        self.source = source
-        self._start_bytes = start_bytes
-        self._read: list[ByteChunk] = []
-        self._accepted: list[ByteChunk] = []
-
-    @property
-    def waiting(self) -> int:
-        """Chunks drained and not accepted yet."""
-        return len(self._read)
-
-    def start(self) -> None:
-        """Ask the device for its data. Raises PortError."""
-        if self._start_bytes and self.link.port is not None:
-            self.link.port.write(self._start_bytes)
-
-    def drain(self) -> None:
-        """Read and stamp what is there. Raises PortError."""
-        if self.link.port is not None:
-            self._read += self.link.port.read()
-
-    def accept(self, sink: Sink) -> None:
-        """Record what was drained."""
-        self._accepted, self._read = self._read, []
-        if self._accepted:
-            sink.put(SerialTraffic(self.name, self._accepted))
-
-    def feed(self) -> ImuSamples | AttitudeSamples | None:
-        """Decode what was accepted; None where that was nothing."""
-        accepted, self._accepted = self._accepted, []
-        return self.source.feed(accepted) if accepted else None
-
-    def watch(self, now_ns: int) -> None:
-        """Look whether the device has fallen silent; a lost port is an event of its own."""
-        self.source.watch(now_ns, up=self.link.up)

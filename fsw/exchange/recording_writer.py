@@ -1,0 +1,131 @@
+"""MCAP recordings: writing them; `fsw.exchange.recording` has the form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Any
+
+from mcap.writer import CompressionType, Writer
+
+from fsw.drivers.wire import recorded_bytes
+from fsw.exchange.sinks import CanTraffic, SerialTraffic
+
+COMPRESSION = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
+_SCHEMAS: dict[str, dict[str, Any]] = {
+    "/estimate": {
+        "t_ns": "integer",
+        "valid": "boolean",
+        "reason": "string",
+        "method": "string",
+        "names": "array",
+        "mean": "array",
+        "covariance": "array",
+        "estimate": "object",
+        "sigma": "object",
+        "blocks": "integer",
+        "gated": "integer",
+    },
+    "/events": {"t_ns": "integer", "severity": "string", "code": "string", "text": "string"},
+    "/tm": {"t_ns": "integer", "ticks": "integer", "slips": "integer", "samples": "object"},
+    "/tc": {
+        "command": "string",
+        "id": "integer",
+        "args": "object",
+        "next_window": "integer",
+        "clean_window": "integer",
+    },
+}
+
+
+class RecordingWriter:
+    """One MCAP file. Finished chunks reach the file, so a kill loses at most the last one.
+
+    Raises OSError from any method when the file cannot be written.
+    """
+
+    def __init__(self, path: Path, compression: str = "zstd", chunk_bytes: int = 65536) -> None:
+        self.path = path
+        self._file: IO[bytes] = path.open("wb")
+        self._writer = Writer(
+            self._file, chunk_size=chunk_bytes, compression=COMPRESSION[compression]
+        )
+        self._writer.start(profile="", library="fsw")
+        self._channels: dict[str, int] = {}
+        self._sequence: dict[str, int] = {}
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes written so far; the open chunk not counted."""
+        return self._file.tell()
+
+    def attach(self, name: str, media_type: str, data: bytes, t_ns: int = 0) -> None:
+        """Add an attachment."""
+        self._writer.add_attachment(t_ns, t_ns, name, media_type, data)
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._writer.add_metadata(name, dict(values))
+
+    def traffic(self, traffic: CanTraffic | SerialTraffic) -> None:
+        """Add traffic of a link, one message for every frame or chunk."""
+        if isinstance(traffic, CanTraffic):
+            stamps_ns = traffic.frames["t_ns"].tolist()
+            records = zip(stamps_ns, recorded_bytes(traffic.frames), strict=True)
+            topic, encoding = f"/can/{traffic.bus}", "socketcan"
+            for t_ns, data in records:
+                self._add(topic, encoding, t_ns, data)
+        else:
+            for chunk in traffic.chunks:
+                self._add(f"/serial/{traffic.device}", "raw", chunk.t_ns, chunk.data)
+
+    def json(self, topic: str, t_ns: int, values: Mapping[str, Any]) -> None:
+        """Add one JSON message."""
+        try:
+            text = json.dumps(values, allow_nan=False)
+        except ValueError:  # JSON has no NaN or infinity: null
+            text = json.dumps(json.loads(json.dumps(values), parse_constant=lambda _: None))
+        self._add(topic, "json", t_ns, text.encode())
+
+    def sync(self) -> None:
+        """Hand finished chunks to the system."""
+        self._file.flush()
+
+    def end_chunk(self) -> None:
+        """Finish the chunk in progress and hand it to the system."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Write index and footer, release the file."""
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+        finally:
+            self._file.close()
+
+    def abandon(self) -> None:
+        """Release the file as it is, after a failure."""
+        try:
+            self._file.close()
+        except OSError:
+            return
+
+    def _add(self, topic: str, encoding: str, t_ns: int, data: bytes) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._register(topic, encoding)
+        sequence = self._sequence.get(topic, 0)
+        self._sequence[topic] = sequence + 1
+        self._writer.add_message(channel, t_ns, data, t_ns, sequence & 0xFFFFFFFF)
+
+    def _register(self, topic: str, encoding: str) -> int:
+        schema = 0
+        if encoding == "json":
+            properties = {key: {"type": kind} for key, kind in _SCHEMAS[topic].items()}
+            text = json.dumps({"type": "object", "properties": properties})
+            schema = self._writer.register_schema(topic.strip("/"), "jsonschema", text.encode())
+        return self._writer.register_channel(topic, encoding, schema)
