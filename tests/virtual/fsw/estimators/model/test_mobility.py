@@ -13,7 +13,7 @@ from tests.support.starts import config_of, truth_of
 def test_the_recursion_s_covariance_of_a_weakly_known_base_is_honest():
     """RDA online, base alone: NEES of 4 runs in its 99.9 % band; the linear one's is above it."""
     mapped = linear = 0.0
-    seeds = 4
+    seeds = 8
     for seed in range(seeds):
         online = build_online(config_of("base", seed, method="rda"), robot_model())
         for block in noisy_blocks("base", seed):
