@@ -72,7 +72,7 @@ def test_a_step_is_found_and_both_bodies_are_open_again(
 @pytest.mark.parametrize("method", ["fused", "mrnea", "rda"])
 @pytest.mark.parametrize("case", list(CASES))
 def test_nominal_runs_raise_no_alarm(case: str, method: str) -> None:
-    """Runs of 60 s, four of a target, else two: no change, no conflict, no noise beyond declared."""
+    """Runs of 60 s, four of a target, else two: no change, no conflict, no louder noise."""
     kind, unknown = CASES[case]
     target = TARGET if kind == "target" else None
     for seed in range(4 if case == "target" else 2):
