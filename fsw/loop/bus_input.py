@@ -188,7 +188,7 @@ class BusInput:
         reason = self.selector.poll(now_ns, (self.links[0].up, self.links[1].up))
         if reason:
             self._keep(before)
-            self._talking_since_ns, self._awaited = None, []
+            self._talking_since_ns = None
             text = f"{before.name}: {reason}; {self.link.name} is active"
             sink.put(Event(now_ns, "high", "BUS_SWITCHED", text))
         return bool(reason)

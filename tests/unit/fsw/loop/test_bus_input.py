@@ -174,3 +174,30 @@ def test_a_sync_that_came_back_before_the_port_was_lost_keeps_the_stamp_of_the_b
     line.sink.frames.clear()
     line.bus.accept(line.sink)
     assert [(f.t_ns, f.can_id) for f in line.sink.frames] == [(before_ns + 25 * US, 0x080)]
+
+
+class Changing:
+    """A selector that changes to the other bus at the next poll."""
+
+    active, switches, name = 0, 0, "redundant"
+
+    def hear(self) -> None:
+        pass
+
+    def poll(self, _now_ns: int, _up: tuple[bool, bool]) -> str:
+        self.active = 1
+        return "the port is down"
+
+
+def test_a_sync_that_comes_back_when_the_bus_is_changed_is_not_another_one(line: Line):
+    line.can.hands_back = True
+    second = FakeCan(line.clock)
+    second.hands_back = True
+    links = [line.bus.link, Link("arm.redundant", second, None)]
+    line.bus = BusInput("arm", {}, links, line.source, line.clock, (0x70A, b"\x05"), Changing())
+    before_ns = line.sync(back_after_ns=None)
+    assert line.drained() == [(before_ns + 40 * US, 0x080)]
+    line.can.queue.append(CanFrame(before_ns + 25 * US, 0x080, b"\x01"))
+    line.bus.drain()
+    assert line.bus.select(line.sink)
+    assert line.drained() == []
