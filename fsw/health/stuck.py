@@ -50,7 +50,7 @@ class _Runs:
         -------
         (k,) the length of the run each reading stands in, 0 where it is not stuck.
         """
-        size, place = len(readings), np.arange(len(readings))
+        size = len(readings)
         first = np.ones(size, np.bool_)
         first[1:] = channel[1:] != channel[:-1]
         heads = np.flatnonzero(first)
@@ -58,10 +58,14 @@ class _Runs:
         before[1:] = readings[:-1]
         before[heads] = self._newest[channel[heads]]
         same = (readings == before).all(axis=1)
+        tails = np.append(heads[1:], size) - 1
+        if not np.count_nonzero(same):
+            self._newest[channel[tails]], self._counts[channel[tails]] = readings[tails], 1
+            return np.zeros(size, np.int64)
+        place = np.arange(size)
         start = np.maximum.accumulate(np.where(first | ~same, place, 0))
         counts = place - start + 1
         counts += np.where(same[start], self._counts[channel], 0)  # a run of the batch before
-        tails = np.append(heads[1:], size) - 1
         self._newest[channel[tails]], self._counts[channel[tails]] = readings[tails], counts[tails]
         return np.where(counts >= self._limits[channel], counts, 0)
 

@@ -27,10 +27,9 @@ def tick_status(slips: Slips) -> dict[str, Any]:
 def sample_status(config: Config, align: Aligner, inputs: Inputs) -> dict[str, Any]:
     """Return the counters of sources, links and buses."""
     buses = inputs.buses
-    late = dict(align.late)
+    late = align.counters().late
     for bus in buses:
-        names = [joint.name for joint in config.joints if joint.bus == bus.name]
-        late[bus.name] = sum(align.late[name] for name in names)
+        late[bus.name] = sum(late[joint.name] for joint in config.joints if joint.bus == bus.name)
     return {
         "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in inputs},
         "links": {link.name.removeprefix(CAN): link.summary() for m in inputs for link in m.links},
@@ -42,11 +41,12 @@ def sample_status(config: Config, align: Aligner, inputs: Inputs) -> dict[str, A
 
 def window_status(align: Aligner, unusable: int, conditioner: BlockSource) -> dict[str, Any]:
     """Return the counters of the windows."""
+    counters = align.counters()
     return {
         "closed": align.next_index,
         "unusable": unusable,
         "outliers": conditioner.outliers if isinstance(conditioner, Gating) else 0,
-        "early": align.early,
-        "future": align.future,
-        "overflow": align.overflow,
+        "early": counters.early,
+        "future": counters.future,
+        "overflow": counters.overflow,
     }

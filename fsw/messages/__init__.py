@@ -5,9 +5,9 @@ Frames: N inertial, B spacecraft bus (base body), S sensor, E tool. `R_NB` takes
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,17 @@ class AttitudeSamples:
 
 
 Samples = JointSamples | ImuSamples | AttitudeSamples
+
+
+_S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples)
+
+
+def joined(parts: Sequence[_S]) -> _S:
+    """Return samples of one kind that follow one another as one batch; at least one part."""
+    if len(parts) == 1:
+        return parts[0]
+    names = [item.name for item in fields(parts[0])]
+    return type(parts[0])(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +22,23 @@ from fsw.messages import (
     JointSamples,
     Samples,
     Window,
+    joined,
 )
 
 FRESHNESS_PERIODS = 5.0  # a channel silent for longer than this many sample periods is stale
 SPARE_WINDOWS = 3  # a sample valid by more than these after it was received is absurd
 _ONLY = np.zeros(1, np.int64)  # the one channel of a kind
-MAX_WAITING = 4096  # samples before the first SYNC
+MAX_WAITING = 16384  # samples that are not sorted in yet
+
+
+@dataclass(frozen=True, slots=True)
+class AlignCounters:
+    """Samples left out of their windows."""
+
+    late: dict[str, int]  # by source: valid in a closed window, or received after its deadline
+    early: int  # valid before the first window
+    future: int  # valid absurdly late
+    overflow: int  # more than a window can hold
 
 
 @dataclass(slots=True)
@@ -104,9 +116,8 @@ class _Bins:
 class Aligner:
     """Collect samples and hand out closed windows, in order and without gaps.
 
-    Counters: `late` per source (validity in a window already closed, or received after its
-    deadline), `early` (validity before t0), `future` (absurdly late validity), `overflow` (more
-    samples than a window can hold).
+    Samples are sorted into windows when one closes, all of a kind at once: which window holds a
+    sample, and whether it is late, depends on its stamps alone.
     """
 
     def __init__(self, config: Config, n_joints: int) -> None:
@@ -133,17 +144,20 @@ class Aligner:
         self._t0_ns: int | None = None
         self._grid_ns: int | None = None  # of a run before, to be continued
         self._next = 0
-        self._waiting: list[Samples] = []
-        self._waiting_count = 0
-        self.late: dict[str, int] = dict.fromkeys([*self._joint_names, "imu", "star_tracker"], 0)
-        self.early = 0
-        self.future = 0
-        self.overflow = 0
+        self._pushed: dict[type[Any], list[Any]] = {}  # samples not sorted in yet, by kind
+        self._pushed_count = 0
+        self._late = dict.fromkeys([*self._joint_names, "imu", "star_tracker"], 0)
+        self._early = self._future = self._overflow = 0
 
     @property
     def started(self) -> bool:
         """Whether t0 is known."""
         return self._t0_ns is not None
+
+    def counters(self) -> AlignCounters:
+        """Return what has been left out so far."""
+        self._sort_in()
+        return AlignCounters(dict(self._late), self._early, self._future, self._overflow)
 
     @property
     def next_index(self) -> int:
@@ -181,25 +195,32 @@ class Aligner:
         if self._grid_ns is not None:
             self._t0_ns = self._grid_ns
             self._next = -((self._grid_ns - first_ns) // self._window_ns)
-        waiting, self._waiting = self._waiting, []
-        for samples in waiting:
-            self.push(samples)
 
     def push(self, samples: Samples) -> None:
-        """Put samples into the windows their times of validity lie in."""
+        """Accept samples for the windows their times of validity lie in."""
+        if self._pushed_count >= MAX_WAITING:
+            if self._t0_ns is None:
+                self._overflow += len(samples)
+                return
+            self._sort_in()
+        self._pushed.setdefault(type(samples), []).append(samples)
+        self._pushed_count += len(samples)
+
+    def _sort_in(self) -> None:
+        """Sort what was pushed into the windows."""
         if self._t0_ns is None:
-            if self._waiting_count < MAX_WAITING:
-                self._waiting.append(samples)
-                self._waiting_count += len(samples)
-            else:
-                self.overflow += len(samples)
             return
+        pushed, self._pushed, self._pushed_count = self._pushed, {}, 0
+        for parts in pushed.values():
+            self._place(joined(parts))
+
+    def _place(self, samples: Samples) -> None:
         received_ns = samples.t_receive_ns
         if isinstance(samples, JointSamples):
             values = np.column_stack([samples.position_rad, samples.torque_nm])
             late = self._add(self._joints, samples.joint, samples.t_ns, received_ns, values)
             for joint in samples.joint[late].tolist():
-                self.late[self._joint_names[joint]] += 1
+                self._late[self._joint_names[joint]] += 1
         elif isinstance(samples, ImuSamples):
             late = np.zeros(len(samples), np.bool_)
             for bins, t_ns, values in (
@@ -210,16 +231,18 @@ class Aligner:
                 late[usable] |= self._add(
                     bins, _ONLY, t_ns[usable], received_ns[usable], values[usable]
                 )
-            self.late["imu"] += int(late.sum())
+            self._late["imu"] += int(late.sum())
         else:
             late = self._add(self._attitude, _ONLY, samples.t_ns, received_ns, samples.q_NB_xyzw)
-            self.late["star_tracker"] += int(late.sum())
+            self._late["star_tracker"] += int(late.sum())
 
     def close(self, now_ns: int) -> list[Window]:
         """Close every window whose deadline has come; empty ones too, marked missing."""
         windows: list[Window] = []
         if self._t0_ns is None:
             return windows
+        if self._deadline(self._next) <= now_ns:
+            self._sort_in()
         while self._deadline(self._next) <= now_ns:
             windows.append(self._close_next(self._t0_ns))
         return windows
@@ -259,17 +282,17 @@ class Aligner:
         late = ~early & ((index < self._next) | (received_ns > deadline_ns))
         future = t_ns > received_ns + SPARE_WINDOWS * self._window_ns
         if np.count_nonzero(early | late | future):
-            self.early += int(early.sum())
-            self.future += int((future & ~late & ~early).sum())
+            self._early += int(early.sum())
+            self._future += int((future & ~late & ~early).sum())
             good = ~(early | late | future)
             channel, index, t_ns, values = channel[good], index[good], t_ns[good], values[good]
         if not len(index):
             return late
         first, last = int(index.min()), int(index.max())
         if first == last:
-            self.overflow += bins.add(first, channel, t_ns, values)
+            self._overflow += bins.add(first, channel, t_ns, values)
             return late
         for window in np.unique(index).tolist():
             inside = index == window
-            self.overflow += bins.add(window, channel[inside], t_ns[inside], values[inside])
+            self._overflow += bins.add(window, channel[inside], t_ns[inside], values[inside])
         return late

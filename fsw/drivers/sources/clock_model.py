@@ -8,8 +8,13 @@ convex hull at the mean abscissa (the support line with the least summed distanc
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
+
+import numpy as np
+
+from fsw.messages import FloatArray, IntArray
 
 BIN_S = 0.25
 SPAN_S = 60.0
@@ -73,8 +78,50 @@ class ClockModel:
             self._lowest = (x, residual)
         elif residual < self._lowest[1]:
             self._lowest = (x, residual)
-        if residual < self._offset_ns + self._slope * x:
-            self._offset_ns = residual - self._slope * x
+        self._offset_ns = min(self._offset_ns, residual - self._slope * x)
+
+    def follow(
+        self, n: IntArray, t_ns: IntArray, rest_ns: FloatArray, known: IntArray
+    ) -> FloatArray:
+        """Note items (k,) in order and return the host times the model gives them.
+
+        `observe` and `predict_ns` give the same values one by one.
+
+        Parameters
+        ----------
+        n : (m,) device times; the first k were seen by host time t_ns + rest_ns, (k,) each
+        known : (m,) how many of the k the model may know for each of the m
+
+        Returns
+        -------
+        (m,) host time less the model's whole reference `reference_ns` [ns]
+        """
+        count = len(t_ns)
+        x = (n - self._n0) * self._tick_s
+        residual = (t_ns - self._t0_ns) + (rest_ns - x[:count] * 1e9)
+        bins = (x[:count] / BIN_S).astype(np.int64)
+        offset, slope = np.empty(count + 1), np.empty(count + 1)
+        offset[0], slope[0] = self._offset_ns, self._slope
+        starts = np.flatnonzero(bins[1:] != bins[:-1]) + 1
+        bounds = [0, *starts.tolist(), count] if count else []
+        for start, stop in itertools.pairwise(bounds):
+            part, at = slice(start, stop), start + int(residual[start:stop].argmin())
+            lowest = (float(x[at]), float(residual[at]))
+            if bins[start] != self._bin:
+                self._close_bin()
+                self._bin, self._lowest = int(bins[start]), lowest
+            elif lowest[1] < self._lowest[1]:
+                self._lowest = lowest
+            slope[start + 1 : stop + 1] = self._slope
+            least = np.minimum.accumulate(residual[part] - self._slope * x[part])
+            offset[start + 1 : stop + 1] = np.minimum(least, self._offset_ns)
+            self._offset_ns = float(offset[stop])
+        return np.asarray(x * 1e9 + offset[known] + slope[known] * x)
+
+    @property
+    def reference_ns(self) -> int:
+        """Whole reference of the host times that `follow` returns [ns]."""
+        return self._t0_ns
 
     def predict_ns(self, n: int) -> tuple[int, float]:
         """Return host time of device time n as a whole reference [ns] and the rest [ns]."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields
-from itertools import islice
 
 import numpy as np
 
@@ -25,7 +23,7 @@ from fsw.drivers.sources.counters import Counters, serial_counters
 from fsw.drivers.sources.line_watch import IMU_LINE, LineWatch
 from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
 from fsw.drivers.wire import ByteChunk, Reject
-from fsw.messages import ImuSamples
+from fsw.messages import FloatArray, ImuSamples, IntArray, joined
 from fsw.messages.findings import Fault, Finding
 
 SUBJECT = "imu"
@@ -112,8 +110,6 @@ class ImuSource:
             else:
                 parts.append(self._one_by_one(chunks[:IRREGULAR_CHUNKS]))
                 chunks = chunks[IRREGULAR_CHUNKS:]
-        if len(parts) == 1:
-            return parts[0]
         return joined(parts) if parts else NO_SAMPLES
 
     def _follow(self, run: ImuRun) -> ImuSamples | None:
@@ -137,25 +133,30 @@ class ImuSource:
             return None
         arrivals = self._arrivals
         first = self._codec.framer.pass_over(run.chunks)
-        delays_ns = (latency_ns + run.length * arrivals.byte_ns).tolist()
         self._observe(arrivals.finish_whole())
-        sent: list[float] = []
-        rows = zip(indexes.tolist(), delays_ns, strict=True)
-        held: list[Arrival] = []
-        for chunk, count in zip(run.chunks, counts, strict=True):
-            self._observe(held)
-            arrivals.add_whole(first, count, run.length)
-            first += 1
-            held = [
-                Arrival(n, delay_ns, chunk.t_ns, 0.0, (place + 1) * run.length)
-                for place, (n, delay_ns) in enumerate(islice(rows, count))
+        # of each datagram: bytes of its chunk up to its end, and datagrams of the chunks before
+        numbers = np.array(counts)
+        before = np.repeat(np.cumsum(numbers) - numbers, counts)
+        ends = (np.arange(len(w)) - before + 1) * run.length
+        sizes = np.repeat(numbers, counts) * run.length
+        delays_ns = latency_ns + run.length * arrivals.byte_ns
+        sent_ns = np.minimum(0.0, (ends - sizes) * arrivals.byte_ns) - delays_ns
+        last = len(w) - counts[-1]  # those of the last chunk are not final
+        predicted_ns = self._clock.follow(indexes, t_ns[:last], sent_ns[:last], before)
+        predicted_ns += self._clock.reference_ns - t_ns
+        self._look_at_all(sent_ns - predicted_ns, t_ns)
+        sent_ns = np.minimum(sent_ns, predicted_ns)
+        arrivals.add_whole(first + len(counts) - 1, counts[-1], run.length)
+        held = zip(indexes[last:].tolist(), delays_ns[last:].tolist(), strict=True)
+        arrivals.hold(
+            [
+                Arrival(n, delay_ns, run.chunks[-1].t_ns, 0.0, (place + 1) * run.length)
+                for place, (n, delay_ns) in enumerate(held)
             ]
-            sent += [self._sent_ns(arrival) for arrival in held]
-        arrivals.hold(held)
+        )
         self._watch.followed(run.chunks[-1].t_ns)
         self._counts.accepted += len(w)
         self._counts.accepted_bytes += len(w) * run.length
-        sent_ns = np.array(sent)
         return ImuSamples(
             t_ns + np.rint(sent_ns - self._gyro_delay_ns).astype(np.int64),
             t_ns + np.rint(sent_ns - self._acc_delay_ns).astype(np.int64),
@@ -278,6 +279,14 @@ class ImuSource:
                 found = overload if status & STATUS_OVERLOAD else fault
                 self._watch.find(t_ns, found, f"status 0x{status:02x}")
 
+    def _look_at_all(self, late_ns: FloatArray, t_ns: IntArray) -> None:
+        """Look at the lateness of samples (k,) in order."""
+        if np.count_nonzero(late_ns > self._jitter_ns):
+            for late, time_ns in zip(late_ns.tolist(), t_ns.tolist(), strict=True):
+                self._look_at_lateness(late, time_ns)
+        else:
+            self._late = self._late << len(late_ns) & (1 << JITTER_OF) - 1
+
     def _look_at_lateness(self, late_ns: float, t_ns: int) -> None:
         late = late_ns > self._jitter_ns
         self._late = (self._late << 1 | late) & (1 << JITTER_OF) - 1
@@ -299,12 +308,6 @@ class ImuSource:
                 (times_ns, UNUSABLE if rate is None else rate, UNUSABLE if force is None else force)
             )
         self._group = []
-
-
-def joined(parts: Sequence[ImuSamples]) -> ImuSamples:
-    """Return samples that follow one another as one."""
-    names = [field.name for field in fields(ImuSamples)]
-    return ImuSamples(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
 def _is_below(vector: Vector3 | None, limit: float) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -233,10 +234,8 @@ class JointTracks:
         clean, newest, last_ns, last_rad, rate = (
             np.array(column) for column in zip(*states, strict=True)
         )
-        dsync, dt_ns, step = np.empty(size, np.int64), np.empty(size), np.empty(size)
-        dsync[1:], dsync[heads] = np.diff(r.sync), r.sync[heads] - newest
-        dt_ns[1:], dt_ns[heads] = np.diff(r.t_ns), r.t_ns[heads] - last_ns
-        step[1:], step[heads] = np.diff(r.position_rad), r.position_rad[heads] - last_rad
+        dsync, dt_ns = _steps(r.sync, heads, newest), _steps(r.t_ns, heads, last_ns)
+        step = _steps(r.position_rad, heads, last_rad)
         ok = (dsync == 1) & r.in_time & (dt_ns > 0) & (dt_ns <= self._gap_ns)
         dt_s = np.where(ok, dt_ns, 1e9) * 1e-9
         rates = step / dt_s
@@ -270,3 +269,11 @@ class JointTracks:
             if is_good:
                 track.follow(*end)
         return {k for k, is_good in zip(present, good.tolist(), strict=True) if is_good}
+
+
+def _steps(values: NDArray[Any], heads: NDArray[np.intp], before: NDArray[Any]) -> NDArray[Any]:
+    """Return steps (k,) between values, those at `heads` from the values `before` them."""
+    steps = np.empty_like(values)
+    np.subtract(values[1:], values[:-1], out=steps[1:])
+    steps[heads] = values[heads] - before
+    return steps

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from fsw.drivers.sources.joint_track import (
 )
 from fsw.drivers.sources.sync import UNKNOWN, SyncHistory
 from fsw.drivers.wire import MAX_DATA_BYTES, CanFrame, FrameArray, Reject, frame_at
-from fsw.messages import IntArray, JointSamples
+from fsw.messages import IntArray, JointSamples, joined
 from fsw.messages.findings import Fault, Finding
 
 LOST_AFTER_NS = 100_000_000  # a SYNC without a sample for so long counts as a lost sample
@@ -82,7 +81,7 @@ class JointBusSource:
         self._errors = BusErrors()
         self._torque_unusable = 0
         self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
-        self._slow: dict[str, canopen.Tpdo2] = {}  # newest TPDO2 by joint
+        self._slow: dict[int, NDArray[np.uint8]] = {}  # data of the newest TPDO2, by place
 
     @property
     def counters(self) -> dict[str, int]:
@@ -116,15 +115,17 @@ class JointBusSource:
 
         `velocity_rad_s`, `motor_torque_ratio` (of the rated torque), `temperature_degc`, by name.
         """
-        signs = {track.config.name: track.config.sign for track in self._tracks}
-        return {
-            name: {
-                "velocity_rad_s": signs[name] * slow.velocity_rad_s,
-                "motor_torque_ratio": signs[name] * slow.motor_torque_ratio,
-                "temperature_degc": slow.temperature_c,
-            }
-            for name, slow in self._slow.items()
-        }
+        values = {}
+        for place, data in sorted(self._slow.items()):
+            joint = self._tracks[place].config
+            slow = canopen.decode_tpdo2(data[: canopen.TPDO2_BYTES].tobytes())
+            if not isinstance(slow, Reject):
+                values[joint.name] = {
+                    "velocity_rad_s": joint.sign * slow.velocity_rad_s,
+                    "motor_torque_ratio": joint.sign * slow.motor_torque_ratio,
+                    "temperature_degc": slow.temperature_c,
+                }
+        return values
 
     def events(self) -> list[tuple[str, str, str]]:
         """Return and forget what an operator should know: severity, code, text."""
@@ -158,11 +159,7 @@ class JointBusSource:
         ends = np.flatnonzero(frames["word"] == canopen.COB_SYNC)[MOST_SYNCS::MOST_SYNCS]
         if not ends.size:
             return self._feed(frames)
-        parts = [self._feed(part) for part in np.split(frames, ends)]
-        names = [field.name for field in fields(JointSamples)]
-        return JointSamples(
-            **{n: np.concatenate([getattr(part, n) for part in parts]) for n in names}
-        )
+        return joined([self._feed(part) for part in np.split(frames, ends)])
 
     def _feed(self, frames: FrameArray) -> JointSamples:
         words = frames["word"]
@@ -170,8 +167,9 @@ class JointBusSource:
             words <= canopen.COB_TPDO1 | canopen.NODE_MASK
         )  # no flag bits: base format
         is_slow = (words > canopen.COB_TPDO2) & (words <= canopen.COB_TPDO2 | canopen.NODE_MASK)
-        is_slow[is_slow] = self._place[words[is_slow] & canopen.NODE_MASK] >= 0
-        self._slow_values(frames[is_slow])
+        if np.count_nonzero(is_slow):
+            is_slow[is_slow] = self._place[words[is_slow] & canopen.NODE_MASK] >= 0
+            self._slow_values(frames[is_slow])
         rows = np.flatnonzero(is_answer)
         node = self._place[words[rows] & canopen.NODE_MASK]
         syncs, others = self._others(frames, np.flatnonzero(~(is_answer | is_slow)))
@@ -184,14 +182,11 @@ class JointBusSource:
         return samples
 
     def _slow_values(self, frames: FrameArray) -> None:
-        """Keep the newest slow values of every joint."""
+        """Keep the newest slow frame of every joint; it is decoded when it is asked for."""
         self._other_frames += len(frames)
-        whole = np.flatnonzero(frames["length"] == canopen.TPDO2_BYTES)
-        places = self._place[frames["word"][whole] & canopen.NODE_MASK].tolist()
-        for place, row in dict(zip(places, whole.tolist(), strict=True)).items():
-            slow = canopen.decode_tpdo2(frame_at(frames, row).data)
-            if not isinstance(slow, Reject):
-                self._slow[self._tracks[place].config.name] = slow
+        whole = frames[frames["length"] == canopen.TPDO2_BYTES]
+        places = self._place[whole["word"] & canopen.NODE_MASK].tolist()
+        self._slow.update(zip(places, whole["data"], strict=True))
 
     def _others(self, frames: FrameArray, rows: NDArray[np.intp]) -> tuple[list[Mark], list[Mark]]:
         """Accept what is no sample: SYNCs, error frames, slower services; return what they show."""

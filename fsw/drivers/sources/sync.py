@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.drivers.codecs.canopen import decode_sync
 from fsw.drivers.wire import Reject
@@ -86,10 +87,10 @@ class SyncHistory:
             none = np.full(len(counters), UNKNOWN)
             return none, np.zeros(len(counters), np.int64), none
         last = np.searchsorted(self._rows, rows) - 1
-        keys = np.sort(held * held.size + np.arange(held.size))  # by counter, then in order
-        near = np.searchsorted(keys, counters * held.size + last, side="right") - 1
-        found = (near >= 0) & (keys[near] // held.size == counters)
-        at = keys[near] % held.size
+        if last.min(initial=0) >= 0 and not np.count_nonzero(held[last] != counters):
+            at, found = last, np.ones(len(last), np.bool_)  # each answers the newest
+        else:
+            at, found = _latest(held, counters, last)
         stamps_ns = self._stamps_ns[np.where(found, at, 0)]
         found &= t_ns - stamps_ns <= self._max_age_ns
         first = self.count - held.size
@@ -106,3 +107,13 @@ class SyncHistory:
         self._stamps_ns = np.concatenate([self._stamps_ns[start:], new[:, 1]])
         old = np.full(len(self._rows) - start, BEFORE)
         self._rows = np.concatenate([old, new[:, 2]])
+
+
+def _latest(
+    held: IntArray, counters: IntArray, last: NDArray[np.intp]
+) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Return the places (k,) of the latest equal counters up to places `last`, and where found."""
+    keys = np.sort(held * held.size + np.arange(held.size))  # by counter, then in order
+    near = np.searchsorted(keys, counters * held.size + last, side="right") - 1
+    found = (near >= 0) & (keys[near] // held.size == counters)
+    return keys[near] % held.size, found

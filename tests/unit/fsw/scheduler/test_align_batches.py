@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fsw.config import Config
 from fsw.messages import Samples
-from fsw.scheduler.align import Aligner
+from fsw.scheduler.align import AlignCounters, Aligner
 from tests.conftest import ArmProject
 from tests.support.bus_traffic import cut
 from tests.support.loop_cases import MS, arm_config
@@ -30,7 +30,7 @@ def part(samples: Samples, batch: slice) -> Samples:
     return type(samples)(**{f.name: getattr(samples, f.name)[batch] for f in fields(samples)})
 
 
-def aligned(config: Config, kinds: list[Samples], cuts: list[list[slice]]) -> tuple[object, ...]:
+def aligned(config: Config, kinds: list[Samples], cuts: list[list[slice]]) -> tuple[object, AlignCounters]:
     """Return the windows and counters; the kinds come one after the other."""
     aligner = Aligner(config, 3)
     for number, (samples, batches) in enumerate(zip(kinds, cuts, strict=True)):
@@ -44,7 +44,7 @@ def aligned(config: Config, kinds: list[Samples], cuts: list[list[slice]]) -> tu
         for w in windows
         for channels in ([*w.joints, w.gyro, w.accelerometer, w.attitude],)
     ]
-    return shown, aligner.late, aligner.early, aligner.future, aligner.overflow
+    return shown, aligner.counters()
 
 
 def times(rng: np.random.Generator, count: int, dense: bool) -> tuple[list[int], list[int]]:
@@ -80,7 +80,7 @@ def test_windows_do_not_depend_on_batches(config: Config, seed: int, dense: bool
     single = aligned(config, kinds, [[slice(k, k + 1) for k in range(len(s))] for s in kinds])
     assert aligned(config, kinds, whole) == single
     assert aligned(config, kinds, [cut(rng, len(s), 20.0) for s in kinds]) == single
-    _, late, early, future, overflow = single
-    assert early
-    assert future
-    assert overflow if dense else any(late.values())  # type: ignore[attr-defined]
+    _, counters = single
+    assert counters.early
+    assert counters.future
+    assert counters.overflow if dense else any(counters.late.values())
