@@ -27,7 +27,7 @@ class SchedulerConfig(Section):
     """The loop's grid."""
 
     tick_rate_hz: Rate
-    batch_s: float = Field(default=0.03, gt=0.0, le=0.05)  # inputs are judged in batches so long
+    batch_s: float = Field(default=0.04, gt=0.0, le=0.05)  # inputs are judged in batches so long
     realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
     cpu: int | None = Field(default=None, ge=0)
 

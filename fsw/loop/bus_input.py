@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.clock import Clock
 from fsw.drivers.wire import (
@@ -297,6 +298,12 @@ class BusInput:
         come back stands before all that is stamped after its sending began; when it comes later,
         it is there already.
         """
+        whole = self._all_back(read)
+        if whole is not None:
+            own = read[whole]
+            own["t_ns"] = np.maximum(own["t_ns"], [before_ns for before_ns, _ in self._sent])
+            self._sent = []
+            return _inserted(np.delete(read, whole), own, own["t_ns"])
         now_ns = self._clock.now_ns()
         identifiers = {item.can_id for _, item in (*self._sent, *self._awaited)}
         rows: list[int] = []
@@ -310,7 +317,7 @@ class BusInput:
             if _take_back(back, item) is None and now_ns - item[0] < LATE_NS
         ]
         self._sent = []
-        own, after_ns, newest_ns = [], [], 0
+        own, after_ns = [], []
         for item, frame in sent:
             first_after_ns, stamped = item
             if frame is not None:
@@ -318,15 +325,36 @@ class BusInput:
                 stamped = replace(stamped, t_ns=first_after_ns)
             elif self._hands_back:
                 self._awaited.append(item)
-            newest_ns = max(newest_ns, first_after_ns)
             own.append(stamped)
-            after_ns.append(newest_ns)
+            after_ns.append(first_after_ns)
         foreign = np.ones(len(read), np.bool_)
         foreign[[row for row in rows if row not in back]] = False
-        others = read[foreign]
-        places = np.searchsorted(np.maximum.accumulate(others["t_ns"]), after_ns)
-        merged: FrameArray = np.insert(others, places, frame_array(own))
-        return merged
+        return _inserted(read[foreign], frame_array(own), after_ns)
+
+    def _all_back(self, read: FrameArray) -> NDArray[np.intp] | None:
+        """Return where exactly what was sent stands in what was read; None where it does not."""
+        if self._awaited or not self._hands_back:
+            return None
+        before_ns, sent = zip(*self._sent, strict=True)
+        is_ours = np.zeros(len(read), np.bool_)
+        for can_id in {item.can_id for item in sent}:
+            is_ours |= read["word"] == can_id
+        rows = np.flatnonzero(is_ours)
+        if len(rows) != len(sent):
+            return None
+        back = read[["word", "length", "flags", "data"]][rows]
+        wanted = frame_array(sent)[["word", "length", "flags", "data"]]
+        in_time = read["t_ns"][rows] >= np.array(before_ns) - BACK_TOLERANCE_NS
+        return rows if (back == wanted).all() and in_time.all() else None
+
+
+def _inserted(
+    others: FrameArray, own: FrameArray, after_ns: Sequence[int] | NDArray[np.int64]
+) -> FrameArray:
+    """Put each of our own frames before all that is stamped after its time."""
+    places = np.searchsorted(np.maximum.accumulate(others["t_ns"]), np.maximum.accumulate(after_ns))
+    merged: FrameArray = np.insert(others, places, own)
+    return merged
 
 
 def _take_back(read: dict[int, CanFrame], item: tuple[int, CanFrame]) -> CanFrame | None:

@@ -40,7 +40,7 @@ from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
 FOREVER_NS = 1 << 62
-MOST_STAGES = 10  # of a batch; where it has fewer ticks it is worked off at once
+MOST_STAGES = 5  # of a batch; where it has fewer ticks it is worked off at once
 BATCHES_TO_LOSE = 4  # a bus of a pair is lost after no fewer batches without a frame
 
 

@@ -6,29 +6,21 @@ import contextlib
 import errno
 import os
 import socket
-import struct
-from functools import lru_cache
 from typing import Any
 
 import can
-import msgpack
 import numpy as np
-from can.interfaces.udp_multicast.utils import pack_message
-from numpy.typing import NDArray
 
 from fsw.clock import Clock
 from fsw.config import BusConfig
 from fsw.drivers.ports import linux_can
+from fsw.drivers.ports.packed_frames import PACKED_BYTES, Unpacker, packed
 from fsw.drivers.ports.stamps import KernelStamps
 from fsw.drivers.wire import (
     EFF_FLAG,
-    EFF_MASK,
     ERR_FLAG,
-    HEAD_BYTES,
-    MAX_DATA_BYTES,
     NO_FRAMES,
     RTR_FLAG,
-    SFF_MASK,
     CanFrame,
     FrameArray,
     FramePort,
@@ -39,7 +31,6 @@ from fsw.drivers.wire import (
 )
 from fsw.messages.errors import PortError
 
-PACKED_BYTES = 512  # python-can's msgpack form of a CAN FD frame takes about 250
 RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -169,12 +160,13 @@ class SocketPort:
     ) -> None:
         """`group`: address of datagrams that hold python-can's msgpack form. Raises PortError."""
         self._device, self._socket, self._clock, self._name = device, link, clock, name
-        self._packed, self._group = group is not None, group
+        self._group = group
+        self._unpacker = None if group is None else Unpacker()
         self.buffer_bytes = linux_can.prepare(link, RECEIVE_BUFFER_BYTES)
         code = link.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if code:
             raise PortError(f"{name}: cannot be opened: {os.strerror(code)}")
-        slot_bytes = PACKED_BYTES if self._packed else linux_can.FD_BYTES
+        slot_bytes = linux_can.FD_BYTES if group is None else PACKED_BYTES
         self._receiver = linux_can.Receiver(link, slot_bytes)
         self._stamps = KernelStamps(clock)
         self._empty_ns = clock.now_ns()  # when the last drain that left nothing waiting began
@@ -211,8 +203,8 @@ class SocketPort:
         if not len(batch.lengths):
             return NO_FRAMES
         times_ns = self._stamps.monotonic_ns(batch.realtime_ns)
-        if self._packed:
-            return _unpacked(batch, times_ns)
+        if self._unpacker is not None:
+            return self._unpacker.frames(batch, times_ns)
         return frames_from(times_ns, batch.data, batch.lengths)
 
     def take_dropped(self) -> int:
@@ -224,7 +216,7 @@ class SocketPort:
         """Send a classic frame and stamp it; None when the transmit queue is full."""
         try:
             if self._group is not None:
-                self._socket.sendto(_packed(can_id, data), socket.MSG_DONTWAIT, self._group)
+                self._socket.sendto(packed(can_id, data), socket.MSG_DONTWAIT, self._group)
             else:
                 self._socket.send(linux_can.pack_classic(can_id, data), socket.MSG_DONTWAIT)
         except OSError as error:
@@ -240,37 +232,3 @@ class SocketPort:
     def close(self) -> None:
         """Release the interface."""
         self._device.shutdown()
-
-
-@lru_cache(maxsize=1024)
-def _packed(can_id: int, data: bytes) -> bytes:
-    """Return a classic frame in python-can's msgpack form."""
-    message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
-    return bytes(pack_message(message))
-
-
-def _unpacked(batch: linux_can.Received, times_ns: NDArray[np.int64]) -> FrameArray:
-    """Return the frames of datagrams in python-can's msgpack form; anything else is left out."""
-    rows = []
-    data = memoryview(batch.data.tobytes())
-    slot = batch.data.shape[1]
-    for k, (t_ns, length) in enumerate(zip(times_ns.tolist(), batch.lengths.tolist(), strict=True)):
-        try:
-            values = msgpack.unpackb(data[k * slot : k * slot + length])
-            word, most = values["arbitration_id"], SFF_MASK
-            if values["is_extended_id"] or values["is_error_frame"]:
-                most = EFF_MASK
-            flags = flags_of(is_fd=values["is_fd"], bitrate_switch=values["bitrate_switch"])
-            payload = values["data"]
-            if word > most or len(payload) > (MAX_DATA_BYTES if flags else HEAD_BYTES):
-                continue
-            if values["is_extended_id"]:
-                word |= EFF_FLAG
-            if values["is_remote_frame"]:
-                word |= RTR_FLAG
-            if values["is_error_frame"]:
-                word |= ERR_FLAG
-            rows.append(row_of(t_ns, word, payload, flags))
-        except (ValueError, TypeError, KeyError, struct.error, msgpack.UnpackException):
-            continue
-    return rows_of(b"".join(rows)).copy()

@@ -69,7 +69,13 @@ def test_a_sample_received_after_the_deadline_is_late_however_the_loop_looked(al
     (window,) = aligner.close(deadline)
     assert window.joints[0].t_ns.tolist() == [T0 + 1]
     aligner.push(joint(T0 + 3, deadline, index=1))
-    assert aligner.counters().late == {"axis1": 1, "axis2": 1, "axis3": 0, "imu": 0, "star_tracker": 0}
+    assert aligner.counters().late == {
+        "axis1": 1,
+        "axis2": 1,
+        "axis3": 0,
+        "imu": 0,
+        "star_tracker": 0,
+    }
 
 
 def test_the_clusters_of_a_datagram_go_by_their_own_times(aligner: Aligner):

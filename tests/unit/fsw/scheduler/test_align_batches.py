@@ -30,7 +30,9 @@ def part(samples: Samples, batch: slice) -> Samples:
     return type(samples)(**{f.name: getattr(samples, f.name)[batch] for f in fields(samples)})
 
 
-def aligned(config: Config, kinds: list[Samples], cuts: list[list[slice]]) -> tuple[object, AlignCounters]:
+def aligned(
+    config: Config, kinds: list[Samples], cuts: list[list[slice]]
+) -> tuple[object, AlignCounters]:
     """Return the windows and counters; the kinds come one after the other."""
     aligner = Aligner(config, 3)
     for number, (samples, batches) in enumerate(zip(kinds, cuts, strict=True)):
