@@ -298,12 +298,13 @@ class BusInput:
         come back stands before all that is stamped after its sending began; when it comes later,
         it is there already.
         """
-        whole = self._all_back(read)
-        if whole is not None:
-            own = read[whole]
-            own["t_ns"] = np.maximum(own["t_ns"], [before_ns for before_ns, _ in self._sent])
+        back_at = self._all_back(read)
+        if back_at is not None:
+            back_frames = read[back_at]
+            before_ns = [before_ns for before_ns, _ in self._sent]
+            back_frames["t_ns"] = np.maximum(back_frames["t_ns"], before_ns)
             self._sent = []
-            return _inserted(np.delete(read, whole), own, own["t_ns"])
+            return _inserted(np.delete(read, back_at), back_frames, back_frames["t_ns"])
         now_ns = self._clock.now_ns()
         identifiers = {item.can_id for _, item in (*self._sent, *self._awaited)}
         rows: list[int] = []

@@ -50,7 +50,8 @@ class _Layout(NamedTuple):
 
     fixed: NDArray[np.intp]  # places of the bytes that do not change
     values: NDArray[np.uint8]  # these bytes
-    word: int  # place of the identifier's two bytes
+    can_id: int
+    at_id: int | None  # place of the identifier's two bytes; None: it does not change
     data: slice
     flags: int
 
@@ -77,8 +78,10 @@ class Unpacker:
                 continue
             data = batch.data[rows]
             alike = (data[:, layout.fixed] == layout.values).all(axis=1)
-            words = data[:, layout.word].astype(np.uint32) << 8 | data[:, layout.word + 1]
-            alike &= words <= SFF_MASK
+            words: NDArray[Any] = np.full(len(rows), layout.can_id)
+            if layout.at_id is not None:
+                words = data[:, layout.at_id].astype(np.int64) << 8 | data[:, layout.at_id + 1]
+                alike &= words <= SFF_MASK
             rows, data = rows[alike], data[alike]
             length = layout.data.stop - layout.data.start
             frames["word"][rows], frames["length"][rows] = words[alike], length
@@ -122,14 +125,24 @@ def _layout_of(datagram: NDArray[np.uint8]) -> _Layout | None:
         at += len(msgpack.packb(value))
     word, data, time = places["arbitration_id"], places["data"], places.get("timestamp", 0)
     length = len(values["data"])
-    if len(values) > 15 or raw[word] != _UINT16 or raw[data] != _BIN8 or raw[time] != _FLOAT64:
+    if len(values) > 15 or raw[data] != _BIN8 or raw[time] != _FLOAT64:
         return None
+    at_id = word + 1 if raw[word] == _UINT16 else None
     changes = np.zeros(len(raw), np.bool_)
-    for start, count in ((time + 1, 8), (word + 1, 2), (data + 2, length)):
-        changes[start : start + count] = True
+    changes[time + 1 : time + 9] = True
+    changes[data + 2 : data + 2 + length] = True
+    if at_id is not None:
+        changes[at_id : at_id + 2] = True
     fixed = np.flatnonzero(~changes)
     flags = flags_of(is_fd=values["is_fd"], bitrate_switch=values["bitrate_switch"])
-    return _Layout(fixed, datagram[fixed], word + 1, slice(data + 2, data + 2 + length), flags)
+    return _Layout(
+        fixed,
+        datagram[fixed],
+        values["arbitration_id"],
+        at_id,
+        slice(data + 2, data + 2 + length),
+        flags,
+    )
 
 
 def _unpacked(raw: bytes, t_ns: int) -> bytes | None:
