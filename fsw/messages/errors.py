@@ -54,6 +54,10 @@ class EstimatorError(FswError):
     """An estimate cannot be given: not observable, or diverged."""
 
 
+# how arithmetic on numbers that came from outside may fail; LinAlgError is a ValueError
+NUMERICAL = (EstimatorError, ValueError, ArithmeticError)
+
+
 def unforeseen(error: Exception) -> str:
     """Return the words for an error that is not one of these."""
     return cut(f"{type(error).__name__}: {error}")

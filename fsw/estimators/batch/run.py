@@ -36,7 +36,7 @@ from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, slow_power
 from fsw.messages import Block, BodyEstimate, FloatArray
-from fsw.messages.errors import EstimatorError
+from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
 CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
 WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
@@ -77,9 +77,26 @@ def run_batch(
 
     Raises
     ------
-    EstimatorError if there is no usable block or no such method; ConfigError if a body has no
-    prior.
+    EstimatorError if there is no usable block or no such method, or where arithmetic fails on what
+    the blocks hold; ConfigError if a body has no prior.
     """
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return _run(config, blocks, method, unknown, progress)
+    except (ConfigError, EstimatorError):
+        raise
+    except NUMERICAL as error:
+        words = "nothing can be identified from these blocks: arithmetic fails"
+        raise EstimatorError(f"{words} ({unforeseen(error)})") from error
+
+
+def _run(
+    config: Config,
+    blocks: Sequence[Block],
+    method: str,
+    unknown: Sequence[str],
+    progress: Progress | None,
+) -> dict[str, Any]:
     by_index: dict[int, Block] = {}
     for block in blocks:
         if plausible(block):
@@ -205,9 +222,11 @@ def _regression(
         solution = regress(problem, Target(linear))
         mean = solution.mean
     bias = mean - x
+    failed = solution.status == "NOT_CONVERGED"
     return replace(
         near,
         solution=solution,
+        status=solution.status if failed else near.status,
         mean=mean,
         residuals=[part.b for part in linear(mean)],
         covariance=near.covariance + np.outer(bias, bias),

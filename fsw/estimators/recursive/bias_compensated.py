@@ -35,7 +35,7 @@ from fsw.estimators.recursive.outcome import outcome
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.stages import complete
 from fsw.messages import Block, Estimate, FloatArray
-from fsw.messages.errors import EstimatorError
+from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 
 _STATE = (
     *("_x", "_covariance", "_bias", "_solved", "_blocks", "_gated", "_ignored"),
@@ -267,6 +267,7 @@ class BiasCompensatedEstimator:
     def __init__(self, problem: Problem, settings: EstimatorConfig) -> None:
         self._problem = problem
         self._settings = settings
+        self._events: list[tuple[str, str, str]] = []
         self.reset()
 
     def reset(self) -> None:
@@ -341,8 +342,9 @@ class BiasCompensatedEstimator:
         return self.estimate(self._span_ns[1] if self._span_ns else 0)
 
     def events(self) -> list[tuple[str, str, str]]:
-        """Return no events: nothing is decided here."""
-        return []
+        """Return what has happened since the last call: severity, code, text."""
+        events, self._events = self._events, []
+        return events
 
     def report(self) -> dict[str, Any]:
         """Diagnose the current estimate on demand; plain values."""
@@ -365,6 +367,15 @@ class BiasCompensatedEstimator:
         return complete(self._published(t_ns))
 
     def _published(self, t_ns: int) -> Generator[None, None, Estimate]:
+        try:
+            return (yield from self._outcome(t_ns))
+        except NUMERICAL as error:
+            self.reset()
+            why = f"the estimate was not proper ({unforeseen(error)})"
+            self._events.append(("high", "ESTIMATOR_RESET", why))
+        return (yield from self._outcome(t_ns))
+
+    def _outcome(self, t_ns: int) -> Generator[None, None, Estimate]:
         scale = np.sqrt(np.diag(self._covariance))
         condition = float(np.sqrt(np.linalg.cond(self._covariance / np.outer(scale, scale))))
         reason = ""
@@ -420,5 +431,5 @@ class BiasCompensatedEstimator:
                 self._sums, self._problem.prior_mean, self._precision
             )
             self._solved = True
-        except EstimatorError:
+        except NUMERICAL:
             self._solved = False

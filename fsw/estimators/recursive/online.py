@@ -29,7 +29,7 @@ from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.estimators.stages import complete
 from fsw.messages import Block, Estimate, FloatArray
-from fsw.messages.errors import EstimatorError
+from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 from fsw.messages.findings import Finding
 
 WORK_PER_BLOCK = 18  # of background work due between two blocks, each a unit or a few
@@ -115,14 +115,18 @@ class OnlineEstimator:
 
         Background work that is due comes first, so that the result does not depend on how often
         `work` was called before. A block not newer than the newest is ignored. Between two units
-        nothing else may be asked of the estimator.
+        nothing else may be asked of the estimator. Where arithmetic fails the estimate begins again
+        at the prior, and an event says why; the block is part of what is discarded.
         """
         while self.work():
             yield
         fresh = block.index > self._after
         if fresh:
             self._after = block.index
-            yield from self.recursion.fold(block)
+            try:
+                yield from self.recursion.fold(block)
+            except NUMERICAL as error:
+                self._begin_again(error)
             self._due = 0 if self.linear else WORK_PER_BLOCK
         else:
             self._ignored += 1
@@ -138,16 +142,23 @@ class OnlineEstimator:
 
     def work(self) -> bool:
         """Do at most one unit of what is due; True while more is due before the next block."""
-        if self._due <= 0 or not self.recursion.has_work:
+        try:
+            if self._due <= 0 or not self.recursion.has_work:
+                self._due = 0
+                self.recursion.memory.make_one()
+                return False
+            self._due -= self.recursion.work()
+        except NUMERICAL as error:
+            self._begin_again(error)
             self._due = 0
-            self.recursion.memory.make_one()
-            return False
-        self._due -= self.recursion.work()
         return self._due > 0
 
     def finish(self, max_passes: int = 30) -> Estimate:
         """Re-linearise everything until it has settled; for the end of a run or a replay."""
-        self.recursion.settle(max_passes)
+        try:
+            self.recursion.settle(max_passes)
+        except NUMERICAL as error:
+            self._begin_again(error)
         return self.estimate(self._now_ns())
 
     def events(self) -> list[EventWords]:
@@ -177,7 +188,7 @@ class OnlineEstimator:
                 bodies=estimate.bodies,
                 duration_s=recursion.duration_s,
             )
-        except np.linalg.LinAlgError as error:
+        except NUMERICAL as error:
             raise EstimatorError("the covariance is not positive definite") from error
         correlation, bound = recursion.monitor.whiteness()
         return {
@@ -196,10 +207,17 @@ class OnlineEstimator:
 
     def _published(self, t_ns: int) -> Generator[None, None, Estimate]:
         try:
-            return (yield from self._outcome(t_ns))
-        except (EstimatorError, np.linalg.LinAlgError) as error:
-            self.recursion.begin_again(f"the estimate was not proper ({error})")
+            estimate = yield from self._outcome(t_ns)
+            if np.isfinite(estimate.mean).all() and np.isfinite(estimate.covariance).all():
+                return estimate
+            self._begin_again(EstimatorError("the estimate is not finite"))
+        except NUMERICAL as error:
+            self._begin_again(error)
         return (yield from self._outcome(t_ns))
+
+    def _begin_again(self, error: Exception) -> None:
+        words = str(error) if isinstance(error, EstimatorError) else unforeseen(error)
+        self.recursion.begin_again(f"the estimate was not proper ({words})")
 
     def _outcome(self, t_ns: int) -> Generator[None, None, Estimate]:
         recursion, monitor = self.recursion, self.recursion.monitor

@@ -270,7 +270,10 @@ class Recursion:
 
     def _solve(self) -> None:
         try:
-            self.x = self.memory.information.mean()
+            mean = self.memory.information.mean()
+            if not np.isfinite(mean).all():
+                raise EstimatorError("the estimate is not finite")
+            self.x = mean
         except EstimatorError as error:
             self.begin_again(str(error))
 
