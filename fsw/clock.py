@@ -23,6 +23,10 @@ class Clock(Protocol):
         """Return monotonic time [ns]."""
         ...
 
+    def cpu_time_ns(self) -> int:
+        """Return the processor time that the calling thread has used [ns]; 0 in simulated time."""
+        ...
+
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
         """Sleep until the deadline, or until a descriptor is readable.
 
@@ -40,6 +44,10 @@ class MonotonicClock:
     def now_ns(self) -> int:
         """Return CLOCK_MONOTONIC [ns]."""
         return time.monotonic_ns()
+
+    def cpu_time_ns(self) -> int:
+        """Return the processor time that the calling thread has used [ns]."""
+        return time.thread_time_ns()
 
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
         """Sleep with one ppoll (descriptors) or one absolute nanosleep."""

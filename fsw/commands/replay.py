@@ -150,6 +150,10 @@ class ReplayClock:
         """Return simulated time [ns]."""
         return self._feed.now_ns
 
+    def cpu_time_ns(self) -> int:
+        """Return 0: work takes no simulated time."""
+        return 0
+
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:  # noqa: ARG002
         """Jump."""
         self._feed.advance(deadline_ns)

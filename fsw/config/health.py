@@ -17,4 +17,5 @@ class HealthConfig(Section):
     jitter_s: Positive = 0.003  # arrivals of the inertial unit scattered by more
     tracker_late_s: Positive = 0.05  # solutions later than the unit's clock allows by more
     false_alarm_probability: float = Field(default=1e-9, gt=0, le=1e-3)  # of one plausibility test
+    stall_s: Positive = 0.005  # a loop that gets no processor for so long has been stalled
     slip_ratio: float = Field(default=0.2, gt=0, le=1)  # ticks missed over half a second

@@ -28,6 +28,7 @@ class SchedulerConfig(Section):
 
     tick_rate_hz: Rate
     batch_s: float = Field(default=0.04, gt=0.0, le=0.05)  # inputs are judged in batches so long
+    work_budget_s: Duration | None = None  # processor time of a tick; null: the tick's period
     realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
     cpu: int | None = Field(default=None, ge=0)
 

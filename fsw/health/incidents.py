@@ -4,13 +4,15 @@ An incident is open from its first finding until none has come for the recovery 
 show is known of a time only when its window has been judged, so the recovery time begins then: a
 fault that continues is one incident, however short that time. A finding that
 an open incident explains (a silent node of a bus that is off) is a consequence: counted as such, it
-keeps the incident open and raises nothing of its own.
+keeps the incident open and raises nothing of its own. A stall of the loop explains what is found in
+it and for 0.1 s behind it, no longer: what continues is a fault of its own.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fsw.messages import Event
 from fsw.messages.findings import Fault, Finding, severity
@@ -57,6 +59,26 @@ EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.ACC_STUCK: frozenset({Fault.ACC_INCONSISTENT, Fault.ACC_SPIKE}),
     Fault.ACC_INCONSISTENT: frozenset({Fault.ACC_SPIKE}),
 }
+# what a stall of the loop explains: all that a clock shows, and samples there was no room for
+OF_A_STALL = frozenset(
+    {
+        Fault.SYNC_LOST,
+        Fault.BUS_SILENT,
+        Fault.JOINT_SILENT,
+        Fault.JOINT_LOST,
+        Fault.JOINT_LATE,
+        Fault.JOINT_ORDER,
+        Fault.IMU_SILENT,
+        Fault.IMU_LOST,
+        Fault.IMU_JITTER,
+        Fault.TRACKER_SILENT,
+        Fault.TRACKER_LOST,
+        Fault.TRACKER_LATE,
+    }
+)
+LOOP = "loop"
+STALL_EFFECT_NS = 100_000_000  # what is found later than this behind a stall has another cause
+MOST_STALLS = 64  # remembered
 WINDOWED = frozenset(
     {
         Fault.ENCODER_SPIKE,
@@ -77,7 +99,7 @@ class _Incident:
     since_ns: int
     last_ns: int
     findings: int
-    consequences: int
+    consequences: dict[Fault, int] = field(default_factory=dict)
 
 
 class Incidents:
@@ -97,23 +119,32 @@ class Incidents:
         self.findings = dict.fromkeys(Fault, 0)
         self.incidents = dict.fromkeys(Fault, 0)
         self.consequences = 0
+        self._stalls: deque[tuple[int, int]] = deque(maxlen=MOST_STALLS)
+
+    def stalled(self, start_ns: int, end_ns: int, now_ns: int) -> Event | None:
+        """Count a stall of the loop; what is found in it and shortly behind is its consequence."""
+        self._stalls.append((start_ns, end_ns + STALL_EFFECT_NS))
+        text = f"no processor for {(end_ns - start_ns) * 1e-6:.0f} ms"
+        return self.take(Finding(end_ns, Fault.LOOP_STALLED, LOOP, text), now_ns)
 
     def take(self, finding: Finding, now_ns: int) -> Event | None:
         """Count one finding; return the event, stamped now, of an incident it opens."""
+        fault, subject, t_ns = finding.fault, finding.subject, finding.t_ns
         cause = self._cause(finding)
         if cause is not None:
-            self.consequences += 1
-            cause.consequences += 1
-            cause.last_ns = max(cause.last_ns, finding.t_ns)
+            self._explain(cause, fault)
+            cause.last_ns = max(cause.last_ns, t_ns)
             return None
-        fault, subject, t_ns = finding.fault, finding.subject, finding.t_ns
-        self.findings[fault] += 1
         incident = self._open.get((fault, subject))
+        if incident is None and self._is_of_a_stall(finding):
+            self._explain(self._open.get((Fault.LOOP_STALLED, LOOP)), fault)
+            return None
+        self.findings[fault] += 1
         if incident is not None:
             incident.findings += 1
             incident.last_ns = max(incident.last_ns, t_ns)
             return None
-        self._open[fault, subject] = _Incident(t_ns, t_ns, 1, 0)
+        self._open[fault, subject] = _Incident(t_ns, t_ns, 1)
         self.incidents[fault] += 1
         text = f"{subject}: {finding.text}" if finding.text else subject
         return Event(now_ns, severity(fault), str(fault), text)
@@ -131,6 +162,9 @@ class Incidents:
             del self._open[key]
             lasted_s = (incident.last_ns - incident.since_ns) * 1e-9
             text = f"{subject}: {fault} over after {lasted_s:.2f} s, {incident.findings} findings"
+            if incident.consequences:
+                parts = [f"{name} {count}" for name, count in incident.consequences.items()]
+                text += f", explains {', '.join(parts)}"
             events.append(Event(now_ns, "info", RECOVERED, text))
         return events
 
@@ -149,6 +183,17 @@ class Incidents:
             "findings": {str(f): n for f, n in self.findings.items() if n},
             "consequences": self.consequences,
         }
+
+    def _explain(self, cause: _Incident | None, fault: Fault) -> None:
+        self.consequences += 1
+        if cause is not None:
+            cause.consequences[fault] = cause.consequences.get(fault, 0) + 1
+
+    def _is_of_a_stall(self, finding: Finding) -> bool:
+        """Return whether a stall explains a finding; the stall itself is not extended by it."""
+        if finding.fault not in OF_A_STALL:
+            return False
+        return any(start <= finding.t_ns <= end for start, end in self._stalls)
 
     def _cause(self, finding: Finding) -> _Incident | None:
         if not self._open:

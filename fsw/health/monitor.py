@@ -10,14 +10,13 @@ from collections.abc import Iterable
 from typing import Any, Protocol
 
 from fsw.config import Config
-from fsw.health.incidents import Incidents
+from fsw.health.incidents import LOOP, Incidents
 from fsw.health.rotation import RotationMonitor
 from fsw.health.stuck import StuckScreen
 from fsw.messages import Event, Samples, Window
-from fsw.messages.findings import Fault, Finding
+from fsw.messages.findings import Fault, Finding, Stall
 
 SLIP_WINDOW_S = 0.5
-LOOP = "loop"
 
 
 class Finder(Protocol):
@@ -42,6 +41,7 @@ class Health:
         self._slip_ticks = max(1, round(SLIP_WINDOW_S * config.scheduler.tick_rate_hz))
         self._slip_limit = max(1, round(settings.slip_ratio * self._slip_ticks))
         self._slip_start = (0, 0)  # tick index, slips
+        self._longest_stall = 0  # slips of it, since then
         self._waiting: list[Finding] = []
         self._events: list[Event] = []
 
@@ -56,6 +56,20 @@ class Health:
             if event is not None:
                 self._events.append(event)
 
+    def stalled(self, stalls: Iterable[Stall], now_ns: int) -> None:
+        """Accept the loop's stalls, before the findings that they explain."""
+        for stall in stalls:
+            event = self._incidents.stalled(stall.start_ns, stall.end_ns, now_ns)
+            self._longest_stall = max(self._longest_stall, stall.slips)
+            if event is not None:
+                self._events.append(event)
+
+    def over_budget(self, worked_ns: int, now_ns: int) -> None:
+        """Accept the longest work of a tick, where it took longer than the budget; 0: none did."""
+        if worked_ns:
+            text = f"{worked_ns * 1e-6:.1f} ms of work in a tick"
+            self.take([Finding(now_ns, Fault.LOOP_OVER_BUDGET, LOOP, text)], now_ns)
+
     def judge(self, window: Window) -> Window:
         """Return the window with what is not plausible marked as missing."""
         window, findings = self._rotation.judge(window)
@@ -69,8 +83,8 @@ class Health:
             waiting += self._stuck.take()
         self.take(waiting, now_ns)
         if index - self._slip_start[0] >= self._slip_ticks:
-            missed = slips - self._slip_start[1]
-            self._slip_start = (index, slips)
+            missed = slips - self._slip_start[1] - self._longest_stall
+            self._slip_start, self._longest_stall = (index, slips), 0
             if missed >= self._slip_limit:
                 text = f"{missed} of the last {self._slip_ticks} ticks missed"
                 self.take([Finding(now_ns, Fault.LOOP_OVERRUN, LOOP, text)], now_ns)

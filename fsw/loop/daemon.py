@@ -88,12 +88,19 @@ class Daemon:
         self._judged = True  # the findings of the last batch worked off
         self.latest: Estimate | None = None
         self.unusable_windows = 0
+        period_ns, budget_s = (
+            round(1e9 / config.scheduler.tick_rate_hz),
+            config.scheduler.work_budget_s,
+        )
         self.executive = Executive(
             clock,
-            round(1e9 / config.scheduler.tick_rate_hz),
+            period_ns,
             self._table(),
             wake_fds=self._inputs.wake_fds,
             drain=self._inputs.stamp_lines,
+            cpu_time_ns=clock.cpu_time_ns,
+            stall_ns=round(config.health.stall_s * 1e9),
+            budget_ns=period_ns if budget_s is None else round(budget_s * 1e9),
         )
 
     def step(self) -> Tick:
@@ -337,6 +344,8 @@ class Daemon:
             return
         self._judged = True
         health, pipeline = self.health, self._pipeline
+        health.stalled(self.executive.take_stalls(), tick.now_ns)
+        health.over_budget(self.executive.take_over_budget_ns(), tick.now_ns)
         for member in self._inputs:
             health.take(member.source.findings(), tick.now_ns)
         # the estimator first: what does not fit the model explains what does not fit its window

@@ -18,6 +18,8 @@ def tick_status(slips: Slips) -> dict[str, Any]:
     return {
         "ticks": slips.ticks,
         "slips": slips.slips,
+        "stalls": slips.stalls,
+        "over_budget": slips.over_budget,
         "max_late_us": slips.max_late_ns / 1e3,
         "work_us": time_values(slips.work),
         "tasks_us": task_summary(slips),

@@ -79,6 +79,8 @@ class Fault(StrEnum):
     TRACKER_JUMP = "TRACKER_JUMP"
     # the machine
     LOOP_OVERRUN = "LOOP_OVERRUN"
+    LOOP_STALLED = "LOOP_STALLED"
+    LOOP_OVER_BUDGET = "LOOP_OVER_BUDGET"
 
 
 HIGH = frozenset({Fault.BUS_OFF, Fault.BUS_SILENT, Fault.JOINT_SILENT, Fault.IMU_SILENT})
@@ -99,6 +101,8 @@ LOW = frozenset(
         Fault.TRACKER_LOST,
         Fault.TRACKER_NOISE,
         Fault.TRACKER_DUPLICATE,
+        Fault.LOOP_STALLED,
+        Fault.LOOP_OVER_BUDGET,
     }
 )
 
@@ -116,3 +120,12 @@ class Finding:
     fault: Fault
     subject: str  # bus, joint or device
     text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Stall:
+    """A time in which the loop wanted to run and had no processor."""
+
+    start_ns: int
+    end_ns: int
+    slips: int  # grid points missed by it

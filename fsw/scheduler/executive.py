@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from fsw.clock import Clock
+from fsw.messages.findings import Stall
 from fsw.scheduler.tasks import Slips, Task, TaskTimes, Tick, is_due
 
+NEVER_NS = 1 << 62
 MAX_EARLY_WAKES = 64  # per tick; a descriptor that stays readable must not spin the loop
 
 
@@ -16,6 +18,10 @@ def _no_descriptors() -> Sequence[int]:
 
 def _nothing() -> None:
     return None
+
+
+def _no_time() -> int:
+    return 0
 
 
 class Executive:
@@ -28,6 +34,9 @@ class Executive:
     tasks : table; every row whose rate group is due runs, in table order
     wake_fds : descriptors that may end the wait early
     drain : run after an early wake, nothing else; then the wait continues
+    cpu_time_ns : processor time of this thread [ns]; tells the loop's own work from a stall
+    stall_ns : a wake so late without work of the loop's own is a stall
+    budget_ns : processor time that the work of a tick may take
     """
 
     def __init__(
@@ -38,6 +47,9 @@ class Executive:
         *,
         wake_fds: Callable[[], Sequence[int]] = _no_descriptors,
         drain: Callable[[], None] = _nothing,
+        cpu_time_ns: Callable[[], int] = _no_time,
+        stall_ns: int = NEVER_NS,
+        budget_ns: int = NEVER_NS,
     ) -> None:
         if period_ns <= 0:
             raise ValueError(f"period_ns {period_ns} must be positive")
@@ -46,6 +58,11 @@ class Executive:
         self._tasks = tuple(tasks)
         self._wake_fds = wake_fds
         self._drain = drain
+        self._cpu_time_ns, self._stall_ns, self._budget_ns = cpu_time_ns, stall_ns, budget_ns
+        self._began_ns = 0  # the newest tick, and the processor time then
+        self._began_cpu_ns = 0
+        self._longest_ns = 0  # work over the budget since it was last taken
+        self._stalls: list[Stall] = []
         self._t0_ns: int | None = None
         self._index = -1
         self.slips = Slips(times={task.name: TaskTimes() for task in tasks})
@@ -73,9 +90,24 @@ class Executive:
         self.slips.work.add(started_ns - began_ns)
         return tick
 
+    def take_stalls(self) -> list[Stall]:
+        """Return and forget the stalls since the last call."""
+        stalls, self._stalls = self._stalls, []
+        return stalls
+
+    def take_over_budget_ns(self) -> int:
+        """Return and forget the longest work over the budget since the last call [ns]; 0: none."""
+        longest_ns, self._longest_ns = self._longest_ns, 0
+        return longest_ns
+
     def _wait(self) -> Tick:
+        worked_ns = self._cpu_time_ns() - self._began_cpu_ns
         if self._t0_ns is None:
-            self._t0_ns = self._clock.now_ns()
+            self._t0_ns = self._began_ns = self._clock.now_ns()
+            worked_ns = 0
+        if worked_ns > self._budget_ns:
+            self.slips.over_budget += 1
+            self._longest_ns = max(self._longest_ns, worked_ns)
         index = self._index + 1
         due_ns = self._t0_ns + index * self._period_ns
         fds = self._wake_fds()
@@ -90,5 +122,10 @@ class Executive:
         missed = max(late_ns // self._period_ns, 0)
         self.slips.slips += missed
         self.slips.max_late_ns = max(self.slips.max_late_ns, late_ns)
+        ready_ns = max(due_ns, self._began_ns + worked_ns)
+        if now_ns - ready_ns >= self._stall_ns:
+            self.slips.stalls += 1
+            self._stalls.append(Stall(ready_ns, now_ns, missed))
+        self._began_ns, self._began_cpu_ns = now_ns, self._cpu_time_ns()
         index += missed
         return Tick(index, due_ns + missed * self._period_ns, now_ns)

@@ -57,6 +57,8 @@ class Slips:
     ticks: int = 0  # ticks run
     slips: int = 0  # grid points skipped because the loop was late
     max_late_ns: int = 0
+    stalls: int = 0  # times without a processor, see `messages.findings.Stall`
+    over_budget: int = 0  # ticks whose own work took longer than the budget
     early_wakes: int = 0  # waits ended early by a descriptor
     work: TaskTimes = field(default_factory=TaskTimes)  # all tasks of a tick
     times: dict[str, TaskTimes] = field(default_factory=dict)

@@ -30,6 +30,10 @@ class SimClock:
         """Return simulated time [ns]."""
         return self._now_ns
 
+    def cpu_time_ns(self) -> int:
+        """Return 0: work takes no simulated time."""
+        return 0
+
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
         """Pass time to the deadline, or to just after the first arrival on a descriptor.
 

@@ -30,10 +30,14 @@ class FakeClock:
 
     def __init__(self, now_ns: int = 0) -> None:
         self.now = now_ns
+        self.cpu = 0
         self.wakes: list[int] = []  # instants at which a descriptor becomes readable
 
     def now_ns(self) -> int:
         return self.now
+
+    def cpu_time_ns(self) -> int:
+        return self.cpu
 
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
         if wake_fds and self.wakes and self.wakes[0] < deadline_ns:

@@ -189,6 +189,8 @@ FINDINGS = (
     "TRACKER_FLIP",
     "TRACKER_JUMP",
     "LOOP_OVERRUN",
+    "LOOP_STALLED",
+    "LOOP_OVER_BUDGET",
 )
 _FOUND = tuple(
     (

@@ -11,6 +11,7 @@ from fsw.telemetry.state.health import HealthWord
 
 SILENT_PERIODS = 10.0
 FRESH_NS = 10_000_000_000  # a slip or a rejected sample stands for so long
+OF_THE_LOOP = {Fault.LOOP_OVERRUN, Fault.LOOP_STALLED, Fault.LOOP_OVER_BUDGET}
 OF_A_BUS = ("SYNC_", "BUS_", "NODE_UNKNOWN")  # faults that are not one sensor's
 
 
@@ -74,7 +75,7 @@ class Supervision:
         faults = {f for found in faulty.values() for f in found if severity(Fault(f)) != "low"}
         on_buses = {fault for fault in faults if fault.startswith(OF_A_BUS)}
         self._stands(Health.BUS, bool(on_buses))
-        self._stands(Health.SENSOR_FAULT, bool(faults - on_buses - {Fault.LOOP_OVERRUN}))
+        self._stands(Health.SENSOR_FAULT, bool(faults - on_buses - OF_THE_LOOP))
 
     def event(self, code: str) -> None:
         """Set or clear the bit of the health word that belongs to an event."""

@@ -77,6 +77,10 @@ class PortLane:
         """Return simulated time [ns]."""
         return self.bench.clock.now_ns() + self._pushed_ns
 
+    def cpu_time_ns(self) -> int:
+        """Return 0: work takes no simulated time."""
+        return 0
+
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
         """Sleep; time that was pushed forward has passed already."""
         if self._pushed_ns:

@@ -87,3 +87,41 @@ def test_a_joint_explains_nothing_of_another() -> None:
 def test_every_fault_has_one_severity() -> None:
     assert not HIGH & LOW
     assert {severity(fault) for fault in Fault} == {"high", "medium", "low"}
+
+
+def test_a_stall_is_one_event_and_explains_what_it_delays() -> None:
+    tested = incidents()
+    stalled = tested.stalled(100 * MS, 183 * MS, 190 * MS)
+    assert stalled is not None
+    assert (stalled.code, stalled.severity) == ("LOOP_STALLED", "low")
+    assert "83 ms" in stalled.text
+    for t_ns in (100 * MS, 183 * MS, 283 * MS):
+        assert take(tested, t_ns, Fault.IMU_JITTER, "imu") == []
+        assert take(tested, t_ns, Fault.JOINT_LATE, "j1") == []
+    assert tested.stalled(300 * MS, 310 * MS, 310 * MS) is None  # the same incident
+    assert tested.advance(310 * MS + RECOVER_NS - 1) == []
+    (over,) = tested.advance(310 * MS + RECOVER_NS)
+    assert "LOOP_STALLED over" in over.text
+    assert "2 findings, explains IMU_JITTER 3, JOINT_LATE 3" in over.text
+    assert tested.status()["incidents"] == {"LOOP_STALLED": 1}
+    assert tested.status()["consequences"] == 6
+
+
+def test_a_stall_hides_no_fault_that_was_there_before_or_continues_behind_it() -> None:
+    tested = incidents()
+    assert take(tested, 90 * MS, Fault.IMU_SILENT, "imu") == ["IMU_SILENT"]
+    tested.stalled(100 * MS, 150 * MS, 150 * MS)
+    take(tested, 160 * MS, Fault.IMU_SILENT, "imu")  # belongs to the open incident
+    assert tested.status()["findings"] == {"IMU_SILENT": 2, "LOOP_STALLED": 1}
+    assert take(tested, 200 * MS, Fault.BUS_SILENT, "arm") == []
+    assert take(tested, 251 * MS, Fault.BUS_SILENT, "arm") == ["BUS_SILENT"]
+
+
+def test_a_stall_explains_no_value_of_a_sensor() -> None:
+    for fault in Fault:
+        tested = incidents()
+        tested.stalled(100 * MS, 150 * MS, 150 * MS)
+        told = take(tested, 160 * MS, fault, "imu")
+        is_of_time = fault.endswith(("SILENT", "LOST", "LATE", "ORDER", "JITTER", "STALLED"))
+        if fault is Fault.IMU_BYTES_LOST or not is_of_time:
+            assert told == [str(fault)]

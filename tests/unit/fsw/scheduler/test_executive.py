@@ -6,7 +6,7 @@ from tests.support.loop_cases import MS, FakeClock
 
 
 def run(clock: FakeClock, tasks: list[Task], ticks: int, **more) -> tuple[Executive, list[Tick]]:
-    executive = Executive(clock, 2 * MS, tasks, **more)
+    executive = Executive(clock, 2 * MS, tasks, cpu_time_ns=clock.cpu_time_ns, **more)
     return executive, [executive.step() for _ in range(ticks)]
 
 
@@ -101,3 +101,45 @@ def test_times_per_task_are_last_mean_and_max():
 def test_a_divisor_below_one_is_refused():
     with pytest.raises(ValueError, match="divisor 0"):
         Task("x", 0, lambda _: None)
+
+
+def test_a_late_wake_without_work_of_its_own_is_a_stall():
+    clock = FakeClock()
+
+    def work(tick: Tick) -> None:
+        if tick.index == 1:  # 1 ms of work, interrupted for 9 ms
+            clock.cpu += 1 * MS
+            clock.now += 10 * MS
+
+    executive, ticks = run(clock, [Task("work", 1, work)], 4, stall_ns=5 * MS)
+    assert [t.index for t in ticks] == [0, 1, 6, 7]
+    (stall,) = executive.take_stalls()
+    assert (stall.start_ns, stall.end_ns, stall.slips) == (4 * MS, 12 * MS, 4)
+    assert executive.take_stalls() == []
+    assert executive.slips.stalls == 1
+
+
+def test_a_late_wake_by_the_loops_own_work_is_no_stall_but_over_budget():
+    clock = FakeClock()
+
+    def work(tick: Tick) -> None:
+        if tick.index == 1:
+            clock.cpu += 10 * MS
+            clock.now += 10 * MS
+
+    executive, _ = run(clock, [Task("w", 1, work)], 4, stall_ns=5 * MS, budget_ns=2 * MS)
+    assert executive.take_stalls() == []
+    assert executive.take_over_budget_ns() == 10 * MS
+    assert executive.take_over_budget_ns() == 0
+    assert (executive.slips.stalls, executive.slips.over_budget) == (0, 1)
+    assert executive.slips.slips == 4
+
+
+def test_work_within_the_budget_is_none_over_it():
+    clock = FakeClock()
+
+    def work(_tick: Tick) -> None:
+        clock.cpu += 2 * MS
+
+    executive, _ = run(clock, [Task("w", 1, work)], 4, budget_ns=2 * MS)
+    assert executive.slips.over_budget == 0
