@@ -91,7 +91,32 @@ def _parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="validate everything; touch no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
     check.set_defaults(command=_check)
+
+    bench = commands.add_parser("bench", help="timer, buses and lines of this machine")
+    bench.add_argument("--rounds", type=int, default=5, metavar="N")
+    bench.add_argument("--seconds", type=float, default=5.0, help="of a measurement in each round")
+    bench.add_argument(
+        "--frame-rate", type=float, default=8000.0, metavar="HZ", help="1 Mbit/s is full at 8000"
+    )
+    bench.add_argument("--priority", type=int, default=0, help="SCHED_FIFO of the timer's part")
+    bench.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    bench.set_defaults(command=_bench)
     return parser
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from fsw.commands.bench import bench
+
+    def tell(text: str) -> None:
+        print(f"fsw: bench: {text}", file=sys.stderr)
+
+    report = bench(
+        arguments.rounds, arguments.seconds, arguments.priority, arguments.frame_rate, tell
+    )
+    print(json.dumps(report.to_json()) if arguments.json else report.to_text())
+    for text in report.missing:
+        print(f"fsw: warning: {text}", file=sys.stderr)
+    return 0
 
 
 def _checked(config: Config) -> Config:

@@ -49,6 +49,10 @@ class MonotonicClock:
         """Return the processor time that the calling thread has used [ns]."""
         return time.thread_time_ns()
 
+    def process_cpu_s(self) -> float:
+        """Return the processor time that all threads of this process have used [s]."""
+        return time.process_time()
+
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
         """Sleep with one ppoll (descriptors) or one absolute nanosleep."""
         remaining_ns = deadline_ns - time.monotonic_ns()

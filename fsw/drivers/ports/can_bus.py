@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import socket
+from collections.abc import Callable
 from typing import Any
 
 import can
@@ -31,7 +32,7 @@ from fsw.drivers.wire import (
 )
 from fsw.messages.errors import PortError
 
-RECEIVE_BUFFER_BYTES = 1 << 20  # a frame charges 768 of them
+RECEIVE_BUFFER_BYTES = 1 << 22  # a frame charges 768 of them; the kernel doubles it
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
@@ -64,7 +65,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
     if link is None:
         return CanPort(device, clock, name)
     try:
-        return SocketPort(device, link, clock, name, group=group)
+        return SocketPort(link, clock, name, device.shutdown, group=group)
     except PortError:
         device.shutdown()
         raise
@@ -151,15 +152,25 @@ class SocketPort:
 
     def __init__(
         self,
-        device: can.BusABC,
         link: socket.socket,
         clock: Clock,
         name: str,
+        release: Callable[[], None],
         *,
         group: tuple[str, int] | None = None,
     ) -> None:
-        """`group`: address of datagrams that hold python-can's msgpack form. Raises PortError."""
-        self._device, self._socket, self._clock, self._name = device, link, clock, name
+        """Prepare a socket that is open.
+
+        Parameters
+        ----------
+        release : releases the socket's owner
+        group : address of datagrams that hold python-can's msgpack form
+
+        Raises
+        ------
+        PortError when the bus is down.
+        """
+        self._socket, self._clock, self._name, self._release = link, clock, name, release
         self._group = group
         self._unpacker = None if group is None else Unpacker()
         self.buffer_bytes = linux_can.prepare(link, RECEIVE_BUFFER_BYTES)
@@ -231,4 +242,4 @@ class SocketPort:
 
     def close(self) -> None:
         """Release the interface."""
-        self._device.shutdown()
+        self._release()

@@ -1,0 +1,32 @@
+"""The process that sends what the bench's ports read."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def sender(
+    kind: str, place: str, rate_hz: float, seconds: float
+) -> Iterator[subprocess.Popen[str]]:
+    """Run a sender during the block."""
+    command = [sys.executable, "-m", "fsw.commands.bench.send", kind, place]
+    with subprocess.Popen(
+        [*command, str(rate_hz), str(seconds)],
+        stdout=subprocess.PIPE,
+        text=True,
+        pass_fds=[int(place)] if kind == "line" else [],
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+def sent_by(process: subprocess.Popen[str]) -> int:
+    """Wait for a sender's end and return how much it has sent."""
+    output, _ = process.communicate()
+    return int(output)

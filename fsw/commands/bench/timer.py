@@ -1,0 +1,71 @@
+"""Wake-ups of the executive beside those of cyclictest."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.clock import MonotonicClock
+from fsw.config import SchedulerConfig
+from fsw.loop import realtime
+from fsw.scheduler.executive import Executive
+
+RATE_HZ = 500.0
+MOST_US = 100_000  # of cyclictest's histogram
+
+
+@dataclass(frozen=True, slots=True)
+class Lateness:
+    """How late the wake-ups of one round were [us]."""
+
+    p50_us: float
+    p99_us: float
+    max_us: float
+    is_fifo: bool
+
+
+def executive(rate_hz: float, seconds: float, priority: int) -> Lateness:
+    """Return the lateness of the executive's ticks with nothing to do."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    wanted = SchedulerConfig(tick_rate_hz=rate_hz, realtime_priority=priority)
+    refused = realtime.prepare(wanted)
+    is_fifo = bool(priority) and not any("realtime_priority" in text for text in refused)
+    try:
+        loop = Executive(MonotonicClock(), round(1e9 / rate_hz), ())
+        ticks = [loop.step() for _ in range(max(2, round(rate_hz * seconds)))]
+    finally:
+        os.sched_setscheduler(0, *before)
+    return _lateness([(tick.now_ns - tick.due_ns) / 1e3 for tick in ticks[1:]], is_fifo)
+
+
+def cyclictest(rate_hz: float, seconds: float, priority: int) -> Lateness | None:
+    """Return the lateness that cyclictest measures; None where it is not installed or refuses."""
+    program = shutil.which("cyclictest")
+    if program is None:
+        return None
+    command = [
+        program,
+        "-q",
+        f"--interval={round(1e6 / rate_hz)}",
+        f"--loops={max(2, round(rate_hz * seconds))}",
+        f"--histogram={MOST_US}",
+        *([f"--priority={priority}"] if priority else []),
+        "--mlockall",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    rows = re.findall(r"^(\d{6}) (\d+)$", done.stdout, re.MULTILINE)
+    counts = [(int(us), int(count)) for us, count in rows if int(count)]
+    if done.returncode or not counts:
+        return None
+    return _lateness(np.repeat(*np.array(counts).T).tolist(), bool(priority))
+
+
+def _lateness(late_us: Sequence[float], is_fifo: bool) -> Lateness:
+    p50, p99 = np.percentile(late_us, [50, 99])
+    return Lateness(float(p50), float(p99), float(max(late_us)), is_fifo)
