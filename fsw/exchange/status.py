@@ -23,10 +23,11 @@ def task_summary(slips: Slips) -> dict[str, dict[str, float]]:
 
 
 def time_values(times: TaskTimes) -> dict[str, float]:
-    """Return last, mean and max [us]."""
+    """Return last, mean, 99th percentile and max [us]."""
     return {
         "last": times.last_ns / 1e3,
         "mean": round(times.mean_ns / 1e3, 3),
+        "p99": times.quantile_ns(0.99) / 1e3,
         "max": times.max_ns / 1e3,
     }
 

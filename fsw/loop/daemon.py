@@ -23,11 +23,11 @@ from fsw.estimators.pipeline import (
 )
 from fsw.exchange.restart import Restart, resume, take
 from fsw.exchange.sinks import AppliedCommand, ScienceRecord, Sink, StatusReport
-from fsw.exchange.status import estimate_summary
+from fsw.exchange.status import estimate_summary, time_values
 from fsw.health import Health
 from fsw.loop.bus_input import BusInput
 from fsw.loop.command_queue import CommandQueue, settle
-from fsw.loop.inputs import Inputs
+from fsw.loop.inputs import Inputs, batch_s
 from fsw.loop.line_input import LineInput
 from fsw.loop.loop_status import sample_status, tick_status, window_status
 from fsw.loop.science import Science
@@ -41,13 +41,6 @@ from fsw.scheduler.tasks import Task, Tick
 
 FOREVER_NS = 1 << 62
 MOST_STAGES = 5  # of a batch; where it has fewer ticks it is worked off at once
-BATCHES_TO_LOSE = 4  # a bus of a pair is lost after no fewer batches without a frame
-
-
-def batch_s(config: Config) -> float:
-    """Return how long a batch of inputs is [s]: shorter where a bus is lost after so little."""
-    lost_s = [bus.redundant.lost_after_s for bus in config.buses if bus.redundant is not None]
-    return min([config.scheduler.batch_s, *(s / BATCHES_TO_LOSE for s in lost_s)])
 
 
 class Daemon:
@@ -182,6 +175,7 @@ class Daemon:
             **tick_status(self.executive.slips),
             **sample_status(self._config, self.aligner, self._inputs),
             "windows": window_status(self.aligner, self.unusable_windows, conditioner),
+            "published_us": time_values(self._windows.delays),
             "health": self.health.status(),
             "identifying": self.dispatcher.identifying,
             "unknown": list(self._config.unknown),
@@ -313,6 +307,8 @@ class Daemon:
             self._sink.put(estimator.screened(block) if isinstance(estimator, Screening) else block)
         yield
         self._publish(estimate)
+        closed_ns = window.stop_ns + round(self._config.estimator.lag_s * 1e9)
+        self._windows.delays.add(self._clock.now_ns() - closed_ns)
 
     def _finish_windows(self) -> None:
         """Work off what has been closed: a command or the end comes after all of it."""

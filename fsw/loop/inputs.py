@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from fsw.clock import Clock
+from fsw.config import Config
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.exchange.sinks import Sink
 from fsw.loop.bus_input import BusInput
@@ -16,6 +17,14 @@ from fsw.loop.line_input import LineInput
 from fsw.loop.link import Link
 from fsw.messages import Event
 from fsw.messages.errors import PortError
+
+BATCHES_TO_LOSE = 4  # a bus of a pair is lost after no fewer batches without a frame
+
+
+def batch_s(config: Config) -> float:
+    """Return how long a batch of inputs is [s]: shorter where a bus is lost after so little."""
+    lost_s = [bus.redundant.lost_after_s for bus in config.buses if bus.redundant is not None]
+    return min([config.scheduler.batch_s, *(s / BATCHES_TO_LOSE for s in lost_s)])
 
 
 class Inputs:

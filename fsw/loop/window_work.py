@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 
 from fsw.messages import Window
+from fsw.scheduler.tasks import TaskTimes
 
 ENDED = object()
 
@@ -23,6 +24,7 @@ class WindowWork:
         self._closed: deque[Window] = deque()
         self._job: Generator[None, None, None] | None = None
         self._fresh = False
+        self.delays = TaskTimes()  # from a window's closing to its published estimate
 
     @property
     def is_busy(self) -> bool:

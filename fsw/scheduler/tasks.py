@@ -28,6 +28,10 @@ class Task:
             raise ValueError(f"task {self.name!r}: divisor {self.divisor} must be at least 1")
 
 
+BIN_NS = 10_000
+BINS = 2000  # the last holds everything longer
+
+
 @dataclass(slots=True)
 class TaskTimes:
     """Time one task took [ns]."""
@@ -36,6 +40,7 @@ class TaskTimes:
     last_ns: int = 0
     total_ns: int = 0
     max_ns: int = 0
+    bins: list[int] = field(default_factory=lambda: [0] * BINS)  # runs by time, in BIN_NS
 
     def add(self, elapsed_ns: int) -> None:
         """Account for one run."""
@@ -43,6 +48,16 @@ class TaskTimes:
         self.last_ns = elapsed_ns
         self.total_ns += elapsed_ns
         self.max_ns = max(self.max_ns, elapsed_ns)
+        self.bins[min(max(elapsed_ns, 0) // BIN_NS, BINS - 1)] += 1
+
+    def quantile_ns(self, ratio: float) -> int:
+        """Return the time that a ratio of the runs did not exceed, to 10 us [ns]; 0 before any."""
+        wanted, seen = ratio * self.count, 0
+        for k, count in enumerate(self.bins):
+            seen += count
+            if seen and seen >= wanted:
+                return self.max_ns if k == BINS - 1 else min((k + 1) * BIN_NS, self.max_ns)
+        return 0
 
     @property
     def mean_ns(self) -> float:

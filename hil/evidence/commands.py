@@ -45,6 +45,19 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     soak.add_argument("--jobs", type=count, default=1, metavar="N", help="quarters at a time, 1")
     soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     soak.set_defaults(command=_soak)
+    bench = commands.add_parser("bench", help="the whole daemon in real time, alone and loaded")
+    bench.add_argument("scenario", nargs="?", default="target_leo", metavar="SCENARIO")
+    bench.add_argument("--rounds", type=count, default=5, metavar="N", help="of every condition, 5")
+    bench.add_argument("--seconds", type=float, default=30.0, metavar="S", help="of a run, 30")
+    bench.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        choices=("alone", "hog", "batch", "clients"),
+        help="this condition; may be repeated",
+    )
+    bench.add_argument("--json", action="store_true", help="print one JSON object")
+    bench.set_defaults(command=_bench)
 
 
 def bar() -> Progress:
@@ -155,3 +168,25 @@ def _soak(arguments: argparse.Namespace) -> int:
     result = summary(store)
     print(json.dumps(result))
     return FAILED_EXIT if result["broken"] else 0
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    import sys
+
+    from rich.console import Console
+
+    from hil.evidence.speed import whole
+    from hil.run.progress import meter
+
+    names = arguments.only or whole.CONDITIONS
+    rounds = []
+    for k in range(arguments.rounds):
+        runs = []
+        for name in names:
+            title = f"round {k + 1} of {arguments.rounds}, {name}"
+            with meter(title, arguments.seconds + whole.SETTLE_S, Console(stderr=True)) as shown:
+                runs.append(whole.measure(arguments.scenario, name, arguments.seconds, shown))
+            sys.stderr.write(runs[-1].to_text() + "\n")
+        rounds.append(runs)
+    print(whole.as_json(rounds) if arguments.json else whole.summary(rounds))
+    return 0

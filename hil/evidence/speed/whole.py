@@ -1,0 +1,289 @@
+"""`hil bench`: the whole daemon in real time, alone and beside other work.
+
+Each condition is a run of its own against simulated devices: alone, beside a process that takes a
+processor, a batch job, and ten telemetry clients. During each, `cyclictest` (Debian's rt-tests)
+shows what the machine itself does to a timer of the same rate. Everything about the daemon is its
+own status and what the system counts for its processes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.run import live
+from hil.run.bench import prepare
+from hil.run.flight import plant_document, write_yaml
+from hil.run.processes import tied
+from hil.run.progress import Meter
+from hil.world.scenario import load as load_scenario
+
+SETTLE_S = 6.0  # not counted: start-up
+CLIENTS = 10
+CONDITIONS = ("alone", "hog", "batch", "clients")
+BATCH_METHOD = "rda"
+MOST_US = 100_000  # of cyclictest's histogram
+HOG = "while True: pass"
+
+
+@dataclass(slots=True)
+class Condition:
+    """Measurements of one run after start-up."""
+
+    name: str
+    seconds: float = 0.0
+    core_percent: dict[str, float] = field(default_factory=dict)  # by process
+    resident_mb: dict[str, float] = field(default_factory=dict)
+    ticks: int = 0
+    slips: int = 0
+    stalls: int = 0
+    over_budget: int = 0
+    work_mean_us: float = 0.0  # since the start, as is the percentile
+    work_p99_us: float = 0.0
+    published_p99_us: float = 0.0  # from a window's closing to its published estimate
+    incidents: dict[str, int] = field(default_factory=dict)
+    dropped: int = 0  # messages the recorder or the ring lost
+    lost: dict[str, int] = field(default_factory=dict)  # samples, by source
+    timer_wakes: int = 0  # of cyclictest; 0: not installed
+    timer_slips: int = 0  # of these, later than a tick's period
+
+    @property
+    def slips_per_1000(self) -> float:
+        """Grid points missed, of a thousand."""
+        return 1000.0 * self.slips / max(1, self.ticks + self.slips)
+
+    @property
+    def timer_slips_per_1000(self) -> float:
+        """Wake-ups of cyclictest later than a period, of a thousand."""
+        return 1000.0 * self.timer_slips / max(1, self.timer_wakes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values."""
+        shares = {"slips_per_1000": self.slips_per_1000}
+        return asdict(self) | shares | {"timer_slips_per_1000": self.timer_slips_per_1000}
+
+    def to_text(self) -> str:
+        """Return a few lines."""
+        cores = ", ".join(f"{k} {v:.1f} %" for k, v in self.core_percent.items())
+        memory = ", ".join(f"{k} {v:.0f}" for k, v in self.resident_mb.items())
+        timer = f"{self.timer_slips_per_1000:.1f}" if self.timer_wakes else "not measured"
+        incidents = ", ".join(f"{k} {v}" for k, v in self.incidents.items()) or "none"
+        return "\n".join(
+            [
+                f"{self.name}: {self.seconds:.0f} s",
+                f"  core: {cores}",
+                f"  memory [MB]: {memory}",
+                f"  slips of 1000 ticks: {self.slips_per_1000:.1f}; of cyclictest: {timer}",
+                f"  work of a tick: mean {self.work_mean_us:.0f} us, p99 {self.work_p99_us:.0f} us;"
+                f" {self.over_budget} over budget; {self.stalls} stalls",
+                f"  window closed to estimate published: p99 {self.published_p99_us / 1e3:.1f} ms",
+                f"  incidents: {incidents}; lost: {sum(self.lost.values())} samples,"
+                f" {self.dropped} messages",
+            ]
+        )
+
+
+@dataclass(slots=True)
+class _Look:
+    """Counters at one moment."""
+
+    done_s: float
+    cpu_s: dict[str, float]
+    status: Mapping[str, Any]
+
+
+class _Watch:
+    """Looks at processes and status during a run, and starts the load behind the start-up."""
+
+    def __init__(self, state: Path, start: Callable[[], None]) -> None:
+        self._state, self._start = state, start
+        self.first: _Look | None = None
+        self.last: _Look | None = None
+        self.resident_mb: dict[str, float] = {}
+
+    def __call__(self, done_s: float, plant: int, daemon: int) -> None:
+        if done_s < SETTLE_S:
+            return
+        status = live.read_status(self._state)
+        if status is None:
+            return
+        pids = {"loop": daemon, "plant": plant}
+        pids |= dict(zip(("service",), live.children(daemon), strict=False))
+        look = _Look(done_s, {name: _cpu_s(pid) for name, pid in pids.items()}, status)
+        self.resident_mb = {name: _resident_mb(pid) for name, pid in pids.items()}
+        if self.first is None:
+            self._start()
+            self.first = look
+        self.last = look
+
+
+def measure(scenario: str, name: str, seconds: float, meter: Meter) -> Condition:
+    """Run a scenario in real time in one condition.
+
+    Raises
+    ------
+    LiveError when a process of the run fails.
+    """
+    with tempfile.TemporaryDirectory(prefix="hb-") as home, ExitStack() as stack:
+        folder = Path(home)
+        port = live.free_tcp_port()
+        setup = prepare(
+            load_scenario(scenario), 0, folder, real_time=True, telemetry={"port": port}
+        )
+        plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_port)
+        rate_hz = setup.config.scheduler.tick_rate_hz
+        wakes: list[tuple[int, int]] = []
+
+        def start() -> None:
+            stack.enter_context(_load(name, setup.config_path, port))
+            stack.enter_context(_timer(rate_hz, seconds, wakes))
+
+        watch = _Watch(folder / "state" / "status.json", start)
+        plant_path = write_yaml(folder / "plant.yaml", plant)
+        total_s = min(SETTLE_S + seconds, setup.total_s)
+        outcome = live.run(setup.config_path, plant_path, total_s, meter, watch)
+        stack.close()
+        if watch.first is None or watch.last is None:
+            raise live.LiveError(f"{scenario}: no status within {total_s:.0f} s")
+        return _condition(name, watch.first, watch.last, watch.resident_mb, outcome.status, wakes)
+
+
+def _condition(
+    name: str,
+    first: _Look,
+    last: _Look,
+    resident_mb: dict[str, float],
+    final: Mapping[str, Any],
+    wakes: list[tuple[int, int]],
+) -> Condition:
+    seconds = last.done_s - first.done_s
+
+    def grown(key: str) -> int:
+        return int(last.status[key]) - int(first.status[key])
+
+    return Condition(
+        name=name,
+        seconds=seconds,
+        core_percent={k: 100.0 * (v - first.cpu_s[k]) / seconds for k, v in last.cpu_s.items()},
+        resident_mb=resident_mb,
+        ticks=grown("ticks"),
+        slips=grown("slips"),
+        stalls=grown("stalls"),
+        over_budget=grown("over_budget"),
+        work_mean_us=float(last.status["work_us"]["mean"]),
+        work_p99_us=float(last.status["work_us"]["p99"]),
+        published_p99_us=float(last.status["published_us"]["p99"]),
+        incidents=dict(last.status["health"]["incidents"]),
+        dropped=int(final.get("ring", {}).get("dropped", 0)),
+        lost={k: v["lost"] for k, v in last.status["samples"].items()},
+        timer_wakes=sum(count for _, count in wakes),
+        timer_slips=sum(count for late, count in wakes if late),
+    )
+
+
+@contextmanager
+def _load(name: str, config: Path, port: int) -> Iterator[None]:
+    """Do what the condition says during the block."""
+    with ExitStack() as stack:
+        if name == "hog":
+            hog = subprocess.Popen(tied([sys.executable, "-c", HOG]))
+            stack.callback(hog.wait)
+            stack.callback(hog.kill)
+        elif name == "batch":
+            command = [sys.executable, "-m", "fsw", "ctl", str(config), "run-batch"]
+            with_method = [*command, f"method={BATCH_METHOD}"]
+            subprocess.run(with_method, check=True, capture_output=True)
+        elif name == "clients":
+            for _ in range(CLIENTS):
+                link = stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+                threading.Thread(target=_read_all, args=(link,), daemon=True).start()
+        yield
+
+
+def _read_all(link: socket.socket) -> None:
+    """Receive until the connection ends."""
+    try:
+        while link.recv(1 << 16):
+            pass
+    except OSError:
+        return
+
+
+@contextmanager
+def _timer(rate_hz: float, seconds: float, wakes: list[tuple[int, int]]) -> Iterator[None]:
+    """Run cyclictest during the block; append whether wake-ups were later than a period, counts."""
+    program = shutil.which("cyclictest")
+    if program is None:
+        yield
+        return
+    interval_us = round(1e6 / rate_hz)
+    command = [program, "-q", f"--interval={interval_us}", f"--histogram={MOST_US}"]
+    loops = f"--loops={max(2, round(0.9 * seconds * rate_hz))}"
+    with subprocess.Popen(
+        tied([*command, loops]), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+            output, _ = process.communicate()
+            found = re.findall(r"^(\d{6}) (\d+)$", output, re.MULTILINE)
+            wakes += [(int(us) >= interval_us, int(count)) for us, count in found if int(count)]
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the processor time of a process so far [s]; 0 of one that has ended."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
+    except (FileNotFoundError, ProcessLookupError):
+        return 0.0
+    fields = text[text.rindex(")") + 2 :].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _resident_mb(pid: int) -> float:
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (FileNotFoundError, ProcessLookupError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def summary(rounds: list[list[Condition]]) -> str:
+    """Return the median of every figure that the rounds repeat, with least and greatest."""
+    lines = []
+    for k, condition in enumerate(rounds[0]):
+        runs = [conditions[k] for conditions in rounds]
+        figures = {
+            "loop [% of a core]": [run.core_percent["loop"] for run in runs],
+            "service [% of a core]": [run.core_percent.get("service", 0.0) for run in runs],
+            "slips of 1000": [run.slips_per_1000 for run in runs],
+            "slips of 1000, cyclictest": [run.timer_slips_per_1000 for run in runs],
+            "work of a tick, p99 [us]": [run.work_p99_us for run in runs],
+            "estimate published, p99 [ms]": [run.published_p99_us / 1e3 for run in runs],
+        }
+        lines += [
+            f"{condition.name}: {what} {np.median(values):.1f} ({min(values):.1f} to"
+            f" {max(values):.1f})"
+            for what, values in figures.items()
+        ]
+    return "\n".join(lines)
+
+
+def as_json(rounds: list[list[Condition]]) -> str:
+    """Return every run as one JSON object."""
+    return json.dumps({"rounds": [[run.to_json() for run in runs] for runs in rounds]})
