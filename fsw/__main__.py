@@ -10,6 +10,8 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
+INSTEAD = "instead of the configuration's"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -41,6 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="fsw", description=__doc__)
+    release = f"%(prog)s {version('inertia-daemon')}"
+    parser.add_argument("--version", action="version", version=release)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="identify from live devices until SIGTERM")
@@ -55,6 +60,8 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument(
         "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
     )
+    replay.add_argument("--method", choices=("mrnea", "rda", "cm", "fused"), help=INSTEAD)
+    _part_arguments(replay)
     replay.add_argument("--json", action="store_true", help="print the result as one JSON object")
     replay.set_defaults(command=_replay)
 
@@ -67,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     identify.add_argument(
         "--unknown", choices=("base", "target", "both"), help="default: as the configuration says"
     )
+    _part_arguments(identify)
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=_identify)
 
@@ -119,6 +127,29 @@ def _bench(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _part_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add how a recording is used: which part of it, and the weighting of mrnea."""
+    parser.add_argument(
+        "--weighting", choices=("ols", "wls", "bc", "eiv"), help=f"{INSTEAD}; mrnea"
+    )
+    parser.add_argument(
+        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="from the start, 0"
+    )
+    parser.add_argument(
+        "--to", dest="to_s", type=float, default=inf, metavar="S", help="from the start, its end"
+    )
+
+
+def _chosen(config: Config, method: str | None, weighting: str | None) -> Config:
+    """Return a configuration with the method and the weighting of the command line."""
+    settings = config.estimator
+    if weighting is not None and (method or settings.method) != "mrnea":
+        raise ConfigError(f"--weighting {weighting}: only mrnea has one; add --method mrnea")
+    changes = {"method": method if method != "ce" else None, "weighting": weighting}
+    given = {key: value for key, value in changes.items() if value is not None}
+    return config.model_copy(update={"estimator": settings.model_copy(update=given)})
+
+
 def _checked(config: Config) -> Config:
     """Validate all of a configuration; warnings go to stderr."""
     from fsw.checks.configuration import validate
@@ -130,10 +161,11 @@ def _checked(config: Config) -> Config:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from fsw.checks.configuration import validate_outputs
+    from fsw.checks.configuration import validate_outputs, validate_ports
     from fsw.config import load
 
     config = _checked(load(arguments.config))
+    validate_ports(config)
     validate_outputs(config)
     from fsw.loop.app import RESTART_EXIT, run_live  # only now anything that can open a device
 
@@ -148,14 +180,17 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     with TemporaryDirectory(prefix="fsw-replay-") as folder:
         if arguments.config is not None:
-            config = _checked(load(arguments.config))
+            config = load(arguments.config)
         else:
             from fsw.service.recorder import recorded_config
 
-            config = _checked(recorded_config(arguments.recording, Path(folder)))
+            config = recorded_config(arguments.recording, Path(folder))
+        config = _checked(_chosen(config, arguments.method, arguments.weighting))
         from fsw.commands.replay import replay
+        from fsw.commands.span import Span
 
-        result = replay(arguments.recording, config)
+        span = Span(arguments.from_s, arguments.to_s)
+        result = replay(arguments.recording, config, span=span)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
     for source, counts in result.status["samples"].items():
         if not counts["accepted"]:
@@ -163,16 +198,18 @@ def _replay(arguments: argparse.Namespace) -> int:
             print(f"fsw: warning: {source}: nothing usable; {text}", file=sys.stderr)
     if result.truncated:
         print(f"fsw: warning: {arguments.recording} is cut off at its end", file=sys.stderr)
-    return 0 if result.estimate is not None else FAILED_EXIT
+    return 0 if result.estimate is not None and result.estimate.valid else FAILED_EXIT
 
 
 def _identify(arguments: argparse.Namespace) -> int:
     from fsw.commands.identify import identify, to_text
+    from fsw.commands.span import Span
     from fsw.config import load
 
     both = ("base", "target")
     unknown = both if arguments.unknown == "both" else (arguments.unknown,)
-    config = _checked(load(arguments.config))
+    config = _chosen(load(arguments.config), arguments.method, arguments.weighting)
+    config = _checked(config)
 
     def progress(_ratio: float, text: str) -> bool:
         print(f"fsw: {arguments.method}: {text}", file=sys.stderr)
@@ -184,16 +221,22 @@ def _identify(arguments: argparse.Namespace) -> int:
         arguments.method,
         unknown if arguments.unknown else (),
         progress,
+        Span(arguments.from_s, arguments.to_s),
     )
     print(json.dumps(result) if arguments.json else to_text(result))
     return 0 if result["status"] == "OK" else FAILED_EXIT
 
 
 def _excite(arguments: argparse.Namespace) -> int:
-    from fsw.commands.excite import excite
     from fsw.config import load
 
-    return excite(arguments, _checked(load(arguments.config)))
+    config = _checked(load(arguments.config))
+    try:
+        from fsw.commands.excite import excite
+    except ImportError as error:
+        words = f"fsw excite needs {error.name}: pip install 'inertia-daemon[excite]'"
+        raise ConfigError(words) from error
+    return excite(arguments, config)
 
 
 def _ctl(arguments: argparse.Namespace) -> int:

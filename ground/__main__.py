@@ -9,6 +9,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,6 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ground", description=__doc__)
+    release = f"%(prog)s {version('inertia-daemon')}"
+    parser.add_argument("--version", action="version", version=release)
     parser.add_argument("--host", default="127.0.0.1", help="of the daemon, 127.0.0.1")
     parser.add_argument("--port", type=_port, default=PORT, help=f"of its link, {PORT}")
     sealing = parser.add_argument_group("authenticated telecommands (tc_security: sdls)")

@@ -147,13 +147,33 @@ def _telemetry_warnings(config: Config) -> list[str]:
     return found
 
 
+def validate_ports(config: Config) -> None:
+    """Check that every device has its port, as a live run needs it and a replay does not.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    if faults := config.missing_ports():
+        lines = [f"{config.name}: {key}: missing; only a replay works without" for key in faults]
+        raise ConfigError("\n".join(lines))
+
+
 def missing_devices(config: Config) -> list[str]:
-    """Return a line per serial port whose path does not exist now; nothing is opened."""
+    """Return a line per port that is not given or does not exist now; nothing is opened."""
     ports = {"imu.port": config.imu.port}
     if config.star_tracker is not None:
         ports["star_tracker.port"] = config.star_tracker.port
-    paths = {key: Path(config.device(port)) for key, port in ports.items() if "://" not in port}
-    return [f"{key}: {path} does not exist now" for key, path in paths.items() if not path.exists()]
+    absent = config.missing_ports()
+    paths = {
+        key: Path(config.device(port))
+        for key, port in ports.items()
+        if port is not None and "://" not in port
+    }
+    return [
+        *(f"{key}: not given; a replay works without, fsw run does not" for key in absent),
+        *(f"{key}: {path} does not exist now" for key, path in paths.items() if not path.exists()),
+    ]
 
 
 def _window_faults(config: Config) -> list[str]:
@@ -262,8 +282,9 @@ def _serial_faults(config: Config) -> list[str]:
                 f"star_tracker.baud_rate: {tracker.baud_rate} cannot carry {tracker.rate_hz:g} "
                 f"solutions a second; must be at least {round(load * tracker.baud_rate)}"
             )
-        devices = {config.resolve(Path(port)).resolve() for port in (tracker.port, imu.port)}
-        if len(devices) == 1:
+        ports = [port for port in (tracker.port, imu.port) if port is not None]
+        devices = {config.resolve(Path(port)).resolve() for port in ports}
+        if len(devices) < len(ports):
             faults.append(
                 f"star_tracker.port: {tracker.port} is the same device as imu.port {imu.port}; a "
                 "port serves one device only"

@@ -10,6 +10,7 @@ import numpy as np
 
 from fsw.clock import MonotonicClock
 from fsw.commands.replay import replay
+from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.exchange.sinks import Message, NullSink
@@ -36,6 +37,7 @@ def identify(
     method: str,
     unknown: tuple[str, ...],
     progress: Progress | None = None,
+    span: Span = WHOLE,
 ) -> dict[str, Any]:
     """Identify bodies from a recording by one batch method.
 
@@ -53,7 +55,7 @@ def identify(
     began_ns = clock.now_ns()
     chosen = config.with_unknown(unknown) if unknown else config
     collector = _BlockCollector()
-    result = replay(recording, chosen, sink=collector)
+    result = replay(recording, chosen, sink=collector, span=span)
     values = run_batch(chosen, collector.blocks, method, tuple(chosen.unknown), progress)
     return {
         **values,

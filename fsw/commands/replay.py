@@ -7,14 +7,14 @@ recording and nothing is sent. The tick grid is free: results depend on the stam
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fsw.clock import MonotonicClock
+from fsw.commands.replay_result import ReplayResult
+from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, CanFrame, FrameArray
 from fsw.estimators.pipeline import Pipeline
@@ -22,12 +22,11 @@ from fsw.exchange.checkpoint import decode
 from fsw.exchange.recording import END_NS, Column, Piece, RecordedMessage, messages_of, pieces_of
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.restart import Mode, Restart
-from fsw.exchange.sinks import NullSink, Sink
-from fsw.exchange.status import estimate_summary
+from fsw.exchange.sinks import Fanout, Message, NullSink, Sink
 from fsw.loop.daemon import Daemon
 from fsw.loop.ports import IMU, STAR_TRACKER, Ports
 from fsw.loop.wiring import build
-from fsw.messages import Estimate
+from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
 from fsw.messages.errors import ConfigError, PortError
 from fsw.service.recorder import CHECKPOINT
@@ -215,77 +214,16 @@ class ReplayBytePort:
         """Nothing to release."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReplayResult:
-    """Result of a replay; estimate None: no window could be used."""
+class _EventCollector(NullSink):
+    """Keeps the events of a replay."""
 
-    estimate: Estimate | None
-    unknown: tuple[str, ...]
-    method: str
-    status: Mapping[str, Any]
-    truncated: bool
-    dropped: int  # messages the recorder itself had lost
-    wall_s: float
-    diagnosis: Mapping[str, Any] | None = None  # None: no proper estimate
+    def __init__(self) -> None:
+        self.events: list[Event] = []
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values in the words every command uses."""
-        summary = estimate_summary(self.estimate) or {"valid": False, "reason": "NO_DATA"}
-        return {
-            "unknown": list(self.unknown),
-            "method": self.method,
-            "estimate": {},
-            "sigma": {},
-            "whole": None,
-            **summary,
-            **_state(self.estimate),
-            "diagnosis": self.diagnosis,
-            "samples": self.status["samples"],
-            "windows": self.status["windows"],
-            "slips": self.status["slips"],
-            "truncated": self.truncated,
-            "dropped": self.dropped,
-            "wall_s": self.wall_s,
-        }
-
-    def to_text(self) -> str:
-        """Return a short table: parameters with their sigma, then the sources."""
-        values = self.to_json()
-        state = "valid" if values["valid"] else f"not valid: {values['reason']}"
-        lines = [f"{self.method}, unknown {', '.join(self.unknown)}: {state}"]
-        for body, estimate in values["estimate"].items():
-            for key, mean in estimate.items():
-                sigma = values["sigma"][body][key]
-                lines.append(f"{body}.{key}: {_shown(mean)} +- {_shown(sigma)}")
-        if self.diagnosis is not None:
-            lines += list(self.diagnosis["verdict"].values())
-        for source, counts in values["samples"].items():
-            words = [f"{word} {counts[word]}" for word in ("received", "lost", "late", "rejected")]
-            lines.append(f"{source}: {', '.join(words)}")
-        if self.estimate is not None:
-            nis, dof = self.estimate.nis, self.estimate.nis_dof
-            lines.append(
-                f"last window's residuals: {nis:.0f} for {dof}, {self.estimate.gated} gated"
-            )
-        lines.append(f"slips {values['slips']}, wall {self.wall_s:.2f} s")
-        return "\n".join(lines)
-
-
-def _state(estimate: Estimate | None) -> dict[str, Any]:
-    """Return the whole state, nuisances included, with its covariance."""
-    if estimate is None:
-        return {"names": [], "mean": [], "covariance": []}
-    return {
-        "names": list(estimate.names),
-        "mean": estimate.mean.tolist(),
-        "covariance": estimate.covariance.tolist(),
-    }
-
-
-def _shown(value: float | Sequence[float]) -> str:
-    if isinstance(value, int | float):
-        return f"{value:.6g}"
-    return "[" + ", ".join(f"{x:.6g}" for x in value) + "]"
+    def put(self, message: Message) -> None:
+        """Keep an event, discard everything else."""
+        if isinstance(message, Event):
+            self.events.append(message)
 
 
 def replay(
@@ -294,6 +232,7 @@ def replay(
     *,
     sink: Sink | None = None,
     pipeline: Pipeline | None = None,
+    span: Span = WHOLE,
 ) -> ReplayResult:
     """Run the daemon on a recording.
 
@@ -301,10 +240,12 @@ def replay(
     ----------
     sink : takes what the daemon produces; None: nothing is kept but the result
     pipeline : conditioning and estimation; None: as the configuration says
+    span : the part of the recording; less than the whole begins without its commands and checkpoint
 
     Raises
     ------
-    ConfigError when the recording cannot be read, lacks a configured channel, or holds no SYNC.
+    ConfigError when the recording cannot be read, lacks a configured channel, holds no SYNC, or
+    nothing within the span.
     """
     wall = MonotonicClock()
     began_ns = wall.now_ns()
@@ -317,16 +258,20 @@ def replay(
             f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
             f"found: {', '.join(sorted(held.topics)) or 'none'}"
         )
-    feed = RecordingFeed(pieces_of(parts, topics), topics)
+    feed = RecordingFeed(span.pieces(pieces_of(parts, topics)), topics)
+    if feed.exhausted:
+        raise ConfigError(f"{recording}: holds no message of its sensors{span.words()}")
+    collector, start_ns = _EventCollector(), feed.now_ns
     scheduler = config.scheduler.model_copy(update={"tick_rate_hz": TICK_RATE_HZ})
     daemon = build(
         config.model_copy(update={"scheduler": scheduler}),
         ReplayClock(feed),
         _ports(config, feed),
-        sink or NullSink(),
+        Fanout(collector, *([] if sink is None else [sink])),
         pipeline=pipeline,
     )
-    commands = list(messages_of(parts, ["/tc"])) if "/tc" in held.topics else []
+    whole = "/tc" in held.topics and span == WHOLE
+    commands = list(messages_of(parts, ["/tc"])) if whole else []
     end_ns = _plan(daemon, commands, held.attachments.get(CHECKPOINT))
     while not feed.exhausted:
         daemon.step()
@@ -346,6 +291,8 @@ def replay(
         truncated=held.truncated,
         dropped=int(held.metadata.get("recorder", {}).get("dropped", "0")),
         wall_s=(wall.now_ns() - began_ns) * 1e-9,
+        events=tuple(collector.events),
+        start_ns=start_ns,
     )
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from math import cos, isfinite, sin
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fsw.config.base import (
     AccelerationSigma,
@@ -23,6 +24,7 @@ from fsw.config.base import (
     TorqueNoise,
     TorqueSigma,
 )
+from fsw.messages.errors import brief
 
 
 class RedundantBusConfig(Section):
@@ -38,8 +40,8 @@ class BusConfig(Section):
     """One CAN bus. `name` is also the recording's topic: /can/<name>."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
-    interface: str  # any python-can interface: socketcan, udp_multicast, slcan, virtual ...
-    channel: str
+    interface: str | None = None  # any python-can interface: socketcan, udp_multicast, slcan ...
+    channel: str | None = None  # neither is needed for a replay
     fd: bool = False
     bitrate: int | None = Field(default=None, gt=0)
     data_bitrate: int | None = Field(default=None, gt=0)
@@ -79,11 +81,38 @@ class JointConfig(Section):
     position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
 
 
+def _one_orientation(schema: dict[str, Any]) -> None:
+    """State in a JSON schema that the quaternion or the angles are required."""
+    schema["required"] = ["p_BS_m"]
+    schema["oneOf"] = [{"required": [key]} for key in ("q_BS_xyzw", "rpy_BS_rad")]
+
+
 class Mounting(Section):
-    """Pose of a sensor on the base: origin in B, and the quaternion taking S components to B."""
+    """Pose of a sensor on the base: origin in B, and the rotation taking S components to B."""
+
+    model_config = ConfigDict(json_schema_extra=_one_orientation)
 
     p_BS_m: Position
     q_BS_xyzw: Quaternion
+    rpy_BS_rad: tuple[Finite, Finite, Finite] | None = None  # read into q_BS_xyzw, then None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_angles(cls, data: object) -> object:
+        """Put the quaternion in the place of roll, pitch and yaw about fixed axes, as in a URDF."""
+        if not isinstance(data, dict) or data.get("rpy_BS_rad") is None:
+            return data
+        angles = data["rpy_BS_rad"]
+        if "q_BS_xyzw" in data:
+            raise ValueError("rpy_BS_rad: given beside q_BS_xyzw; must be one of the two")
+        if not (
+            isinstance(angles, list | tuple)
+            and len(angles) == 3
+            and all(isinstance(x, int | float) and isfinite(x) for x in angles)
+        ):
+            raise ValueError(f"rpy_BS_rad: {brief(angles)} must be three finite numbers")
+        rest = {key: value for key, value in data.items() if key != "rpy_BS_rad"}
+        return rest | {"q_BS_xyzw": _quaternion(*map(float, angles))}
 
     @field_validator("q_BS_xyzw")
     @classmethod
@@ -94,11 +123,24 @@ class Mounting(Section):
         return q
 
 
+def _quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Return the quaternion, scalar last, of Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = (
+        [turn(0.5 * angle) for angle in (roll, pitch, yaw)] for turn in (sin, cos)
+    )
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
 class ImuConfig(Section):
     """The inertial unit. Noise is white: angle and velocity random walk (sigma = N sqrt(rate))."""
 
     driver: Literal["stim300", "mip"] = "stim300"
-    port: str
+    port: str | None = None  # not needed for a replay
     baud_rate: int = Field(default=921600, gt=0)
     rate_hz: Rate
     crlf: bool = False  # datagrams are followed by CR LF
@@ -118,7 +160,7 @@ class StarTrackerConfig(Section):
     """The star tracker. `rotation` says which way its quaternion turns (a fact to confirm)."""
 
     driver: Literal["sagitta"] = "sagitta"
-    port: str
+    port: str | None = None
     baud_rate: int = Field(default=115200, gt=0)
     rate_hz: Rate
     mounting: Mounting

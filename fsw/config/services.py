@@ -23,7 +23,7 @@ class RecorderConfig(Section):
 class ServiceConfig(Section):
     """Local state of the daemon: status file, control socket, checkpoints."""
 
-    state_directory: Path
+    state_directory: Path = Path("state")
     status_rate_hz: Rate = 5.0
     checkpoint_period_s: Duration | None = 10.0  # null: none are made, none is read
     checkpoint_hold_s: NonNegative = 60.0  # biases are taken for the same so long after

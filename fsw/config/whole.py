@@ -37,7 +37,7 @@ class Config(Section):
     estimator: EstimatorConfig = EstimatorConfig()
     health: HealthConfig = HealthConfig()
     recorder: RecorderConfig = RecorderConfig()
-    service: ServiceConfig
+    service: ServiceConfig = ServiceConfig()
     telemetry: TelemetryConfig | None = None
 
     _source: bytes = PrivateAttr(default=b"")
@@ -75,8 +75,24 @@ class Config(Section):
         """Return a path of the configuration, relative ones taken from its folder."""
         return path if path.is_absolute() else self._folder / path
 
-    def device(self, port: str) -> str:
-        """Return a serial port as it is opened: a URL as it stands, a path like any other."""
+    def missing_ports(self) -> list[str]:
+        """Return the keys of devices that a replay does not need and a live run does."""
+        keys = {"imu.port": self.imu.port}
+        if self.star_tracker is not None:
+            keys["star_tracker.port"] = self.star_tracker.port
+        for i, bus in enumerate(self.buses):
+            keys[f"buses.{i}.interface"], keys[f"buses.{i}.channel"] = bus.interface, bus.channel
+        return [key for key, value in keys.items() if value is None]
+
+    def device(self, port: str | None) -> str:
+        """Return a serial port as it is opened: a URL as it stands, a path like any other.
+
+        Raises
+        ------
+        ConfigError without a port.
+        """
+        if port is None:
+            raise ConfigError(f"{self.name}: a serial device without a port")
         return port if "://" in port else str(self.resolve(Path(port)))
 
     def with_unknown(self, unknown: tuple[str, ...]) -> Self:
@@ -107,7 +123,7 @@ class Config(Section):
             if second is not None:
                 ports[f"buses.{i}.redundant.channel"] = _device(second)
                 _redundancy_works(i, bus)
-        _one_device_each(ports)
+        _one_device_each({key: port for key, port in ports.items() if port is not None})
         _unique(list(self.unknown), "unknown")
         if self.orbit is not None and self.star_tracker is None:
             raise ValueError(
@@ -138,7 +154,9 @@ class Config(Section):
         return self
 
 
-def _device(bus: BusConfig) -> str:
+def _device(bus: BusConfig) -> str | None:
+    if bus.interface is None or bus.channel is None:
+        return None
     link = bus.channel if bus.port is None else f"{bus.channel}:{bus.port}"
     return f"{bus.interface}:{link}"
 

@@ -61,7 +61,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
         device = can.Bus(interface=bus.interface, channel=bus.channel, **options)
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
         raise PortError(f"{name}: cannot be opened: {error}") from error
-    link, group = _socket_of(device, bus.interface)
+    link, group = _socket_of(device, bus.interface or "")
     if link is None:
         return CanPort(device, clock, name)
     try:

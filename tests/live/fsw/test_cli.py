@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 
 from fsw.__main__ import main
+from fsw.__main__ import main as fsw_main
+from ground.__main__ import main as ground_main
+from hil.__main__ import main as hil_main
 from tests.conftest import ArmProject
 
 # runs one command line and fails if anything that can open a device was even imported
@@ -164,3 +168,21 @@ def test_what_fsw_run_imports_stays_light():
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("entry", [fsw_main, hil_main, ground_main])
+def test_every_command_says_its_version(entry, capsys):
+    with pytest.raises(SystemExit) as caught:
+        entry(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out.split()[-1] == version("inertia-daemon")
+
+
+def test_planning_without_its_libraries_is_one_line(arm, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    for name in [name for name in sys.modules if name.startswith("fsw.excitation.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "fsw.commands.excite", raising=False)
+    assert main(["excite", str(arm.write())]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "pip install 'inertia-daemon[excite]'" in line

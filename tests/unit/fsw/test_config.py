@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
+from fsw.checks.configuration import missing_devices, validate, validate_ports
 from fsw.config import load, parse
 from fsw.config.telemetry import STATE_FOLDERS
 from fsw.messages.errors import ConfigError
@@ -97,7 +100,7 @@ SPOILED = [
     ),
     ("recorder.compression", "zip", ("recorder.compression", "zip", "'zstd', 'lz4' or 'none'")),
     ("robot.tool_frame", None, ("robot.tool_frame", "None", "string")),
-    ("service", {}, ("service.state_directory", "missing", "required")),
+    ("imu.mounting.rpy_BS_rad", [0, 0, 0], ("rpy_BS_rad", "q_BS_xyzw", "one of the two")),
 ]
 
 
@@ -197,3 +200,39 @@ def test_the_file_directory_is_one_folder_of_the_state_directory(arm, name):
 def test_the_file_directory_is_none_that_holds_the_daemons_state(arm, name):
     arm.data["telemetry"] = {"file_directory": name}
     assert f"{name!r} is a folder of the daemon's own state" in fault(arm)
+
+
+def test_a_mounting_may_be_given_by_angles_as_in_a_urdf(arm):
+    angles = [0.3, -1.1, 2.0]
+    mounting = arm.data["imu"]["mounting"]
+    del mounting["q_BS_xyzw"]
+    mounting["rpy_BS_rad"] = angles
+    config = load(arm.write())
+    expected = Rotation.from_euler("xyz", angles).as_quat()
+    found = np.array(config.imu.mounting.q_BS_xyzw)
+    assert abs(found @ expected) == pytest.approx(1.0, abs=1e-14)
+    assert config.with_unknown(("target",)).imu == config.imu
+
+
+@pytest.mark.parametrize("angles", [[0.1, 0.2], "level", [0.0, 0.0, float("nan")]])
+def test_angles_that_are_none_are_named(arm, angles):
+    mounting = arm.data["imu"]["mounting"]
+    del mounting["q_BS_xyzw"]
+    mounting["rpy_BS_rad"] = angles
+    message = fault(arm)
+    assert "rpy_BS_rad" in message
+    assert "three finite numbers" in message
+
+
+def test_a_replay_needs_neither_ports_nor_a_place_for_state(arm):
+    for section in ("imu", "star_tracker"):
+        del arm.data[section]["port"]
+    del arm.data["buses"][0]["interface"], arm.data["buses"][0]["channel"]
+    del arm.data["service"]
+    config = load(arm.write())
+    validate(config)
+    with pytest.raises(ConfigError) as caught:
+        validate_ports(config)
+    keys = ("imu.port", "star_tracker.port", "buses.0.interface", "buses.0.channel")
+    assert [key for key in keys if f"{key}: missing" not in str(caught.value)] == []
+    assert len(missing_devices(config)) == len(keys)

@@ -60,6 +60,8 @@ def reference(model: Any = Config, prefix: str = "") -> Iterator[tuple[str, str,
 def yaml_words(value: object) -> str:
     if isinstance(value, float):
         return f"{value:g}"
+    if isinstance(value, Path):
+        return str(value)
     return yaml.safe_dump(value).splitlines()[0]
 
 

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fsw.__main__ import main
 from fsw.commands.replay import replay
+from fsw.commands.span import Span
 from fsw.config import Config
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array
 from fsw.exchange.recording import messages
@@ -168,3 +170,51 @@ def test_a_truncated_recording_replays_up_to_the_break(live, tmp_path: Path):
     assert result.truncated
     assert 2 <= len(again.estimates) < len(keep.estimates)
     assert np.array_equal(again.estimates[0].mean, keep.estimates[0].mean)
+
+
+def test_a_part_of_a_recording_is_replayed_from_its_own_start(live):
+    config, path, _, status = live
+    part = replay(path, config, span=Span(1.0, 2.0))
+    used, whole = part.status["samples"]["imu"]["received"], status["samples"]["imu"]["received"]
+    assert used == pytest.approx(whole / 4, abs=2)
+    assert part.status["windows"]["closed"] < status["windows"]["closed"]
+    with pytest.raises(ConfigError, match="no message of its sensors between 50 s and its end"):
+        replay(path, config, span=Span(50.0))
+
+
+@pytest.mark.parametrize("bounds", [(-1.0, 2.0), (2.0, 2.0), (float("nan"), 2.0)])
+def test_a_span_that_holds_nothing_is_refused(bounds):
+    with pytest.raises(ConfigError, match=r"--(from|to): "):
+        Span(*bounds)
+
+
+def test_events_and_health_of_a_replay_are_shown(live):
+    config, path, keep, _ = live
+    result = replay(path, config)
+    values = result.to_json()
+    found, live_codes = (
+        [event["code"] for event in values["events"]],
+        [e.code for e in keep.events],
+    )
+    assert sorted(found) == sorted(live_codes)
+    assert "faulty" in values["health"]
+    assert f"{len(keep.events)} events" in result.to_text()
+
+
+def test_a_replay_without_a_valid_estimate_exits_with_1(live, capsys):
+    config, path, keep, _ = live
+    assert not keep.estimates[0].valid
+    configuration = str(config.resolve(Path("config.yaml")))
+    assert main(["replay", str(path), "--config", configuration, "--to", "1"]) == 1
+    assert "not valid: " in capsys.readouterr().out
+
+
+def test_the_method_and_its_weighting_are_chosen_on_the_command_line(live, capsys):
+    config, path, _, _ = live
+    arguments = [str(path), "--config", str(config.resolve(Path("config.yaml")))]
+    main(["replay", *arguments, "--method", "mrnea", "--weighting", "eiv", "--json"])
+    assert json.loads(capsys.readouterr().out)["method"] == "mrnea"
+    main(["identify", *arguments, "--method", "mrnea", "--weighting", "wls", "--json"])
+    assert "shrunk" in json.loads(capsys.readouterr().out)["note"]
+    assert main(["identify", *arguments, "--weighting", "bc"]) == 2
+    assert "--weighting bc: only mrnea has one" in capsys.readouterr().err

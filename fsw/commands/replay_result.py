@@ -1,0 +1,104 @@
+"""What a replay found: plain values for scripts, a short table for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fsw.exchange.status import estimate_summary
+from fsw.messages import Estimate, Event
+
+SHOWN_EVENTS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayResult:
+    """Result of a replay; estimate None: no window could be used."""
+
+    estimate: Estimate | None
+    unknown: tuple[str, ...]
+    method: str
+    status: Mapping[str, Any]
+    truncated: bool
+    dropped: int  # messages the recorder itself had lost
+    wall_s: float
+    diagnosis: Mapping[str, Any] | None = None  # None: no proper estimate
+    events: Sequence[Event] = ()
+    start_ns: int = 0  # of what was replayed
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values in the words every command uses."""
+        summary = estimate_summary(self.estimate) or {"valid": False, "reason": "NO_DATA"}
+        return {
+            "unknown": list(self.unknown),
+            "method": self.method,
+            "estimate": {},
+            "sigma": {},
+            "whole": None,
+            **summary,
+            **_state(self.estimate),
+            "diagnosis": self.diagnosis,
+            "samples": self.status["samples"],
+            "windows": self.status["windows"],
+            "health": self.status["health"],
+            "events": [
+                {
+                    "t_s": (event.t_ns - self.start_ns) * 1e-9,
+                    "severity": event.severity,
+                    "code": event.code,
+                    "text": event.text,
+                }
+                for event in self.events
+            ],
+            "slips": self.status["slips"],
+            "truncated": self.truncated,
+            "dropped": self.dropped,
+            "wall_s": self.wall_s,
+        }
+
+    def to_text(self) -> str:
+        """Return a short table: parameters with their sigma, then the sources."""
+        values = self.to_json()
+        state = "valid" if values["valid"] else f"not valid: {values['reason']}"
+        lines = [f"{self.method}, unknown {', '.join(self.unknown)}: {state}"]
+        for body, estimate in values["estimate"].items():
+            for key, mean in estimate.items():
+                sigma = values["sigma"][body][key]
+                lines.append(f"{body}.{key}: {_shown(mean)} +- {_shown(sigma)}")
+        if self.diagnosis is not None:
+            lines += list(self.diagnosis["verdict"].values())
+        for source, counts in values["samples"].items():
+            words = [f"{word} {counts[word]}" for word in ("received", "lost", "late", "rejected")]
+            lines.append(f"{source}: {', '.join(words)}")
+        if self.estimate is not None:
+            nis, dof = self.estimate.nis, self.estimate.nis_dof
+            lines.append(
+                f"last window's residuals: {nis:.0f} for {dof}, {self.estimate.gated} gated"
+            )
+        shown = [event for event in values["events"] if event["severity"] != "info"]
+        shown = shown[:SHOWN_EVENTS]
+        lines += [
+            f"{event['t_s']:.2f} s {event['severity']} {event['code']}: {event['text']}"
+            for event in shown
+        ]
+        lines.append(f"{len(self.events)} events, {len(shown)} shown; --json has all")
+        lines.append(f"slips {values['slips']}, wall {self.wall_s:.2f} s")
+        return "\n".join(lines)
+
+
+def _state(estimate: Estimate | None) -> dict[str, Any]:
+    """Return the whole state, nuisances included, with its covariance."""
+    if estimate is None:
+        return {"names": [], "mean": [], "covariance": []}
+    return {
+        "names": list(estimate.names),
+        "mean": estimate.mean.tolist(),
+        "covariance": estimate.covariance.tolist(),
+    }
+
+
+def _shown(value: float | Sequence[float]) -> str:
+    if isinstance(value, int | float):
+        return f"{value:.6g}"
+    return "[" + ", ".join(f"{x:.6g}" for x in value) + "]"

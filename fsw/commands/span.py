@@ -1,0 +1,62 @@
+"""A part of a recording, between two times from its start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from math import inf
+
+from fsw.exchange.recording import Column, Piece
+from fsw.messages.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Seconds from the start of a recording: what lies in [from_s, to_s) is used."""
+
+    from_s: float = 0.0
+    to_s: float = inf
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for a span that holds nothing."""
+        if not 0.0 <= self.from_s < inf:
+            raise ConfigError(f"--from: {self.from_s:g} must be at least 0 seconds")
+        if not self.from_s < self.to_s:
+            raise ConfigError(f"--to: {self.to_s:g} must be greater than --from {self.from_s:g}")
+
+    def pieces(self, pieces: Iterator[tuple[Piece, int]]) -> Iterator[tuple[Piece, int]]:
+        """Yield the pieces of a recording with what lies within."""
+        bounds: tuple[float, float] | None = None
+        for piece, following_ns in pieces:
+            if self == WHOLE:
+                yield piece, following_ns
+                continue
+            if bounds is None:
+                bounds = piece.start_ns + self.from_s * 1e9, piece.start_ns + self.to_s * 1e9
+            if piece.start_ns >= bounds[1]:
+                return
+            if following_ns > bounds[0]:
+                first_ns = max(piece.start_ns, round(bounds[0]))
+                read = partial(_within, piece, bounds)
+                yield Piece(first_ns, piece.part, piece.offset, read), following_ns
+
+    def words(self) -> str:
+        """Return how a message ends that speaks of this span; empty for the whole."""
+        if self == WHOLE:
+            return ""
+        end = "its end" if self.to_s == inf else f"{self.to_s:g} s"
+        return f" between {self.from_s:g} s and {end}"
+
+
+WHOLE = Span()
+
+
+def _within(piece: Piece, bounds: tuple[float, float]) -> dict[str, Column]:
+    kept = {
+        topic: column._replace(
+            spans=[span for span in column.spans if bounds[0] <= span[0] < bounds[1]]
+        )
+        for topic, column in piece.read().items()
+    }
+    return {topic: column for topic, column in kept.items() if column.spans}
