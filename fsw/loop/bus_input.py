@@ -343,10 +343,11 @@ class BusInput:
         rows = np.flatnonzero(is_ours)
         if len(rows) != len(sent):
             return None
-        back = read[["word", "length", "flags", "data"]][rows]
-        wanted = frame_array(sent)[["word", "length", "flags", "data"]]
-        in_time = read["t_ns"][rows] >= np.array(before_ns) - BACK_TOLERANCE_NS
-        return rows if (back == wanted).all() and in_time.all() else None
+        back = read[rows]
+        wanted = frame_array(sent).copy()
+        in_time = back["t_ns"] >= np.array(before_ns) - BACK_TOLERANCE_NS
+        back["t_ns"] = wanted["t_ns"] = 0
+        return rows if back.tobytes() == wanted.tobytes() and in_time.all() else None
 
 
 def _inserted(

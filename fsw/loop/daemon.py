@@ -40,7 +40,7 @@ from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
 FOREVER_NS = 1 << 62
-MOST_STAGES = 5  # of a batch; where it has fewer ticks it is worked off at once
+MOST_STAGES = 5  # of a batch with one bus; where it has fewer ticks it is worked off at once
 
 
 class Daemon:
@@ -263,7 +263,8 @@ class Daemon:
             samples = member.feed()
             if samples is None or not len(samples):
                 continue
-            yield
+            if isinstance(member, BusInput):
+                yield
             align.push(self.health.screen(samples))
             if self._science is not None:
                 self._science.keep(samples)

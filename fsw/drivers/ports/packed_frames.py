@@ -48,8 +48,8 @@ def packed(can_id: int, data: bytes) -> bytes:
 class _Layout(NamedTuple):
     """Where the values of base-format data frames of one size stand."""
 
-    fixed: NDArray[np.intp]  # places of the bytes that do not change
-    values: NDArray[np.uint8]  # these bytes
+    first: NDArray[np.uint8]  # (size,) the datagram that it was found in
+    fixed: NDArray[np.uint8]  # (size,) 255 where the bytes do not change, else 0
     can_id: int
     at_id: int | None  # place of the identifier's two bytes; None: it does not change
     data: slice
@@ -76,15 +76,16 @@ class Unpacker:
             layout = self._layout(size, batch.data[rows[0], :size])
             if layout is None:
                 continue
-            data = batch.data[rows]
-            alike = (data[:, layout.fixed] == layout.values).all(axis=1)
+            data = batch.data[:, :size][rows]
+            alike = ~((data ^ layout.first) & layout.fixed).any(axis=1)
             words: NDArray[Any] = np.full(len(rows), layout.can_id)
             if layout.at_id is not None:
                 words = data[:, layout.at_id].astype(np.int64) << 8 | data[:, layout.at_id + 1]
                 alike &= words <= SFF_MASK
-            rows, data = rows[alike], data[alike]
+            if np.count_nonzero(alike) < len(rows):
+                rows, data, words = rows[alike], data[alike], words[alike]
             length = layout.data.stop - layout.data.start
-            frames["word"][rows], frames["length"][rows] = words[alike], length
+            frames["word"][rows], frames["length"][rows] = words, length
             frames["flags"][rows] = layout.flags
             frames["data"][rows, :length] = data[:, layout.data]
             left[rows] = False
@@ -128,16 +129,15 @@ def _layout_of(datagram: NDArray[np.uint8]) -> _Layout | None:
     if len(values) > 15 or raw[data] != _BIN8 or raw[time] != _FLOAT64:
         return None
     at_id = word + 1 if raw[word] == _UINT16 else None
-    changes = np.zeros(len(raw), np.bool_)
-    changes[time + 1 : time + 9] = True
-    changes[data + 2 : data + 2 + length] = True
+    fixed = np.full(len(raw), 255, np.uint8)
+    fixed[time + 1 : time + 9] = 0
+    fixed[data + 2 : data + 2 + length] = 0
     if at_id is not None:
-        changes[at_id : at_id + 2] = True
-    fixed = np.flatnonzero(~changes)
+        fixed[at_id : at_id + 2] = 0
     flags = flags_of(is_fd=values["is_fd"], bitrate_switch=values["bitrate_switch"])
     return _Layout(
+        datagram.copy(),
         fixed,
-        datagram[fixed],
         values["arbitration_id"],
         at_id,
         slice(data + 2, data + 2 + length),
