@@ -40,7 +40,7 @@ from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
 FOREVER_NS = 1 << 62
-MOST_STAGES = 5  # of a batch with one bus; where it has fewer ticks it is worked off at once
+MOST_STAGES = 5  # of a batch with one bus; where it has no twice as many ticks it is done at once
 
 
 class Daemon:
@@ -236,7 +236,7 @@ class Daemon:
             self._finish_batch()
             self._next_batch = (tick.index // self._batch_ticks + 1) * self._batch_ticks
             self._accepted_ns, self._batch = tick.now_ns, self._stages(tick.now_ns)
-        if self._batch_ticks < MOST_STAGES:
+        if self._batch_ticks < 2 * MOST_STAGES:
             self._finish_batch()
         elif self._batch is not None:
             self._batch = self._batch if next(self._batch, ENDED) is not ENDED else None
@@ -280,10 +280,10 @@ class Daemon:
                 self._report(severity, code, text)
 
     def _estimate(self, _tick: Tick) -> None:
-        """Do one unit of work, none where a window has just closed; work off a backlog at once."""
+        """Do one unit of work, none beside a stage of a batch; work off a backlog at once."""
         while self._windows.is_behind:
             self._unit()
-        if not self._windows.take_fresh():
+        if not self._windows.take_fresh() and self._batch is None:
             self._unit()
 
     def _unit(self) -> None:
