@@ -292,7 +292,9 @@ class Daemon:
 
     def _use(self, window: Window) -> Generator[None, None, None]:
         self._apply_planned(window.index)
-        block = yield from self._pipeline.conditioner.stages(self.health.judge(window))
+        judged = self.health.judge(window)
+        yield
+        block = yield from self._pipeline.conditioner.stages(judged)
         if block is None:
             self.unusable_windows += 1
             return

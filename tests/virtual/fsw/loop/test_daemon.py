@@ -32,7 +32,7 @@ from tests.support.loop_cases import (
 from tests.support.samples import attitude_samples, imu_samples
 
 EVERY_TICK_S = 1e-6
-UNITS = 5  # of a window, with the fakes: conditioned in two, folded in in two, published
+UNITS = 6  # of a window, with the fakes: judged, conditioned and folded in in two, published
 
 
 class Bench:
