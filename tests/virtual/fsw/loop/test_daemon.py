@@ -132,11 +132,11 @@ def test_samples_are_judged_in_batches_and_read_at_every_tick(arm: ArmProject):
 
 
 def test_a_window_is_worked_off_one_unit_a_tick(bench: Bench):
-    """Conditioning, folding in and publishing take units; a command waits for the last."""
+    """Judging, conditioning, folding in and publishing take units; a command waits for the last."""
     bench.run(76)  # window 0 closes at the last of these ticks, and nothing else is done in it
     for done in range(UNITS):
         assert bench.sink.estimates == []
-        assert len(bench.sink.blocks) == len(bench.estimator.pushed) == (done > 3)
+        assert len(bench.sink.blocks) == len(bench.estimator.pushed) == (done > 4)
         if done == 2:
             bench.daemon.submit(Command(name=CommandName.RESET))
         bench.daemon.step()
