@@ -30,8 +30,8 @@ class Estimator(Protocol):
         """Do one bounded unit of background work."""
         ...
 
-    def finish(self) -> Estimate:
-        """Settle completely."""
+    def finishing(self) -> Generator[None, None, Estimate]:
+        """Settle completely, in bounded units."""
         ...
 
     def reset(self) -> None:

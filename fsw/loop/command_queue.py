@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from typing import Any, Protocol, runtime_checkable
 
+from fsw.estimators.stages import complete
 from fsw.exchange.restart import Adopting, put_back, take
 from fsw.exchange.sinks import AppliedCommand, Sink
 from fsw.messages import Estimate, Event, Snapshot
@@ -40,8 +41,8 @@ class Resettable(Protocol):
         """Do one bounded unit of background work; True while more is due."""
         ...
 
-    def finish(self) -> Estimate:
-        """Settle completely."""
+    def finishing(self) -> Generator[None, None, Estimate]:
+        """Settle completely, in bounded units."""
         ...
 
     def reset(self) -> None:
@@ -56,13 +57,6 @@ class Reporting(Protocol):
     def report(self) -> Mapping[str, Any]:
         """Return plain values. Raises EstimatorError when there is no proper estimate."""
         ...
-
-
-def settle(estimator: Resettable) -> Estimate:
-    """Finish what is due, then settle: the result must not depend on how many ticks went by."""
-    while estimator.work():
-        pass
-    return estimator.finish()
 
 
 Reconfigure = Callable[[Mapping[str, Any]], Resettable]
@@ -89,6 +83,7 @@ class CommandQueue:
         self.first_window = 0  # that reaches it
         self.changes: list[Mapping[str, Any]] = []  # other unknowns, in order: for checkpoints
         self._queue: deque[Command] = deque()
+        self._job: Generator[None, None, Estimate | None] | None = None  # half applied
         self._planned: deque[tuple[int, int, Command]] = deque()
         self.stop_requested = False
         self.restart_requested = False
@@ -115,36 +110,57 @@ class CommandQueue:
         estimates = []
         while self._planned and self._planned[0][0] <= index:
             window, clean_window, command = self._planned.popleft()
-            estimate = self._apply(command, now_ns, window, clean_window)
+            estimate = complete(self._applied(command, now_ns, window, clean_window))
             if estimate is not None:
                 estimates.append(estimate)
         return estimates
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a command is half applied: no window may be worked off then."""
+        return self._job is not None
+
     def run(
-        self, now_ns: int, next_window: int, clean_window: int = 0, *, held: bool = False
+        self,
+        now_ns: int,
+        next_window: int,
+        clean_window: int = 0,
+        *,
+        held: bool = False,
+        has_time: Callable[[], bool] = lambda: True,
     ) -> list[Estimate]:
-        """Apply what is queued, unless held back; return the estimates it gave.
+        """Apply what is queued; return the estimates it gave.
 
         Parameters
         ----------
         next_window : index of the window that closes next
         clean_window : of the first that begins from now on
+        held : no further command is begun
+        has_time : whether another unit of a command may be done now, or in a later call
         """
         estimates = []
-        while self._queue and not held:
-            estimate = self._apply(self._queue.popleft(), now_ns, next_window, clean_window)
-            if estimate is not None:
-                estimates.append(estimate)
+        while self._job is not None or (self._queue and not held):
+            if self._job is None:
+                command = self._queue.popleft()
+                self._job = self._applied(command, now_ns, next_window, clean_window)
+            try:
+                next(self._job)
+            except StopIteration as end:
+                self._job = None
+                estimates += [] if end.value is None else [end.value]
+            if not has_time():
+                break
         return estimates
 
-    def _apply(
+    def _applied(
         self, command: Command, now_ns: int, next_window: int, clean_window: int
-    ) -> Estimate | None:
+    ) -> Generator[None, None, Estimate | None]:
+        """Apply one command in bounded units; return the estimate it gives, if any."""
         data: Mapping[str, Any] = {}
         try:
             if command.name is CommandName.REPORT:
                 data = self.diagnose()
-            args, estimate = self._execute(command, now_ns)
+            args, estimate = yield from self._execute(command, now_ns)
         except CommandError as error:
             self._answer(command, Code(error.code), str(error))
             return None
@@ -185,7 +201,9 @@ class CommandQueue:
             raise CommandError(Code.NOT_SUPPORTED, "this estimator gives no report")
         return self._estimator.report()
 
-    def _execute(self, command: Command, now_ns: int) -> tuple[Mapping[str, Any], Estimate | None]:
+    def _execute(
+        self, command: Command, now_ns: int
+    ) -> Generator[None, None, tuple[Mapping[str, Any], Estimate | None]]:
         name = command.name
         estimate: Estimate | None = None
         args: Mapping[str, Any] = command.args
@@ -201,7 +219,7 @@ class CommandQueue:
                 raise CommandError(Code.NO_STATE, "nothing was saved or restored before")
             estimate = put_back(self._estimator, self.saved)
         elif name is CommandName.FINISH:
-            estimate = settle(self._estimator)
+            estimate = yield from self._estimator.finishing()
         elif name in (CommandName.STOP, CommandName.RESTART):
             self.stop_requested = True
             self.restart_requested = name is CommandName.RESTART

@@ -21,17 +21,19 @@ from fsw.estimators.pipeline import (
     Screening,
     default_pipeline,
 )
+from fsw.estimators.stages import complete
 from fsw.exchange.restart import Restart, resume, take
 from fsw.exchange.sinks import AppliedCommand, ScienceRecord, Sink, StatusReport
 from fsw.exchange.status import estimate_summary, time_values
 from fsw.health import Health
+from fsw.loop.batch_work import BatchWork
 from fsw.loop.bus_input import BusInput
-from fsw.loop.command_queue import CommandQueue, settle
+from fsw.loop.command_queue import CommandQueue
 from fsw.loop.inputs import Inputs, batch_s
 from fsw.loop.line_input import LineInput
 from fsw.loop.loop_status import sample_status, tick_status, window_status
 from fsw.loop.science import Science
-from fsw.loop.window_work import ENDED, WindowWork
+from fsw.loop.window_work import WindowWork
 from fsw.messages import Estimate, Event, Window
 from fsw.messages.commands import Command
 from fsw.messages.errors import CommandError, EstimatorError, unforeseen
@@ -39,8 +41,7 @@ from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
-FOREVER_NS = 1 << 62
-MOST_STAGES = 5  # of a batch with one bus; where it has no twice as many ticks it is done at once
+WORK_SHARE = 0.25  # of a tick, after which no further unit of a backlog is begun
 
 
 class Daemon:
@@ -62,7 +63,6 @@ class Daemon:
         self._pipeline = pipeline
         self._urdf_text: str | None = None  # of a robot that was uplinked
         self._windows = WindowWork(self._use)
-        self._window_limit = FOREVER_NS
         self.aligner = Aligner(config, len(config.joints))
         self.health = Health(config)
         telemetry = config.telemetry
@@ -74,13 +74,18 @@ class Daemon:
         )
         self.hands_over = True  # the newest samples, where there is telemetry to take them
         self._science = None if telemetry is None or passive else Science()
-        self._batch_ticks = max(1, round(config.scheduler.tick_rate_hz * batch_s(config)))
-        self._next_batch = 0
-        self._batch: Generator[None, None, None] | None = None  # half worked off
-        self._accepted_ns = -1  # when it began
-        self._judged = True  # the findings of the last batch worked off
+        self._batch = BatchWork(
+            max(1, round(config.scheduler.tick_rate_hz * batch_s(config))),
+            self._inputs,
+            self.aligner,
+            self.health,
+            self._windows,
+            self._science,
+            self._report,
+        )
         self.latest: Estimate | None = None
         self.unusable_windows = 0
+        self._share_ns = round(WORK_SHARE * 1e9 / config.scheduler.tick_rate_hz)
         period_ns, budget_s = (
             round(1e9 / config.scheduler.tick_rate_hz),
             config.scheduler.work_budget_s,
@@ -130,7 +135,7 @@ class Daemon:
 
     def limit_windows(self, count: int) -> None:
         """Close no window from this index on; where a recorded run ended."""
-        self._window_limit = count
+        self._batch.window_limit = count
 
     def apply_planned(self, window: int) -> None:
         """Apply the recorded commands that came before this window, after all before it."""
@@ -143,16 +148,14 @@ class Daemon:
 
     def shutdown(self) -> Estimate | None:
         """Settle the estimator, publish the last estimate and status, release the ports."""
-        self._finish_batch()
+        self._batch.finish()
         now_ns = self._clock.now_ns()
-        self._inputs.drain()
-        self._batch = self._stages(now_ns)  # so that the recording ends when the run does
-        self._finish_batch()
+        self._batch.end(now_ns)
         self._finish_windows()
         stop = {"command": "end", "next_window": self.aligner.next_index}
         self._sink.put(AppliedCommand(now_ns, stop))
         if self.latest is not None:
-            self._publish(settle(self._pipeline.estimator))
+            self._publish(complete(self._pipeline.estimator.finishing()))
             self._keep()
         self._report("info", "STOPPED", f"stopped after {self.executive.slips.ticks} ticks")
         self._sink.put(StatusReport(now_ns, self.status(now_ns)))
@@ -229,61 +232,15 @@ class Daemon:
         self._inputs.drain()
 
     def _ingest(self, tick: Tick) -> None:
-        """Begin a batch when it is due, and when a window is; do one stage of it a tick."""
-        deadline_ns = self.aligner.deadline_ns
-        is_closing = deadline_ns is not None and self._accepted_ns < deadline_ns <= tick.now_ns
-        if is_closing or tick.index >= self._next_batch:
-            self._finish_batch()
-            self._next_batch = (tick.index // self._batch_ticks + 1) * self._batch_ticks
-            self._accepted_ns, self._batch = tick.now_ns, self._stages(tick.now_ns)
-        if self._batch_ticks < 2 * MOST_STAGES:
-            self._finish_batch()
-        elif self._batch is not None:
-            self._batch = self._batch if next(self._batch, ENDED) is not ENDED else None
+        self._batch.advance(tick)
 
-    def _finish_batch(self) -> None:
-        """Do what is left of the batch in progress."""
-        batch, self._batch = self._batch, None
-        for _ in batch or ():
-            pass
-
-    def _stages(self, now_ns: int) -> Generator[None, None, None]:
-        """Accept and decode what has come by now, close the windows due by now; in bounded stages.
-
-        Data that arrive meanwhile belong to the next batch.
-        """
-        align = self.aligner
-        self._inputs.accept()
-        if not align.started:
-            first = self._inputs.first_sync_ns()
-            if first is not None:
-                align.start(first)
-        for member in self._inputs:
-            yield
-            samples = member.feed()
-            if samples is None or not len(samples):
-                continue
-            if isinstance(member, BusInput):
-                yield
-            align.push(self.health.screen(samples))
-            if self._science is not None:
-                self._science.keep(samples)
-        while (deadline_ns := align.deadline_ns) is not None:
-            if deadline_ns > now_ns or align.next_index >= self._window_limit:
-                break
-            self._windows.add(align.close(deadline_ns))
-        for member in self._inputs:
-            member.watch(now_ns)
-        self._judged = False
-        for bus in self._inputs.buses:
-            for severity, code, text in bus.source.events():
-                self._report(severity, code, text)
-
-    def _estimate(self, _tick: Tick) -> None:
+    def _estimate(self, tick: Tick) -> None:
         """Do one unit of work, none beside a stage of a batch; work off a backlog at once."""
-        while self._windows.is_behind:
+        if self.dispatcher.is_busy:
+            return
+        while self._windows.is_behind and self._has_time(tick):
             self._unit()
-        if not self._windows.take_fresh() and self._batch is None:
+        if not self._windows.take_fresh() and not self._batch.is_busy:
             self._unit()
 
     def _unit(self) -> None:
@@ -313,8 +270,14 @@ class Daemon:
         closed_ns = window.stop_ns + round(self._config.estimator.lag_s * 1e9)
         self._windows.delays.add(self._clock.now_ns() - closed_ns)
 
+    def _has_time(self, tick: Tick) -> bool:
+        """Return whether this tick's work is short so far; simulated time does not pass in it."""
+        return self._clock.now_ns() - tick.now_ns < self._share_ns
+
     def _finish_windows(self) -> None:
         """Work off what has been closed: a command or the end comes after all of it."""
+        while self.dispatcher.is_busy:
+            self._apply_queued(self._clock.now_ns(), True, lambda: True)
         while self._windows.is_busy:
             self._unit()
 
@@ -339,9 +302,8 @@ class Daemon:
 
     def _health(self, tick: Tick) -> None:
         """Look at the findings as soon as a batch is worked off."""
-        if self._judged:
+        if not self._batch.take_decoded():
             return
-        self._judged = True
         health, pipeline = self.health, self._pipeline
         health.stalled(self.executive.take_stalls(), tick.now_ns)
         health.over_budget(self.executive.take_over_budget_ns(), tick.now_ns)
@@ -373,12 +335,15 @@ class Daemon:
     def _commands(self, tick: Tick) -> None:
         """Apply what is queued; while a window is being worked off, commands wait for its end."""
         busy = self._windows.is_busy
-        windows = self.aligner.next_index, self.aligner.first_after(tick.now_ns)
-        for estimate in self.dispatcher.run(tick.now_ns, *windows, held=busy):
-            self._publish(estimate)
-        if self.dispatcher.checkpoint_due and not busy:
+        self._apply_queued(tick.now_ns, busy, partial(self._has_time, tick))
+        if self.dispatcher.checkpoint_due and not busy and not self.dispatcher.is_busy:
             self.dispatcher.checkpoint_due = False
             self._keep()
+
+    def _apply_queued(self, now_ns: int, held: bool, has_time: Callable[[], bool]) -> None:
+        windows = self.aligner.next_index, self.aligner.first_after(now_ns)
+        for estimate in self.dispatcher.run(now_ns, *windows, held=held, has_time=has_time):
+            self._publish(estimate)
 
     def _checkpoint(self, _tick: Tick) -> None:
         self.dispatcher.checkpoint_due = True  # and taken when no window is half worked off

@@ -243,7 +243,9 @@ class FakeEstimator:
         self.calls.append("work")
         return False
 
-    def finish(self) -> Estimate:
+    def finishing(self) -> Generator[None, None, Estimate]:
+        while self.work():
+            yield
         self.calls.append("finish")
         return make_estimate(0, len(self.pushed))
 

@@ -341,6 +341,12 @@ class BiasCompensatedEstimator:
         """Return the estimate; there is nothing to settle."""
         return self.estimate(self._span_ns[1] if self._span_ns else 0)
 
+    def finishing(self) -> Generator[None, None, Estimate]:
+        """Do what is due in bounded units, and return the estimate."""
+        while self.work():
+            yield
+        return self.finish()
+
     def events(self) -> list[tuple[str, str, str]]:
         """Return what has happened since the last call: severity, code, text."""
         events, self._events = self._events, []

@@ -155,8 +155,17 @@ class OnlineEstimator:
 
     def finish(self, max_passes: int = 30) -> Estimate:
         """Re-linearise everything until it has settled; for the end of a run or a replay."""
+        return complete(self.finishing(max_passes))
+
+    def finishing(self, max_passes: int = 30) -> Generator[None, None, Estimate]:
+        """Do what `finish` does in bounded units.
+
+        What is due comes first, so that the result does not depend on how often `work` was called.
+        """
+        while self.work():
+            yield
         try:
-            self.recursion.settle(max_passes)
+            yield from self.recursion.settling(max_passes)
         except NUMERICAL as error:
             self._begin_again(error)
         return self.estimate(self._now_ns())

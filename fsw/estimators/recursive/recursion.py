@@ -174,8 +174,8 @@ class Recursion:
             return self._begin_pass()
         return True
 
-    def settle(self, max_passes: int) -> None:
-        """Re-linearise everything until it no longer moves the estimate noticeably."""
+    def settling(self, max_passes: int) -> Generator[None, None, None]:
+        """Re-linearise everything, in units, until it no longer moves the estimate noticeably."""
         if self.linear or not len(self.memory):
             return
         limit = self.memory.passes + max_passes
@@ -184,6 +184,7 @@ class Recursion:
             if rests and self._drift() < SETTLED / 10:
                 break
             self.work()
+            yield
 
     def fold(self, block: Block) -> Generator[None, None, None]:
         """Linearise a new block, judge it, and fold it in if it fits; in bounded units."""

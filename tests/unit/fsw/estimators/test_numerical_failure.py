@@ -64,7 +64,7 @@ def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so() -> None:
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), ZeroDivisionError()])
-@pytest.mark.parametrize("unit", ["fold", "work", "settle"])
+@pytest.mark.parametrize("unit", ["fold", "work", "settling"])
 def test_any_failing_unit_of_the_recursion_is_a_reset(
     unit: str, error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,7 +2,7 @@ import pytest
 
 from fsw.loop.command_queue import QUEUE_LIMIT, CommandQueue
 from fsw.messages.commands import Code, Command, CommandName
-from tests.support.loop_cases import FakeEstimator, KeepSink
+from tests.support.loop_cases import FakeEstimator, KeepSink, make_estimate
 
 
 class Bench:
@@ -32,6 +32,43 @@ def test_finish_ends_due_work_first_and_gives_an_estimate(bench: Bench):
     assert bench.tell(CommandName.FINISH) is Code.ACCEPTED
     assert bench.estimator.calls == ["work", "finish"]
     assert len(bench.estimates) == 1
+
+
+class Slow(FakeEstimator):
+    """Settles in four units."""
+
+    def finishing(self):
+        for unit in range(3):
+            self.calls.append(f"unit {unit}")
+            yield
+        self.calls.append("finish")
+        return make_estimate(0, 1)
+
+
+def test_a_long_command_takes_several_ticks_and_nothing_is_begun_meanwhile():
+    estimator, sink = Slow(), KeepSink()
+    queue = CommandQueue(estimator, sink)
+    queue.submit(Command(name=CommandName.FINISH, id=1))
+    queue.submit(Command(name=CommandName.RESET, id=2))
+    for tick in range(3):
+        assert queue.run(tick, 5 + tick, 7 + tick, has_time=lambda: False) == []
+        assert queue.is_busy
+        assert estimator.calls == [f"unit {k}" for k in range(tick + 1)]
+        assert sink.replies == []
+    assert len(queue.run(3, 8, 10, held=True, has_time=lambda: False)) == 1
+    assert not queue.is_busy
+    assert [reply.id for reply in sink.replies] == [1]
+    assert sink.commands[0] | {"args": None} == {
+        "command": "finish",
+        "id": 1,
+        "args": None,
+        "next_window": 5,
+        "clean_window": 7,
+    }
+    assert queue.run(4, 9, 11, held=True) == []  # windows have closed meanwhile: they come first
+    assert estimator.calls[-1] == "finish"
+    queue.run(5, 9, 11)
+    assert estimator.calls[-1] == "reset"
 
 
 def test_what_a_checkpoint_carries_is_the_choice_of_unknowns_and_no_table(bench: Bench):
@@ -103,7 +140,7 @@ class Breaking(FakeEstimator):
     def _raise(self, *_arguments) -> None:
         raise RuntimeError("unforeseen " + "x" * 5000)
 
-    finish = adopt = restore = snapshot = report = estimate = _raise
+    finishing = adopt = restore = snapshot = report = estimate = _raise
     blocks = ()
 
 
@@ -146,6 +183,6 @@ def test_no_memory_is_no_failed_command(bench: Bench):
     def full() -> None:
         raise MemoryError
 
-    bench.estimator.finish = full
+    bench.estimator.finishing = full
     with pytest.raises(MemoryError):
         bench.tell(CommandName.FINISH)

@@ -9,7 +9,8 @@ import pytest
 
 from fsw.drivers.wire import CanFrame
 from fsw.estimators.pipeline import Pipeline
-from fsw.loop.daemon import MOST_STAGES, Daemon
+from fsw.loop.batch_work import MOST_STAGES
+from fsw.loop.daemon import Daemon
 from fsw.loop.ports import Ports
 from fsw.loop.science import Science
 from fsw.loop.wiring import build
