@@ -21,6 +21,7 @@ from fsw.messages.errors import ConfigError, FswError
 
 if TYPE_CHECKING:
     from fsw.config import Config
+    from fsw.estimators.model.problem import Problem
 
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
@@ -98,6 +99,9 @@ def _parser() -> argparse.ArgumentParser:
 
     check = commands.add_parser("check", help="validate everything; touch no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
+    check.add_argument(
+        "recording", type=Path, nargs="?", metavar="RECORDING", help="judge the one by the other"
+    )
     check.set_defaults(command=_check)
 
     bench = commands.add_parser("bench", help="timer, buses and lines of this machine")
@@ -269,6 +273,8 @@ def _check(arguments: argparse.Namespace) -> int:
 
     config = load(arguments.config)
     problem, warnings = validate(config)
+    if arguments.recording is not None:
+        return _check_recording(arguments.recording, config, problem)
     validate_outputs(config)
     if config.telemetry is not None:
         from fsw.telemetry.link.uplink_configuration import check_uplink
@@ -279,6 +285,18 @@ def _check(arguments: argparse.Namespace) -> int:
         print(f"warning: {warning}")
     print(f"{config.name}: correct; no device was opened")
     return 0
+
+
+def _check_recording(recording: Path, config: Config, problem: Problem) -> int:
+    from fsw.commands.check_recording import check_recording
+
+    def progress(text: str) -> None:
+        print(f"fsw: check: {text}", file=sys.stderr)
+
+    lines, agree = check_recording(recording, config, problem, progress)
+    verdict = "agree" if agree else "do not agree; see the lines with WRONG"
+    print("\n".join([*lines, f"{recording} and {config.name} {verdict}"]))
+    return 0 if agree else FAILED_EXIT
 
 
 def _install_service(arguments: argparse.Namespace) -> int:

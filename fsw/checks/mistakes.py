@@ -1,0 +1,202 @@
+"""The usual mistakes of a configuration, tried on recorded blocks: which of them explains the data.
+
+A mistake is a change of the blocks to what they had been without it: a sign, two joints swapped, a
+sensor turned. With each of them the bodies are identified again; the mistake that was made leaves
+residuals of the declared noise, and hardly any other does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations, permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.config import Config
+from fsw.estimators.batch.solver import Target, minimise
+from fsw.estimators.conditioning import rotation_from_xyzw
+from fsw.estimators.measurement.row_functions import Linearisation, row_function
+from fsw.estimators.model.problem import Problem, joint_order
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import NUMERICAL
+
+BLOCKS = 8  # that are looked at, spread over the recording
+ITERATIONS = 12
+LARGE = 3.0  # squared residuals over the declared noise: above, something is wrong
+EXPLAINED = 0.1  # of the squared residuals that a mistake may leave to be named
+AT_ONCE = 3  # mistakes in one configuration
+
+Change = Callable[[Block], Block]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mistake:
+    """A mistake that may have been made, and what the blocks had been without it."""
+
+    text: str  # what to change
+    change: Change
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What the residuals say of a configuration: squared, over the declared noise."""
+
+    before: float
+    after: float
+    found: tuple[str, ...]  # changes of the configuration, the most likely first
+    tried: int
+
+
+def explain_residuals(
+    config: Config, problem: Problem, blocks: Sequence[Block], progress: Callable[[str], None]
+) -> Verdict:
+    """Return which of the usual mistakes, one after the other, explain what does not fit."""
+    usable = [block for block in blocks if np.abs(block.qd_rad_s).max() > 0.0]
+    places = np.linspace(0, len(usable) - 1, min(BLOCKS, len(usable))).round().astype(int)
+    chosen = [usable[k] for k in places]
+    before = level = residual_level(problem, chosen)
+    candidates, found = usual_mistakes(config, problem), list[str]()
+    while level > LARGE and len(found) < AT_ONCE:
+        progress(f"residuals {level**0.5:.3g} times the noise: trying {len(candidates)} mistakes")
+        levels = [residual_level(problem, [c.change(b) for b in chosen]) for c in candidates]
+        best = int(np.argmin(levels))
+        if levels[best] > EXPLAINED * level:
+            break
+        chosen, level = [candidates[best].change(b) for b in chosen], levels[best]
+        found.append(candidates[best].text)
+    return Verdict(before=before, after=level, found=tuple(found), tried=len(candidates))
+
+
+def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:
+    """Return the squared residuals of the best fit over the declared noise; inf without one."""
+    if not blocks:
+        return float("inf")
+    target = Target(Linearisation(row_function("fused", "eiv", problem), blocks))
+    try:
+        with np.errstate(all="ignore"):
+            solution = minimise(problem, target, max_iterations=ITERATIONS, plain=False)
+    except NUMERICAL:
+        return float("inf")
+    level = solution.cost / max(solution.rows, 1)
+    return level if np.isfinite(level) else float("inf")
+
+
+def usual_mistakes(config: Config, problem: Problem) -> list[Mistake]:
+    """Return the mistakes that can be told apart by blocks."""
+    return [*_joint_mistakes(config, problem), *_imu_mistakes(config)]
+
+
+def _joint_mistakes(config: Config, problem: Problem) -> list[Mistake]:
+    order = joint_order(config, problem.model)
+    joints = [config.joints[k] for k in order]
+    columns = _Readings(
+        sign=np.array([float(joint.sign) for joint in joints]),
+        zero_rad=np.array([joint.zero_offset_rad for joint in joints]),
+        gain=np.array([joint.torque_gain for joint in joints]),
+        offset_nm=np.array([joint.torque_offset_nm for joint in joints]),
+    )
+    found = []
+    for k, joint in enumerate(joints):
+        key, turned = f"joints.{order[k]}", np.ones(len(joints))
+        turned[k] = -1.0
+        found += [
+            Mistake(
+                text=f"{key}.sign ({joint.name}): {joint.sign} should be {-joint.sign}",
+                change=partial(columns.changed, sign=turned, torque_sign=turned),
+            ),
+            Mistake(
+                text=f"{key} ({joint.name}): its torque alone counts the other way; a node that "
+                "gives the torque on the proximal side, or a sensor mounted reversed",
+                change=partial(columns.changed, sign=np.ones(len(joints)), torque_sign=turned),
+            ),
+        ]
+    for i, k in combinations(range(len(joints)), 2):
+        swapped = np.arange(len(joints))
+        swapped[[i, k]] = k, i
+        found.append(
+            Mistake(
+                text=f"joints.{order[i]}.node_id and joints.{order[k]}.node_id ({joints[i].name}, "
+                f"{joints[k].name}): swapped",
+                change=partial(columns.reordered, places=swapped),
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Readings:
+    """How the nodes' readings become angles and torques, joints in the model's order."""
+
+    sign: FloatArray
+    zero_rad: FloatArray
+    gain: FloatArray
+    offset_nm: FloatArray
+
+    def changed(self, block: Block, sign: FloatArray, torque_sign: FloatArray) -> Block:
+        """Return a block whose nodes count the other way where a sign is -1."""
+        return replace(
+            block,
+            q_rad=sign * (block.q_rad + self.zero_rad) - self.zero_rad,
+            qd_rad_s=sign * block.qd_rad_s,
+            qdd_rad_s2=sign * block.qdd_rad_s2,
+            tau_nm=torque_sign * (block.tau_nm + self.offset_nm) - self.offset_nm,
+        )
+
+    def reordered(self, block: Block, places: NDArray[np.int64]) -> Block:
+        """Return a block in which joint k has the readings of joint `places[k]`."""
+        sense = self.sign * self.sign[places]
+        scale = sense * self.gain / self.gain[places]
+        return replace(
+            block,
+            q_rad=sense * (block.q_rad + self.zero_rad)[:, places] - self.zero_rad,
+            qd_rad_s=sense * block.qd_rad_s[:, places],
+            qdd_rad_s2=sense * block.qdd_rad_s2[:, places],
+            tau_nm=scale * (block.tau_nm + self.offset_nm)[:, places] - self.offset_nm,
+            has_joint=block.has_joint[places],
+        )
+
+
+def _imu_mistakes(config: Config) -> list[Mistake]:
+    q = np.array(config.imu.mounting.q_BS_xyzw)
+    R = rotation_from_xyzw(q)
+    key = "imu.mounting.q_BS_xyzw"
+    named = {
+        f"{key}: is that of B to S; its inverse takes S to B": R.T,
+        f"{key}: is in the order w x y z; must be x y z w": rotation_from_xyzw(q[[1, 2, 3, 0]]),
+    }
+    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        turn = np.diag(signs)[list(axes)]
+        if np.linalg.det(turn) > 0 and not np.allclose(turn, np.eye(3)):
+            words = [f"{'-' if turn[row].sum() < 0 else ''}{'xyz'[axes[row]]}" for row in range(3)]
+            text = f"{key}: the unit's axes {' '.join(words)} stand where x y z should"
+            named[text] = R @ turn
+    found = [
+        Mistake(text=text, change=partial(_turned, turn=true @ R.T))
+        for text, true in named.items()
+        if not np.allclose(true, R)
+    ]
+    return [
+        *found,
+        Mistake(
+            text="imu: its accelerometer counts the other way (gravity, not specific force)",
+            change=lambda block: replace(block, f_NS_B_m_s2=-block.f_NS_B_m_s2),
+        ),
+        Mistake(
+            text="imu: its gyro counts the other way",
+            change=lambda block: replace(
+                block, w_NB_B_rad_s=-block.w_NB_B_rad_s, wd_NB_B_rad_s2=-block.wd_NB_B_rad_s2
+            ),
+        ),
+    ]
+
+
+def _turned(block: Block, turn: FloatArray) -> Block:
+    return replace(
+        block,
+        w_NB_B_rad_s=block.w_NB_B_rad_s @ turn.T,
+        wd_NB_B_rad_s2=block.wd_NB_B_rad_s2 @ turn.T,
+        f_NS_B_m_s2=block.f_NS_B_m_s2 @ turn.T,
+    )
