@@ -1,9 +1,10 @@
 """The hostile grammar against real processes: plant, loop and service, over TCP and socket.
 
 A stretch without commands comes before and after the attack. What must hold besides the oracle of
-`operations.py`: loop and service are the same processes at the end; the loop misses no more ticks
-under attack than in the worse of the quiet stretches, but for MOST_MORE_SLIPS in a thousand; the
-memory of each process grows by MOST_GROWTH_MB at most after the first tenth of the cases.
+`operations.py`: loop and service are the same processes at the end; the loop's own work exceeds a
+tick no more often under attack than in the worse of the quiet stretches, but for MOST_MORE_OWN in a
+thousand, and it misses no more ticks, but for MOST_MORE_SLIPS; the memory of each process grows by
+MOST_GROWTH_MB at most after the first tenth of the cases.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from hil.world.scenario import at_rates, load
 
 RATE_HZ, IMU_RATE_HZ = 100.0, 125
 QUIET_S = 20.0
-MOST_MORE_SLIPS = 5.0  # in a thousand ticks
+STRETCHES = ("before", "attacked", "after")
+MOST_MORE_SLIPS = 5.0  # in a thousand ticks, of the machine's making
+MOST_MORE_OWN = 0.5  # in a thousand ticks, of the loop's own work
 MOST_GROWTH_MB = 64.0  # of each process
 ANSWER_S, START_S, LINE_S = 30.0, 60.0, 20.0
 LOOK_S = 0.05  # at most, whatever the grammar says
@@ -180,14 +183,19 @@ def _request(packet: bytes) -> Request:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Ticks and slips at an instant."""
+    """Ticks, slips, and ticks whose own work exceeded the period, at an instant."""
 
     ticks: int
     slips: int
+    over_budget: int
 
     def since(self, before: Mark) -> float:
         """Return the slips in a thousand ticks since another mark."""
         return 1e3 * (self.slips - before.slips) / max(1, self.ticks - before.ticks)
+
+    def own_since(self, before: Mark) -> float:
+        """Return the ticks over their budget in a thousand since another mark."""
+        return 1e3 * (self.over_budget - before.over_budget) / max(1, self.ticks - before.ticks)
 
 
 def run(cases: int, folder: Path, seed: int, advance: Callable[[int], None]) -> dict[str, Any]:
@@ -248,6 +256,7 @@ def _attack(
     target.tick(round(QUIET_S * RATE_HZ))
     marks.append(_mark(state))
     before, attacked, after = (b.since(a) for a, b in pairwise(marks))
+    own = dict(zip(STRETCHES, (b.own_since(a) for a, b in pairwise(marks)), strict=True))
     faults = []
     if pids[1] not in children(loop):
         faults.append("the service process has ended")
@@ -258,9 +267,11 @@ def _attack(
         **{name: target.counts[name] for name in ("cases", "telecommands", "accepted", "lines")},
         **{name: target.counts[name] for name in ("uploads", "damaged", "repaired")},
         "attacked_s": round(attacked_s, 1),
-        "slips_per_1000_ticks": {"before": before, "attacked": attacked, "after": after},
+        "slips_per_1000_ticks": dict(zip(STRETCHES, (before, attacked, after), strict=True)),
+        "over_budget_per_1000_ticks": own,
         "growth_mb": {"loop": round(grown[0], 1), "service": round(grown[1], 1)},
-        "missed": attacked > max(before, after) + MOST_MORE_SLIPS,
+        "missed": attacked > max(before, after) + MOST_MORE_SLIPS
+        or own["attacked"] > max(own["before"], own["after"]) + MOST_MORE_OWN,
         "faults": faults,
     }
 
@@ -281,7 +292,7 @@ def _mark(state: Path) -> Mark:
     status = read_status(state / "status.json")
     if status is None:
         raise LiveError("the daemon has no status")
-    return Mark(int(status["ticks"]), int(status["slips"]))
+    return Mark(int(status["ticks"]), int(status["slips"]), int(status["over_budget"]))
 
 
 def _resident_mb(pid: int) -> float:
