@@ -20,8 +20,8 @@ from hil.evidence.fuzz.operations import fresh_folder, play
 from hil.evidence.fuzz.oracle import OracleError
 from hil.evidence.fuzz.seeds import seeds
 
-CASES = 40_000
-WARM_CASES = 10_000  # until stores and logs have reached their bounds
+CASES = 100_000
+WARM_CASES = 20_000  # until stores and logs have reached their bounds
 MOST_GROWTH_MB = 32.0  # afterwards, over all cases
 INPUT_BYTES = 120
 
