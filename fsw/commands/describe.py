@@ -117,20 +117,48 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
         lags["star_tracker"] = budget.star_tracker_delay_s(config.star_tracker, config.scheduler)
     slowest = max(lags, key=lambda name: lags[name])
     sigmas = problem.prior_covariance.diagonal() ** 0.5
-    first = PARAMETERS * len(problem.unknown)
-    nuisances = [
-        f"{name} 0 +- {sigma:.3g}"
-        for name, sigma in zip(problem.names[first:], sigmas[first:], strict=True)
-    ]
+    shown = [k for k in problem.published if k >= problem.bodies.stop]
+    nuisances = [f"{problem.names[k]} 0 +- {sigmas[k]:.3g}" for k in shown]
     return [
         f"{estimator.method}, weighting {estimator.weighting}; windows of {estimator.window_s:g} s "
         f"read at {estimator.nodes} instants, closed {estimator.lag_s * 1e3:g} ms after their end "
         f"(slowest: {slowest}, {lags[slowest] * 1e3:.1f} ms)",
         f"{len(problem.names)} states: {PARAMETERS} of each unknown body"
         f"{', ' + ', '.join(nuisances) if nuisances else ''}",
+        f"in doubt, estimated along: {', '.join(_doubts(config, problem)) or 'nothing'}",
+        f"taken as exact: {', '.join(_certain(config, problem)) or 'nothing'}",
         f"valid after {estimator.settle_blocks} windows "
         f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",
     ]
+
+
+def _doubts(config: Config, problem: Problem) -> list[str]:
+    """Return what of arm and calibration is uncertain, and by how much."""
+    joints, imu = config.joints, config.imu
+    known = {name.rpartition(".")[0] for name in problem.names if name.startswith("known.")}
+    found = [f"{len(known)} known bodies"] if known else []
+    sizes = {
+        "torque scales": max(joint.torque_scale_sigma_ratio for joint in joints),
+        "zeros of joints [rad]": max(joint.zero_sigma_rad for joint in joints),
+        "place of the inertial unit [m]": imu.mounting_position_sigma_m,
+        "its attitude [rad]": imu.mounting_angle_sigma_rad,
+    }
+    return found + [f"{name} {size:.3g}" for name, size in sizes.items() if size > 0.0]
+
+
+def _certain(config: Config, problem: Problem) -> list[str]:
+    """Return what of arm and calibration is taken as exact."""
+    joints, imu = config.joints, config.imu
+    bodies = {name.split(".")[1] for name in problem.names if name.startswith("known.")}
+    exact = {
+        "links": "link" not in bodies,
+        "base": "base" not in (*problem.unknown, *bodies),
+        "torque scales": not any(joint.torque_scale_sigma_ratio for joint in joints),
+        "zeros of joints": not any(joint.zero_sigma_rad for joint in joints),
+        "place of the inertial unit": not imu.mounting_position_sigma_m,
+        "its attitude": not imu.mounting_angle_sigma_rad,
+    }
+    return [name for name, is_exact in exact.items() if is_exact]
 
 
 def _telemetry(config: Config) -> list[str]:

@@ -10,9 +10,11 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from fsw.config.base import (
     AccelerationSigma,
     AngleNoise,
+    AngleSigma,
     Delay,
     Duration,
     Finite,
+    Length,
     Position,
     Positive,
     Quaternion,
@@ -77,8 +79,10 @@ class JointConfig(Section):
     speed_limit_rad_s: Positive  # faster jumps between samples are rejected as out of range
     torque_noise_nm: TorqueNoise  # 1 sigma of one sample, white
     torque_offset_sigma_nm: TorqueSigma  # prior of the unknown offset; 0: none estimated
-    torque_scale_sigma_ratio: ScaleSigma = 0.0  # prior of the scale error; 0: none estimated
+    torque_scale_sigma_ratio: ScaleSigma = 0.02  # prior of the scale error; 0: none estimated
     position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
+    zero_sigma_rad: AngleSigma = 2e-3  # of zero_offset_rad; 0: it is exact
+    link_sigma_ratio: ScaleSigma | None = None  # of the link it moves; None: as robot has it
 
 
 def _one_orientation(schema: dict[str, Any]) -> None:
@@ -152,6 +156,8 @@ class ImuConfig(Section):
     velocity_random_walk_m_s_sqrt_s: RandomWalk
     gyro_bias_sigma_rad_s: RateSigma  # prior of the unknown bias; 0: none estimated
     acc_bias_sigma_m_s2: AccelerationSigma
+    mounting_position_sigma_m: Length = 0.01  # of the mounting's p_BS_m; 0: it is exact
+    mounting_angle_sigma_rad: AngleSigma = 5e-3  # of its q_BS_xyzw, about each axis; 0: exact
     max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)
     clock_tolerance_ppm: Positive = 200.0
 

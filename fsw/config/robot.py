@@ -15,6 +15,7 @@ from fsw.config.base import (
     MassSigma,
     Position,
     PositionSigma,
+    ScaleSigma,
     Section,
 )
 
@@ -24,6 +25,7 @@ class RobotConfig(Section):
 
     urdf: Path
     tool_frame: str
+    links_sigma_ratio: ScaleSigma = 0.05  # of the known bodies' inertial data; 0: they are exact
 
 
 class BodySigma(Section):

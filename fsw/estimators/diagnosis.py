@@ -145,7 +145,7 @@ def diagnose(
     covariance: FloatArray,
     bodies: dict[str, BodyEstimate],
     duration_s: float,
-    fisher: FloatArray | None = None,
+    bound: FloatArray | None = None,
     goal_ratio: float = GOAL_RATIO,
 ) -> Diagnosis:
     """Diagnose one estimate.
@@ -153,8 +153,8 @@ def diagnose(
     Parameters
     ----------
     duration_s : of the data since the prior
-    fisher : (p, p) Fisher information of all the data at the estimate, without prior; None: the
-        estimate's own, for which the efficiency is one
+    bound : (p, p) least covariance that all the data and the prior allow; None: the estimate's own,
+        for which the efficiency is one
     goal_ratio : relative 1-sigma of the mass that the verdict asks for
 
     Raises
@@ -163,10 +163,7 @@ def diagnose(
     """
     p = len(names)
     gain, W = gains(prior_covariance, covariance)
-    bound: FloatArray = covariance
-    if fisher is not None:
-        precision = fisher + np.linalg.solve(prior_covariance, np.eye(p))
-        bound = np.asarray(np.linalg.solve(precision, np.eye(p)), np.float64)
+    bound = covariance if bound is None else bound
     prior_L = np.linalg.cholesky(prior_covariance)
     traces = [
         np.sum(np.linalg.solve(prior_L, np.linalg.cholesky(P)) ** 2) for P in (bound, covariance)

@@ -47,12 +47,12 @@ def whole_estimate(
 ) -> BodyEstimate:
     """Return mass, centre of mass and central inertia of the whole, in B, at joint positions q.
 
-    What a de-orbit burn needs. The known bodies are taken as exact.
+    What a de-orbit burn needs. What is uncertain of the known bodies is in its sigma.
     """
     C = problem.model.composite(q_rad)
     pi = C @ problem.pi(x)
     J = C @ problem.U
-    k = problem.bodies
+    k = problem.inertial
     return _report(pi, J @ covariance[k, k] @ J.T, is_consistent(pi))
 
 

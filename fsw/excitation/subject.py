@@ -86,7 +86,7 @@ def build_subject(
     ConfigError if a name or a file is wrong.
     """
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    problem = build_problem(config, model)
+    problem = build_problem(config, model, exact=True)
     noise = noise_model(config, model)
     p = PARAMETERS * len(problem.unknown)
     x, covariance = problem.prior_mean[:p], problem.prior_covariance.copy()

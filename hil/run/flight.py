@@ -80,6 +80,7 @@ def flight_document(
 ) -> dict[str, Any]:
     """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
 
+    The truth's arm and calibration are what the robot file and the scenario say: told as exact.
     The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
     `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions.
     """
@@ -115,11 +116,13 @@ def flight_document(
             "torque_noise_nm": torque_noise_nm(sensors.joints, node, rate_hz),
             "torque_offset_sigma_nm": sensors.joints.torque_offset_sigma_nm,
             "position_noise_rad": position_noise_rad(sensors.joints, stamp_noise_rad, rate_hz),
+            "torque_scale_sigma_ratio": 0.0,
+            "zero_sigma_rad": 0.0,
         }
         for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
     ]
     document: dict[str, Any] = {
-        "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame},
+        "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame, "links_sigma_ratio": 0.0},
         "bodies": bodies,
         "unknown": list(scenario.unknown),
         "buses": [
@@ -184,6 +187,8 @@ def _imu(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
         "acc_group_delay_s": imu.acc_group_delay_s,
         "angle_random_walk_rad_sqrt_s": _gyro_sigma(imu) / math.sqrt(imu.rate_hz),
         "velocity_random_walk_m_s_sqrt_s": _acc_sigma(imu) / math.sqrt(imu.rate_hz),
+        "mounting_position_sigma_m": 0.0,
+        "mounting_angle_sigma_rad": 0.0,
         "gyro_bias_sigma_rad_s": imu.gyro_bias_sigma_rad_s,
         "acc_bias_sigma_m_s2": imu.acc_bias_sigma_m_s2,
     }

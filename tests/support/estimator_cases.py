@@ -73,23 +73,33 @@ def make_config(
     base: Body = BASE,
     target: Body | None = TARGET,
     biases: bool = True,
+    doubt: bool = False,
     **estimator: Any,
 ) -> Config:
     bodies = {"base": plain(base)}
     if target is not None:
         bodies["target"] = plain(target)
+    for name, body in bodies.items():
+        if name not in unknown:  # known: exact, or as uncertain as the links
+            del body["sigma"]
     joint = {
         "bus": "arm",
         "torque_limit_nm": 100.0,
         "speed_limit_rad_s": 2.0,
         "torque_noise_nm": TORQUE_NOISE_NM,
         "torque_offset_sigma_nm": 0.2 if biases else 0.0,
+        "torque_scale_sigma_ratio": 0.01 if doubt else 0.0,
+        "zero_sigma_rad": 2e-3 if doubt else 0.0,
         "position_noise_rad": POSITION_NOISE_RAD,
     }
     settings = {"window_s": WINDOW_S, "nodes": NODES, "settle_blocks": 5, **estimator}
     return Config.model_validate(
         {
-            "robot": {"urdf": str(URDF), "tool_frame": "tool"},
+            "robot": {
+                "urdf": str(URDF),
+                "tool_frame": "tool",
+                "links_sigma_ratio": 0.05 if doubt else 0.0,
+            },
             "bodies": bodies,
             "unknown": list(unknown),
             "buses": [{"name": "arm", "interface": "virtual", "channel": "a", "rate_hz": RATE_HZ}],
@@ -104,6 +114,8 @@ def make_config(
                 "velocity_random_walk_m_s_sqrt_s": ACC_NOISE / RATE_HZ**0.5,
                 "gyro_bias_sigma_rad_s": 2e-5 if biases else 0.0,
                 "acc_bias_sigma_m_s2": 0.01 if biases else 0.0,
+                "mounting_position_sigma_m": 0.01 if doubt else 0.0,
+                "mounting_angle_sigma_rad": 5e-3 if doubt else 0.0,
             },
             "scheduler": {"tick_rate_hz": RATE_HZ},
             "estimator": settings,

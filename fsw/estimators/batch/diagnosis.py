@@ -32,15 +32,20 @@ def diagnose_batch(
     """
     try:
         fused = stack(row_function("fused", "eiv", problem), blocks, mean)
+        fisher = np.asarray(sum(part.A.T @ part.A for part in fused)) / level
+        precision = fisher + np.linalg.solve(problem.prior_covariance, np.eye(len(mean)))
+        least = np.asarray(np.linalg.solve(precision, np.eye(len(mean))), np.float64)
+        k = problem.published
+        names = tuple(problem.names[i] for i in k)
         diagnosis = diagnose(
-            names=problem.names,
-            prior_mean=problem.prior_mean,
-            prior_covariance=problem.prior_covariance,
-            mean=mean,
-            covariance=covariance,
+            names=names,
+            prior_mean=problem.prior_mean[k],
+            prior_covariance=problem.prior_covariance[np.ix_(k, k)],
+            mean=mean[k],
+            covariance=covariance[np.ix_(k, k)],
             bodies=dict(bodies),
             duration_s=int(blocks[-1].t_ns[-1] - blocks[0].t_ns[0]) * 1e-9,
-            fisher=np.asarray(sum(part.A.T @ part.A for part in fused)) / level,
+            bound=least[np.ix_(k, k)],
         )
     except ValueError:  # LinAlgError: no inertia at the estimate, or no proper covariance
         return None
@@ -49,5 +54,5 @@ def diagnose_batch(
     return {
         "innovation_lag1": {"correlation": correlation, "bound": bound},
         "noise_ratio": float(np.sqrt(squares / count)) if count else None,
-        **plain(diagnosis, problem.names),
+        **plain(diagnosis, names),
     }

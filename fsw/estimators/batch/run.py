@@ -35,6 +35,7 @@ from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, slow_power
+from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
@@ -106,8 +107,9 @@ def _run(
         raise EstimatorError("no usable block recorded in this window")
     chosen = config.with_unknown(tuple(unknown)) if unknown else config
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    problem, settings = build_problem(chosen, model), config.estimator
+    settings = config.estimator
     weighting = settings.weighting if method == "mrnea" else "eiv"
+    problem = build_problem(chosen, model, exact=weighting != "eiv" or method == "ce")
     if weighting == "eiv":
         found = _likelihood(problem, method, sound, settings.gate_probability, progress)
     else:
@@ -129,9 +131,9 @@ def _run(
         "gated": len(blocks) - len(found.used),
         "condition_number": found.solution.information.scaled_condition_number(),
         "duration_s": len(found.used) * config.estimator.window_s,
-        "names": list(problem.names),
-        "mean": found.mean.tolist(),
-        "covariance": covariance.tolist(),
+        "names": [problem.names[k] for k in problem.published],
+        "mean": found.mean[problem.published].tolist(),
+        "covariance": covariance[np.ix_(problem.published, problem.published)].tolist(),
         "first_block": sound[0].index,
         "last_block": sound[-1].index,
         "estimate": {name: _plain(body, "") for name, body in bodies.items()},
@@ -167,7 +169,7 @@ def _likelihood(
         left = list(compress(residuals, fits))
         if solution.status == "ABORTED":
             break
-        before, level = level, _noise_level(residuals, len(problem.names))
+        before, level = level, _noise_level(residuals, _fitted(problem, solution))
         limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
         slow, most = slow_power(left, level)
         fitted = fits
@@ -235,7 +237,14 @@ def _regression(
     )
 
 
-def _noise_level(residuals: Sequence[FloatArray], parameters: int) -> float:
+def _fitted(problem: Problem, solution: BatchSolution) -> float:
+    """Return how many parameters the data have fitted: all, less what the prior holds."""
+    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    held = prior.R @ solution.information.covariance_root()
+    return float(len(prior.z) - np.sum(held**2))
+
+
+def _noise_level(residuals: Sequence[FloatArray], parameters: float) -> float:
     """Return the variance of the noise over the declared one, as the online estimator judges it."""
     monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
     means = [float(b @ b) / len(b) for b in residuals if len(b) == longest]

@@ -7,6 +7,7 @@ the other; covariances have one more axis in front, over the blocks.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from functools import cached_property
 from itertools import groupby
 
@@ -103,6 +104,12 @@ class BlockStack:
     def angles_are_noisy(self) -> bool:
         """Whether the blocks give the covariance of the angles beside those of the rates."""
         return bool(self.blocks[0].cov_joint.shape[1] == 3 * self.m)
+
+    def shifted(self, by_rad: FloatArray) -> BlockStack:
+        """Return the same blocks with every joint's angle changed by a constant (n,)."""
+        other = copy(self)
+        other.q_rad = self.q_rad + by_rad
+        return other
 
     def by_block(self, values: FloatArray) -> FloatArray:
         """Return (B, m, ...) of what stands at the nodes (N, ...)."""

@@ -29,6 +29,7 @@ from fsw.estimators.measurement.impulse import (
     pulled,
 )
 from fsw.estimators.measurement.motion_noise import residual_covariance, smoothed
+from fsw.estimators.measurement.mounting import as_true, turn
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
 from fsw.estimators.model.inertia import skew
@@ -78,6 +79,8 @@ def _dynamics(
         nu[:, 3:6] = s.w_NB_B_rad_s
         if present(problem.gyro_bias):
             nu[:, 3:6] -= x[problem.gyro_bias]
+        if present(problem.imu_angle):
+            nu[:, 3:6] = nu[:, 3:6] @ turn(x, problem)[0].T
     else:
         Y_h = model.momentum_regressors(q, nu)[:, :6] @ problem.U
     w = nu[:, 3:6]
@@ -93,7 +96,7 @@ def _dynamics(
     if Y_field is not None:
         Y -= Y_field
     by_angle = h_by_angle = None
-    if s.angles_are_noisy:
+    if s.angles_are_noisy or present(problem.joint_zero):
         by_angle, h_by_angle = np.empty((N, 6 + n, n)), np.empty((N, 6, n))
         for i in range(N):
             by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])
@@ -131,23 +134,29 @@ def predict(
     `measured` takes the gyro less its bias (RDA as the paper has it). `before` is the momentum
     gained from external moments up to the block.
     """
-    s = block if isinstance(block, BlockStack) else BlockStack((block,))
-    n, r = s.n, problem.p_BS_m
+    s = as_true(block if isinstance(block, BlockStack) else BlockStack((block,)), x, problem)
+    n, r = s.n, problem.place_m(x)
     G = field(s, problem)
     L_B, J_L, after = _momentum(s, x, problem, G, before)
     d = _dynamics(s, x, problem, rate, L_B, G)
     w, lever = d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
     f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
-    D = _gains(s, x, problem, d, J_L, lever)
+    D = _gains(s, x, problem, d, J_L, r)
     D_w, J = D[:, : n + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     D_q = _angle_gain(d, D_w, r, rate)
+    if present(problem.imu_place):
+        J[:, n : n + 3, problem.imu_place] += _by_place(d.a[:, 3:], w) - G
     tau = d.force
+    if present(problem.imu_angle):
+        f, w = _as_turned((f, w), D, D_q, x, problem, rate)
     if present(problem.torque_scale):
         gain = 1.0 + x[problem.torque_scale]
         for gains in (D,) if D_q is None else (D, D_q):
             gains[:, :n] *= gain[:, None]
         J[:, :n, problem.torque_scale] += tau[:, :, None] * np.eye(n)
         tau = tau * gain
+    if present(problem.joint_zero) and D_q is not None:
+        J[:, :, problem.joint_zero] += D_q
     if present(problem.torque_offset):
         tau = tau + x[problem.torque_offset]
         J[:, :n, problem.torque_offset] += np.eye(n)
@@ -168,7 +177,7 @@ def predict(
         D_qdd=D[:, : n + 3, :n],
         D_qd=D[:, :, n + 3 : 2 * n + 3],
         D_w=D_w,
-        D_q=D_q,
+        D_q=D_q if s.angles_are_noisy else None,
         after=after[-1],
         each=after,
     )
@@ -180,18 +189,18 @@ def _gains(
     problem: Problem,
     d: _Dynamics,
     J_L: FloatArray | None,
-    lever: FloatArray,
+    r: FloatArray,
 ) -> FloatArray:
     """Return d[tau; f; w]/d[qdd, w, qd, x] (N, n + 6, 2 n + 3 + p), less the sensors' own errors.
 
     The base rows of the direct effect on the generalised force give the base's acceleration, that
     acts on torque and force; what acts on the rate acts through it on both.
     """
-    n, r, w = s.n, problem.p_BS_m, d.nu[:, 3:]
+    n, w, lever = s.n, d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
     direct = np.zeros((len(w), 6 + n, 2 * n + 3 + len(x)))
     direct[:, :, :n], direct[:, :, n : 2 * n + 3] = d.H[:, :, 6:], d.C[:, :, 3:]
     by_state = direct[:, :, 2 * n + 3 :]
-    by_state[:, :, problem.bodies] = d.Y
+    by_state[:, :, problem.inertial] = d.Y
     if pulled(problem):
         by_state -= external_force(s, x, problem)[1]
     base = -(d.H_bb_inverse @ direct[:, :6])
@@ -205,13 +214,44 @@ def _gains(
     rate = D[:, n + 3 :, n + 3 :]  # by qd and x
     if d.Y_h is not None:
         rate[:, :, :n] = base[:, 3:, :n]
-        rate[:, :, n:][:, :, problem.bodies] = -(d.H_bb_inverse[:, 3:] @ d.Y_h)
+        rate[:, :, n:][:, :, problem.inertial] = -(d.H_bb_inverse[:, 3:] @ d.Y_h)
         if J_L is not None:
             rate[:, :, n:] += d.H_bb_inverse[:, 3:, 3:] @ J_L
-    elif present(problem.gyro_bias):
-        rate[:, :, n:][:, :, problem.gyro_bias] = -np.eye(3)
+    else:
+        R, by_angle = turn(x, problem)
+        if present(problem.gyro_bias):
+            rate[:, :, n:][:, :, problem.gyro_bias] = -R
+        if present(problem.imu_angle):
+            rate[:, :, n:][:, :, problem.imu_angle] = -skew(w) @ by_angle
     D[:, : n + 3, n + 3 :] += D_w @ rate
     return D
+
+
+def _by_place(wd: FloatArray, w: FloatArray) -> FloatArray:
+    """Return d(wd x r + w x (w x r))/dr (N, 3, 3)."""
+    turned: FloatArray = skew(wd) + skew(w) @ skew(w)
+    return turned
+
+
+def _as_turned(
+    channels: tuple[FloatArray, FloatArray],
+    D: FloatArray,
+    D_q: FloatArray | None,
+    x: FloatArray,
+    problem: Problem,
+    rate: Rate,
+) -> tuple[FloatArray, FloatArray]:
+    """Return force and rate (N, 3) in the axes as configured; turn their gains in place too."""
+    n = problem.model.n
+    R, by_angle = turn(x, problem)
+    f, w = (channel @ R for channel in channels)
+    places = [slice(n, n + 3)] if rate == "measured" else [slice(n, n + 3), slice(n + 3, n + 6)]
+    J = D[:, :, D.shape[2] - len(x) :]
+    for k, own in zip(places, (f, w), strict=False):
+        for gains in (D,) if D_q is None else (D, D_q):
+            gains[:, k] = R.T @ gains[:, k]
+        J[:, k, problem.imu_angle] += skew(own) @ (R.T @ by_angle)
+    return f, w
 
 
 def _momentum(

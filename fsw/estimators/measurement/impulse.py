@@ -100,15 +100,15 @@ def _moment(
         if G[i].any():
             rows = model.field_regressor(block.q_rad[i], G[i])[:6]
             moment = rows[3:] @ pi
-            J_moment[:, problem.bodies] = rows[3:] @ problem.U
-            J_force[:, problem.bodies] = rows[:3] @ problem.U
+            J_moment[:, problem.inertial] = rows[3:] @ problem.U
+            J_force[:, problem.inertial] = rows[:3] @ problem.U
         if outside is not None:
             force, moment = force + outside[0][i, :3], moment + outside[0][i, 3:6]
             J_force += outside[1][i, :3]
             J_moment += outside[1][i, 3:6]
         T[i] = R @ (moment - cross(c, force))
         J_moment -= skew(c) @ J_force
-        J_moment[:, problem.bodies] += skew(force) @ J_c
+        J_moment[:, problem.inertial] += skew(force) @ J_c
         J[i] = R @ J_moment
     return T, J
 

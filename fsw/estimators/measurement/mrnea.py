@@ -15,6 +15,7 @@ from scipy.linalg.lapack import dpotrs, dtrtrs
 
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
+from fsw.estimators.measurement.mounting import as_true, turn
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
@@ -36,16 +37,19 @@ def base_acceleration(
 ) -> tuple[FloatArray, FloatArray]:
     """Return w_NB_B (m, 3) less its bias, and the classical base acceleration (m, 6) in B.
 
-    a_b = f_S - wd x r - w x (w x r) - bias + G r, in free fall, relative to the gravity field G s
+    a_b = f_S - bias - wd x r - w x (w x r) + G r, in free fall, relative to the gravity field G s
     about the base's origin. Source: rigid-body kinematics.
     """
-    r, wd = problem.p_BS_m, block.wd_NB_B_rad_s2
-    w = block.w_NB_B_rad_s
+    r, wd = problem.place_m(x), block.wd_NB_B_rad_s2
+    w, f = block.w_NB_B_rad_s, block.f_NS_B_m_s2
     if present(problem.gyro_bias):
         w = w - x[problem.gyro_bias]
-    a = block.f_NS_B_m_s2 - cross(wd, r) - cross(w, cross(w, r)) + G @ r
     if present(problem.acc_bias):
-        a = a - x[problem.acc_bias]
+        f = f - x[problem.acc_bias]
+    if present(problem.imu_angle):
+        R = turn(x, problem)[0]
+        w, wd, f = w @ R.T, wd @ R.T, f @ R.T
+    a = f - cross(wd, r) - cross(w, cross(w, r)) + G @ r
     return w, np.concatenate([a, wd], axis=1)
 
 
@@ -85,6 +89,7 @@ def stacked_mrnea_rows(
 
     Source: paper eqs. (3)-(16); errors-in-variables weighting as in weighted total least squares.
     """
+    s, r_S = as_true(s, x, problem), problem.place_m(x)
     model, n, B = problem.model, s.n, len(s.blocks)
     pi = problem.pi(x)
     model.set_parameters(pi if weighting == "eiv" else problem.pi(problem.prior_mean))
@@ -104,9 +109,9 @@ def stacked_mrnea_rows(
     outside = external_force(s, x, problem) if pulled(problem) else None
     if outside is not None:
         r += outside[0]
-    D_w = skew(cross(w, problem.p_BS_m)) + skew(w) @ skew(problem.p_BS_m)
+    D_w = skew(cross(w, r_S)) + skew(w) @ skew(r_S)
     G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
-    G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(problem.p_BS_m)
+    G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(r_S)
     residuals = r.reshape(B, -1)
     if weighting == "ols":
         sigma = np.sqrt(np.mean(np.einsum("bnii->bni", s.cov_tau), axis=(1, 2)))
@@ -119,11 +124,17 @@ def stacked_mrnea_rows(
             [dpotrs(root, own, lower=1)[0] for root, own in zip(L, residuals, strict=True)]
         )
         unit = (gains.transpose(0, 2, 1) @ weighted[:, :, None])[:, :, 0]
-        w, acceleration, qd = _smooth(s, unit, w, acceleration, problem)
+        w, acceleration, qd = _smooth(s, unit, w, acceleration, r_S)
         Y = _regressors(s, w, qd, acceleration, problem, G)
     X = np.zeros((len(s.q_rad), 6 + n, len(x)))
-    X[:, :, problem.bodies] = Y @ problem.U
-    _nuisance_columns(X, y, gain, H, G_w, problem)
+    X[:, :, problem.inertial] = Y @ problem.U
+    R = turn(x, problem)[0]
+    _nuisance_columns(X, y, gain, H, G_w, R, problem)
+    _mounting_columns(X, x, (w, acceleration, G), (H, G_w, G_wd), problem)
+    if present(problem.joint_zero):
+        states = zip(s.q_rad, w, s.qd_rad_s, acceleration, strict=True)
+        for row, state in zip(X, states, strict=True):
+            row[:, problem.joint_zero] = model.angle_derivative(*state)
     if outside is not None:
         X -= outside[1]
     X = X.reshape(B, residuals.shape[1], len(x))
@@ -149,19 +160,50 @@ def _regressors(
     return Y
 
 
-def _nuisance_columns(
-    X: FloatArray, y: FloatArray, gain: FloatArray, H: FloatArray, G_w: FloatArray, problem: Problem
+def _mounting_columns(
+    X: FloatArray,
+    x: FloatArray,
+    motion: tuple[FloatArray, FloatArray, FloatArray],
+    gains: tuple[FloatArray, FloatArray, FloatArray],
+    problem: Problem,
 ) -> None:
-    """Fill the sensors' columns of X (m, 6+n, p)."""
+    """Fill the columns of the inertial unit's place and attitude.
+
+    Parameters
+    ----------
+    motion : the base's rate (m, 3) and acceleration (m, 6+n), the field (m, 3, 3)
+    gains : of the base's acceleration (its first three columns), of w and of wd on the rows
+    """
+    (w, acceleration, G), (H, G_w, G_wd) = motion, gains
+    wd, r = acceleration[:, 3:6], problem.place_m(x)
+    arm = skew(wd) + skew(w) @ skew(w) - G
+    if present(problem.imu_place):
+        X[:, :, problem.imu_place] = -H[:, :, :3] @ arm
+    if present(problem.imu_angle):
+        f = acceleration[:, :3] + (arm @ r[:, None])[:, :, 0]
+        turned = G_w @ skew(w) + G_wd @ skew(wd) + H[:, :, :3] @ skew(f)
+        X[:, :, problem.imu_angle] = -turned @ turn(x, problem)[1]
+
+
+def _nuisance_columns(
+    X: FloatArray,
+    y: FloatArray,
+    gain: FloatArray,
+    H: FloatArray,
+    G_w: FloatArray,
+    R: FloatArray,
+    problem: Problem,
+) -> None:
+    """Fill the sensors' columns of X (m, 6+n, p); R takes the inertial unit's axes to true ones."""
     n = len(gain)
     if present(problem.torque_offset):
         X[:, 6:, problem.torque_offset] = np.diag(1.0 / gain)
     if present(problem.torque_scale):
         X[:, 6:, problem.torque_scale] = (y[:, 6:] / gain)[:, :, None] * np.eye(n)
     if present(problem.acc_bias):
-        X[:, :, problem.acc_bias] = -H[:, :, :3]
+        X[:, :, problem.acc_bias] = -H[:, :, :3] @ R
     if present(problem.gyro_bias):
-        X[:, :, problem.gyro_bias] = -G_w
+        X[:, :, problem.gyro_bias] = -G_w @ R
 
 
 def _input_gains(
@@ -196,7 +238,7 @@ def _output_covariance(s: BlockStack, problem: Problem) -> FloatArray:
 
 
 def _smooth(
-    s: BlockStack, unit: FloatArray, w: FloatArray, acceleration: FloatArray, problem: Problem
+    s: BlockStack, unit: FloatArray, w: FloatArray, acceleration: FloatArray, r: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Apply unit-variance input corrections (B, inputs); return w, acceleration and qd there."""
     m, n, B = s.m, s.n, len(s.blocks)
@@ -205,7 +247,6 @@ def _smooth(
     f = np.einsum("bmf,bkf->bmk", s.root_acc, unit[:, :split].reshape(B, 3, -1)).reshape(-1, 3)
     g = np.einsum("bmf,bkf->bmk", s.root_gyro, unit[:, split:stop].reshape(B, 3, -1))
     dw, dwd = g[:, :m].reshape(-1, 3), g[:, m:].reshape(-1, 3)
-    r = problem.p_BS_m
     smoothed = acceleration.copy()
     w_new = w + dw
     smoothed[:, :3] += f - cross(dwd, r) - cross(w_new, cross(w_new, r))

@@ -1,8 +1,9 @@
 """The estimation problem: which parameters are unknown, their prior, and the state's layout.
 
-State x = [10 parameters per unknown body (base first), torque offsets (n), accelerometer bias (3),
-gyro bias (3), residual angular momentum (3), torque scale errors (n), external wrench (6), wrench
-on the target (9)]; a nuisance whose prior sigma is zero is no state.
+State x = [10 parameters per unknown body (base first), ways in which the known bodies may differ
+(up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual angular
+momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros of the
+joints (n), place (3) and angles (3) of the inertial unit]; one whose prior sigma is zero is none.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.config import BodyConfig, Config
+from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
     NAMES,
     PARAMETERS,
@@ -24,6 +27,9 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 NO_STATES = slice(0, 0)
+SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have in common: one rig
+CALIBRATION = ("joint_zero", "imu_place", "imu_angle")
+IndexArray = NDArray[np.intp]
 
 
 def present(states: slice) -> bool:
@@ -36,8 +42,8 @@ class Problem:
     """Everything the measurement functions need besides the data.
 
     `pi_known` (10 (n+1),) holds the known bodies with zeros (or the link alone) where an unknown
-    one goes; `U` (10 (n+1), k) maps the k = 10 or 20 body parameters of the state into it, so that
-    pi = pi_known + U x[:k]. Sensor geometry in base axes.
+    one goes; `U` (10 (n+1), k) maps the k inertial states (unknown bodies, then known) into it, so
+    that pi = pi_known + U x[:k]. Sensor geometry in base axes.
     """
 
     model: RobotModel
@@ -53,6 +59,9 @@ class Problem:
     momentum: slice
     torque_scale: slice
     wrench: slice  # force [N] and moment [N m] at the base's origin, inertial axes
+    joint_zero: slice  # true angle less the measured one [rad]
+    imu_place: slice  # true place less p_BS_m [m]
+    imu_angle: slice  # rotation vector, B axes, from the configured attitude to the true one [rad]
     target_wrench: slice  # the same at the target's centre of mass, then a force in axes E [N]
     target_com_m: FloatArray  # (3,) in E, as configured: where that acts on a known target
     p_BS_m: FloatArray  # accelerometer's place
@@ -66,6 +75,24 @@ class Problem:
         """Return the states that are body parameters."""
         return slice(0, PARAMETERS * len(self.unknown))
 
+    @property
+    def inertial(self) -> slice:
+        """Return the states that are inertial data, of unknown bodies and of known ones."""
+        return slice(0, self.U.shape[1])
+
+    @property
+    def published(self) -> IndexArray:
+        """Return the states that are published: not the known bodies, zeros and mounting."""
+        hidden = (
+            slice(self.bodies.stop, self.inertial.stop),
+            *(self.joint_zero, self.imu_place, self.imu_angle),
+        )
+        return np.delete(np.arange(len(self.names)), np.r_[hidden])
+
+    def place_m(self, x: FloatArray) -> FloatArray:
+        """Return where the accelerometer is (3,) for the state x."""
+        return self.p_BS_m + x[self.imu_place] if present(self.imu_place) else self.p_BS_m
+
     def body(self, name: str) -> slice:
         """Return the ten states of one unknown body."""
         start = PARAMETERS * self.unknown.index(name)
@@ -73,7 +100,7 @@ class Problem:
 
     def pi(self, x: FloatArray) -> FloatArray:
         """Return the parameters of base and links (10 (n+1),) for the state x."""
-        return self.pi_known + self.U @ x[self.bodies]
+        return self.pi_known + self.U @ x[self.inertial]
 
 
 def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
@@ -121,8 +148,10 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
     return tuple(configured.index(name) for name in model.joint_names)
 
 
-def build_problem(config: Config, model: RobotModel) -> Problem:
+def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> Problem:
     """Lay out the state and its prior for one configuration.
+
+    `exact`: known bodies, zeros of the joints and the inertial unit's mounting are as configured.
 
     Raises
     ------
@@ -139,6 +168,7 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         None if "target" in unknown else pi_target,
     )
     U = np.zeros((pi_known.size, PARAMETERS * len(unknown)))
+    known = {} if exact else dict(known_bodies(config, model, unknown))
     means, covariances, names, liquids = [], [], [], []
     for index, name in enumerate(unknown):
         columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
@@ -151,6 +181,11 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         covariances.append(covariance)
         liquids.append(liquid_root(config.bodies[name]))
         names += [f"{name}.{parameter}" for parameter in NAMES]
+    for place, ways in known.items():
+        U = np.concatenate([U, ways], axis=1)
+        means.append(np.zeros(ways.shape[1]))
+        covariances.append(np.eye(ways.shape[1]))
+        names += [f"known.{place}.{k + 1}" for k in range(ways.shape[1])]
     slices = []
     imu, estimator = config.imu, config.estimator
     nuisances = (
@@ -171,15 +206,20 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
             + [estimator.target_torque_sigma_nm] * 3
             + [estimator.target_force_sigma_n] * 3,
         ),
+        ("joint_zero", model.joint_names, [j.zero_sigma_rad for j in joints]),
+        ("imu_place", "xyz", [imu.mounting_position_sigma_m] * 3),
+        ("imu_angle", "xyz", [imu.mounting_angle_sigma_rad] * 3),
     )
     for kind, labels, sigmas in nuisances:
-        if not any(sigmas):
+        if not any(sigmas) or (exact and kind in CALIBRATION):
             slices.append(NO_STATES)
             continue
         slices.append(slice(len(names), len(names) + len(sigmas)))
         names += [f"{kind}.{label}" for label in labels]
         means.append(np.zeros(len(sigmas)))
-        covariances.append(np.diag(np.maximum(sigmas, 1e-9) ** 2))
+        spread = np.maximum(sigmas, 1e-9)
+        shared = SHARED_SCALE if kind == "torque_scale" else 0.0
+        covariances.append(np.diag((1.0 - shared) * spread**2) + shared * np.outer(spread, spread))
     prior_covariance = np.zeros((len(names), len(names)))
     start = 0
     for block in covariances:
@@ -205,6 +245,9 @@ def build_problem(config: Config, model: RobotModel) -> Problem:
         torque_scale=slices[4],
         wrench=slices[5],
         target_wrench=slices[6],
+        joint_zero=slices[7],
+        imu_place=slices[8],
+        imu_angle=slices[9],
         target_com_m=np.array(
             config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
         ),

@@ -116,7 +116,7 @@ class InnovationMonitor:
             self._previous = None
         return Judgement(accepted, bool(self._sum > THRESHOLD))
 
-    def learn_level(self, levels: FloatArray, dof: int, parameters: int) -> None:
+    def learn_level(self, levels: FloatArray, dof: int, parameters: float) -> None:
         """Set the noise level from the mean squared residuals of the newest blocks.
 
         The median over blocks, corrected for the parameters fitted; one unless it stands out.

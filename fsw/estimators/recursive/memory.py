@@ -278,6 +278,11 @@ class Memory:
         """Return the information if the data's noise variance is `level` times the declared."""
         return self.information if level == 1.0 else _joined(self.prior, self.data, level**-0.5)
 
+    def fitted(self) -> float:
+        """Return how many parameters the data have fitted: all, less what the prior holds."""
+        held = self.prior.R @ self.information.covariance_root()
+        return float(len(self.prior.z) - np.sum(held**2))
+
     def _combine(self) -> None:
         self.information = _joined(self.prior, self.data, 1.0)
 

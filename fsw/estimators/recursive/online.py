@@ -72,11 +72,13 @@ class OnlineEstimator:
         ------
         EstimatorError if the result is for other states or not a proper estimate.
         """
-        if tuple(result["names"]) != self.problem.names:
+        k = self.problem.published
+        if tuple(result["names"]) != tuple(self.problem.names[i] for i in k):
             raise EstimatorError("the batch result is for other unknowns than the online estimator")
         if result["status"] != "OK":
             raise EstimatorError(f"the batch ended with {result['status']}; nothing adopted")
-        mean, covariance = np.array(result["mean"]), np.array(result["covariance"])
+        mean, covariance = self.problem.prior_mean.copy(), self.problem.prior_covariance.copy()
+        mean[k], covariance[np.ix_(k, k)] = result["mean"], result["covariance"]
         try:
             SquareRootInformation.from_prior(mean, covariance)
         except np.linalg.LinAlgError as error:
@@ -187,12 +189,12 @@ class OnlineEstimator:
         """
         recursion = self.recursion
         try:
-            estimate = self.estimate(self._now_ns())
+            estimate, k = self.estimate(self._now_ns()), self.problem.published
             diagnosis = diagnose(
-                names=self.problem.names,
-                prior_mean=recursion.start_mean,
-                prior_covariance=recursion.start_covariance,
-                mean=recursion.x,
+                names=estimate.names,
+                prior_mean=recursion.start_mean[k],
+                prior_covariance=recursion.start_covariance[np.ix_(k, k)],
+                mean=estimate.mean,
                 covariance=estimate.covariance,
                 bodies=estimate.bodies,
                 duration_s=recursion.duration_s,
@@ -207,7 +209,7 @@ class OnlineEstimator:
             "blocks": recursion.blocks,
             "innovation_lag1": {"correlation": correlation, "bound": bound},
             "noise_ratio": float(np.sqrt(recursion.monitor.level)),
-            **plain(diagnosis, self.problem.names),
+            **plain(diagnosis, estimate.names),
         }
 
     def estimate(self, t_ns: int) -> Estimate:
@@ -308,6 +310,7 @@ def build_online(
     """Build the recursive estimator of a configuration.
 
     The weightings ols and wls are the paper's regression, which has no prior: theirs is made flat.
+    They and bc take the known bodies and the mounting as exact.
 
     Raises
     ------
@@ -315,11 +318,11 @@ def build_online(
     """
     if model is None:
         model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    problem = build_problem(config, model)
     settings = config.estimator
+    linear = settings.method == "mrnea" and settings.weighting != "eiv"
+    problem = build_problem(config, model, exact=linear)
     if settings.method == "mrnea" and settings.weighting == "bc":
         return BiasCompensatedEstimator(problem, settings)
     rows = row_function(settings.method, settings.weighting, problem)
-    linear = settings.method == "mrnea" and settings.weighting != "eiv"
     false_alarm = config.health.false_alarm_probability
     return OnlineEstimator(problem, settings, rows, linear=linear, false_alarm=false_alarm)

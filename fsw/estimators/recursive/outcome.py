@@ -60,7 +60,7 @@ def outcome(
         if not reason and distance > chdtri(PARAMETERS, INCONSISTENT):
             reason = "NOT_CONSISTENT"
     whole = None if q_rad is None else whole_estimate(problem, x, covariance, q_rad)
-    k = problem.bodies
+    k, shown = problem.bodies, problem.published
     gained = 0.5 * (
         np.linalg.slogdet(problem.prior_covariance[k, k])[1]
         - np.linalg.slogdet(covariance[k, k])[1]
@@ -70,9 +70,9 @@ def outcome(
         valid=not reason,
         reason=reason,
         method=method,
-        names=problem.names,
-        mean=x.copy(),
-        covariance=covariance,
+        names=tuple(problem.names[i] for i in shown),
+        mean=x[shown],
+        covariance=covariance[np.ix_(shown, shown)],
         bodies=bodies,
         blocks=blocks,
         gated=gated,

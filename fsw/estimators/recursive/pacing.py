@@ -10,6 +10,7 @@ from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 
 SETTLED = 0.02  # whitened rms step by re-linearising alone below which the estimate has settled
+SETTLED_IN_DOUBT = 0.05  # the same of the bodies alone, where arm and calibration are in doubt
 WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
 FAR = 0.5  # whitened rms distance from the last point at which that expectation is not trusted
 LEAST_PULL = 1 / 16
@@ -21,11 +22,12 @@ class Pacing:
 
     Attributes
     ----------
-    settled : whether the last pass moved the estimate by less than `SETTLED`
+    settled : whether the last pass moved the estimate by less than the bound
     """
 
-    def __init__(self, *, settled: bool) -> None:
-        self.settled = settled
+    def __init__(self, *, settled: bool, bound: float = SETTLED) -> None:
+        """`bound`: the step below which the estimate has settled."""
+        self.settled, self._bound = settled, bound
         self._last_move = self._last_step = np.inf
         self._last_since = 1
         self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
@@ -64,7 +66,7 @@ class Pacing:
         """Note by how much a pass moved the estimate, and in how many blocks it failed."""
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
         self._last_step = step
-        self.settled = step < SETTLED and failed == 0
+        self.settled = step < self._bound and failed == 0
 
     def found_idle(self, step: float) -> None:
         """Note by how much a pass not worth its time would have moved the estimate."""

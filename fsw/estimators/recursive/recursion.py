@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from fsw.config import EstimatorConfig
 from fsw.estimators.diagnosis import conflict_limit, stated_conflict
@@ -26,7 +27,7 @@ from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.change import InnovationMonitor, slow_power
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
-from fsw.estimators.recursive.pacing import FAR, SETTLED, WORTH, Pacing
+from fsw.estimators.recursive.pacing import FAR, SETTLED, SETTLED_IN_DOUBT, WORTH, Pacing
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
@@ -81,6 +82,7 @@ class Recursion:
         self.monitor = InnovationMonitor(settings.gate_probability)
         self.q_rad: FloatArray | None = None
         self.used: Block | None = None
+        self._in_doubt = len(problem.published) < len(problem.names)
         self.start(problem.prior_mean, self._spread())
 
     def start(self, mean: FloatArray, covariance: FloatArray) -> None:
@@ -90,7 +92,8 @@ class Recursion:
         self.memory = Memory(prior, self._settings.store_blocks)
         self.x = mean.copy()
         self.since = 0
-        self.pacing = Pacing(settled=self.linear)
+        bound = SETTLED_IN_DOUBT if self._in_doubt else SETTLED
+        self.pacing = Pacing(settled=self.linear, bound=bound)
         self.armed = self.conflict = False
         self.slow = (1.0, float("inf"))
         self._check_due = self._level_due = False
@@ -188,7 +191,7 @@ class Recursion:
 
     def fold(self, block: Block) -> Generator[None, None, None]:
         """Linearise a new block, judge it, and fold it in if it fits; in bounded units."""
-        at = yield from self._point()
+        at = self.memory.at if self._in_doubt else (yield from self._point())
         rows = self._usable_rows(block, at, self.memory.gained) if plausible(block) else None
         yield
         if rows is not None and self.armed:
@@ -336,7 +339,7 @@ class Recursion:
         self._solve()
         if memory is not self.memory:  # started over
             return
-        step = max(_rms(R @ (self.x - x)), _rms(memory.information.R @ (self.x - x)))
+        step = max(self._distance(R, self.x - x), self._distance(memory.information.R, self.x - x))
         self.pacing.end(step, memory.failed)
         self._level_due, self._check_due = True, self.pacing.settled
 
@@ -344,7 +347,8 @@ class Recursion:
         self._level_due = False
         monitor, known = self.monitor, self.monitor.level
         levels, dof = self.memory.residual_levels(self.x, LEVEL_BLOCKS)
-        monitor.learn_level(levels, dof, len(self.x) if self.since <= LEVEL_BLOCKS else 0)
+        few = self.since <= LEVEL_BLOCKS
+        monitor.learn_level(levels, dof, self.memory.fitted() if few else 0.0)
         self.slow = slow_power(self.memory.residuals(self.x), monitor.level)
         if self.pacing.settled and monitor.level > 1.0 and known == 1.0:
             ratio = np.sqrt(monitor.level)
@@ -376,6 +380,15 @@ class Recursion:
             f"its sigmas are widened by that factor"
         )
         self._events.append(("medium", "PRIOR_CONFLICT", text))
+
+    def _distance(self, R: FloatArray, step: FloatArray) -> float:
+        """Return the whitened rms of a step; of the bodies alone where the arm is in doubt too."""
+        if not self._in_doubt:
+            return _rms(R @ step)
+        k = self.problem.bodies
+        root = dtrtri(R)[0][k]
+        L = np.linalg.cholesky(root @ root.T)
+        return _rms(solve_triangular(L, step[k], lower=True))
 
     def _drift(self) -> float:
         """Whitened rms distance of the estimate from the point of the last pass."""

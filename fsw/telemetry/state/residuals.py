@@ -43,7 +43,7 @@ class TorqueResiduals:
 
     def __init__(self, config: Config) -> None:
         model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-        self._problem: Problem = build_problem(config, model)
+        self._problem: Problem = build_problem(config, model, exact=True)
         names = [joint.name for joint in config.joints]
         self._places = [model.joint_names.index(name) for name in names]
 

@@ -60,10 +60,12 @@ def config(system: str, scale: float = 1.0) -> Config:
         "torque_noise_nm": TORQUE_NOISE_NM,
         "torque_offset_sigma_nm": TORQUE_OFFSET_SIGMA_NM,
         "position_noise_rad": POSITION_NOISE_RAD,
+        "torque_scale_sigma_ratio": 0.0,
+        "zero_sigma_rad": 0.0,
     }
     return Config.model_validate(
         {
-            "robot": {"urdf": str(URDF), "tool_frame": "tool"},
+            "robot": {"urdf": str(URDF), "tool_frame": "tool", "links_sigma_ratio": 0.0},
             "bodies": entries,
             "unknown": list(unknown),
             "buses": [{"name": "arm", "interface": "virtual", "channel": "a", "rate_hz": RATE_HZ}],

@@ -37,7 +37,7 @@ def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0
 
 def problem_of(config: Config) -> Problem:
     """Return the estimation problem of a configuration."""
-    return build_problem(config, RobotModel(config.resolve(config.robot.urdf), "tool"))
+    return build_problem(config, RobotModel(config.resolve(config.robot.urdf), "tool"), exact=True)
 
 
 def without_biases(scenario: Scenario) -> Scenario:

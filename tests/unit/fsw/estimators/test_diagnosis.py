@@ -65,7 +65,7 @@ def test_diagnosis_in_numbers() -> None:
         covariance=P,
         bodies={},
         duration_s=1.0,
-        fisher=F,
+        bound=np.linalg.inv(np.linalg.inv(P0) + F),
     )
     assert d.known == 1
     assert [c.source for c in d.combinations] == ["prior", "prior", "data"]
@@ -80,7 +80,7 @@ def test_diagnosis_in_numbers() -> None:
         covariance=np.linalg.inv(np.linalg.inv(P0) + F / 4),
         bodies={},
         duration_s=1.0,
-        fisher=F,
+        bound=np.linalg.inv(np.linalg.inv(P0) + F),
     )
     assert wasteful.efficiency_volume < 0.9
 

@@ -30,8 +30,8 @@ FIELDS = {"tau_nm": "J_tau", "f_m_s2": "J_f", "w_rad_s": "J_w"}
 RATES = ("momentum", "measured")
 
 
-def problem_and_state(seed: int = 1) -> tuple[Problem, np.ndarray]:
-    problem = make_problem(("base", "target"), momentum_sigma_nms=1.0)
+def problem_and_state(seed: int = 1, **options: Any) -> tuple[Problem, np.ndarray]:
+    problem = make_problem(**{"unknown": ("base", "target"), "momentum_sigma_nms": 1.0} | options)
     x = problem.prior_mean.copy()
     x[20:] = 0.1 * np.random.default_rng(seed).normal(size=len(x) - 20)
     return problem, x

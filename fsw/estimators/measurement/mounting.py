@@ -1,0 +1,36 @@
+"""The inertial unit turned from its configured attitude, and what small turns do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.model.inertia import skew
+from fsw.estimators.model.problem import Problem, present
+from fsw.messages import FloatArray
+
+SMALL = 1e-6  # rad: below, the series' first terms are exact in double precision
+
+
+def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return R (3, 3), from axes as configured to true ones, and D (3, 3): d(R v) = -[R v x] D dx.
+
+    Source: exponential map and left Jacobian of SO(3), Barfoot, State Estimation for Robotics
+    (2017), eqs. (6.86), (7.76).
+    """
+    if not present(problem.imu_angle):
+        return np.eye(3), np.eye(3)
+    phi = x[problem.imu_angle]
+    angle, K = float(np.linalg.norm(phi)), skew(phi)
+    if angle < SMALL:
+        return np.eye(3) + K + 0.5 * K @ K, np.eye(3) + 0.5 * K + K @ K / 6.0
+    s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    R = np.eye(3) + s * K + c * K @ K
+    return R, np.eye(3) + c * K + (1.0 - s) / angle**2 * K @ K
+
+
+def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
+    """Return the blocks with the joints' angles as they are by the state's zeros."""
+    if not present(problem.joint_zero) or not x[problem.joint_zero].any():
+        return s
+    return s.shifted(x[problem.joint_zero])

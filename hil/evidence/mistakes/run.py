@@ -1,0 +1,249 @@
+"""One mistake on one motion: raw samples of a right robot, read by a wrong configuration.
+
+The samples are those of the devices (readings of joint nodes, inertial unit in its own axes), so a
+wrong sign, zero, gain, mounting or delay acts where it would act in flight. They go through the
+flight conditioner and the recursive estimator; every published estimate is compared with the truth.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from fsw.config import Config, load
+from fsw.estimators.batch.run import run_batch
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.recursive.online import build_online
+from fsw.messages import Block, BodyEstimate, Estimate
+from fsw.messages.errors import FswError
+from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of
+from hil.evidence.methods.exact import exact_samples
+from hil.evidence.methods.flight_side import write_config
+from hil.evidence.methods.sensed import (
+    Channels,
+    condition,
+    declared,
+    draws,
+    sensed,
+    with_noise,
+)
+from hil.evidence.mistakes.table import wrong
+from hil.world.inertia import FloatArray
+
+CONFIDENT = 5.0  # sigmas of an error that a valid estimate must not have
+STREAM = 127  # spawn key of the samples' noise and biases
+SENSORS = "data sheet"
+DOUBTS = (
+    *("links_sigma_ratio", "torque_scale_sigma_ratio", "zero_sigma_rad"),
+    *("mounting_position_sigma_m", "mounting_angle_sigma_rad"),
+)  # keys that say how well arm and calibration are known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """What a mistake came to."""
+
+    case: str
+    mistake: str
+    seed: int
+    refused: str  # why the configuration was refused; empty
+    valid: bool  # at the end
+    reason: str
+    z: float  # largest |error| over sigma of the bodies' published parameters, at the end
+    mass_z: float  # of the masses
+    mass_sigma: float  # of the first unknown body over its mass
+    outputs: int  # estimates published as valid
+    wrong: int  # of these, with z above CONFIDENT
+    beyond: int  # of the wrong ones, with the correlation of innovations beyond its bound
+    events: tuple[str, ...]  # codes, in order
+    batch: str  # status of the batch
+    batch_z: float
+
+    @property
+    def confidently_wrong(self) -> bool:
+        """Return whether a result was valid and wrong: at the end, ever, or from the batch."""
+        return self.wrong > 0 or (self.batch == "OK" and self.batch_z > CONFIDENT)
+
+
+def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = False) -> Finding:
+    """Return what a mistake comes to.
+
+    `exact`: the configuration says that arm and calibration are known exactly; else it leaves what
+    it does not know to the defaults.
+    """
+    with tempfile.TemporaryDirectory(prefix="mistake-") as name:
+        folder = Path(name)
+        right = write_config(scenario_of(case), seed, folder)
+        document = yaml.safe_load((folder / "flight.yaml").read_text(encoding="utf-8"))
+        document, urdf = wrong(mistake, document, (folder / "robot.urdf").read_text("utf-8"))
+        if not exact:
+            _leave_to_the_defaults(document)
+        (folder / "robot.urdf").write_text(urdf, encoding="utf-8")
+        (folder / "wrong.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+        try:
+            used = load(folder / "wrong.yaml")
+            found = _judge(case, right, used, seed, blocks)
+        except FswError as error:
+            found = _nothing(str(error).splitlines()[0])
+        return replace(found, case=case, mistake=mistake, seed=seed)
+
+
+def _leave_to_the_defaults(document: dict[str, Any]) -> None:
+    for section in (document["robot"], document["imu"], *document["joints"]):
+        for key in DOUBTS:
+            section.pop(key, None)
+
+
+def _judge(case: str, right: Config, used: Config, seed: int, count: int) -> Finding:
+    noise = SENSOR_SETS[SENSORS]
+    scale = used.joints[0].torque_noise_nm / right.joints[0].torque_noise_nm
+    told = replace(
+        noise,
+        position_rad=scale * noise.position_rad,
+        torque_nm=scale * noise.torque_nm,
+        rate_rad_s=scale * noise.rate_rad_s,
+        acceleration_m_s2=scale * noise.acceleration_m_s2,
+    )
+    config = declared(used, told, RATE_HZ, window_s=WINDOW_S, nodes=NODES)
+    made = condition(as_read(samples(case, right, seed), right, config), config, RATE_HZ)[:count]
+    online = build_online(
+        config, RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    )
+    truth = scenario_of(case).truth
+    outputs = wrong = beyond = 0
+    for block in made:
+        estimate = online.push(block)
+        if estimate.valid:
+            outputs += 1
+            if worst(estimate.bodies, truth) > CONFIDENT:
+                wrong += 1
+                lag, bound = (estimate.extra[k] for k in ("innovation_lag1", LAG_BOUND))
+                beyond += lag > bound
+    final = online.finish()
+    return _found(final, truth, outputs, wrong, beyond, online.events(), _batch(config, made))
+
+
+LAG_BOUND = "innovation_lag1_bound"
+
+
+def _found(
+    final: Estimate,
+    truth: Mapping[str, FloatArray],
+    outputs: int,
+    wrong: int,
+    beyond: int,
+    events: list[tuple[str, str, str]],
+    batch: Mapping[str, Any] | None,
+) -> Finding:
+    z, first = worst(final.bodies, truth), next(iter(final.bodies.values()))
+    return Finding(
+        case="",
+        mistake="",
+        seed=0,
+        refused="",
+        valid=final.valid,
+        reason=final.reason,
+        z=z,
+        mass_z=max(
+            abs(b.mass_kg - truth[name][0]) / b.mass_sigma_kg for name, b in final.bodies.items()
+        ),
+        mass_sigma=first.mass_sigma_kg / first.mass_kg,
+        outputs=outputs + final.valid,
+        wrong=wrong + (final.valid and z > CONFIDENT),
+        beyond=beyond,
+        events=tuple(code for _, code, _ in events),
+        batch="FAILED" if batch is None else str(batch["status"]),
+        batch_z=float("inf") if batch is None else _batch_worst(batch, truth),
+    )
+
+
+def _nothing(why: str) -> Finding:
+    return Finding(
+        case="",
+        mistake="",
+        seed=0,
+        refused=why,
+        valid=False,
+        reason="",
+        z=float("inf"),
+        mass_z=float("inf"),
+        mass_sigma=float("inf"),
+        outputs=0,
+        wrong=0,
+        beyond=0,
+        events=(),
+        batch="",
+        batch_z=float("inf"),
+    )
+
+
+def _batch(config: Config, blocks: list[Block]) -> dict[str, Any] | None:
+    try:
+        return run_batch(config, blocks, "fused", ())
+    except FswError:
+        return None
+
+
+def samples(case: str, right: Config, seed: int) -> Channels:
+    """Return noisy samples with the biases of a seed, of sensors as the right configuration says.
+
+    Biases are drawn from what that declares.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
+    state, noise = exact_samples(case), SENSOR_SETS[SENSORS]
+    unit = draws(len(state.q), state.q.shape[1], rng, shared=False)
+    noisy = with_noise(sensed(state, right), noise, unit)
+    offsets = [joint.torque_offset_sigma_nm for joint in right.joints]
+    return replace(
+        noisy,
+        tau_nm=noisy.tau_nm + np.array(offsets) * rng.standard_normal(len(offsets)),
+        w_NS_S_rad_s=noisy.w_NS_S_rad_s + right.imu.gyro_bias_sigma_rad_s * rng.standard_normal(3),
+        f_NS_S_m_s2=noisy.f_NS_S_m_s2 + right.imu.acc_bias_sigma_m_s2 * rng.standard_normal(3),
+    )
+
+
+def as_read(channels: Channels, right: Config, used: Config) -> Channels:
+    """Return the samples as a configuration reads the devices that another one describes.
+
+    Nodes send sign x (q + zero) and sign x torque; the inertial unit's stamps are its arrivals less
+    the configured group delay, which shifts its samples.
+    """
+    q, tau = np.empty_like(channels.q_rad), np.empty_like(channels.tau_nm)
+    nodes = [joint.node_id for joint in right.joints]
+    for k, joint in enumerate(used.joints):
+        own = nodes.index(joint.node_id)
+        sent = right.joints[own]
+        angle = sent.sign * (channels.q_rad[:, own] + sent.zero_offset_rad)
+        q[:, k] = joint.sign * angle - joint.zero_offset_rad
+        tau[:, k] = joint.sign * joint.torque_gain * sent.sign * channels.tau_nm[:, own]
+        tau[:, k] -= joint.torque_offset_nm
+    late = used.imu.gyro_group_delay_s - right.imu.gyro_group_delay_s
+    shift = round(late * RATE_HZ)
+    w = np.roll(channels.w_NS_S_rad_s, -shift, axis=0)
+    f = np.roll(channels.f_NS_S_m_s2, -shift, axis=0)
+    return replace(channels, q_rad=q, tau_nm=tau, w_NS_S_rad_s=w, f_NS_S_m_s2=f)
+
+
+def worst(bodies: Mapping[str, BodyEstimate], truth: Mapping[str, FloatArray]) -> float:
+    """Return the largest |error| over sigma of mass, centre of mass and inertia of all bodies."""
+    largest = 0.0
+    for name, body in bodies.items():
+        mean = np.concatenate([[body.mass_kg], body.com_m, body.inertia_kg_m2])
+        sigma = np.concatenate([[body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2])
+        largest = max(largest, float(np.max(np.abs(mean - truth[name]) / sigma)))
+    return largest
+
+
+def _batch_worst(batch: Mapping[str, Any], truth: Mapping[str, FloatArray]) -> float:
+    largest = 0.0
+    for name, mean in batch["estimate"].items():
+        sigma = batch["sigma"][name]
+        rows = [np.concatenate([np.atleast_1d(v) for v in own.values()]) for own in (mean, sigma)]
+        largest = max(largest, float(np.max(np.abs(rows[0] - truth[name]) / rows[1])))
+    return largest

@@ -1,0 +1,107 @@
+"""Arm, zeros and mounting that are not known exactly: derivatives, and what zero sigmas do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fsw.estimators.measurement.fused import predict
+from fsw.estimators.measurement.mrnea import mrnea_rows
+from fsw.estimators.model.calibration import spread_root
+from fsw.estimators.model.inertia import frame_change, is_consistent
+from fsw.estimators.model.problem import Problem, build_problem
+from tests.support.estimator_cases import (
+    BASE,
+    TARGET,
+    make_config,
+    parameters,
+    random_block,
+    robot_model,
+)
+
+KINDS = ("known", "joint_zero", "imu_place", "imu_angle", "torque_scale", "gyro_bias")
+
+
+def problem_and_state(unknown: tuple[str, ...], size: float) -> tuple[Problem, np.ndarray]:
+    """Return a problem with everything in doubt, and a state off by some sigmas."""
+    problem = build_problem(make_config(unknown, doubt=True), robot_model())
+    x = problem.prior_mean.copy()
+    sigma = np.sqrt(np.diag(problem.prior_covariance))
+    draws = np.random.default_rng(3).normal(size=len(x))
+    x[problem.bodies.stop :] += size * (sigma * draws)[problem.bodies.stop :]
+    return problem, x
+
+
+def columns(problem: Problem) -> list[int]:
+    return [k for k, name in enumerate(problem.names) if name.startswith(KINDS)]
+
+
+@pytest.mark.parametrize("rate", ["momentum", "measured"])
+@pytest.mark.parametrize(("unknown", "size"), [(("target",), 0.0), (("base",), 3.0)])
+def test_predictions_derivatives(unknown: tuple[str, ...], size: float, rate: Any) -> None:
+    problem, x = problem_and_state(unknown, size)
+    block = random_block(2)
+    J = predict(block, x, problem, rate).J
+    for k in columns(problem):
+        h = 1e-5
+        up, down = (predict(block, x + step * np.eye(len(x))[k], problem, rate) for step in (h, -h))
+        channels = ("tau_nm", "f_m_s2") if rate == "measured" else ("tau_nm", "f_m_s2", "w_rad_s")
+        for name, first in zip(channels, (0, 7, 10), strict=False):
+            expected = (getattr(up, name) - getattr(down, name)) / (2 * h)
+            got = J[:, first : first + expected.shape[1], k]
+            rounding = 1e-13 * np.abs(getattr(up, name)).max() / h
+            bound = 2e-6 * np.abs(expected).max() + 10 * rounding
+            assert np.abs(got - expected).max() <= bound, (name, problem.names[k])
+
+
+def test_regression_rows_derivatives() -> None:
+    """Unit weights (ols): A = -db/dx for every column, whatever the residual."""
+    problem, x = problem_and_state(("target",), 2.0)
+    x[problem.inertial] = problem.prior_mean[problem.inertial]  # where these rows take H
+    block = random_block(4)
+    A = mrnea_rows(block, x, problem, "ols").A
+    for k in columns(problem):
+        h = 1e-5
+        b = [mrnea_rows(block, x + step * np.eye(len(x))[k], problem, "ols").b for step in (h, -h)]
+        expected = (b[1] - b[0]) / (2 * h)
+        rounding = 1e-13 * np.abs(b[0]).max() / h
+        # the scale's column holds the measured torque, its residual the same over 1 + scale
+        bound = 2e-6 * np.abs(expected).max() + 10 * rounding
+        assert np.abs(A[:, k] - expected).max() <= bound, problem.names[k]
+
+
+def test_what_is_exact_is_no_state() -> None:
+    doubtful, certain = (make_config(doubt=doubt) for doubt in (True, False))
+    model = robot_model()
+    small, whole = build_problem(certain, model), build_problem(doubtful, model)
+    assert len(small.names) == 10 + 7 + 3 + 3
+    assert len(whole.names) == len(small.names) + 7 + (7 + 1) * 10 + 7 + 3 + 3
+    shown = tuple(whole.names[k] for k in whole.published)
+    assert shown == build_problem(doubtful, model, exact=True).names
+    assert not [name for name in shown if name.startswith(("known", "joint_zero", "imu"))]
+
+
+def test_sigma_of_a_known_base_takes_effect() -> None:
+    config = make_config()
+    bodies = config.bodies | {"base": make_config(("base",)).bodies["base"]}
+    problem = build_problem(config.model_copy(update={"bodies": bodies}), robot_model())
+    mass = problem.U[0, problem.bodies.stop :]
+    assert np.sqrt(mass @ mass) == pytest.approx(0.5 * BASE.mass_kg)
+
+
+@pytest.mark.parametrize("body", [BASE, TARGET])
+def test_spread_is_of_a_ratio_in_any_frame_and_of_bodies(body: Any) -> None:
+    pi, ratio = parameters(body), 0.05
+    root = spread_root(pi, ratio)
+    covariance = root @ root.T
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(ratio * body.mass_kg)
+    R = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    T = frame_change(R * np.linalg.det(R), np.array([0.5, -1.0, 2.0]))
+    elsewhere = spread_root(T @ pi, ratio)
+    np.testing.assert_allclose(
+        elsewhere @ elsewhere.T, T @ covariance @ T.T, atol=1e-9 * np.abs(covariance).max() * 100
+    )
+    draws = np.random.default_rng(1).normal(size=(200, root.shape[1]))
+    assert all(is_consistent(pi + root @ draw) for draw in draws)
