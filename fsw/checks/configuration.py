@@ -7,7 +7,7 @@ one line: key, value found, bound.
 from __future__ import annotations
 
 import os
-from math import sqrt, tau
+from math import hypot, sqrt, tau
 from pathlib import Path
 
 from fsw.checks import budget
@@ -20,6 +20,7 @@ from fsw.estimators.model.problem import Problem
 from fsw.messages.errors import ConfigError
 
 MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
+LONG_LEVER_M = 10.0  # of the inertial unit: a space station would have it
 FULL_LOAD = 1.0
 HIGH_LOAD = 0.7
 MAX_GROUP_DELAY_S = 0.1  # a sensor filter slower than 10 Hz is taken for milliseconds
@@ -112,6 +113,7 @@ def _warnings(config: Config) -> list[str]:
             f"imu.baud_rate: {config.imu.baud_rate} does not carry the longest datagram at "
             f"{config.imu.rate_hz:g} Hz ({longest:.0%}); shorter ones fit"
         )
+    found += _mounting_warnings(config)
     estimator = config.estimator
     if estimator.method != "mrnea" and estimator.weighting != "eiv":
         found.append(
@@ -290,6 +292,16 @@ def _serial_faults(config: Config) -> list[str]:
                 "port serves one device only"
             )
     return faults
+
+
+def _mounting_warnings(config: Config) -> list[str]:
+    place = config.imu.mounting.p_BS_m
+    if hypot(*place) <= LONG_LEVER_M:
+        return []
+    return [
+        f"imu.mounting.p_BS_m: {list(place)} is {hypot(*place):.0f} m from the base's origin; "
+        f"above {LONG_LEVER_M:g} m is rather in millimetres"
+    ]
 
 
 def _not_writable(folder: Path) -> str:

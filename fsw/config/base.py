@@ -27,6 +27,7 @@ RandomWalk = Annotated[float, Field(ge=SMALLEST, le=10.0, allow_inf_nan=False)] 
 TorqueSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]  # 0: not estimated
 ForceSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]
 MomentumSigma = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
+Turn = Annotated[float, Field(ge=-6.3, le=6.3, allow_inf_nan=False)]  # rad: one, either way
 AngleSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]  # 0: exact
 ScaleSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
 RateSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]

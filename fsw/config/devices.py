@@ -25,6 +25,7 @@ from fsw.config.base import (
     Section,
     TorqueNoise,
     TorqueSigma,
+    Turn,
 )
 from fsw.messages.errors import brief
 
@@ -72,7 +73,7 @@ class JointConfig(Section):
     node_id: int = Field(ge=1, le=127)
     format: Literal["classic", "fd"] = "classic"
     sign: Literal[-1, 1] = 1
-    zero_offset_rad: Finite = 0.0
+    zero_offset_rad: Turn = 0.0
     torque_gain: Positive = 1.0
     torque_offset_nm: Finite = 0.0
     torque_limit_nm: Positive  # larger readings are rejected as out of range

@@ -147,6 +147,7 @@ def diagnose(
     duration_s: float,
     bound: FloatArray | None = None,
     goal_ratio: float = GOAL_RATIO,
+    reason: str = "",
 ) -> Diagnosis:
     """Diagnose one estimate.
 
@@ -156,6 +157,7 @@ def diagnose(
     bound : (p, p) least covariance that all the data and the prior allow; None: the estimate's own,
         for which the efficiency is one
     goal_ratio : relative 1-sigma of the mass that the verdict asks for
+    reason : why the estimate is not valid; the verdict says so; empty: it is
 
     Raises
     ------
@@ -189,7 +191,9 @@ def diagnose(
         conflict=distance,
         conflict_limit=conflict_limit(dof),
         verdicts={
-            name: verdict(
+            name: f"{name} mass not identified: the estimate is not valid, {reason}"
+            if reason
+            else verdict(
                 name,
                 body.mass_kg,
                 float(np.sqrt(covariance[k, k])),

@@ -21,10 +21,12 @@ def diagnose_batch(
     covariance: FloatArray,
     bodies: Mapping[str, BodyEstimate],
     level: float = 1.0,
+    status: str = "OK",
 ) -> dict[str, Any] | None:
     """Return the diagnosis of a batch estimate as plain values; None without a proper covariance.
 
-    `residuals` are the method's whitened ones, block by block.
+    `residuals` are the method's whitened ones, block by block; a `status` other than OK stands in
+    the verdict.
 
     The Cramer-Rao bound is that of all sensors: the Fisher information of the fused rows at the
     estimate, for a noise variance `level` times the declared. So a method that does not use them
@@ -44,6 +46,7 @@ def diagnose_batch(
             mean=mean[k],
             covariance=covariance[np.ix_(k, k)],
             bodies=dict(bodies),
+            reason="" if status == "OK" else status,
             duration_s=int(blocks[-1].t_ns[-1] - blocks[0].t_ns[0]) * 1e-9,
             bound=least[np.ix_(k, k)],
         )

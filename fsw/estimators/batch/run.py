@@ -34,7 +34,7 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
-from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, slow_power
+from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
@@ -140,7 +140,14 @@ def _run(
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
         "whole": _plain(whole, "") | {"sigma": _plain(whole, "sigma")},
         "diagnosis": diagnose_batch(
-            problem, found.residuals, found.used, found.mean, covariance, bodies, found.level
+            problem,
+            found.residuals,
+            found.used,
+            found.mean,
+            covariance,
+            bodies,
+            found.level,
+            found.status,
         ),
     }
 
@@ -174,7 +181,8 @@ def _likelihood(
         slow, most = slow_power(left, level)
         fitted = fits
         fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
-        mismatch = level > MISMATCH_LEVEL or slow > most
+        alike, bound = colour(left)
+        mismatch = level > MISMATCH_LEVEL or slow > most or alike > bound
         if len(blocks) - sum(fits) > GATED_SHARE * len(blocks):
             mismatch = True
             break

@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+import numpy as np
+
 from fsw.estimators.measurement.block_stack import BlockStack, stacks_of
 from fsw.estimators.measurement.energy import stacked_energy_rows
 from fsw.estimators.measurement.fused import stacked_fused_rows
@@ -47,6 +49,18 @@ class Linearisation:
                 before = found[-1].after
             self._x, self._found = x.copy(), found
         return self._found
+
+
+def usable_rows(
+    rows: RowsFunction, block: Block, at: FloatArray, before: Impulse | None
+) -> Rows | None:
+    """Return the rows; None if the base has no inertia there or they are not finite."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            made = rows(block, at, before)
+        except ValueError:  # LinAlgError, or scipy's check of what it is given
+            return None
+    return made if np.all(np.isfinite(made.A)) and np.all(np.isfinite(made.b)) else None
 
 
 def stack(rows: RowsFunction, blocks: Sequence[Block], x: FloatArray) -> list[Rows]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ _STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
 SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion
 SLOW_PROBABILITY = 1e-6
 MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
+COLOURED_SIGMAS = 4.9  # of white residuals' lag-1 correlation: once in a million sets
+COLOURED = 0.03  # least correlation between blocks that says more than the conditioner's rounding
 LEVEL_SIGMAS = 5.0  # how far above one a noise level must stand out to be believed
 
 
@@ -63,6 +66,25 @@ def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, fl
     if dof == 0:
         return 1.0, float("inf")
     return total / dof / level, float(chdtri(dof, SLOW_PROBABILITY)) / dof
+
+
+def colour(residuals: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the lag-1 correlation of the residuals of successive blocks, and its limit.
+
+    Each block's residuals of a right model are white; those of a wrong one are alike from block to
+    block, as the motion is. Fitting makes the correlation of right ones slightly negative.
+
+    Parameters
+    ----------
+    residuals : per block, oldest first; pairs of unlike rows are left out
+    """
+    pairs = [(a, b) for a, b in pairwise(residuals) if len(a) == len(b)]
+    power = sum(0.5 * float(a @ a + b @ b) for a, b in pairs)
+    if power == 0.0:
+        return 0.0, 1.0
+    count = sum(len(a) for a, _ in pairs)
+    limit = max(COLOURED, COLOURED_SIGMAS / float(np.sqrt(count)))
+    return sum(float(a @ b) for a, b in pairs) / power, min(1.0, limit)
 
 
 class InnovationMonitor:

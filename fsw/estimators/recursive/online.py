@@ -21,7 +21,6 @@ from fsw.estimators.model.mobility import TORQUE, by_mobility
 from fsw.estimators.model.problem import Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
-from fsw.estimators.recursive.change import MISMATCH_LEVEL
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.outcome import outcome
 from fsw.estimators.recursive.recursion import EventWords, Recursion
@@ -198,6 +197,7 @@ class OnlineEstimator:
                 covariance=estimate.covariance,
                 bodies=estimate.bodies,
                 duration_s=recursion.duration_s,
+                reason=estimate.reason,
             )
         except NUMERICAL as error:
             raise EstimatorError("the covariance is not positive definite") from error
@@ -248,7 +248,8 @@ class OnlineEstimator:
             "noise_ratio": float(np.sqrt(monitor.level)),
             "innovation_lag1": lag,
             "innovation_lag1_bound": bound,
-            "slow_residual": recursion.slow[0],
+            "slow_residual": recursion.trust.slow[0],
+            "residual_lag1": recursion.trust.colour[0],
         }
         if self.linear:
             extra["biased"] = 1.0
@@ -286,18 +287,17 @@ class OnlineEstimator:
         return mapped.covariance if mapped.holds and mapped.bent else covariance
 
     def _reason(self, condition: float) -> str:
-        recursion = self.recursion
-        if recursion.since < self._settings.settle_blocks:
-            return "REOPENED" if recursion.changes else "TOO_FEW_BLOCKS"
-        if not recursion.pacing.settled:
-            return "NOT_CONVERGED"
-        if recursion.monitor.level > MISMATCH_LEVEL or recursion.slow[0] > recursion.slow[1]:
-            return "MODEL_MISMATCH"
-        if recursion.conflict:
-            return "PRIOR_CONFLICT"
-        if condition > self._settings.condition_limit:
-            return "INSUFFICIENT_EXCITATION"
-        return ""
+        recursion, trust = self.recursion, self.recursion.trust
+        few = "REOPENED" if recursion.changes else "TOO_FEW_BLOCKS"
+        against = (
+            (recursion.since < self._settings.settle_blocks, few),
+            (not recursion.pacing.settled, "NOT_CONVERGED"),
+            (trust.mismatch(recursion.monitor.level), "MODEL_MISMATCH"),
+            (trust.is_doubtful(recursion.since), "REOPENED"),
+            (recursion.conflict, "PRIOR_CONFLICT"),
+            (condition > self._settings.condition_limit, "INSUFFICIENT_EXCITATION"),
+        )
+        return next((reason for holds, reason in against if holds), "")
 
     def _now_ns(self) -> int:
         span_ns = self.recursion.span_ns

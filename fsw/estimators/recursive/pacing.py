@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray
@@ -79,3 +81,17 @@ class Pacing:
     def restore(self, values: Values) -> None:
         """Continue from a snapshot."""
         put(self, _STATE, values)
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(values @ values / len(values)))
+
+
+def distance(R: FloatArray, step: FloatArray, bodies: slice | None = None) -> float:
+    """Return the rms of a step whitened with the root R of an information; of `bodies` alone."""
+    if bodies is None:
+        return rms(R @ step)
+    root = dtrtri(R)[0][bodies]
+    L = np.linalg.cholesky(root @ root.T)
+    return rms(solve_triangular(L, step[bodies], lower=True))

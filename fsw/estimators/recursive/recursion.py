@@ -14,21 +14,22 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dtrtri
 
 from fsw.config import EstimatorConfig
 from fsw.estimators.diagnosis import conflict_limit, stated_conflict
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.measurement.row_functions import RowsFunction
+from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
 from fsw.estimators.model.inertia import is_consistent, nearest_consistent_stages
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
-from fsw.estimators.recursive.change import InnovationMonitor, slow_power
+from fsw.estimators.recursive import pacing
+from fsw.estimators.recursive.change import InnovationMonitor
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
-from fsw.estimators.recursive.pacing import FAR, SETTLED, SETTLED_IN_DOUBT, WORTH, Pacing
+from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
+from fsw.estimators.recursive.trust import Trust
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
@@ -41,7 +42,7 @@ SAMPLES = 8  # stored blocks that tell whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
-    *("start_mean", "start_covariance", "slow", "_check_due", "_level_due", "_rss"),
+    *("start_mean", "start_covariance", "_check_due", "_level_due", "_rss"),
 )
 
 EventWords = tuple[str, str, str]  # severity, code, text
@@ -62,7 +63,7 @@ class Recursion:
     armed : whether blocks are gated: from the first valid estimate on
     conflict : whether the data contradicted the prior at the last check
     screen : judge of single channels
-    slow : slow power of the residuals and its limit, at the last check
+    trust : judge of the residuals at the last check
     used : the newest block, without the channels that were left out
     """
 
@@ -92,10 +93,10 @@ class Recursion:
         self.memory = Memory(prior, self._settings.store_blocks)
         self.x = mean.copy()
         self.since = 0
-        bound = SETTLED_IN_DOUBT if self._in_doubt else SETTLED
+        bound = pacing.SETTLED_IN_DOUBT if self._in_doubt else SETTLED
         self.pacing = Pacing(settled=self.linear, bound=bound)
         self.armed = self.conflict = False
-        self.slow = (1.0, float("inf"))
+        self.trust = Trust()
         self._check_due = self._level_due = False
         self._pointing: Generator[None, None, tuple[FloatArray, float | None]] | None = None
         self._rss = 0.0
@@ -123,6 +124,7 @@ class Recursion:
         return kept(self, _STATE) | {
             "monitor": self.monitor.snapshot(),
             "pacing": self.pacing.snapshot(),
+            "trust": self.trust.snapshot(),
             "memory": self.memory.snapshot(),
         }
 
@@ -136,6 +138,7 @@ class Recursion:
         self._pointing = None
         self.monitor.restore(values["monitor"])
         self.pacing.restore(values["pacing"])
+        self.trust.restore(values["trust"])
 
     def take_events(self) -> list[EventWords]:
         """Return what has happened since the last call: severity, code, text."""
@@ -209,6 +212,7 @@ class Recursion:
             self.gated += 1
             return
         self.q_rad = block.q_rad[-1]
+        self.trust.note(self.monitor.level)
         if not judgement.accepted:
             self.gated += 1
         else:
@@ -262,15 +266,7 @@ class Recursion:
             self.memory.age(float(np.exp(-0.5 * elapsed_s / time_s)))
 
     def _usable_rows(self, block: Block, at: FloatArray, before: Impulse | None) -> Rows | None:
-        """Return the rows; None if the base has no inertia there or they are not finite."""
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            try:
-                rows = self._rows(block, at, before)
-            except ValueError:  # LinAlgError, or scipy's check of what it is given
-                return None
-        if not (np.all(np.isfinite(rows.A)) and np.all(np.isfinite(rows.b))):
-            return None
-        return rows
+        return usable_rows(self._rows, block, at, before)
 
     def _solve(self) -> None:
         try:
@@ -284,12 +280,16 @@ class Recursion:
     def _reopen(self) -> Generator[None, None, None]:
         mean, blocks = (yield from self._point()), self.since
         self.changes += 1
+        trust = self.trust.successor(blocks, self.changes)
         self.start(mean, self._spread())
+        self.trust = trust
         self.monitor.restart()
         text = f"the innovations no longer fit the {blocks} blocks before; estimate re-opened"
         unknown = self.problem.unknown
         if len(unknown) > 1:
             text += f"; they do not tell which of {' and '.join(unknown)} has changed"
+        if trust.suspect:
+            text += "; it did not fit before either, so it must show for longer now that it does"
         self._events.append(("medium", "CHANGE_DETECTED", text))
 
     def _begin_pass(self) -> bool:
@@ -304,7 +304,7 @@ class Recursion:
         self._pointing = None
         memory, previous = self.memory, self.memory.at
         point = self.pacing.point(wanted, previous)
-        self.pacing.begin(_rms(memory.information.R @ (point - previous)), self.since)
+        self.pacing.begin(distance(memory.information.R, point - previous), self.since)
         if step is None:
             memory.begin(point)
         else:
@@ -321,15 +321,15 @@ class Recursion:
         drift, expected = self._drift(), True
         wanted = yield from self._point()
         memory = self.memory
-        if len(memory) > 2 * SAMPLES and drift > FAR:
+        if len(memory) > 2 * SAMPLES and drift > pacing.FAR:
             expected = self.pacing.is_expected_to_move(drift, self.since)
         if expected:
             return wanted, None
         pull = yield from memory.pull(self._usable_rows, wanted, SAMPLES)
         if pull is None:
             return wanted, None
-        step = _rms(solve_triangular(memory.information.R, pull, trans=1))
-        return wanted, step if step < WORTH else None
+        step = pacing.rms(solve_triangular(memory.information.R, pull, trans=1))
+        return wanted, step if step < pacing.WORTH else None
 
     def _advance_pass(self) -> None:
         memory = self.memory
@@ -339,7 +339,8 @@ class Recursion:
         self._solve()
         if memory is not self.memory:  # started over
             return
-        step = max(self._distance(R, self.x - x), self._distance(memory.information.R, self.x - x))
+        k = self.problem.bodies if self._in_doubt else None
+        step = max(distance(root, self.x - x, k) for root in (R, memory.information.R))
         self.pacing.end(step, memory.failed)
         self._level_due, self._check_due = True, self.pacing.settled
 
@@ -349,7 +350,7 @@ class Recursion:
         levels, dof = self.memory.residual_levels(self.x, LEVEL_BLOCKS)
         few = self.since <= LEVEL_BLOCKS
         monitor.learn_level(levels, dof, self.memory.fitted() if few else 0.0)
-        self.slow = slow_power(self.memory.residuals(self.x), monitor.level)
+        self.trust.learn(self.memory.residuals(self.x), monitor.level)
         if self.pacing.settled and monitor.level > 1.0 and known == 1.0:
             ratio = np.sqrt(monitor.level)
             text = (
@@ -381,18 +382,9 @@ class Recursion:
         )
         self._events.append(("medium", "PRIOR_CONFLICT", text))
 
-    def _distance(self, R: FloatArray, step: FloatArray) -> float:
-        """Return the whitened rms of a step; of the bodies alone where the arm is in doubt too."""
-        if not self._in_doubt:
-            return _rms(R @ step)
-        k = self.problem.bodies
-        root = dtrtri(R)[0][k]
-        L = np.linalg.cholesky(root @ root.T)
-        return _rms(solve_triangular(L, step[k], lower=True))
-
     def _drift(self) -> float:
         """Whitened rms distance of the estimate from the point of the last pass."""
-        return _rms(self.memory.information.R @ (self.x - self.memory.at))
+        return distance(self.memory.information.R, self.x - self.memory.at)
 
     def _point(self) -> Generator[None, None, FloatArray]:
         """Return the estimate with every body moved to the nearest physically consistent one."""
@@ -407,7 +399,3 @@ class Recursion:
                 covariance = self.memory.information.covariance()[k, k]
                 x[k] = yield from nearest_consistent_stages(x[k], covariance)
         return x
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(values @ values / len(values)))
