@@ -52,7 +52,7 @@ def test_a_second_reopening_soon_after_the_first_costs_trust() -> None:
 
 
 def test_a_known_base_one_percent_heavy_is_never_valid_and_wrong() -> None:
-    """Declared as exact: was valid and wrong, re-opened, valid and wrong, four times in a minute."""
+    """Declared as exact: it was valid and wrong, re-opened, valid and wrong, four times."""
     heavy = Body(1.01 * BASE.mass_kg, BASE.com_m, tuple(1.01 * x for x in BASE.inertia_kg_m2))
     online = build_online(make_config(base=heavy, settle_blocks=25), robot_model())
     assert isinstance(online, OnlineEstimator)
