@@ -17,6 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fsw.commands.excite_arguments import add_arguments as excite_arguments
+from fsw.commands.init_arguments import add_arguments as init_arguments
 from fsw.messages.errors import ConfigError, FswError
 
 if TYPE_CHECKING:
@@ -35,6 +36,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
+    except BrokenPipeError:  # who read has enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except ConfigError as error:
         print(f"fsw: {error}", file=sys.stderr)
         return CONFIG_EXIT
@@ -97,12 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     install.set_defaults(command=_install_service)
 
-    check = commands.add_parser("check", help="validate everything; touch no device")
-    check.add_argument("config", type=Path, metavar="CONFIG")
-    check.add_argument(
-        "recording", type=Path, nargs="?", metavar="RECORDING", help="judge the one by the other"
-    )
-    check.set_defaults(command=_check)
+    _configuration_parsers(commands)
 
     bench = commands.add_parser("bench", help="timer, buses and lines of this machine")
     bench.add_argument("--rounds", type=int, default=5, metavar="N")
@@ -129,6 +128,26 @@ def _bench(arguments: argparse.Namespace) -> int:
     for text in report.missing:
         print(f"fsw: warning: {text}", file=sys.stderr)
     return 0
+
+
+def _configuration_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    init = commands.add_parser(
+        "init", help="write a configuration for a URDF; `init list`: devices"
+    )
+    init_arguments(init)
+    init.set_defaults(command=_init)
+
+    schema = commands.add_parser(
+        "schema", help="print the configuration's JSON Schema, for editors"
+    )
+    schema.set_defaults(command=_schema)
+
+    check = commands.add_parser("check", help="validate everything; touch no device")
+    check.add_argument("config", type=Path, metavar="CONFIG")
+    check.add_argument(
+        "recording", type=Path, nargs="?", metavar="RECORDING", help="judge the one by the other"
+    )
+    check.set_defaults(command=_check)
 
 
 def _part_arguments(parser: argparse.ArgumentParser) -> None:
@@ -284,6 +303,20 @@ def _check(arguments: argparse.Namespace) -> int:
     for warning in [*warnings, *missing_devices(config)]:
         print(f"warning: {warning}")
     print(f"{config.name}: correct; no device was opened")
+    return 0
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from fsw.commands.init import init, listing
+
+    print(listing() if str(arguments.urdf) == "list" else init(arguments))
+    return 0
+
+
+def _schema(_arguments: argparse.Namespace) -> int:
+    from fsw.config.whole import json_schema
+
+    print(json.dumps(json_schema(), indent=2))
     return 0
 
 

@@ -29,13 +29,18 @@ def load_problem(config: Config) -> Problem:
     """
     urdf = config.resolve(config.robot.urdf)
     _check_urdf(urdf)
-    model = _model(urdf, config.robot.tool_frame)
+    model = read_model(urdf, config.robot.tool_frame)
     _check_masses(config, model)
     return build_problem(config, model)
 
 
-def _model(urdf: Path, tool_frame: str) -> RobotModel:
-    """Read the model; what the URDF library only prints and then ignores is a fault here."""
+def read_model(urdf: Path, tool_frame: str) -> RobotModel:
+    """Read the model; what the URDF library only prints and then ignores is a fault here.
+
+    Raises
+    ------
+    ConfigError when it is none this software can use.
+    """
     with TemporaryFile() as said:
         stderr = os.dup(2)
         try:

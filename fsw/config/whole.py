@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
@@ -210,6 +210,11 @@ def load(path: Path) -> Config:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     return parse(source, path.parent, str(path))
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a configuration: keys, values, bounds; not what joins them."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Config.model_json_schema()}
 
 
 def parse(source: bytes, folder: Path, name: str) -> Config:

@@ -1,0 +1,270 @@
+"""`fsw init URDF`: a commented configuration of a robot, from flags or questions."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Mapping
+from difflib import get_close_matches
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import yaml
+
+from fsw.checks.robot import read_model
+from fsw.checks.urdf import check_urdf
+from fsw.config import parse
+from fsw.estimators.model.inertia import PARAMETERS, from_parameters
+from fsw.estimators.model.robot import RobotModel
+from fsw.messages.errors import ConfigError
+
+DENSITY_KG_M3 = 150.0  # of a satellite, for a first guess of an object's size
+FIRST_NODE = 0x11
+T = TypeVar("T")
+HEAD = """\
+# Written by fsw init from {urdf}. Every key: docs/configuration.md. Check it: fsw check {out}
+# Look at every line with TODO; a recording tells more: fsw check {out} RECORDING
+"""
+
+
+class Ask(Protocol):
+    """Gives a flag's value, or asks for it where a person can answer."""
+
+    def __call__(self, name: str, words: str, kind: Callable[[str], T], /) -> T:
+        """Return the value of the flag `name`; `kind` reads an answer."""
+        ...
+
+
+@lru_cache(maxsize=1)
+def library() -> dict[str, dict[str, dict[str, Any]]]:
+    """Return the figures of named devices, by kind and name."""
+    text = (files("fsw.commands") / "devices.yaml").read_text(encoding="utf-8")
+    found: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(text)
+    return found
+
+
+def listing() -> str:
+    """Return the named devices, one a line, with the source of their figures."""
+    return "\n".join(
+        f"{kind} {name}: {device['title']}; {_trust(device)}"
+        for kind, devices in library().items()
+        for name, device in devices.items()
+    )
+
+
+def _trust(device: Mapping[str, Any]) -> str:
+    return f"{'' if device['verified'] else 'NOT VERIFIED: '}{device['source']}"
+
+
+def init(arguments: argparse.Namespace) -> str:
+    """Write the configuration; return a line about it.
+
+    Raises
+    ------
+    ConfigError when the robot cannot be used, a flag is missing or a file stands in the way.
+    """
+    out: Path = arguments.out
+    if out.exists():
+        raise ConfigError(f"--out: {out} exists; it is not overwritten")
+    try:
+        content = arguments.urdf.read_bytes()
+        check_urdf(content)
+    except OSError as error:
+        raise ConfigError(f"{arguments.urdf}: cannot be read: {error.strerror}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{arguments.urdf} {error}") from error
+    ask = _asker(arguments)
+    root = ET.fromstring(content)
+    tool = ask("tool", f"tool frame ({', '.join(_leaves(root))})", str)
+    model = read_model(arguments.urdf, tool)
+    text = _text(arguments, ask, tool, root, model)
+    config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
+    out.write_text(text, encoding="utf-8")
+    return f"{out}: {len(config.joints)} joints; {text.count('TODO')} lines marked TODO"
+
+
+def _asker(arguments: argparse.Namespace) -> Ask:
+    """Return the function that gives a flag's value, or asks for it where a person can answer."""
+
+    def ask(name: str, words: str, kind: Callable[[str], T], /) -> T:
+        value: T | None = getattr(arguments, name)
+        if value is not None:
+            return value
+        flag = f"--{name.replace('_', '-')}"
+        if not sys.stdin.isatty():
+            raise ConfigError(f"{flag}: missing; {words}")
+        try:
+            return kind(input(f"{words}: "))
+        except ValueError as error:
+            raise ConfigError(f"{flag}: {error}; {words}") from error
+
+    return ask
+
+
+def _three(text: str) -> list[float]:
+    values = [float(word) for word in text.replace(",", " ").split()]
+    if len(values) != 3:
+        raise ValueError("three numbers are needed")
+    return values
+
+
+def _device(kind: str, name: str) -> dict[str, Any]:
+    devices = library()[kind]
+    if name not in devices:
+        close = get_close_matches(name, devices, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise ConfigError(f"{kind} {name!r}: {hint}known are {', '.join(devices)}")
+    return devices[name]
+
+
+def _leaves(root: ET.Element) -> list[str]:
+    ends = [joint.find("parent") for joint in root.findall("joint")]
+    parents = {end.get("link") for end in ends if end is not None}
+    return [
+        link.get("name", "") for link in root.findall("link") if link.get("name") not in parents
+    ]
+
+
+def _text(
+    arguments: argparse.Namespace,
+    ask: Ask,
+    tool: str,
+    root: ET.Element,
+    model: RobotModel,
+) -> str:
+    unknown = ask("unknown", "unknown body (base, target or both)", str)
+    bodies = ["base", "target"] if unknown == "both" else [unknown]
+    out, urdf = arguments.out, arguments.urdf.absolute()
+    near = urdf.parent == out.parent.absolute()
+    lines = [HEAD.format(urdf=urdf.name, out=out.name)]
+    lines += ["robot:", f"  urdf: {urdf.name if near else urdf}", f"  tool_frame: {tool}", ""]
+    lines += [f"unknown: [{', '.join(bodies)}]", "bodies:"]
+    if "base" in bodies:
+        lines += _body("base", *from_parameters(model.pi_links[:PARAMETERS]), 0.5)
+    if "target" in bodies:
+        mass = ask("target_mass_kg", "guess of the target's mass [kg]", float)
+        side = (mass / DENSITY_KG_M3) ** (1 / 3)
+        moment = mass * side**2 / 6
+        inertia = [moment, 0.0, 0.0, moment, 0.0, moment]
+        lines += _body("target", mass, [0.0, 0.0, side / 2], inertia, side)
+    lines += _joints(arguments, root, model)
+    lines += _imu(ask) + _tracker(ask)
+    lines += ["", "scheduler:", f"  tick_rate_hz: {arguments.rate_hz}", ""]
+    lines += [
+        "recorder:",
+        "  directory: recordings",
+        "",
+        "service:",
+        "  state_directory: state",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return "[" + ", ".join(f"{float(value):.6g}" for value in values) + "]"
+
+
+def _body(
+    name: str, mass: float, com: Iterable[float], inertia: Iterable[float], reach: float
+) -> list[str]:
+    own = [float(value) for value in inertia]
+    largest = max(own[0], own[3], own[5])
+    spread = [0.5 * own[k] if k in (0, 3, 5) else 0.25 * largest for k in range(6)]
+    return [
+        f"  {name}:  # TODO the prior: about right; half of it may be wrong, as sigma says",
+        f"    mass_kg: {mass:.6g}",
+        f"    com_m: {_numbers(com)}  # in the frame of the body",
+        f"    inertia_kg_m2: {_numbers(own)}  # xx xy xz yy yz zz",
+        "    sigma:",
+        f"      mass_kg: {0.5 * mass:.6g}",
+        f"      com_m: {_numbers([0.5 * reach] * 3)}",
+        f"      inertia_kg_m2: {_numbers(spread)}",
+    ]
+
+
+def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) -> list[str]:
+    encoder, torque = _device("encoder", arguments.encoder), _device("torque", arguments.torque)
+    limits = {joint.get("name"): joint.find("limit") for joint in root.findall("joint")}
+    lines = [
+        "",
+        "buses:",
+        "  - name: arm  # recordings: /can/arm",
+        "    interface: socketcan  # TODO any of python-can's",
+        "    channel: can0  # TODO",
+        "    bitrate: 1000000  # TODO",
+        f"    rate_hz: {arguments.rate_hz}",
+        "",
+        f"# encoder: {encoder['title']}; {_trust(encoder)}",
+        f"# torque: {torque['title']}; {_trust(torque)}",
+        "joints:",
+    ]
+    for k, name in enumerate(model.joint_names):
+        limit = limits[name]
+        effort, speed = (
+            float((limit.get(key) if limit is not None else None) or 0.0)
+            for key in ("effort", "velocity")
+        )
+        if effort <= 0 or speed <= 0:
+            raise ConfigError(
+                f"joint {name!r}: its <limit> has effort {effort:g} and velocity {speed:g}; both "
+                "must be positive, in N m and rad/s"
+            )
+        lines += [
+            f"  - name: {name}",
+            "    bus: arm",
+            f"    node_id: 0x{FIRST_NODE + k:02x}  # TODO",
+            "    sign: 1  # TODO -1: the node counts against the URDF's axis",
+            "    zero_offset_rad: 0.0",
+            f"    torque_limit_nm: {effort:g}  # of the URDF",
+            f"    speed_limit_rad_s: {speed:g}",
+            f"    torque_noise_nm: {torque['noise_ratio'] * effort:.3g}",
+            f"    torque_offset_sigma_nm: {torque['offset_ratio'] * effort:.3g}",
+            f"    torque_scale_sigma_ratio: {torque['torque_scale_sigma_ratio']:g}",
+            f"    position_noise_rad: {encoder['position_noise_rad']:g}",
+        ]
+    return lines
+
+
+def _imu(ask: Ask) -> list[str]:
+    device = _device("imu", ask("imu", f"inertial unit ({', '.join(library()['imu'])})", str))
+    place = ask("imu_xyz", "place of the inertial unit in the root link, x y z [m]", _three)
+    turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", _three)
+    return [
+        "",
+        f"# {device['title']}; {_trust(device)}",
+        "imu:",
+        f"  driver: {device['driver']}",
+        "  port: /dev/ttyUSB0  # TODO",
+        "  mounting:",
+        f"    p_BS_m: {_numbers(place)}",
+        f"    rpy_BS_rad: {_numbers(turn)}",
+        *_figures(device),
+    ]
+
+
+def _tracker(ask: Ask) -> list[str]:
+    name = ask("tracker", f"star tracker ({', '.join(library()['star_tracker'])} or none)", str)
+    if name == "none":
+        return []
+    device = _device("star_tracker", name)
+    turn = ask("tracker_rpy", "roll, pitch, yaw of the star tracker (boresight z) [rad]", _three)
+    return [
+        "",
+        f"# {device['title']}; {_trust(device)}",
+        "star_tracker:",
+        f"  driver: {device['driver']}",
+        "  port: /dev/ttyUSB1  # TODO",
+        "  mounting:",
+        "    p_BS_m: [0.0, 0.0, 0.0]  # attitude does not depend on it",
+        f"    rpy_BS_rad: {_numbers(turn)}",
+        *_figures(device),
+    ]
+
+
+def _figures(device: Mapping[str, Any]) -> list[str]:
+    words = ("title", "source", "verified", "driver")
+    return [f"  {key}: {value}" for key, value in device.items() if key not in words]

@@ -1,0 +1,25 @@
+"""Arguments of `fsw init`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command's arguments; on a terminal, what is missing is asked."""
+    parser.add_argument("urdf", type=Path, metavar="URDF")
+    parser.add_argument("--out", type=Path, default=Path("robot.yaml"), metavar="YAML")
+    parser.add_argument("--tool", metavar="FRAME", help="link that grasps, fixed to the last one")
+    parser.add_argument("--unknown", choices=("base", "target", "both"))
+    parser.add_argument("--target-mass-kg", type=float, metavar="M", help="half of it may be wrong")
+    parser.add_argument("--imu", metavar="NAME", help="stim300, 3dm_cv7 ...; `list` lists devices")
+    parser.add_argument("--imu-xyz", type=float, nargs=3, metavar="M", help="its place in the base")
+    parser.add_argument(
+        "--imu-rpy", type=float, nargs=3, metavar="RAD", help="its turn, as in a URDF"
+    )
+    parser.add_argument("--tracker", metavar="NAME", help="sagitta or none")
+    parser.add_argument("--tracker-rpy", type=float, nargs=3, metavar="RAD")
+    parser.add_argument("--encoder", default="generic_24_bit", metavar="NAME")
+    parser.add_argument("--torque", default="generic", metavar="NAME")
+    parser.add_argument("--rate-hz", type=float, default=250.0, help="of the joints, 250")

@@ -1,0 +1,70 @@
+"""A configuration for a robot of one's own, written by `fsw init`."""
+
+from __future__ import annotations
+
+import pytest
+
+from fsw.__main__ import main
+from fsw.commands.init import library
+from fsw.config import load
+
+FLAGS = {
+    "--tool": "gripper",
+    "--unknown": "both",
+    "--target-mass-kg": "80",
+    "--imu": "stim300",
+    "--imu-xyz": "0.1 0 0",
+    "--imu-rpy": "0 0 1.5",
+    "--tracker": "sagitta",
+    "--tracker-rpy": "0 0 0",
+}
+
+
+def command(arm, **changes):
+    arm.write()
+    flags = FLAGS | {f"--{key.replace('_', '-')}": value for key, value in changes.items()}
+    words = [word for flag, value in flags.items() if value for word in (flag, *value.split())]
+    return ["init", str(arm.folder / "arm.urdf"), "--out", str(arm.folder / "new.yaml"), *words]
+
+
+@pytest.mark.parametrize("imu", list(library()["imu"]))
+def test_what_is_written_is_correct_for_every_named_unit(arm, capsys, imu):
+    assert main(command(arm, imu=imu)) == 0
+    assert main(["check", str(arm.folder / "new.yaml")]) == 0
+    config = load(arm.folder / "new.yaml")
+    figures = library()["imu"][imu]
+    assert config.imu.angle_random_walk_rad_sqrt_s == figures["angle_random_walk_rad_sqrt_s"]
+    text = (arm.folder / "new.yaml").read_text()
+    assert figures["source"] in text
+    assert ("NOT VERIFIED" in text.split("imu:")[0].splitlines()[-1]) != figures["verified"]
+    assert "TODO" in text
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"imu": "stim30"}, ("stim30", "did you mean stim300?")),
+        ({"imu": None}, ("--imu: missing", "stim300")),
+        ({"tool": "hand"}, ("robot.tool_frame", "hand", "gripper")),
+        ({"tool": None}, ("--tool: missing", "gripper")),
+        ({"target_mass_kg": None}, ("--target-mass-kg: missing", "[kg]")),
+    ],
+)
+def test_what_is_missing_or_wrong_is_one_line(arm, capsys, changes, words):
+    assert main(command(arm, **changes)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert [word for word in words if word not in line] == []
+    assert not (arm.folder / "new.yaml").exists()
+
+
+def test_a_file_is_not_overwritten(arm, capsys):
+    assert main(command(arm)) == 0
+    assert main(command(arm)) == 2
+    assert "exists; it is not overwritten" in capsys.readouterr().err
+
+
+def test_every_device_is_listed_with_its_source(capsys):
+    assert main(["init", "list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == sum(map(len, library().values()))

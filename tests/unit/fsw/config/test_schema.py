@@ -1,0 +1,58 @@
+"""The JSON Schema: editors refuse what the configuration refuses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from jsonschema import Draft202012Validator
+
+from fsw.__main__ import main
+from fsw.config.whole import json_schema
+from tests.conftest import arm_config
+
+ROOT = Path(__file__).parents[4]
+
+
+def examples() -> Iterator[dict]:
+    yield arm_config(3)
+    text = (ROOT / "docs" / "configuration.md").read_text()
+    yield yaml.safe_load(text.split("```yaml")[1].split("```")[0])
+
+
+@pytest.mark.parametrize("data", list(examples()))
+def test_a_correct_configuration_passes(data):
+    Draft202012Validator.check_schema(json_schema())
+    assert [error.message for error in Draft202012Validator(json_schema()).iter_errors(data)] == []
+
+
+def test_angles_pass_in_the_place_of_a_quaternion():
+    data = arm_config(3)
+    del data["imu"]["mounting"]["q_BS_xyzw"]
+    assert not Draft202012Validator(json_schema()).is_valid(data)
+    data["imu"]["mounting"]["rpy_BS_rad"] = [0.0, 0.0, 1.0]
+    assert Draft202012Validator(json_schema()).is_valid(data)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("imu", "colour", "red"),
+        ("imu", "rate_hz", "fast"),
+        ("imu", "rate_hz", -1.0),
+        ("scheduler", "realtime_priority", 100),
+        ("star_tracker", "rotation", "left"),
+    ],
+)
+def test_a_wrong_value_fails(section, key, value):
+    data = arm_config(3)
+    data[section][key] = value
+    assert not Draft202012Validator(json_schema()).is_valid(data)
+
+
+def test_the_command_prints_it(capsys):
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == json_schema()
