@@ -18,6 +18,7 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 ROOT_LINK = "the root link"
+FAR_M = 10.0  # between two joints: rather millimetres or centimetres
 
 
 def load_problem(config: Config) -> Problem:
@@ -85,7 +86,26 @@ def _check_masses(config: Config, model: RobotModel) -> None:
 
 
 def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
-    """Return a line per known link whose inertia no body can have."""
+    """Return a line per known link whose data are hardly those of a robot."""
+    massless = [
+        f"robot.urdf: {link} has no mass; is its <inertial> missing?"
+        for link, pi in _known_links(config, model)
+        if pi[0] == 0.0
+    ]
+    far = [
+        f"robot.urdf: the joint {name!r} is {distance_m:.3g} m from the one before it; a URDF is "
+        "in metres"
+        for name, distance_m in zip(model.joint_names, model.steps_m(), strict=True)
+        if distance_m > FAR_M
+    ]
+    return [
+        *massless,
+        *far,
+        *_impossible(config, model),
+    ]
+
+
+def _impossible(config: Config, model: RobotModel) -> list[str]:
     return [
         f"robot.urdf: {link} (mass {pi[0]:g} kg) has an inertia that no body can have: principal "
         "moments must be positive, each at most the sum of the other two"

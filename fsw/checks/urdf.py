@@ -69,6 +69,8 @@ def check_urdf(content: bytes) -> None:
         raise ConfigError(f"is no URDF: {error}") from error
     if root.tag != "robot":
         raise ConfigError(f"is no URDF: its root is <{brief(root.tag)}>, not <robot>")
+    if any("xacro" in element.tag for element in root.iter()):
+        raise ConfigError("is a xacro file, no URDF yet; make one: xacro robot.xacro > robot.urdf")
     links = root.findall("link")
     if len(links) > MAX_LINKS:
         raise ConfigError(f"has {len(links)} links; must be at most {MAX_LINKS}")
@@ -88,7 +90,7 @@ def _check_numbers(root: ET.Element) -> None:
                 if not isfinite(value) or abs(value) > largest:
                     raise ConfigError(
                         f"has {name} {brief(word)} in <{element.tag}>; must be finite and within "
-                        f"{largest:g}"
+                        f"{largest:g} (metres, kilograms, radians)"
                     )
 
 
@@ -102,7 +104,8 @@ def _check_joints(root: ET.Element) -> None:
             raise ConfigError(f"joins the link {brief(link)} to more than one parent")
         children.add(link)
         if joint.find("parent") is not None and kind not in ("revolute", "fixed"):
-            raise ConfigError(f"joint {name} is {brief(kind)}; must be revolute or fixed")
+            hint = "; write it as revolute with wide limits" if kind == "continuous" else ""
+            raise ConfigError(f"joint {name} is {brief(kind)}; must be revolute or fixed{hint}")
         axis = joint.find("axis")
         if kind == "revolute" and axis is not None and not _is_direction(axis.get("xyz", "")):
             raise ConfigError(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from pathlib import Path
 
+import numpy as np
+
 from fsw.checks.mistakes import LARGE, explain_residuals
 from fsw.checks.recorded import noise_findings, rate_findings, tracker_findings
 from fsw.commands.replay import replay
@@ -14,9 +16,11 @@ from fsw.estimators.conditioning import Conditioner
 from fsw.estimators.model.problem import Problem, joint_order
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
+from fsw.exchange.sinks import CanTraffic, Message, NullSink
 from fsw.messages import Block, Window
 
 FEW_BLOCKS = 3
+TPDO1, HEARTBEAT = 0x180, 0x700
 
 
 class _Watching(Conditioner):
@@ -36,6 +40,29 @@ class _Watching(Conditioner):
         return block
 
 
+class _Nodes(NullSink):
+    """Keeps which nodes send TPDO1 or a heartbeat, by bus."""
+
+    def __init__(self, config: Config) -> None:
+        self._known = {(joint.bus, joint.node_id) for joint in config.joints}
+        self._seen: set[tuple[str, int]] = set()
+
+    def put(self, message: Message) -> None:
+        """Note who sends."""
+        if isinstance(message, CanTraffic):
+            ids = np.unique(message.frames["word"]).tolist()
+            self._seen |= {(message.bus, i & 0x7F) for i in ids if i & ~0x7F in (TPDO1, HEARTBEAT)}
+
+    def strangers(self) -> list[str]:
+        """Return a line per bus on which nodes send that the configuration does not have."""
+        others = sorted(node for node in self._seen - self._known if node[1])
+        return [
+            f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
+            "and are no joints of the configuration; is the recording that of another robot?"
+            for bus in sorted({bus for bus, _ in others})
+        ]
+
+
 def check_recording(
     recording: Path,
     config: Config,
@@ -52,8 +79,10 @@ def check_recording(
     watching = _Watching(config, joint_order(config, problem.model))
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     progress("replaying")
-    result = replay(recording, config, pipeline=pipeline, span=span)
-    lines, wrong = [], 0
+    nodes = _Nodes(config)
+    result = replay(recording, config, pipeline=pipeline, span=span, sink=nodes)
+    lines = nodes.strangers()
+    wrong = len(lines)
     for source, counts in result.status["samples"].items():
         if not counts["accepted"]:
             words = f"{counts['received']} samples, {counts['received_bytes']} bytes received"

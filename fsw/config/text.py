@@ -90,7 +90,8 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
         loader = _StrictLoader(source, aliases=aliases)  # a SafeLoader: builds plain values only
         data: object = loader.get_single_data()
     except _READING as error:
-        raise TextError(f"not YAML: {cut(str(error) or type(error).__name__)}") from error
+        words = " ".join(str(error).split()) or type(error).__name__
+        raise TextError(f"not YAML: {cut(words)}") from error
     return data
 
 

@@ -298,7 +298,8 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
                 yield record
         except _BROKEN as error:
             if not seen:
-                raise ConfigError(f"{path}: not an MCAP recording: {error}") from error
+                words = str(error) or "it is empty"
+                raise ConfigError(f"{path}: not an MCAP recording: {words}") from error
             return
         whole.ended = True
 

@@ -79,6 +79,10 @@ class RobotModel:
         self._lower = np.tril_indices(self.model.nv, -1)
         self._set = np.full(self.pi_links.size, np.nan)
 
+    def steps_m(self) -> list[float]:
+        """Return how far every joint is from the one before it, the first from the base [m]."""
+        return [float(np.linalg.norm(X.translation)) for X in list(self.model.jointPlacements)[2:]]
+
     def total_parameters(self, base: FloatArray, target: FloatArray | None) -> FloatArray:
         """Return (10 (n + 1),) with `base`, and `target` (in E) joined to the last link."""
         pi = self.pi_links.copy()
