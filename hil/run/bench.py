@@ -284,7 +284,9 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
     scenario = setup.scenario
     plant = plant_document(scenario, setup.seed, setup.folder, setup.bus_port)
     plant_path = write_yaml(setup.folder / "plant.yaml", plant)
-    outcome = live.run(setup.config_path, plant_path, setup.total_s, meter)
+    link = setup.config.telemetry
+    disturb = live.nothing if link is None else live.Announcement(setup.folder)
+    outcome = live.run(setup.config_path, plant_path, setup.total_s, meter, disturb)
     collector = Collector()
     replayed = replay(outcome.recordings[-1], setup.config, sink=collector)
     final = outcome.final

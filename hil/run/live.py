@@ -71,12 +71,28 @@ def children(pid: int) -> list[int]:
     return [int(word) for word in text.split()]
 
 
-def _leave(_done_s: float, _plant: int, _daemon: int) -> None:
-    return None
+def nothing(_done_s: float, _plant: int, _daemon: int) -> None:
+    """Leave a run alone."""
+
+
+class Announcement:
+    """Says once that the daemon's link is open: commands sent before are refused."""
+
+    def __init__(self, folder: Path) -> None:
+        self._state = folder / "state" / "status.json"
+        self._is_said = False
+
+    def __call__(self, _done_s: float, _plant: int, _daemon: int) -> None:
+        """Look at the daemon's status."""
+        status = None if self._is_said else read_status(self._state)
+        port = (status or {}).get("telemetry", {}).get("port")
+        if port:
+            self._is_said = True
+            sys.stderr.write(f"hil: the daemon's link is open on TCP port {port}\n")
 
 
 def run(
-    config: Path, plant_file: Path, total_s: float, meter: Meter, disturb: Disturb = _leave
+    config: Path, plant_file: Path, total_s: float, meter: Meter, disturb: Disturb = nothing
 ) -> Outcome:
     """Start plant and daemon, wait for the motion to end, stop both.
 
