@@ -37,6 +37,15 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     transfers.add_argument("--seed", type=int, default=0, metavar="K", help="of files and instants")
     transfers.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed there")
     transfers.set_defaults(command=_transfers)
+    wrong = commands.add_parser("mistakes", help="mistakes of configuration: valid and wrong?")
+    wrong.add_argument("--case", action="append", default=[], help="target, base or both; all")
+    wrong.add_argument("--only", action="append", default=[], metavar="NAME", help="this mistake")
+    wrong.add_argument("--seed", type=int, default=0, metavar="K", help="of priors and noise")
+    wrong.add_argument(
+        "--exact", action="store_true", help="arm and calibration declared as exact, not in doubt"
+    )
+    wrong.add_argument("--json", action="store_true", help="print one JSON list")
+    wrong.set_defaults(command=_mistakes)
     soak = commands.add_parser("soak", help="hours in virtual time under random faults")
     soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
@@ -105,6 +114,23 @@ def _attack(cases: int, folder: Path, seed: int) -> int:
         result = run(cases, folder, seed, lambda done: progress.update(task, completed=done))
     print(json.dumps(result))
     return FAILED_EXIT if result["faults"] or result["missed"] else 0
+
+
+def _mistakes(arguments: argparse.Namespace) -> int:
+    from dataclasses import asdict
+
+    from hil.evidence.mistakes.command import findings, line
+
+    chosen = (arguments.case, arguments.only, arguments.seed)
+    found = []
+    for one in findings(*chosen, exact=arguments.exact):
+        found.append(one)
+        if not arguments.json:
+            print(line(one), flush=True)
+    wrong = sum(one.confidently_wrong for one in found)
+    result = json.dumps([asdict(one) for one in found])
+    print(result if arguments.json else f"{wrong} of {len(found)} valid and wrong")
+    return FAILED_EXIT if wrong else 0
 
 
 def _transfers(arguments: argparse.Namespace) -> int:

@@ -29,7 +29,7 @@ from fsw.estimators.batch.solver import (
     straighten,
 )
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
@@ -190,19 +190,22 @@ def _likelihood(
             break
         if solution.status != "NOT_CONVERGED":  # what does not fit may be why it did not
             start = solution.mean
+    mismatch = mismatch or problem.least_plausible(solution.mean)[1] > IMPLAUSIBLE
     status = solution.status
     covariance, note = linear_covariance(problem, method, "eiv", solution)
     if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
         looked = straighten(problem, target, solution)
         covariance, note = looked.covariance, looked.note
         status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
+    is_biased = bool(note) and method in CURVED
+    note = (note + problem.suspicion(solution.mean)).removeprefix("; ")
     return _Found(
         solution=solution,
         status="MODEL_MISMATCH" if status == "OK" and mismatch else status,
         mean=solution.mean,
         covariance=covariance,
         note=note,
-        biased=bool(note) and method in CURVED,
+        biased=is_biased,
         level=level,
         used=used,
         residuals=left,

@@ -27,6 +27,8 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 NO_STATES = slice(0, 0)
+IMPLAUSIBLE = 10.0  # sigmas of a value of arm or calibration that its prior cannot be meant for
+CONSPICUOUS = 4.0  # the same, to be named
 SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have in common: one rig
 CALIBRATION = ("joint_zero", "imu_place", "imu_angle")
 IndexArray = NDArray[np.intp]
@@ -88,6 +90,21 @@ class Problem:
             *(self.joint_zero, self.imu_place, self.imu_angle),
         )
         return np.delete(np.arange(len(self.names)), np.r_[hidden])
+
+    def least_plausible(self, x: FloatArray) -> tuple[str, float]:
+        """Return which value of arm and calibration is farthest from its prior, and its sigmas."""
+        doubts = np.setdiff1d(np.arange(len(x)), self.published)
+        doubts = np.r_[doubts, np.arange(len(x))[self.torque_scale]]
+        if not len(doubts):
+            return "", 0.0
+        sigmas = np.abs(x[doubts]) / np.sqrt(np.diag(self.prior_covariance)[doubts])
+        worst = int(np.argmax(sigmas))
+        return self.names[doubts[worst]], float(sigmas[worst])
+
+    def suspicion(self, x: FloatArray) -> str:
+        """Return words for the value of arm and calibration that looks wrong; empty: none does."""
+        name, sigmas = self.least_plausible(x)
+        return f"; {name} is {sigmas:.0f} sigma off" if sigmas > CONSPICUOUS else ""
 
     def place_m(self, x: FloatArray) -> FloatArray:
         """Return where the accelerometer is (3,) for the state x."""

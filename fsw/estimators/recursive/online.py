@@ -18,7 +18,7 @@ from fsw.config import Config, EstimatorConfig
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.measurement.row_functions import RowsFunction, row_function
 from fsw.estimators.model.mobility import TORQUE, by_mobility
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.isolation import ChannelScreen
@@ -293,6 +293,7 @@ class OnlineEstimator:
             (recursion.since < self._settings.settle_blocks, few),
             (not recursion.pacing.settled, "NOT_CONVERGED"),
             (trust.mismatch(recursion.monitor.level), "MODEL_MISMATCH"),
+            (self.problem.least_plausible(recursion.x)[1] > IMPLAUSIBLE, "MODEL_MISMATCH"),
             (trust.is_doubtful(recursion.since), "REOPENED"),
             (recursion.conflict, "PRIOR_CONFLICT"),
             (condition > self._settings.condition_limit, "INSUFFICIENT_EXCITATION"),

@@ -288,8 +288,7 @@ class Recursion:
         unknown = self.problem.unknown
         if len(unknown) > 1:
             text += f"; they do not tell which of {' and '.join(unknown)} has changed"
-        if trust.suspect:
-            text += "; it did not fit before either, so it must show for longer now that it does"
+        text += "; it did not fit before either and must fit for longer now" * trust.suspect
         self._events.append(("medium", "CHANGE_DETECTED", text))
 
     def _begin_pass(self) -> bool:
@@ -348,8 +347,7 @@ class Recursion:
         self._level_due = False
         monitor, known = self.monitor, self.monitor.level
         levels, dof = self.memory.residual_levels(self.x, LEVEL_BLOCKS)
-        few = self.since <= LEVEL_BLOCKS
-        monitor.learn_level(levels, dof, self.memory.fitted() if few else 0.0)
+        monitor.learn_level(levels, dof, self.memory.fitted() * (self.since <= LEVEL_BLOCKS))
         self.trust.learn(self.memory.residuals(self.x), monitor.level)
         if self.pacing.settled and monitor.level > 1.0 and known == 1.0:
             ratio = np.sqrt(monitor.level)
@@ -380,6 +378,7 @@ class Recursion:
             f"the data lie {np.sqrt(factor):.1f} sigma (rms) from the prior; "
             f"its sigmas are widened by that factor"
         )
+        text += self.problem.suspicion(self.x)
         self._events.append(("medium", "PRIOR_CONFLICT", text))
 
     def _drift(self) -> float:

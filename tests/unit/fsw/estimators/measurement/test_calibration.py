@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.model.calibration import spread_root
@@ -15,7 +17,9 @@ from fsw.estimators.model.problem import Problem, build_problem
 from tests.support.estimator_cases import (
     BASE,
     TARGET,
+    N,
     make_config,
+    noisy_blocks,
     parameters,
     random_block,
     robot_model,
@@ -105,3 +109,16 @@ def test_spread_is_of_a_ratio_in_any_frame_and_of_bodies(body: Any) -> None:
     )
     draws = np.random.default_rng(1).normal(size=(200, root.shape[1]))
     assert all(is_consistent(pi + root @ draw) for draw in draws)
+
+
+def test_a_zero_far_off_is_named_and_never_valid() -> None:
+    """Joint 4 by 5 degrees, 43 sigma: the bodies come out right, the configuration is wrong."""
+    shift = np.zeros(N)
+    shift[3] = np.radians(5.0)
+    blocks = [replace(b, q_rad=b.q_rad + shift) for b in noisy_blocks("target", 2, 24.0)]
+    found = run_batch(make_config(doubt=True), blocks, "fused", ())
+    assert found["status"] == "MODEL_MISMATCH"
+    assert "joint_zero.joint4 is 4" in found["note"]
+    right = run_batch(make_config(doubt=True), noisy_blocks("target", 2, 24.0), "fused", ())
+    assert right["status"] == "OK"
+    assert not right["note"]

@@ -1,0 +1,42 @@
+"""`hil mistakes`: every mistake for target, base and both, one line each, and a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from hil.evidence.mistakes.run import Finding, run
+from hil.evidence.mistakes.table import mistakes
+from hil.world.scenario import ScenarioError
+
+CASES = ("target", "base", "both")
+
+
+def findings(
+    cases: Sequence[str], only: Sequence[str], seed: int, *, exact: bool
+) -> Iterator[Finding]:
+    """Yield what every mistake came to.
+
+    Raises
+    ------
+    ScenarioError for a mistake or case of another name.
+    """
+    for names, known in ((only, tuple(mistakes())), (cases, CASES)):
+        for name in names:
+            if name not in known:
+                raise ScenarioError(f"{name!r} is none of {', '.join(known)}")
+    for case in cases or CASES:
+        for name in only or mistakes():
+            yield run(case, name, seed, exact=exact)
+
+
+def line(found: Finding) -> str:
+    """Return what a mistake came to, in one line."""
+    if found.refused:
+        return f"{found.case:6} {found.mistake:34} refused: {found.refused}"
+    mark = "WRONG" if found.confidently_wrong else ""
+    state = "valid" if found.valid else found.reason
+    return (
+        f"{found.case:6} {found.mistake:34} {state:22} {found.z:7.1f} sigma, mass "
+        f"{found.mass_z:6.1f} of +-{found.mass_sigma:.2%}; {found.outputs} valid, {found.wrong} "
+        f"wrong; batch {found.batch} {found.batch_z:.1f} {mark}"
+    ).rstrip()

@@ -1,0 +1,30 @@
+"""Mistakes of configuration in their short form: none leads to a valid estimate that is wrong."""
+
+from __future__ import annotations
+
+import pytest
+
+from hil.evidence.mistakes.command import findings, line
+from hil.evidence.mistakes.run import run
+from hil.evidence.mistakes.table import mistakes
+from hil.world.scenario import ScenarioError
+
+SHORT = ("none", "known base off 20 %", "torque gain of all off 5 %", "all links off 20 %")
+
+
+@pytest.mark.parametrize("mistake", SHORT)
+def test_no_mistake_is_valid_and_wrong(mistake: str) -> None:
+    found = run("target", mistake, 0, blocks=70)
+    assert not found.confidently_wrong, line(found)
+    assert found.outputs > 0, line(found)  # and the robot is still of use
+
+
+def test_the_figure_can_fail() -> None:
+    """Declared as exact, links off by 1 % are enough."""
+    assert run("target", "all links off 1 %", 0, blocks=70, exact=True).confidently_wrong
+
+
+def test_there_are_twenty_mistakes_and_names_are_checked() -> None:
+    assert len(mistakes()) > 20
+    with pytest.raises(ScenarioError, match="no such"):
+        next(findings((), ("no such",), 0, exact=False))
