@@ -142,6 +142,14 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     )
     schema.set_defaults(command=_schema)
 
+    export = commands.add_parser("export", help="an identified body as URDF, SDF, MJCF, JSON, CSV")
+    export.add_argument("result", type=Path, metavar="RESULT", help="of fsw identify --json")
+    export.add_argument(
+        "--format", choices=("urdf", "sdf", "mjcf", "json", "csv"), default="json", help="json"
+    )
+    export.add_argument("--body", choices=("base", "target"), help="needed where there are two")
+    export.set_defaults(command=_export)
+
     check = commands.add_parser("check", help="validate everything; touch no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
     check.add_argument(
@@ -311,6 +319,16 @@ def _init(arguments: argparse.Namespace) -> int:
 
     print(listing() if str(arguments.urdf) == "list" else init(arguments))
     return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from fsw.commands.export_body import FORMATS, body_of, read_result
+
+    body = body_of(read_result(arguments.result), arguments.body)
+    sys.stdout.write(FORMATS[arguments.format](body))
+    if not body.valid:
+        print(f"fsw: warning: {arguments.result}: the estimate is not valid", file=sys.stderr)
+    return 0 if body.valid else FAILED_EXIT
 
 
 def _schema(_arguments: argparse.Namespace) -> int:
