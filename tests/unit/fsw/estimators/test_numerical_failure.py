@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fsw.estimators.batch import run as batch_run
 from fsw.estimators.batch import solver
 from fsw.estimators.batch.run import run_batch
-from fsw.estimators.recursive.online import build_online
+from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block
 from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import (
@@ -76,6 +76,7 @@ def test_any_failing_unit_of_the_recursion_is_a_reset(
     def fails(*_: object) -> object:
         raise error
 
+    assert isinstance(online, OnlineEstimator)
     monkeypatch.setattr(online.recursion, unit, fails)
     online.push(blocks[-1])
     final = online.finish()
