@@ -150,16 +150,7 @@ class ControlServer:
             return
         self._waiting[number] = (now_ns, client)
         if not self._forward(command):
-            text = "the ring to the loop is full"
-            self.reply(
-                Reply(
-                    id=number,
-                    command=str(command.name),
-                    accepted=False,
-                    code=Code.QUEUE_FULL,
-                    text=text,
-                )
-            )
+            self.reply(refused(command))
 
     def _send(self, client: _Client, values: Mapping[str, Any]) -> None:
         try:
@@ -174,6 +165,13 @@ class ControlServer:
         client.connection.close()
         self._clients -= 1
         self._waiting = {i: item for i, item in self._waiting.items() if item[1] is not client}
+
+
+def refused(command: Command) -> Reply:
+    """Return the reply to a command that found no room in the ring to the loop."""
+    text = "the ring to the loop is full"
+    name = str(command.name)
+    return Reply(id=command.id, command=name, accepted=False, code=Code.QUEUE_FULL, text=text)
 
 
 def reply_values(reply: Reply) -> dict[str, Any]:

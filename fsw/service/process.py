@@ -38,7 +38,7 @@ from fsw.messages.errors import MEMORY_EXIT, CommandError, ConfigError, PortErro
 from fsw.service.batch_jobs import BatchJobs
 from fsw.service.blockstore import BlockStoreError, BlockWriter, read_blocks
 from fsw.service.checkpoint_keeper import CheckpointKeeper
-from fsw.service.control import SOCKET_NAME, ControlServer
+from fsw.service.control import SOCKET_NAME, ControlServer, refused
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
 from fsw.telemetry.ports import Host
@@ -282,12 +282,15 @@ class Service:
             self._report("high", "RING_DROPS", text)
 
     def _forward_local(self, command: Command) -> bool:
-        """Forward a command of the local control socket, and note it."""
-        if self._telemetry is not None:
-            self._telemetry.local_command(command)
-        else:
+        """Forward a command of the local control socket, and note it and its end."""
+        if self._telemetry is None:
             self._report("info", "TC_ACCEPTED", f"{command.name} (local socket)")
-        return self._forward(command)
+            return self._forward(command)
+        self._telemetry.local_command(command)
+        passed = self._forward(command)
+        if not passed:
+            self._telemetry.reply(refused(command))
+        return passed
 
     def _forward(self, command: Command) -> bool:
         """Carry out a command of batch jobs here, pass any other to the loop; False: no room."""

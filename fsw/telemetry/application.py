@@ -162,6 +162,7 @@ class TelemetryApplication:
         self.context.dumps.poll()
         self.context.reporter.poll(now_ns)
         self.context.loop.poll()
+        self.local.poll(now_ns)
         self.onboard.poll(now_ns)
         self.supervision.poll(now_ns)
         self.monitoring.poll(now_ns)

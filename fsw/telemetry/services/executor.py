@@ -150,9 +150,23 @@ class TelecommandExecutor:
         if done is Done.NOW:
             self.finish(request)
         elif request.id in self._waiting:
-            self._log.keep(record)
-            self._reporter.report("TC_ACCEPTED", record.words)
+            self._accepted(record)
         return True
+
+    def open_record(self, who: str, name: str, arguments: str) -> CommandRecord:
+        """Log and report a command that is no telecommand; `close_record` ends it."""
+        record = self._log.begin(who, name, arguments)
+        self._accepted(record)
+        return record
+
+    def close_record(self, record: CommandRecord, error: TcError | None) -> None:
+        """Log and report the outcome of a command."""
+        if error is None:
+            self._log.end(record, CommandOutcome.COMPLETED, Error.NONE)
+            self._reporter.report("TC_COMPLETED", record.words)
+            return
+        self._log.end(record, CommandOutcome.FAILED, error.error)
+        self._reporter.report("TC_FAILED", f"{record.name}: {error} ({record.who})")
 
     def refuse(self, packet: bytes, error: Error, text: str, value: float = 0.0) -> None:
         """Reject what did not get through the uplink."""
@@ -173,14 +187,11 @@ class TelecommandExecutor:
         if error is None:
             self.counters.tc_completed += 1
             self._success(request, "completion_success", ACK_COMPLETION)
-            self._log.end(record, CommandOutcome.COMPLETED, Error.NONE)
-            self._reporter.report("TC_COMPLETED", record.words)
-            return
-        self.counters.tc_failed += 1
-        self.counters.last_error = error.error
-        self._down.send("completion_failure", _names(request.id) | _failure(error))
-        self._log.end(record, CommandOutcome.FAILED, error.error)
-        self._reporter.report("TC_FAILED", f"{request.telecommand.name}: {error} ({record.who})")
+        else:
+            self.counters.tc_failed += 1
+            self.counters.last_error = error.error
+            self._down.send("completion_failure", _names(request.id) | _failure(error))
+        self.close_record(record, error)
 
     def values(self) -> dict[str, int]:
         """Return the counters of housekeeping set 1."""
@@ -211,6 +222,10 @@ class TelecommandExecutor:
         if handler is None:
             raise TcError(Error.NOT_SUPPORTED, text=telecommand.name)
         return handler(request)
+
+    def _accepted(self, record: CommandRecord) -> None:
+        self._log.keep(record)
+        self._reporter.report("TC_ACCEPTED", record.words)
 
     def _reject(
         self, request_id: RequestId, error: TcError, *, known: bool = True, who: str = ""

@@ -16,6 +16,14 @@ from fsw.telemetry.services.loop_commands import Order
 
 BODIES = {0: [], 1: ["base"], 2: ["target"], 3: ["base", "target"]}
 
+# of a monitor: the telecommand of the same effect, its arguments, the loop's command
+ACTIONS: dict[str, tuple[str, str, CommandName | None]] = {
+    "safe": ("SET_MODE", "mode=SAFE", None),
+    "standby": ("STOP_IDENTIFICATION", "", CommandName.REST),
+    "reset_estimator": ("RESET_ESTIMATOR", "", CommandName.RESET),
+    "abort_batch": ("ABORT_BATCH", "", CommandName.ABORT_BATCH),
+}
+
 
 class Functions:
     """Handlers of identification, batch jobs, state, recorder and modes."""
@@ -59,20 +67,25 @@ class Functions:
             except TcError:
                 continue  # the ring is full because the loop reads no commands
 
-    def act(self, action: str) -> None:
-        """Carry out what a monitor asks for."""
-        commands = {
-            "standby": CommandName.REST,
-            "reset_estimator": CommandName.RESET,
-            "abort_batch": CommandName.ABORT_BATCH,
-        }
-        if action == "safe":
+    def act(self, action: str, who: str) -> None:
+        """Carry out an action of a monitor or of a timer; it is logged as a command.
+
+        Parameters
+        ----------
+        action : a label of MONITOR_ACTION in small letters
+        who : what triggered it
+        """
+        name, arguments, command = ACTIONS[action]
+        executor = self._context.executor
+        record = executor.open_record(who, name, arguments)
+        if command is None:
             self.go_safe()
+            executor.close_record(record, None)
             return
         try:
-            self._loop.order(None, [(commands[action], {})])
-        except TcError:
-            return  # LOOP_SILENT reports a loop that reads no commands
+            self._loop.order(record, [(command, {})])
+        except TcError as error:
+            executor.close_record(record, error)
 
     def _simple(self, name: CommandName, request: Request) -> Action:
         return partial(self._loop.order, request, [(name, {})])

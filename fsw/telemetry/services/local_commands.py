@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from fsw.messages.commands import Command, Reply
-from fsw.telemetry.dictionary.codes import CommandOutcome, Error
+from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.link.telecommands import TcError
 from fsw.telemetry.services.context import TelemetryContext
+from fsw.telemetry.services.loop_commands import TIMEOUT_NS, error_of
 from fsw.telemetry.state.command_log import CommandRecord
 
-MAX_WAITING = 64  # commands whose reply is awaited
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    record: CommandRecord
+    since_ns: int
 
 
 class LocalCommands:
@@ -15,24 +23,27 @@ class LocalCommands:
 
     def __init__(self, context: TelemetryContext) -> None:
         self._context = context
-        self._waiting: dict[int, CommandRecord] = {}  # by the command's id
+        self._waiting: dict[int, _Waiting] = {}  # by the command's id
 
     def begin(self, command: Command) -> None:
         """Record a command; its reply ends it."""
         arguments = " ".join(f"{name}={value}" for name, value in command.args.items())
         name = str(command.name).upper()
-        self._waiting[command.id] = self._context.log.begin("local socket", name, arguments)
-        if len(self._waiting) > MAX_WAITING:
-            del self._waiting[next(iter(self._waiting))]
+        record = self._context.executor.open_record("local socket", name, arguments)
+        self._waiting[command.id] = _Waiting(record, self._context.now_ns())
 
     def reply(self, reply: Reply) -> None:
         """Record and report the outcome of a command; ignore replies to telecommands."""
-        record = self._waiting.pop(reply.id, None)
-        if record is None:
-            return
-        if reply.accepted:
-            self._context.log.end(record, CommandOutcome.COMPLETED, Error.NONE)
-            self._context.report("TC_COMPLETED", record.words)
-        else:
-            self._context.log.end(record, CommandOutcome.FAILED, Error.FAILED)
-            self._context.report("TC_FAILED", f"{record.name}: {reply.text} ({record.who})")
+        error = None if reply.accepted else error_of(reply.code, reply.text)
+        self._end(reply.id, error)
+
+    def poll(self, now_ns: int) -> None:
+        """Fail what the loop does not answer."""
+        late = [n for n, item in self._waiting.items() if now_ns - item.since_ns > TIMEOUT_NS]
+        for number in late:
+            self._end(number, TcError(Error.TIMEOUT, text="the loop did not answer"))
+
+    def _end(self, number: int, error: TcError | None) -> None:
+        waiting = self._waiting.pop(number, None)
+        if waiting is not None:
+            self._context.executor.close_record(waiting.record, error)

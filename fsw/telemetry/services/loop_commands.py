@@ -10,6 +10,7 @@ from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.ports import Host
 from fsw.telemetry.services.executor import Done, TelecommandExecutor
+from fsw.telemetry.state.command_log import CommandRecord
 from fsw.telemetry.state.modes import ModeMachine
 
 FIRST_ID = 1 << 20  # numbers below are the control socket's
@@ -33,7 +34,7 @@ Order = tuple[CommandName, dict[str, object]]
 
 @dataclass(slots=True)
 class _Waiting:
-    request: Request | None  # None: on the daemon's own account
+    request: Request | CommandRecord | None
     since_ns: int
     rest: list[Order]  # what follows when this was accepted
     then: Then | None = None
@@ -68,7 +69,7 @@ class LoopCommands:
 
     def order(
         self,
-        request: Request | None,
+        request: Request | CommandRecord | None,
         orders: Sequence[Order],
         then: Then | None = None,
         failed: Callable[[], None] | None = None,
@@ -77,6 +78,7 @@ class LoopCommands:
 
         Parameters
         ----------
+        request : a telecommand, a logged command of the daemon itself, or None: an order of neither
         then : called with the last reply, before the request is finished; may raise TcError
         failed : called when one was refused
 
@@ -96,10 +98,11 @@ class LoopCommands:
         if waiting is None:
             return
         if not reply.accepted:
-            self._fail(waiting, _error(reply.code, reply.text))
+            self._fail(waiting, error_of(reply.code, reply.text))
             return
-        if reply.command == CommandName.RUN_BATCH and waiting.request is not None:
-            self._jobs[reply.id] = _Job(waiting.request)
+        request = waiting.request
+        if reply.command == CommandName.RUN_BATCH and isinstance(request, Request):
+            self._jobs[reply.id] = _Job(request)
             return
         try:
             if waiting.rest:
@@ -128,7 +131,7 @@ class LoopCommands:
         if report.state == "done" and status == "OK":
             self._finish(job.request, None)
         else:
-            self._finish(job.request, _error(Code.ESTIMATOR, f"{report.state} {status}"))
+            self._finish(job.request, error_of(Code.ESTIMATOR, f"{report.state} {status}"))
 
     def poll(self) -> None:
         """Give up what the loop does not answer."""
@@ -163,12 +166,15 @@ class LoopCommands:
                 error = TcError.of(also)
         self._finish(waiting.request, error)
 
-    def _finish(self, request: Request | None, error: TcError | None) -> None:
-        if request is not None:
+    def _finish(self, request: Request | CommandRecord | None, error: TcError | None) -> None:
+        if isinstance(request, Request):
             self._executor.finish(request, error)
+        elif request is not None:
+            self._executor.close_record(request, error)
 
 
-def _error(code: Code, text: str) -> TcError:
+def error_of(code: Code, text: str) -> TcError:
+    """Return the error of a telecommand for a reply of the loop."""
     for outcome in OUTCOMES:
         if outcome in text:
             return TcError(Error[outcome], text=text)

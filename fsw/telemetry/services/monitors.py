@@ -134,7 +134,7 @@ class Monitoring:
         if config.action != "none" and not monitor.acted:
             monitor.acted = True
             self._context.report("LIMIT_ACTION", f"monitor {config.id}: {config.action}")
-            self._functions.act(config.action)
+            self._functions.act(config.action, f"monitor {config.id}")
 
     def handlers(self) -> dict[str, Handler]:
         """Return the handlers of this service's telecommands."""

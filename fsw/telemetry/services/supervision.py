@@ -97,7 +97,7 @@ class Supervision:
                 "COMMAND_LOSS",
                 f"no telecommand for {self._context.parameter('command_loss_time_s'):.0f} s",
             )
-            self._functions.go_safe()
+            self._functions.act("safe", "command-loss timer")
 
     def _count(self, bit: Health, count: int) -> None:
         """Remember when a counter was last seen to grow."""

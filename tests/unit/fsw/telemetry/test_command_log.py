@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from fsw.config.tables import MonitorConfig, MonitorsTable
 from fsw.messages.commands import Code, Command, CommandName, Reply
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import CommandOutcome, Error
@@ -15,6 +16,7 @@ from fsw.telemetry.state.command_log import CAPACITY
 from fsw.telemetry.state.fair_log import FairLog
 from fsw.telemetry.state.journal import Journal
 from tests.support.application_cases import SECOND, Flight, flight_config
+from tests.unit.fsw.telemetry.services.test_parameters import set_values
 
 
 @pytest.fixture
@@ -178,3 +180,57 @@ def test_the_most_frequent_kind_makes_room():
     assert kept == sorted(kept)
     assert kept[-1] == 108
     assert sum(k < 8 for k in kept) >= 4
+
+
+MONITOR = {"id": 9, "value": "health.ticks", "low": 1.0, "repetitions": 1, "stale_s": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("action", "command", "arguments"),
+    [
+        ("standby", "STOP_IDENTIFICATION", ""),
+        ("reset_estimator", "RESET_ESTIMATOR", ""),
+        ("abort_batch", "ABORT_BATCH", ""),
+    ],
+)
+def test_the_action_of_a_monitor_is_logged_with_its_outcome(flight, action, command, arguments):
+    monitor = MonitorConfig.model_validate(MONITOR | {"action": action})
+    flight.app.monitoring.apply(MonitorsTable(monitors=(monitor,)))
+    flight.wait(0.3)
+    assert ("TC_ACCEPTED", f"{command} (monitor 9)") in [(e.code, e.text) for e in flight.events]
+    flight.answer(Code.NO_JOB, "nothing runs")
+    (event,) = [e for e in flight.events if e.code == "TC_FAILED"]
+    assert event.text.startswith(command)
+    assert event.text.endswith("(monitor 9)")
+    entry = dumped(flight)[0]
+    assert (entry["who"], entry["command"], entry["arguments"]) == ("monitor 9", command, arguments)
+    assert (entry["outcome"], entry["error"]) == (CommandOutcome.FAILED, Error.NOT_STAGED)
+
+
+def test_an_action_that_the_loop_does_not_read_is_logged_as_failed(flight):
+    monitor = MonitorConfig.model_validate(MONITOR | {"action": "reset_estimator"})
+    flight.app.monitoring.apply(MonitorsTable(monitors=(monitor,)))
+    flight.ring_full = True
+    flight.wait(0.3)
+    entry = dumped(flight)[0]
+    assert (entry["outcome"], entry["error"]) == (CommandOutcome.FAILED, Error.BUSY)
+
+
+def test_what_enters_safe_is_logged(arm):
+    flight = Flight(flight_config(arm))
+    flight.up()
+    set_values(flight, {1: 30.0})
+    flight.wait(31.0)
+    entry = next(e for e in dumped(flight) if e["command"] == "SET_MODE")
+    assert (entry["who"], entry["arguments"]) == ("command-loss timer", "mode=SAFE")
+    assert entry["outcome"] == CommandOutcome.COMPLETED
+    flight.app.close()
+
+
+def test_a_local_command_without_an_answer_is_logged_as_failed(flight):
+    flight.app.local_command(Command(name=CommandName.RESET, id=7))
+    state = flight.config.resolve(flight.config.service.state_directory)
+    assert '"ACCEPTED"' in (state / "commands.jsonl").read_text()
+    flight.wait(6.0)
+    entry = dumped(flight)[0]
+    assert (entry["outcome"], entry["error"]) == (CommandOutcome.FAILED, Error.TIMEOUT)
