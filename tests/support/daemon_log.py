@@ -16,6 +16,7 @@ from fsw.drivers.sources import ImuSource, JointBusSource, StarTrackerSource
 from fsw.drivers.wire import ByteChunk, frame_array, unpack_frame
 from fsw.exchange.recording import messages
 from fsw.messages import Samples
+from fsw.telemetry.state.command_log import COMMANDS_NAME
 from fsw.telemetry.state.store import GenerationStore
 from tests.support.live_run import LiveRun
 from tests.support.samples import rows
@@ -36,6 +37,8 @@ class DaemonLog:
         self.by_ticks = {summary["ticks"]: summary for summary in self.summaries}
         lines = (self.state / "events.jsonl").read_text().splitlines()
         self.events = [json.loads(line) for line in lines]
+        lines = (self.state / COMMANDS_NAME).read_text().splitlines()
+        self.commands = [json.loads(line) for line in lines]
         tables = {"robot", "noise", "rates", "monitors"}
         self.tables = {n: GenerationStore(self.state / "tables" / n).read()[0] for n in tables}
         kept = GenerationStore(self.state / "parameters").read()[0]

@@ -49,7 +49,7 @@ class LiveRun:
         self._processes: list[subprocess.Popen[str]] = []
         self._client = threading.Thread(target=self._keep)
         self.raw = bytearray()
-        self.kept: dict[str, float] = {}  # a time-tagged command that somebody has given
+        self.kept: dict[str, Any] = {}  # telecommands that somebody has left on board
         self.port = 0
         try:
             self._begin(plant)

@@ -16,29 +16,19 @@ from fsw.telemetry.dictionary.housekeeping import REASONS
 from fsw.telemetry.state.version import version_values
 from ground.telemetry import Sample
 from tests.support.daemon_log import DaemonLog
+from tests.support.onboard_checks import ONBOARD_CHECKS, Values, holds
 
-Values = Mapping[str, Any]
 AXES = ("x", "y", "z")
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 COUNTS = ("received", "accepted", "lost", "late", "rejected", *(f"reject_{r}" for r in REASONS))
 TIMES = ("last", "mean", "max")
-NEVER_SENT = {
-    *("start_failure", "progress_failure"),  # nothing fails there
-    # the tour has none of these: tests/unit/ground/test_onboard.py and the services' own tests do
-    *("command_log_entry", "object_checked", "schedule_detail", "store_content", "store_status"),
-    *("event_action_status", "event_action", "sequence_status", "sequence_checked"),
-    *("sequence_entry", "sequence_aborted"),
-}
+NEVER_SENT = {"start_failure", "progress_failure"}  # nothing fails there
 TC_PACKET_ID = 0x1864  # telecommand with secondary header to application 100
 
 
 def single(value: float) -> float:
     """The nearest number of 32 bits."""
     return float(np.float32(value))
-
-
-def holds(found: Values, expected: Values) -> bool:
-    return all(found[name] == value for name, value in expected.items())
 
 
 def body(prefix: str, mean: Values, sigma: Values) -> dict[str, float]:
@@ -280,7 +270,7 @@ def is_transition(sample: Sample, log: DaemonLog) -> bool:
 
 
 def is_schedule(sample: Sample, log: DaemonLog) -> bool:
-    return holds(sample.values, log.kept | {"n": 1})
+    return holds(sample.values, log.kept["schedule"] | {"n": 1})
 
 
 def is_definition(sample: Sample, log: DaemonLog) -> bool:
@@ -334,6 +324,7 @@ CHECKS: dict[str, Callable[[Sample, DaemonLog], bool]] = {
     "alive": is_time,
     "time_correlation": is_correlation,
     "schedule_entry": is_schedule,
+    **ONBOARD_CHECKS,
     "monitor_definition": is_definition,
     "monitor_status": is_status,
     "set_properties": is_properties,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import binascii
 import json
+import struct
 import time
 import zlib
+from typing import Any
 
 from fsw.telemetry.dictionary import DICTIONARY
 from ground.commands import Catalogue
@@ -18,6 +20,7 @@ PATIENCE_S = 400.0  # a batch worker of low priority compiles first, beside all 
 MONITOR = {"id": 9, "value": "link.clients", "low": 1000.0, "repetitions": 1, "stale_s": 60.5}
 MONITORS = json.dumps({"monitors": [MONITOR | {"action": "abort_batch"}]}).encode()  # is YAML too
 LATER_S = 5000.0
+DELAY_MS = 600_000  # after the first entry of the sequence: it is aborted before
 PARAMETERS = [item.name for item in DICTIONARY.parameters]
 
 
@@ -28,7 +31,7 @@ class Tour:
         self._link = Link("127.0.0.1", run.port, None)
         self._catalogue, self._decoder = Catalogue(), TelemetryDecoder()
         (run.state / "files" / "tour.bin").write_bytes(bytes(range(200)))
-        self.kept: dict[str, float] = {}  # the time-tagged command, as it must be reported
+        self.kept: dict[str, Any] = {}  # telecommands kept on board, as they must be reported
 
     def close(self) -> None:
         self._link.close()
@@ -55,8 +58,11 @@ class Tour:
 
     def go(self) -> None:
         """Go through all."""
+        while not self.wait("estimate").values["blocks"]:
+            pass  # there is no diagnosis before the first block
         self._reports()
         self._schedule()
+        self._onboard()
         self._refusals()
         while self.wait("estimate").values["valid"] != "YES":
             pass  # a batch on too little motion ends in INSUFFICIENT_EXCITATION
@@ -98,10 +104,33 @@ class Tour:
         packet = self._catalogue.at(ping, release_s, self._link.next_sequence())
         assert self._follow(packet).outcome is VerificationOutcome.COMPLETED
         count = int.from_bytes(ping[2:4], "big") & 0x3FFF
-        self.kept = {"source_id": 0, "apid": 100, "sequence_count": count}
-        self.kept |= {"release_time_s": release_s, "service": 17, "subtype": 1}
+        entry = {"source_id": 0, "apid": 100, "sequence_count": count}
+        entry |= {"release_time_s": release_s, "service": 17, "subtype": 1}
+        self.kept |= {"schedule": entry, "scheduled": ping}
         self.do("REPORT_SCHEDULE")
+        self.do("REPORT_SCHEDULE_DETAIL")
         self.do("RESET_SCHEDULE")
+
+    def _onboard(self) -> None:
+        """Sequences, stores, event actions, check-sums and the command log."""
+        ping = self._catalogue.build("PING", {}, self._link.next_sequence())
+        loaded = 2 * (ping + struct.pack(">I", DELAY_MS))
+        self.kept |= {"request": ping, "sequence": loaded}
+        self.do("LOAD_SEQUENCE", sequence="1", entries=loaded.hex())
+        for name in ("CHECK_SEQUENCE", "REPORT_SEQUENCE", "START_SEQUENCE"):
+            self.do(name, sequence="1")
+        self.do("REPORT_SEQUENCES")
+        self.do("ABORT_SEQUENCES")
+        self.do("UNLOAD_SEQUENCE", sequence="1")
+        named = {"apid": "100", "event": "STOPPED"}
+        self.do("ADD_EVENT_ACTION", **named, request=ping.hex())
+        self.do("REPORT_EVENT_ACTION", **named)
+        self.do("REPORT_EVENT_ACTION_STATUS")
+        self.do("DELETE_EVENT_ACTIONS")
+        self.do("REPORT_STORE_CONTENT", store="EVENTS")
+        self.do("REPORT_STORE_STATUS")
+        self.do("CHECK_OBJECT", memory="FILES", base="files/tour.bin", offset="0", length="0")
+        self.do("COMMAND_LOG_DUMP", entries="50")
 
     def _refusals(self) -> None:
         assert self.tell("REC_START").outcome is VerificationOutcome.FAILED  # it is recording
