@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path, PurePosixPath
 
@@ -120,32 +120,13 @@ class Filing:
         if not path.is_dir():
             raise TcError(Error.FILE_NOT_FOUND, 1)
 
-        def act() -> None:
-            with os.scandir(path) as found:
-                entries = sorted(
-                    (item for item in found if not item.name.startswith(HIDDEN)),
-                    key=lambda item: item.name,
-                )
-            page = entries[first - 1 : first - 1 + PAGE_ENTRIES]
-            for place, item in enumerate(page, start=first):
-                kind = _kind(item)
-                size = item.stat(follow_symlinks=False).st_size if kind == "FILE" else 0
-                path_there = f"{name.rstrip('/')}/{item.name}"
-                self._entry(place, len(entries), kind, path_there, size)
-            if not page:
-                self._entry(0, len(entries), "FILE", name, 0)
+        def make() -> Iterable[tuple[str, Mapping[str, object]]]:
+            try:
+                return _page(path, name, first)
+            except OSError as error:
+                raise _failed(error) from error
 
-        return partial(guarded, act)
-
-    def _entry(self, place: int, total: int, kind: str, path: str, size: int) -> None:
-        values = {
-            "entry": place,
-            "entries": total,
-            "kind": FILE_KIND.value(kind),
-            "path": path,
-            "size_bytes": size,
-        }
-        self._context.send("file_entry", values)
+        return self._context.dumps.action(request, make)
 
     def _copy(self, request: Request) -> Action:
         source = self.existing(request.text("path"))
@@ -229,6 +210,35 @@ class Filing:
         return partial(guarded, act)
 
 
+def _page(path: Path, name: str, first: int) -> list[tuple[str, Mapping[str, object]]]:
+    """Return a page of a folder's entries as packets. Raises OSError."""
+    with os.scandir(path) as found:
+        entries = sorted(
+            (item for item in found if not item.name.startswith(HIDDEN)),
+            key=lambda item: item.name,
+        )
+    total, page = len(entries), entries[first - 1 : first - 1 + PAGE_ENTRIES]
+    packets = []
+    for place, item in enumerate(page, start=first):
+        kind = _kind(item)
+        size = item.stat(follow_symlinks=False).st_size if kind == "FILE" else 0
+        packets.append(_entry(place, total, kind, f"{name.rstrip('/')}/{item.name}", size))
+    return packets or [_entry(0, total, "FILE", name, 0)]
+
+
+def _entry(
+    place: int, total: int, kind: str, path: str, size: int
+) -> tuple[str, Mapping[str, object]]:
+    values = {
+        "entry": place,
+        "entries": total,
+        "kind": FILE_KIND.value(kind),
+        "path": path,
+        "size_bytes": size,
+    }
+    return "file_entry", values
+
+
 def _kind(item: os.DirEntry[str]) -> str:
     """Return what an entry is; links are not followed."""
     if item.is_dir(follow_symlinks=False):
@@ -241,5 +251,9 @@ def guarded(act: Callable[[], object]) -> Done:
     try:
         act()
     except OSError as error:
-        raise TcError(Error.FAILED, text=f"{error.filename}: {error.strerror}") from error
+        raise _failed(error) from error
     return Done.NOW
+
+
+def _failed(error: OSError) -> TcError:
+    return TcError(Error.FAILED, text=f"{error.filename}: {error.strerror}")

@@ -10,6 +10,7 @@ from file_delivery.errors import DeliveryError
 from file_delivery.library import DAEMON, GROUND, Pair
 from file_delivery.transfer import Transfer, TransferState
 from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.services.dumps import PACKETS_PER_POLL
 from tests.support.application_cases import BEGUN, DONE, Flight
 
 FILE, FOLDER, OTHER = 0, 1, 2
@@ -76,6 +77,7 @@ def files(flight: Flight) -> Path:
 def listed(flight: Flight, path: str, first: int = 1) -> list[tuple[object, ...]]:
     before = len(flight.all("file_entry"))
     flight.send("LIST_FILES", {"path": path, "first": first})
+    flight.wait(0.3)
     names = ("entry", "entries", "kind", "path", "size_bytes")
     return [tuple(told[name] for name in names) for told in flight.all("file_entry")[before:]]
 
@@ -106,6 +108,21 @@ def test_a_folder_of_many_files_is_listed_page_by_page(flight: Flight, files: Pa
         first += len(page)
     assert found == names
     assert listed(flight, "files/sub", 301) == [(0, 300, FILE, "files/sub", 0)]
+
+
+def test_a_long_list_is_sent_piece_by_piece_while_other_telecommands_run(
+    flight: Flight, files: Path
+):
+    for k in range(2 * PACKETS_PER_POLL):
+        (files / f"{k:03d}").touch()
+    assert flight.send("LIST_FILES", {"path": "files", "first": 1})[:2] == BEGUN
+    assert len(flight.all("file_entry")) == PACKETS_PER_POLL
+    assert "alive" in flight.send("PING")
+    assert flight.refused("LIST_FILES", {"path": "files", "first": 1}) is Error.BUSY
+    flight.wait(0.1)
+    assert len(flight.all("file_entry")) == 2 * PACKETS_PER_POLL
+    flight.wait(0.1)
+    assert flight.packets[-1].packet.name == "completion_success"
 
 
 @pytest.mark.parametrize("path", ["files/loop", "files/loop/a", "files/to_root/etc/passwd"])
