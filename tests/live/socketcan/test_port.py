@@ -123,7 +123,7 @@ def test_the_receive_buffer_is_as_large_as_asked(port):
 
 
 def test_every_frame_lost_in_the_receive_buffer_is_counted(port, other):
-    burst = 4000  # the buffer holds some 2700
+    burst = 16_000  # the buffer holds some 10 900
     for k in range(burst):
         other.send(message(k))
     kept = taken(port)
