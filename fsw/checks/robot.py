@@ -40,7 +40,7 @@ def read_model(urdf: Path, tool_frame: str) -> RobotModel:
 
     Raises
     ------
-    ConfigError when it is none this software can use.
+    ConfigError when this software cannot use it.
     """
     with TemporaryFile() as said:
         stderr = os.dup(2)

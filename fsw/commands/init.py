@@ -26,7 +26,7 @@ FIRST_NODE = 0x11
 T = TypeVar("T")
 HEAD = """\
 # Written by fsw init from {urdf}. Every key: docs/configuration.md. Check it: fsw check {out}
-# Look at every line with TODO; a recording tells more: fsw check {out} RECORDING
+# Look at every line with CHECK; a recording tells more: fsw check {out} RECORDING
 """
 
 
@@ -83,7 +83,7 @@ def init(arguments: argparse.Namespace) -> str:
     text = _text(arguments, ask, tool, root, model)
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
     out.write_text(text, encoding="utf-8")
-    return f"{out}: {len(config.joints)} joints; {text.count('TODO')} lines marked TODO"
+    return f"{out}: {len(config.joints)} joints; {text.count('# CHECK')} lines marked CHECK"
 
 
 def _asker(arguments: argparse.Namespace) -> Ask:
@@ -175,7 +175,7 @@ def _body(
     largest = max(own[0], own[3], own[5])
     spread = [0.5 * own[k] if k in (0, 3, 5) else 0.25 * largest for k in range(6)]
     return [
-        f"  {name}:  # TODO the prior: about right; half of it may be wrong, as sigma says",
+        f"  {name}:  # CHECK the prior: about right; half of it may be wrong, as sigma says",
         f"    mass_kg: {mass:.6g}",
         f"    com_m: {_numbers(com)}  # in the frame of the body",
         f"    inertia_kg_m2: {_numbers(own)}  # xx xy xz yy yz zz",
@@ -193,9 +193,9 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
         "",
         "buses:",
         "  - name: arm  # recordings: /can/arm",
-        "    interface: socketcan  # TODO any of python-can's",
-        "    channel: can0  # TODO",
-        "    bitrate: 1000000  # TODO",
+        "    interface: socketcan  # CHECK any of python-can's",
+        "    channel: can0  # CHECK",
+        "    bitrate: 1000000  # CHECK",
         f"    rate_hz: {arguments.rate_hz}",
         "",
         f"# encoder: {encoder['title']}; {_trust(encoder)}",
@@ -216,8 +216,8 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
         lines += [
             f"  - name: {name}",
             "    bus: arm",
-            f"    node_id: 0x{FIRST_NODE + k:02x}  # TODO",
-            "    sign: 1  # TODO -1: the node counts against the URDF's axis",
+            f"    node_id: 0x{FIRST_NODE + k:02x}  # CHECK",
+            "    sign: 1  # CHECK -1: the node counts against the URDF's axis",
             "    zero_offset_rad: 0.0",
             f"    torque_limit_nm: {effort:g}  # of the URDF",
             f"    speed_limit_rad_s: {speed:g}",
@@ -238,7 +238,7 @@ def _imu(ask: Ask) -> list[str]:
         f"# {device['title']}; {_trust(device)}",
         "imu:",
         f"  driver: {device['driver']}",
-        "  port: /dev/ttyUSB0  # TODO",
+        "  port: /dev/ttyUSB0  # CHECK",
         "  mounting:",
         f"    p_BS_m: {_numbers(place)}",
         f"    rpy_BS_rad: {_numbers(turn)}",
@@ -257,7 +257,7 @@ def _tracker(ask: Ask) -> list[str]:
         f"# {device['title']}; {_trust(device)}",
         "star_tracker:",
         f"  driver: {device['driver']}",
-        "  port: /dev/ttyUSB1  # TODO",
+        "  port: /dev/ttyUSB1  # CHECK",
         "  mounting:",
         "    p_BS_m: [0.0, 0.0, 0.0]  # attitude does not depend on it",
         f"    rpy_BS_rad: {_numbers(turn)}",

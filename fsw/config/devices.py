@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin
+from collections.abc import Sequence
+from math import isfinite
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
@@ -117,7 +118,7 @@ class Mounting(Section):
         ):
             raise ValueError(f"rpy_BS_rad: {brief(angles)} must be three finite numbers")
         rest = {key: value for key, value in data.items() if key != "rpy_BS_rad"}
-        return rest | {"q_BS_xyzw": _quaternion(*map(float, angles))}
+        return rest | {"q_BS_xyzw": _quaternion(angles)}
 
     @field_validator("q_BS_xyzw")
     @classmethod
@@ -128,17 +129,12 @@ class Mounting(Section):
         return q
 
 
-def _quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
+def _quaternion(angles: Sequence[float]) -> list[float]:
     """Return the quaternion, scalar last, of Rz(yaw) Ry(pitch) Rx(roll)."""
-    (sr, sp, sy), (cr, cp, cy) = (
-        [turn(0.5 * angle) for angle in (roll, pitch, yaw)] for turn in (sin, cos)
-    )
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
+    from scipy.spatial.transform import Rotation  # 0.2 s that only these configurations wait for
+
+    quaternion: list[float] = Rotation.from_euler("xyz", angles).as_quat().tolist()
+    return quaternion
 
 
 class ImuConfig(Section):

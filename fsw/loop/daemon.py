@@ -85,11 +85,9 @@ class Daemon:
         )
         self.latest: Estimate | None = None
         self.unusable_windows = 0
-        self._share_ns = round(WORK_SHARE * 1e9 / config.scheduler.tick_rate_hz)
-        period_ns, budget_s = (
-            round(1e9 / config.scheduler.tick_rate_hz),
-            config.scheduler.work_budget_s,
-        )
+        period_ns = round(1e9 / config.scheduler.tick_rate_hz)
+        budget_s = config.scheduler.work_budget_s
+        self._share_ns = round(WORK_SHARE * period_ns)
         self.executive = Executive(
             clock,
             period_ns,
@@ -148,7 +146,6 @@ class Daemon:
 
     def shutdown(self) -> Estimate | None:
         """Settle the estimator, publish the last estimate and status, release the ports."""
-        self._batch.finish()
         now_ns = self._clock.now_ns()
         self._batch.end(now_ns)
         self._finish_windows()

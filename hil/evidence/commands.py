@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,6 +66,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         choices=("alone", "hog", "batch", "clients"),
         help="this condition; may be repeated",
     )
+    bench.add_argument("--out", type=Path, metavar="DIR", help="keep the runs and resume")
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     bench.set_defaults(command=_bench)
 
@@ -202,17 +204,22 @@ def _bench(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from hil.evidence.speed import whole
+    from hil.evidence.store import Store
     from hil.run.progress import meter
 
     names = arguments.only or whole.CONDITIONS
+    scenario, seconds = arguments.scenario, arguments.seconds
+    store = Store(arguments.out, {"bench": scenario, "seconds": seconds})
     rounds = []
     for k in range(arguments.rounds):
-        runs = []
         for name in names:
-            title = f"round {k + 1} of {arguments.rounds}, {name}"
-            with meter(title, arguments.seconds + whole.SETTLE_S, Console(stderr=True)) as shown:
-                runs.append(whole.measure(arguments.scenario, name, arguments.seconds, shown))
-            sys.stderr.write(runs[-1].to_text() + "\n")
-        rounds.append(runs)
+            key, title = f"{name} {k}", f"round {k + 1} of {arguments.rounds}, {name}"
+            if key not in store.rows:
+                console = Console(stderr=True)
+                with meter(title, seconds + whole.SETTLE_S, console) as shown:
+                    run = whole.measure(scenario, name, seconds, shown)
+                sys.stderr.write(run.to_text() + "\n")
+                store.add(key, asdict(run))
+        rounds.append([whole.Condition(**store.rows[f"{name} {k}"]) for name in names])
     print(whole.as_json(rounds) if arguments.json else whole.summary(rounds))
     return 0

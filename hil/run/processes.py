@@ -12,6 +12,7 @@ import os
 import shutil
 import signal
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
 RUN_UNLESS_ORPHANED = 'test "$PPID" -eq "$0" && exec "$@"'  # the parent may be gone by now
@@ -50,3 +51,12 @@ def end_with_driver() -> None:
     driver = multiprocessing.parent_process()
     if driver is not None and driver.pid is not None:
         end_with(driver.pid)
+
+
+def resident_bytes(pid: int | str = "self") -> int:
+    """Return the memory a process has; 0 of one that has ended."""
+    try:
+        text = Path(f"/proc/{pid}/statm").read_text(encoding="ascii")
+    except (FileNotFoundError, ProcessLookupError):
+        return 0
+    return int(text.split()[1]) * os.sysconf("SC_PAGE_SIZE")

@@ -18,7 +18,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One quantity over all rounds; `bound` is of the ratio to the reference."""
+    """One quantity over all rounds, and the reference's where there is one."""
 
     name: str
     unit: str

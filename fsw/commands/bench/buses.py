@@ -1,7 +1,7 @@
 """Frames through the ports of the loop beside python-can's own ways of reading.
 
 Every reader gets the same numbered frames from a process of its own and drains them 500 times a
-second, as the loop does. What is lost is told by the numbers.
+second, as the loop does. The numbers show which were lost.
 """
 
 from __future__ import annotations

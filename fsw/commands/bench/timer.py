@@ -46,10 +46,22 @@ def executive(rate_hz: float, seconds: float, priority: int) -> Lateness:
 
 def cyclictest(rate_hz: float, seconds: float, priority: int) -> Lateness | None:
     """Return the lateness that cyclictest measures; None where it is not installed or refuses."""
+    command = cyclictest_command(rate_hz, seconds, priority)
+    if command is None:
+        return None
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    counts = cyclictest_wakes(done.stdout)
+    if done.returncode or not counts:
+        return None
+    return _lateness(np.repeat(*np.array(counts).T).tolist(), bool(priority))
+
+
+def cyclictest_command(rate_hz: float, seconds: float, priority: int = 0) -> list[str] | None:
+    """Return the command line of cyclictest; None where it is not installed."""
     program = shutil.which("cyclictest")
     if program is None:
         return None
-    command = [
+    return [
         program,
         "-q",
         f"--interval={round(1e6 / rate_hz)}",
@@ -58,12 +70,12 @@ def cyclictest(rate_hz: float, seconds: float, priority: int) -> Lateness | None
         *([f"--priority={priority}"] if priority else []),
         "--mlockall",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    rows = re.findall(r"^(\d{6}) (\d+)$", done.stdout, re.MULTILINE)
-    counts = [(int(us), int(count)) for us, count in rows if int(count)]
-    if done.returncode or not counts:
-        return None
-    return _lateness(np.repeat(*np.array(counts).T).tolist(), bool(priority))
+
+
+def cyclictest_wakes(output: str) -> list[tuple[int, int]]:
+    """Return how late its wake-ups were [us], and how many were so late."""
+    rows = re.findall(r"^(\d{6}) (\d+)$", output, re.MULTILINE)
+    return [(int(us), int(count)) for us, count in rows if int(count)]
 
 
 def _lateness(late_us: Sequence[float], is_fifo: bool) -> Lateness:

@@ -3,7 +3,8 @@
 State x = [10 parameters per unknown body (base first), ways in which the known bodies may differ
 (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual angular
 momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros of the
-joints (n), place (3) and angles (3) of the inertial unit]; one whose prior sigma is zero is none.
+joints (n), place (3) and angles (3) of the inertial unit]. Where a prior sigma is zero
+there is no state.
 """
 
 from __future__ import annotations

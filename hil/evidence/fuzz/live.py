@@ -31,6 +31,7 @@ from hil.evidence.fuzz.oracle import require
 from hil.run.bench import prepare
 from hil.run.flight import plant_document, write_yaml
 from hil.run.live import LiveError, children, process_of, read_status, started_plant
+from hil.run.processes import resident_bytes
 from hil.world.scenario import at_rates, load
 
 RATE_HZ, IMU_RATE_HZ = 100.0, 125
@@ -248,9 +249,9 @@ def _attack(
         play(target, rng.randbytes(INPUT_BYTES))
         advance(target.counts["cases"])
         if warm is None and target.counts["cases"] >= cases // 10:
-            warm = [_resident_mb(pid) for pid in pids]
+            warm = [resident_bytes(pid) / 2**20 for pid in pids]
     attacked_s = time.monotonic() - began_s
-    grown = [_resident_mb(p) - mb for p, mb in zip(pids, warm or (), strict=True)]
+    grown = [resident_bytes(p) / 2**20 - mb for p, mb in zip(pids, warm or (), strict=True)]
     target.tick(100)  # until the status file shows it
     marks.append(_mark(state))
     target.tick(round(QUIET_S * RATE_HZ))
@@ -293,8 +294,3 @@ def _mark(state: Path) -> Mark:
     if status is None:
         raise LiveError("the daemon has no status")
     return Mark(int(status["ticks"]), int(status["slips"]), int(status["over_budget"]))
-
-
-def _resident_mb(pid: int) -> float:
-    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    return pages * 4096 / 2**20

@@ -23,7 +23,7 @@ def findings(
     for names, known in ((only, tuple(mistakes())), (cases, CASES)):
         for name in names:
             if name not in known:
-                raise ScenarioError(f"{name!r} is none of {', '.join(known)}")
+                raise ScenarioError(f"{name!r} must be one of {', '.join(known)}")
     for case in cases or CASES:
         for name in only or mistakes():
             yield run(case, name, seed, exact=exact)

@@ -21,7 +21,7 @@ Change = Callable[[Document], None]
 
 
 def mistakes() -> Mapping[str, Change]:
-    """Return the mistakes by name; the first one is none."""
+    """Return the mistakes by name; the first one changes nothing."""
     return {
         "none": lambda _: None,
         "sign of joint 2": _sign(1),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import hashlib
-import os
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from hil.evidence.soak.ports import PortLane, Reversed
 from hil.judge.score import normalised_error_squared
 from hil.links.virtual import VirtualBench
 from hil.run.bench import Setup
+from hil.run.processes import resident_bytes
 from hil.world.inertia import pi_of
 from hil.world.sensors import SensorConfig
 
@@ -33,7 +33,6 @@ REST_S = 2.0  # before the motion; links come back within it
 TAIL_S = 1.5
 KEPT_PARTS = 2
 MOST_PENDING = 4096  # items that wait for a window to close
-PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,8 +205,3 @@ class SoakEpoch:
 def is_truncated(path: Path) -> bool:
     """Return whether a recording ends before its end record."""
     return contents_of([path]).truncated
-
-
-def resident_bytes() -> int:
-    """Return the memory this process has."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_BYTES

@@ -44,6 +44,7 @@ from fsw.estimators.recursive.bias_compensated import (
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block, FloatArray
 from hil.run.flown import Flown, fly, with_estimator
+from hil.run.processes import resident_bytes
 
 ESTIMATORS = {
     "mrnea ols": ("mrnea", "ols"),
@@ -273,12 +274,11 @@ def endure(
 def look(updates: int, online: object) -> Look:
     """Measure memory now."""
     gc.collect()
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return Look(
         updates=updates,
         own_bytes=reachable_bytes(online),
         objects=sys.getallocatedblocks(),
-        resident_kb=pages * os.sysconf("SC_PAGE_SIZE") // 1024,
+        resident_kb=resident_bytes() // 1024,
     )
 
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -25,10 +23,11 @@ from typing import Any
 
 import numpy as np
 
+from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
 from hil.run import live
 from hil.run.bench import prepare
 from hil.run.flight import plant_document, write_yaml
-from hil.run.processes import tied
+from hil.run.processes import resident_bytes, tied
 from hil.run.progress import Meter
 from hil.world.scenario import load as load_scenario
 
@@ -36,7 +35,6 @@ SETTLE_S = 6.0  # not counted: start-up
 CLIENTS = 10
 CONDITIONS = ("alone", "hog", "batch", "clients")
 BATCH_METHOD = "rda"
-MOST_US = 100_000  # of cyclictest's histogram
 HOG = "while True: pass"
 
 
@@ -124,7 +122,7 @@ class _Watch:
         pids = {"loop": daemon, "plant": plant}
         pids |= dict(zip(("service",), live.children(daemon), strict=False))
         look = _Look(done_s, {name: _cpu_s(pid) for name, pid in pids.items()}, status)
-        self.resident_mb = {name: _resident_mb(pid) for name, pid in pids.items()}
+        self.resident_mb = {name: resident_bytes(pid) / 1e6 for name, pid in pids.items()}
         if self.first is None:
             self._start()
             self.first = look
@@ -157,19 +155,19 @@ def measure(scenario: str, name: str, seconds: float, meter: Meter) -> Condition
         total_s = min(SETTLE_S + seconds, setup.total_s)
         outcome = live.run(setup.config_path, plant_path, total_s, meter, watch)
         stack.close()
-        if watch.first is None or watch.last is None:
-            raise live.LiveError(f"{scenario}: no status within {total_s:.0f} s")
-        return _condition(name, watch.first, watch.last, watch.resident_mb, outcome.status, wakes)
+        return _condition(name, watch, outcome.status, wakes, 1e6 / rate_hz)
 
 
 def _condition(
     name: str,
-    first: _Look,
-    last: _Look,
-    resident_mb: dict[str, float],
+    watch: _Watch,
     final: Mapping[str, Any],
     wakes: list[tuple[int, int]],
+    period_us: float,
 ) -> Condition:
+    first, last = watch.first, watch.last
+    if first is None or last is None:
+        raise live.LiveError(f"{name}: no status after {SETTLE_S:.0f} s")
     seconds = last.done_s - first.done_s
 
     def grown(key: str) -> int:
@@ -179,7 +177,7 @@ def _condition(
         name=name,
         seconds=seconds,
         core_percent={k: 100.0 * (v - first.cpu_s[k]) / seconds for k, v in last.cpu_s.items()},
-        resident_mb=resident_mb,
+        resident_mb=watch.resident_mb,
         ticks=grown("ticks"),
         slips=grown("slips"),
         stalls=grown("stalls"),
@@ -191,7 +189,7 @@ def _condition(
         dropped=int(final.get("ring", {}).get("dropped", 0)),
         lost={k: v["lost"] for k, v in last.status["samples"].items()},
         timer_wakes=sum(count for _, count in wakes),
-        timer_slips=sum(count for late, count in wakes if late),
+        timer_slips=sum(count for late_us, count in wakes if late_us >= period_us),
     )
 
 
@@ -225,24 +223,20 @@ def _read_all(link: socket.socket) -> None:
 
 @contextmanager
 def _timer(rate_hz: float, seconds: float, wakes: list[tuple[int, int]]) -> Iterator[None]:
-    """Run cyclictest during the block; append whether wake-ups were later than a period, counts."""
-    program = shutil.which("cyclictest")
-    if program is None:
+    """Run cyclictest during the block; append how late its wake-ups were [us], and counts."""
+    command = cyclictest_command(rate_hz, 0.9 * seconds)
+    if command is None:
         yield
         return
-    interval_us = round(1e6 / rate_hz)
-    command = [program, "-q", f"--interval={interval_us}", f"--histogram={MOST_US}"]
-    loops = f"--loops={max(2, round(0.9 * seconds * rate_hz))}"
     with subprocess.Popen(
-        tied([*command, loops]), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        tied(command), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
         try:
             yield
         finally:
             process.terminate()
             output, _ = process.communicate()
-            found = re.findall(r"^(\d{6}) (\d+)$", output, re.MULTILINE)
-            wakes += [(int(us) >= interval_us, int(count)) for us, count in found if int(count)]
+            wakes += cyclictest_wakes(output)
 
 
 def _cpu_s(pid: int) -> float:
@@ -253,14 +247,6 @@ def _cpu_s(pid: int) -> float:
         return 0.0
     fields = text[text.rindex(")") + 2 :].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _resident_mb(pid: int) -> float:
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    except (FileNotFoundError, ProcessLookupError):
-        return 0.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def summary(rounds: list[list[Condition]]) -> str:

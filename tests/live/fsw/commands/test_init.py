@@ -37,7 +37,7 @@ def test_what_is_written_is_correct_for_every_named_unit(arm, capsys, imu):
     text = (arm.folder / "new.yaml").read_text()
     assert figures["source"] in text
     assert ("NOT VERIFIED" in text.split("imu:")[0].splitlines()[-1]) != figures["verified"]
-    assert "TODO" in text
+    assert "# CHECK" in text
     capsys.readouterr()
 
 

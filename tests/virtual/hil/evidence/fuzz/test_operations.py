@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import resource
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +18,7 @@ from hil.evidence.fuzz.damage import damaged_packet, repaired_packet
 from hil.evidence.fuzz.operations import fresh_folder, play
 from hil.evidence.fuzz.oracle import OracleError
 from hil.evidence.fuzz.seeds import seeds
+from hil.run.processes import resident_bytes
 
 CASES = 100_000
 WARM_CASES = 20_000  # until stores and logs have reached their bounds
@@ -41,11 +41,6 @@ def bench() -> Iterator[OperationsBench]:
     yield bench
     bench.close()
     shutil.rmtree(folder)
-
-
-def resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 2**20
 
 
 def test_an_error_nobody_foresaw_is_noticed(
@@ -125,8 +120,8 @@ def test_hostile_operations_are_answered_and_end_nothing(bench: OperationsBench)
     while bench.counts["cases"] < CASES:
         play(bench, rng.randbytes(INPUT_BYTES))
         if not warm_mb and bench.counts["cases"] >= WARM_CASES:
-            warm_mb = resident_mb()
-    assert resident_mb() - warm_mb < MOST_GROWTH_MB
+            warm_mb = resident_bytes() / 2**20
+    assert resident_bytes() / 2**20 - warm_mb < MOST_GROWTH_MB
     happened = ("accepted", "lines", "uploads", "blocks", "TABLE_ACTIVATED", "TABLE_INVALID")
     changed = ("damaged", "repaired_accepted", "repaired_rejected")
     for name in (*happened, *changed):
