@@ -35,7 +35,7 @@ NODE_MASK = 0x07F
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
 BACK_TOLERANCE_NS = 1_000_000  # of two clocks read at different moments; less than a period
-LATE_NS = 100_000_000  # what was sent and has not come back by then never will
+LATE_NS = 2_000_000_000  # what was sent and has not come back by then never will
 
 
 class FrameSource(Protocol):
