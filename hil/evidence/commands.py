@@ -27,6 +27,9 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     fuzz.add_argument(
         "--live", action="store_true", help="with --only operations: real processes, N cases"
     )
+    fuzz.add_argument(
+        "--random", action="store_true", help="with --only operations: N cases, no coverage, fast"
+    )
     fuzz.set_defaults(command=_fuzz)
     kills = commands.add_parser("kills", help="kill -9 of loop and service in a real-time run")
     kills.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
@@ -91,6 +94,10 @@ def _fuzz(arguments: argparse.Namespace) -> int:
         if only != "operations":
             raise ScenarioError("--live: needs --only operations")
         return _attack(inputs, arguments.out.absolute(), arguments.seed)
+    if arguments.random:
+        if only != "operations":
+            raise ScenarioError("--random: needs --only operations")
+        return _many(inputs, arguments.out.absolute(), arguments.seed)
     shares = quota(inputs, only)
     with bar() as progress:
         tasks = {name: progress.add_task(name, total=n) for name, n in shares.items()}
@@ -116,6 +123,23 @@ def _attack(cases: int, folder: Path, seed: int) -> int:
         result = run(cases, folder, seed, lambda done: progress.update(task, completed=done))
     print(json.dumps(result))
     return FAILED_EXIT if result["faults"] or result["missed"] else 0
+
+
+def _many(cases: int, folder: Path, seed: int) -> int:
+    from hil.evidence.fuzz.many import blocks, summary
+    from hil.evidence.store import Store
+
+    store, failed = Store(folder, {"seed": seed, "cases": cases}), False
+    with bar() as progress:
+        done = sum(row["cases"] for row in store.rows.values())
+        task = progress.add_task("cases", total=cases, completed=done)
+        for block in blocks(cases, seed, store):
+            progress.advance(task, block.cases)
+            if block.failure:
+                progress.console.print(f"block {block.number}: {block.failure}", markup=False)
+                failed = True
+    print(json.dumps(summary(store)))
+    return FAILED_EXIT if failed else 0
 
 
 def _mistakes(arguments: argparse.Namespace) -> int:

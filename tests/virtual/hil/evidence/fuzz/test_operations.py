@@ -12,18 +12,19 @@ import pytest
 
 from fsw.loop.command_queue import CommandQueue
 from fsw.telemetry.services.executor import TelecommandExecutor
+from hil.evidence.fuzz import many
 from hil.evidence.fuzz.choices import Choices
 from hil.evidence.fuzz.daemon_bench import OperationsBench
 from hil.evidence.fuzz.damage import damaged_packet, repaired_packet
+from hil.evidence.fuzz.many import BLOCK_CASES, blocks, summary
 from hil.evidence.fuzz.operations import fresh_folder, play
 from hil.evidence.fuzz.oracle import OracleError
 from hil.evidence.fuzz.seeds import seeds
-from hil.run.processes import resident_bytes
+from hil.evidence.store import Store
 
 CASES = 100_000
 WARM_CASES = 20_000  # until stores and logs have reached their bounds
 MOST_GROWTH_MB = 32.0  # afterwards, over all cases
-INPUT_BYTES = 120
 
 
 @pytest.fixture
@@ -113,19 +114,37 @@ def test_what_has_ended_a_daemon_once_does_not_any_more(bench: OperationsBench):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-def test_hostile_operations_are_answered_and_end_nothing(bench: OperationsBench):
-    rng = random.Random(7)
-    bench.counts.clear()
-    warm_mb = 0.0
-    while bench.counts["cases"] < CASES:
-        play(bench, rng.randbytes(INPUT_BYTES))
-        if not warm_mb and bench.counts["cases"] >= WARM_CASES:
-            warm_mb = resident_bytes() / 2**20
-    assert resident_bytes() / 2**20 - warm_mb < MOST_GROWTH_MB
+def test_hostile_operations_are_answered_and_end_nothing():
+    store = Store(None, {})
+    for block in blocks(CASES, 7, store):
+        assert block.failure == ""
+    found = summary(store)
+    assert found["cases"] >= CASES
+    rows = list(store.rows.values())
+    warm = rows[WARM_CASES // BLOCK_CASES - 1]
+    assert rows[-1]["resident_mb"] - warm["resident_mb"] < MOST_GROWTH_MB
     happened = ("accepted", "lines", "uploads", "blocks", "TABLE_ACTIVATED", "TABLE_INVALID")
     changed = ("damaged", "repaired_accepted", "repaired_rejected")
     for name in (*happened, *changed):
-        assert bench.counts[name] > 0, name
+        assert found["happened"][name] > 0, name
+
+
+def test_a_failure_ends_the_blocks_with_its_input(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(TelecommandExecutor, "_success", lambda *_arguments: None)
+    (block,) = blocks(2 * BLOCK_CASES, 1, store := Store(None, {}))
+    data, text = block.failure.split(": ", 1)
+    assert bytes.fromhex(data)
+    assert "not answered" in text
+    assert not store.rows
+
+
+def test_a_block_is_the_same_when_it_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(many, "BLOCK_CASES", 100)
+    whole = {block.number: block.cases for block in blocks(200, 5, Store(None, {}))}
+    first = next(blocks(200, 5, Store(tmp_path, {})))
+    rest = {block.number: block.cases for block in blocks(200, 5, Store(tmp_path, {}))}
+    assert {first.number: first.cases} | rest == whole
+    assert sorted(rest) == [1]
 
 
 def test_the_corpus_of_a_campaign_still_passes(bench: OperationsBench):

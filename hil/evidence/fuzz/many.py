@@ -1,0 +1,81 @@
+"""Many hostile operations at full speed: random inputs, no coverage, in resumable blocks.
+
+`results.jsonl` says of every block how many cases it was and what memory the process held at its
+end; an input that failed stands there in hexadecimal digits.
+"""
+
+from __future__ import annotations
+
+import random
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+from hil.evidence.fuzz.daemon_bench import OperationsBench
+from hil.evidence.fuzz.operations import fresh_folder, play
+from hil.evidence.fuzz.oracle import OracleError
+from hil.evidence.store import Store
+from hil.run.processes import resident_bytes
+
+BLOCK_CASES = 10_000
+INPUT_BYTES = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Results of one block."""
+
+    number: int
+    cases: int
+    happened: dict[str, int]  # how often, by name
+    resident_mb: float  # of this process at the end
+    failure: str  # with its input; empty: none
+
+
+def blocks(cases: int, seed: int, store: Store) -> Iterator[Block]:
+    """Play so many cases in one bench, but for the blocks in the store; end at a failure.
+
+    Parameters
+    ----------
+    seed : of all inputs; a block's inputs are the same whether it is resumed or not
+    """
+    numbers = range(-(-cases // BLOCK_CASES))
+    todo = [number for number in numbers if str(number) not in store.rows]
+    folder = fresh_folder()
+    bench = OperationsBench(folder)
+    try:
+        for number in todo:
+            block = _play_block(bench, number, min(BLOCK_CASES, cases - number * BLOCK_CASES), seed)
+            if not block.failure:
+                store.add(str(number), asdict(block))
+            yield block
+            if block.failure:
+                return
+    finally:
+        bench.close()
+        shutil.rmtree(folder)
+
+
+def _play_block(bench: OperationsBench, number: int, cases: int, seed: int) -> Block:
+    rng = random.Random(f"{seed}/{number}")
+    bench.counts.clear()
+    failure = ""
+    while bench.counts["cases"] < cases and not failure:
+        data = rng.randbytes(INPUT_BYTES)
+        try:
+            play(bench, data)
+        except OracleError as error:
+            failure = f"{data.hex()}: {error}"
+    happened = dict(bench.counts)
+    return Block(number, happened["cases"], happened, resident_bytes() / 2**20, failure)
+
+
+def summary(store: Store) -> dict[str, object]:
+    """Return cases, what happened how often, and the memory at the ends of the blocks."""
+    rows = list(store.rows.values())
+    names = sorted({name for row in rows for name in row["happened"]})
+    return {
+        "cases": sum(row["cases"] for row in rows),
+        "happened": {name: sum(row["happened"].get(name, 0) for row in rows) for name in names},
+        "resident_mb": [round(row["resident_mb"], 1) for row in rows],
+    }
