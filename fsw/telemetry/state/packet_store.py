@@ -3,7 +3,8 @@
 A store is a folder of segments. A segment is a header (magic, version, and the epoch of its times)
 and then whole telemetry packets as they went down, so every reader of packets reads it. The oldest
 segment is removed before the store would exceed its size. Packets are written unbuffered: a killed
-process loses none, a power cut those that the system had not yet brought to the disk.
+process loses none. A full segment is on the disk before the next begins: a power cut loses at most
+packets of the newest.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ import os
 import re
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from fastcrc import crc16
 
+from file_delivery.durable import sync_file
 from fsw.telemetry.link.packets import (
     CRC_BYTES,
     CUC_BYTES,
@@ -182,6 +185,8 @@ class PacketStore:
 
     def _begin(self) -> StoreSegment:
         self._folder.mkdir(parents=True, exist_ok=True)
+        if self._segments:
+            _sync(self._segments[-1].path)
         epoch = self._epoch()
         segment = StoreSegment(self._next, self._folder / f"{self._next:08d}.packets", epoch)
         self._next += 1
@@ -220,6 +225,12 @@ def _append(path: Path, data: bytes) -> None:
     with path.open("ab", buffering=0) as file:
         if file.write(data) != len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _sync(path: Path) -> None:
+    """Wait until a segment is on the disk, if it still exists. Raises OSError."""
+    with suppress(FileNotFoundError), path.open("rb") as file:
+        sync_file(file)
 
 
 def _name(epoch: Epoch) -> bytes:

@@ -45,6 +45,22 @@ def test_a_full_store_loses_its_oldest_packets_and_never_exceeds_its_size(tmp_pa
     assert found(held, 11_990.0, 11_995.0) == packets[11_990:11_996]
 
 
+def test_each_segment_that_is_full_has_been_brought_to_the_disk(tmp_path, monkeypatch):
+    synced: dict[int, int] = {}
+
+    def sync(descriptor: int) -> None:
+        status = os.fstat(descriptor)
+        synced[status.st_ino] = status.st_size
+
+    monkeypatch.setattr(os, "fsync", sync)
+    held = store(tmp_path)
+    for k in range(3000):
+        held.append(packet(k))
+    *full, _newest = [path.stat() for path in sorted(tmp_path.iterdir())]
+    assert len(full) > 2
+    assert all(synced.get(status.st_ino) == status.st_size for status in full)
+
+
 def test_many_restarts_leave_no_more_than_so_many_files(tmp_path):
     for k in range(3 * MOST_SEGMENTS):
         held = store(tmp_path)
