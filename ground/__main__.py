@@ -164,6 +164,9 @@ def _file_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     files.add_argument(
         "--timeout", type=_seconds, default=600.0, metavar="S", help="of a transfer, 600"
     )
+    files.add_argument(
+        "--wait", type=_seconds, default=60.0, metavar="S", help="for a daemon that is gone, 60"
+    )
     files.add_argument("--piece", type=_count, default=4 << 20, metavar="B", help=argparse.SUPPRESS)
     actions = files.add_subparsers(required=True, metavar="ACTION")
 

@@ -18,6 +18,7 @@ from ground.telemetry import TelemetryDecoder
 from ground.transfers import Connect, Records, ResumableTransfer, SpoiledError, carry_on
 
 RECORDS, NUMBERS = "transfers", "transactions"  # in the state folder
+EVERY_S = 5.0  # between two lines of progress that no terminal shows
 PLACE = "/"  # between source and number of a transaction
 
 LinkMaker = Callable[[], Link]
@@ -38,13 +39,14 @@ class Files:
         state.mkdir(parents=True, exist_ok=True)
         self._records, self._numbers = Records(state / RECORDS), Numbers(state / NUMBERS)
         self._until_s = time.monotonic() + arguments.timeout
+        self._tell = Told()
 
     def get(self) -> int:
         """Fetch a file."""
         remote = self._arguments.remote
         local = (self._arguments.local or Path(PurePosixPath(remote).name)).absolute()
         return self._run(
-            ResumableTransfer.get(remote, local, self._records, _tell, self._arguments.piece)
+            ResumableTransfer.get(remote, local, self._records, self._tell, self._arguments.piece)
         )
 
     def put(self) -> int:
@@ -52,7 +54,7 @@ class Files:
         remote = self._arguments.remote or self._arguments.local.name
         local = self._arguments.local.absolute()
         return self._run(
-            ResumableTransfer.put(remote, local, self._records, _tell, self._arguments.piece)
+            ResumableTransfer.put(remote, local, self._records, self._tell, self._arguments.piece)
         )
 
     def resume(self) -> int:
@@ -64,7 +66,7 @@ class Files:
         codes = []
         for record in records:
             try:
-                codes.append(self._run(ResumableTransfer(record, self._records, _tell)))
+                codes.append(self._run(ResumableTransfer(record, self._records, self._tell)))
             except GroundError as error:
                 print(f"ground: {error}", file=sys.stderr)
                 codes.append(error.exit_code)
@@ -76,7 +78,7 @@ class Files:
         source, place, number = name.partition(PLACE)
         if place:
             return self._tell_daemon("ABORT_TRANSFER", source=source, number=number)
-        transfer = ResumableTransfer(self._records.find(name), self._records, _tell)
+        transfer = ResumableTransfer(self._records.find(name), self._records, self._tell)
         transfer.discard(None)  # this ends a program that is at it
         try:
             with self._connected()() as delivery:
@@ -158,7 +160,7 @@ class Files:
     def _run(self, transfer: ResumableTransfer) -> int:
         connect = self._connected(Wanted(self._records, transfer))
         try:
-            size = carry_on(connect, transfer.run, self._until_s, _tell)
+            size = carry_on(connect, transfer.run, self._until_s, self._arguments.wait, self._tell)
         except (GroundError, KeyboardInterrupt) as error:
             if isinstance(error, SpoiledError) or not transfer.is_worth_keeping:
                 self._discard(transfer)
@@ -190,7 +192,7 @@ class Files:
                     self._catalogue,
                     self._decoder,
                     self._arguments.timeout,
-                    _tell,
+                    self._tell,
                     number=self._numbers.take,
                     is_wanted=wanted,
                 )
@@ -216,6 +218,17 @@ class Wanted:
         return self._records.holds(self._transfer.record)
 
 
-def _tell(text: str) -> None:
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+class Told:
+    """Progress on stderr: on a terminal one line, written again; elsewhere a line at times."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+
+    def __call__(self, text: str) -> None:
+        """Show a text, unless the last line is too young."""
+        now_s = time.monotonic()
+        if sys.stderr.isatty():
+            print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+        elif now_s >= self._next_s:
+            self._next_s = now_s + EVERY_S
+            print(f"ground: {text}", file=sys.stderr, flush=True)

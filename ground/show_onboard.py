@@ -111,6 +111,7 @@ def _upload(arguments: argparse.Namespace, data: bytes, make_link: Callable[[], 
     with TemporaryDirectory(prefix="ground-") as folder:
         path = Path(folder) / name
         path.write_bytes(data)
-        wanted = argparse.Namespace(**vars(arguments), remote=name, local=path, piece=PIECE_BYTES)
+        given = {"remote": name, "local": path, "piece": PIECE_BYTES, "wait": arguments.timeout}
+        wanted = argparse.Namespace(**vars(arguments), **given)
         Files(wanted, make_link).put()
     return f"files/{name}"

@@ -267,20 +267,29 @@ class ResumableTransfer:
 
 
 def carry_on(
-    connect: Connect, work: Callable[[Delivery], int], until_s: float, tell: Progress
+    connect: Connect,
+    work: Callable[[Delivery], int],
+    until_s: float,
+    wait_s: float,
+    tell: Progress,
 ) -> int:
     """Do some work over a link, again whenever the link is lost. Raises GroundError.
 
     Parameters
     ----------
     until_s : time of the monotonic clock at which a lost link is not waited for any longer
+    wait_s : nor for longer than this at a time
     """
+    lost_s: float | None = None
     while True:
         try:
             with connect() as delivery:
+                lost_s = None
                 return work(delivery)
         except LinkError as error:
-            if time.monotonic() + RETRY_S > until_s:
+            now_s = time.monotonic()
+            lost_s = now_s if lost_s is None else lost_s
+            if now_s + RETRY_S > min(until_s, lost_s + wait_s):
                 raise
             tell(f"{error}; trying again")
             time.sleep(RETRY_S)

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ground import files
 from ground.delivery import EndedError, Facts, RefusedError, facts_of
 from ground.errors import GroundError, LinkError, UsageError
+from ground.files import Told
 from ground.transfers import Records, ResumableTransfer, SpoiledError, TransferRecord, carry_on
 
 PIECE = 1000
@@ -227,11 +229,38 @@ def test_a_lost_link_is_waited_for_and_a_refusal_is_not(daemon):
             raise fate
         return 7
 
-    assert carry_on(connect, work, time.monotonic() + 60.0, told.append) == 7
+    assert carry_on(connect, work, time.monotonic() + 60.0, 60.0, told.append) == 7
     assert told == ["cut; trying again", "refused; trying again"]
     fates[:] = [EndedError("no"), None]
     with pytest.raises(EndedError):
-        carry_on(connect, work, time.monotonic() + 60.0, told.append)
+        carry_on(connect, work, time.monotonic() + 60.0, 60.0, told.append)
     fates[:] = [LinkError("cut"), None]
     with pytest.raises(LinkError):
-        carry_on(connect, work, time.monotonic(), told.append)
+        carry_on(connect, work, time.monotonic(), 60.0, told.append)
+
+
+def test_a_daemon_that_is_gone_is_not_waited_for_until_the_time_of_the_transfer_is_over():
+    tried: list[float] = []
+
+    @contextmanager
+    def connect():
+        tried.append(time.monotonic())
+        raise LinkError("refused")
+        yield
+
+    with pytest.raises(LinkError, match="refused"):
+        carry_on(connect, lambda _delivery: 0, time.monotonic() + 600.0, 2.5, lambda _text: None)
+    assert len(tried) > 1
+    assert tried[-1] - tried[0] <= 2.5
+
+
+def test_progress_without_a_terminal_is_a_line_at_times(capsys, monkeypatch):
+    told = Told()
+    for text in ("a: 1 bytes", "a: 2 bytes"):
+        told(text)
+    assert capsys.readouterr().err == "ground: a: 1 bytes\n"
+    monkeypatch.setattr(files, "EVERY_S", 0.0)
+    told = Told()
+    for text in ("cut; trying again", "a: 3 bytes"):
+        told(text)
+    assert capsys.readouterr().err == "ground: cut; trying again\nground: a: 3 bytes\n"
