@@ -20,6 +20,7 @@ PATIENCE_S = 400.0  # a batch worker of low priority compiles first, beside all 
 MONITOR = {"id": 9, "value": "link.clients", "low": 1000.0, "repetitions": 1, "stale_s": 60.5}
 MONITORS = json.dumps({"monitors": [MONITOR | {"action": "abort_batch"}]}).encode()  # is YAML too
 LATER_S = 5000.0
+WHOLE_RUN_S = "3600"  # of blocks: on a busy machine the motion can be over for a while
 DELAY_MS = 600_000  # after the first entry of the sequence: it is aborted before
 PARAMETERS = [item.name for item in DICTIONARY.parameters]
 
@@ -46,7 +47,9 @@ class Tour:
         return verification
 
     def do(self, name: str, **given: str) -> None:
-        assert self.tell(name, **given).outcome is VerificationOutcome.COMPLETED, name
+        told = self.tell(name, **given)
+        reports = [report.values for report in told.reports]
+        assert told.outcome is VerificationOutcome.COMPLETED, (name, told.outcome, reports)
 
     def wait(self, name: str) -> Sample:
         """Read until a packet of this name comes."""
@@ -66,7 +69,7 @@ class Tour:
         self._refusals()
         while self.wait("estimate").values["valid"] != "YES":
             pass  # a batch on too little motion ends in INSUFFICIENT_EXCITATION
-        self.do("RUN_BATCH", method="FUSED", unknown="TARGET", last_s="0")
+        self.do("RUN_BATCH", method="FUSED", unknown="TARGET", last_s=WHOLE_RUN_S)
         self.wait("batch")
         self._monitors()
 
