@@ -140,30 +140,54 @@ function draw() {
   Object.values(plots).forEach((plot) => plot.draw(Date.now()));
 }
 
+// What came while the history was asked for is in it, or follows it: nothing is missed or shown twice.
 function connect() {
   const socket = new WebSocket(`${location.origin.replace('http', 'ws')}/stream`);
-  socket.onopen = () => socket.send(JSON.stringify({ subscribe: POINTS }));
+  let held = [];
+  socket.onopen = async () => {
+    socket.send(JSON.stringify({ subscribe: POINTS }));
+    try {
+      await load();
+    } catch {
+      socket.close();
+      return;
+    }
+    const known = new Set(events.map(identity));
+    for (const message of held)
+      take({ ...message, events: message.events.filter((event) => !known.has(identity(event))) });
+    held = null;
+  };
   socket.onclose = () => {
     link = { connected: false, reason: 'no gateway' };
     setTimeout(connect, 1000);
   };
   socket.onmessage = ({ data }) => {
     const message = JSON.parse(data);
-    if (message.stale) {
-      stale = new Set(message.stale);
-      link = message.link;
-      unknown = message.unknown;
-    }
-    for (const [key, found] of Object.entries(message.points)) addRows(key, found);
-    events = [...events, ...message.events].slice(-2000);
+    if (held) held.push(message);
+    else take(message);
   };
+}
+
+const identity = ({ utc, code, text }) => `${utc} ${code} ${text}`;
+
+function take(message) {
+  if (message.stale) {
+    stale = new Set(message.stale);
+    link = message.link;
+    unknown = message.unknown;
+  }
+  for (const [key, found] of Object.entries(message.points)) addRows(key, found);
+  events = [...events, ...message.events].slice(-2000);
+}
+
+async function load() {
+  const query = new URLSearchParams({ start: Date.now() - KEPT_MS, end: Date.now() + 60000, size: 600 });
+  events = await (await fetch(`history/events?${query}`)).json();
+  await Promise.all(POINTS.map(async (key) => addRows(key, await (await fetch(`history/${key}?${query}`)).json())));
 }
 
 async function start() {
   words = await (await fetch('words')).json();
-  const query = new URLSearchParams({ start: Date.now() - KEPT_MS, end: Date.now() + 60000, size: 600 });
-  events = await (await fetch(`history/events?${query}`)).json();
-  await Promise.all(POINTS.map(async (key) => addRows(key, await (await fetch(`history/${key}?${query}`)).json())));
   makeDesk(document.getElementById('desk'), words);
   connect();
   draw();

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -14,6 +16,7 @@ from tests.support.fake_daemon import FakeDaemon, completed, packet, report, run
 from tests.support.live_run import ENVIRONMENT, wait_for
 
 PORT_LOST = 10
+LATER = 40  # events: well behind the history
 
 
 def telemetry():
@@ -24,14 +27,26 @@ def telemetry():
     def make() -> bytes:
         nonlocal count
         count += 1
-        met_s = 1000.0 + count
-        found = estimates() + packet("recorder", recording=1, disk_free_bytes=10**10)
-        found += packet("link") + packet("event_low", met_s=met_s, event=60, text=f"no {count}")
+        met_s = time.monotonic()  # of all packets: they set the page's clock
+        found = estimates() + packet("recorder", met_s=met_s, recording=1, disk_free_bytes=10**10)
+        found += packet("link", met_s=met_s)
+        found += packet("event_low", met_s=met_s, event=60, text=f"no {count}")
         if count == 3:
             found += packet("event_high", met_s=met_s, event=PORT_LOST, text="imu: <b>gone</b>")
         return found
 
     return make
+
+
+SLOW_HISTORY = """
+const before = window.fetch;
+window.fetch = async (...asked) => {
+  const answer = await before(...asked);
+  const late = String(asked[0]).startsWith('history/estimate') ? 6000 : 0;
+  await new Promise((end) => setTimeout(end, late));
+  return answer;
+};
+"""
 
 
 def answer(telecommand: bytes):
@@ -152,3 +167,20 @@ def test_gaps_stay_gaps_and_the_band_is_visible_after_convergence(page):
     low, high = found["range"]
     assert 397.0 < low < 398.0, "the scale is that of the band as it is now"
     assert 400.0 < high < 401.0
+
+
+def test_events_that_come_while_the_history_is_fetched_are_shown_once(page):
+    _, browser, _ = page
+    browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": SLOW_HISTORY})
+    browser.refresh()
+    number, count = wait_for("a burst", lambda: burst(browser))
+    while number < LATER:
+        assert count == number, "of all events sent so far none is missing or doubled"
+        number, count = wait_for("the next", lambda: burst(browser))
+    assert count == number
+
+
+def burst(browser) -> tuple[int, int] | None:
+    """Return the number of the newest rejection that the page shows, and how many it counts."""
+    found = re.search(r"TC_REJECTED × (\d+)\s.*no (\d+)", text(browser, "#events"))  # noqa: RUF001
+    return (int(found[2]), int(found[1])) if found else None
