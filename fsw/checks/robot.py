@@ -1,4 +1,4 @@
-"""The robot of a configuration: a readable URDF, a serial chain, bodies that can be."""
+"""The robot of a configuration: a readable URDF, revolute joints, bodies that can be."""
 
 from __future__ import annotations
 

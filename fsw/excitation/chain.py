@@ -1,4 +1,4 @@
-"""The free-floating arm as CasADi expressions: every quantity at the base origin, in base axes.
+"""The free-floating arms as CasADi expressions: every quantity at the base origin, in base axes.
 
 Spatial vectors are [linear; angular] as in Pinocchio. With everything expressed at one point each
 joint is one projection axis S_i (6,), composite inertias are plain sums and the base needs no
@@ -22,25 +22,36 @@ from fsw.messages import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Geometry:
-    """Geometry of the arm for the expressions: placements, axes and the tool."""
+    """Geometry of the arms for the expressions: placements, axes and the tool."""
 
+    parents: tuple[int, ...]  # body that carries joint i: 0 the base, k + 1 the link of joint k
+    tool_body: int  # body that grasps
     R: tuple[FloatArray, ...]  # joint i in its parent at zero, (3, 3)
     p: tuple[FloatArray, ...]  # (3,)
     axis: tuple[FloatArray, ...]  # (3,) in the joint's own frame
-    R_tool: FloatArray  # tool frame in the last joint's frame
+    R_tool: FloatArray  # tool frame in that body's frame
     p_tool: FloatArray
     pi_links: FloatArray  # (10 (n + 1),) base and links alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pose:
-    """The arm at one joint position: frames, axes and all bodies' spatial inertias in B."""
+    """The arms at one joint position: frames, axes and all bodies' spatial inertias in B."""
 
     R: list[ca.SX]  # of joint frames, base first
     p: list[ca.SX]
     R_tool: ca.SX
     p_tool: ca.SX
     S: list[ca.SX]  # (6,) each
+    parents: tuple[int, ...]
+
+    def ancestors(self, body: int) -> list[int]:
+        """Return the joints that carry a body, its own first."""
+        found = []
+        while body > 0:
+            found.append(body - 1)
+            body = self.parents[body - 1]
+        return found
 
 
 def geometry(model: RobotModel, tool_frame: str) -> Geometry:
@@ -54,6 +65,8 @@ def geometry(model: RobotModel, tool_frame: str) -> Geometry:
     placements = list(model.model.jointPlacements)[2:]
     tool = model.model.frames[model.model.getFrameId(tool_frame)].placement
     return Geometry(
+        parents=tuple(model.parents.tolist()),
+        tool_body=model.tool_body,
         R=tuple(np.array(x.rotation) for x in placements),
         p=tuple(np.array(x.translation) for x in placements),
         axis=tuple(axes),
@@ -64,17 +77,19 @@ def geometry(model: RobotModel, tool_frame: str) -> Geometry:
 
 
 def pose(arm: Geometry, q: ca.SX) -> Pose:
-    """Return all frames of the arm in the base frame at joint positions q (n,)."""
+    """Return all frames of the arms in the base frame at joint positions q (n,)."""
     R, p, S = [ca.SX.eye(3)], [ca.SX.zeros(3)], []
-    for k, axis in enumerate(arm.axis):
+    for k, (axis, parent) in enumerate(zip(arm.axis, arm.parents, strict=True)):
         A = ca.skew(axis)
         turn = ca.SX.eye(3) + ca.sin(q[k]) * A + (1 - ca.cos(q[k])) * ca.mtimes(A, A)
-        p.append(p[k] + R[k] @ arm.p[k])
-        R.append(R[k] @ (ca.sparsify(ca.SX(_clean(arm.R[k]))) @ turn))
+        p.append(p[parent] + R[parent] @ arm.p[k])
+        R.append(R[parent] @ (ca.sparsify(ca.SX(_clean(arm.R[k]))) @ turn))
         direction = R[-1] @ axis
         S.append(ca.vertcat(ca.cross(p[-1], direction), direction))
-    p_tool = p[-1] + R[-1] @ arm.p_tool
-    return Pose(R=R, p=p, R_tool=R[-1] @ _clean(arm.R_tool), p_tool=p_tool, S=S)
+    at = arm.tool_body
+    p_tool = p[at] + R[at] @ arm.p_tool
+    R_tool = R[at] @ _clean(arm.R_tool)
+    return Pose(R=R, p=p, R_tool=R_tool, p_tool=p_tool, S=S, parents=arm.parents)
 
 
 def spatial_inertia(pi: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
@@ -141,8 +156,9 @@ def velocities(arm: Pose, w: ca.SX, qd: ca.SX) -> tuple[list[ca.SX], list[ca.SX]
     """Return every body's velocity and velocity-product acceleration, base at [0; w]."""
     V, A = [ca.vertcat(ca.SX(3, 1), w)], [ca.SX(6, 1)]
     for k, S in enumerate(arm.S):
-        V.append(V[k] + S * qd[k])
-        A.append(A[k] + motion_cross(V[-1], S * qd[k]))
+        parent = arm.parents[k]
+        V.append(V[parent] + S * qd[k])
+        A.append(A[parent] + motion_cross(V[-1], S * qd[k]))
     return V, A
 
 

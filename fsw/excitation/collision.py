@@ -96,6 +96,11 @@ def build_collisions(
     for a, first in enumerate(objects):
         for b in range(a + 1, len(objects)):
             second = objects[b]
-            if abs(int(first.parentJoint) - int(second.parentJoint)) > 1:
+            if not _joined(model.model, int(first.parentJoint), int(second.parentJoint)):
                 geometry.addCollisionPair(pin.CollisionPair(a, b))
     return Collisions(geometry, model) if len(geometry.collisionPairs) else None
+
+
+def _joined(model: pin.Model, a: int, b: int) -> bool:
+    """Return whether two bodies are one, or one carries the other: they may touch."""
+    return a == b or int(model.parents[a]) == b or int(model.parents[b]) == a

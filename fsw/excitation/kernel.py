@@ -134,9 +134,8 @@ def _sample(
         frames.append((at.R_tool, at.p_tool))
     M = [spatial_inertia(pi, *frame) for pi, frame in zip(bodies, frames, strict=True)]
     if target is not None:
-        M[n] = M[n] + M.pop()
-    S = ca.horzcat(*at.S)
-    H_bb, H_bm, H_m = _mass_matrix(M, S, n)
+        M[arm.tool_body] = M[arm.tool_body] + M.pop()
+    H_bb, H_bm, H_m = _mass_matrix(M, at)
     root = cholesky(H_bb)
     nu = -solve(root, H_bm @ qd)
     forces, C_w, V, A = _bias_forces(at, M, (nu[3:], qd, qdd))
@@ -148,9 +147,12 @@ def _sample(
         columns.append(ca.vertcat(Y_0, ca.SX(n, PARAMETERS)))
         momenta.append(carried_momentum(nu, *frames[0]))
     if "target" in unknown:
-        Y_t = body_columns(V[n], A[n] + a, *frames[-1])
-        columns.append(ca.vertcat(Y_t, S.T @ Y_t))
-        momenta.append(carried_momentum(nu + V[n] - V[0], *frames[-1]))
+        held = arm.tool_body
+        Y_t = body_columns(V[held], A[held] + a, *frames[-1])
+        moved = at.ancestors(held)
+        S = [at.S[k] if k in moved else ca.SX(6, 1) for k in range(n)]
+        columns.append(ca.vertcat(Y_t, ca.horzcat(*S).T @ Y_t))
+        momenta.append(carried_momentum(nu + V[held] - V[0], *frames[-1]))
     return _Sample(
         tau=tau,
         w=nu[3:],
@@ -165,20 +167,19 @@ def _sample(
     )
 
 
-def _mass_matrix(M: list[ca.SX], S: ca.SX, n: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _mass_matrix(M: list[ca.SX], at: Pose) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return H_bb, H_bm, H_m from the bodies' inertias by composite sums (CRBA)."""
-    composite = M[n]
+    n, composite = len(at.S), list(M)
     H_m = ca.SX(n, n)
     columns: list[ca.SX] = []
     for k in range(n - 1, -1, -1):
-        F = composite @ S[:, k]
+        F = composite[k + 1] @ at.S[k]
         columns.insert(0, F)
-        row = S[:, : k + 1].T @ F
-        for i in range(k + 1):
-            H_m[i, k] = row[i]
-            H_m[k, i] = row[i]
-        composite = composite + M[k]
-    return composite, ca.horzcat(*columns), H_m
+        for i in at.ancestors(k + 1):
+            H_m[i, k] = H_m[k, i] = ca.dot(at.S[i], F)
+        parent = at.parents[k]
+        composite[parent] = composite[parent] + composite[k + 1]
+    return composite[0], ca.horzcat(*columns), H_m
 
 
 def _bias_forces(
@@ -191,9 +192,9 @@ def _bias_forces(
     w, qd, qdd = motion
     n = len(at.S)
     V, A = velocities(at, w, qd)
-    for k in range(n):
-        for later in range(k + 1, n + 1):
-            A[later] = A[later] + at.S[k] * qdd[k]
+    for body in range(1, n + 1):
+        for k in reversed(at.ancestors(body)):
+            A[body] = A[body] + at.S[k] * qdd[k]
     wrenches = []
     for k in range(n + 1):
         h = M[k] @ V[k]
@@ -204,12 +205,11 @@ def _bias_forces(
             change = M[k] @ motion_cross(E, V[k] - V[0])
             columns.append(change + force_cross(E, h) + force_cross(V[k], M[k][:, 3 + axis]))
         wrenches.append(ca.horzcat(*columns))
-    total = wrenches[n]
     joints: list[ca.SX] = []
     for k in range(n - 1, -1, -1):
-        joints.insert(0, at.S[k].T @ total)
-        total = total + wrenches[k]
-    stacked = ca.vertcat(total, *joints)
+        joints.insert(0, at.S[k].T @ wrenches[k + 1])
+        wrenches[at.parents[k]] = wrenches[at.parents[k]] + wrenches[k + 1]
+    stacked = ca.vertcat(wrenches[0], *joints)
     return stacked[:, 0], stacked[:, 1:], V, A
 
 

@@ -22,6 +22,7 @@ from hil.world.truth import Body, Robot, load_bodies, simulate
 
 HIL = Path(__file__).parents[2] / "hil"
 URDF = HIL / "robots" / "lbr3_satellite.urdf"
+TWO_ARMS = HIL / "robots" / "two_arm_satellite.urdf"
 BODIES = load_bodies(HIL / "robots" / "bodies.yaml")
 BASE, TARGET = BODIES["base"], BODIES["target_leo"]
 N = 7

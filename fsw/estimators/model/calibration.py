@@ -64,7 +64,7 @@ def known_bodies(
     if "target" in config.bodies and "target" not in unknown:
         target = config.bodies["target"]
         root = model.tool_map @ _body_root(target, np.zeros(PARAMETERS), ratio)
-        yield from _placed("target", root, slice(size - PARAMETERS, size), size)
+        yield from _placed("target", root, model.tool, size)
 
 
 def _body_root(body: BodyConfig | None, pi: FloatArray, ratio: float) -> FloatArray:

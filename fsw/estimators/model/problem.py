@@ -193,7 +193,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         if name == "base":
             U[:PARAMETERS, columns] = np.eye(PARAMETERS)
         else:
-            U[-PARAMETERS:, columns] = model.tool_map
+            U[model.tool, columns] = model.tool_map
         mean, covariance = body_prior(config.bodies[name])
         means.append(mean)
         covariances.append(covariance)

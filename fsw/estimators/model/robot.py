@@ -1,4 +1,4 @@
-"""The free-floating robot model: one typed wrapper over Pinocchio.
+"""The free-floating robot model, a tree of revolute joints: one typed wrapper over Pinocchio.
 
 The base is a free-flyer joint with zero gravity; generalised velocity nu = [v_b, w_b, qd] and
 acceleration in base axes, spatial. With v_b = 0 spatial and classical acceleration coincide and,
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from fsw.estimators.model.inertia import (
     PARAMETERS,
@@ -32,10 +33,13 @@ class RobotModel:
 
     Attributes
     ----------
-    n : number of arm joints
-    joint_names : their names, from base to tool
+    n : number of joints of all arms
+    joint_names : their names, every joint after the one that carries it
     pi_links : (10 (n + 1),) parameters of base and links as the URDF has them
-    tool_map : (10, 10), takes a target's parameters in the tool frame E to the last joint's frame
+    parents : (n,) body that carries each joint: 0 the base, k + 1 the link of joint k
+    tool_body : body that grasps the target, 0 the base
+    tool : its ten places in pi (10 (n + 1),)
+    tool_map : (10, 10), takes a target's parameters in the tool frame E to that body's frame
     """
 
     def __init__(self, urdf: Path, tool_frame: str, text: str | None = None) -> None:
@@ -51,22 +55,25 @@ class RobotModel:
         self.n = self.model.nv - 6
         self.joint_names = tuple(self.model.names[2:])
         for index in range(2, self.model.njoints):
-            revolute = self.model.joints[index].shortname().startswith(REVOLUTE)
-            if not revolute or self.model.parents[index] != index - 1:
+            kind = self.model.joints[index].shortname()
+            if not kind.startswith(REVOLUTE):
                 raise ConfigError(
-                    f"robot.urdf: joint {self.model.names[index]!r} breaks the serial chain of "
-                    "revolute joints that this software identifies"
+                    f"robot.urdf: joint {self.model.names[index]!r} is {_kind(kind)}; every joint "
+                    "must be revolute with limits, or fixed"
                 )
+        self.parents = np.array(self.model.parents[2:], np.intp) - 1
         if not self.model.existFrame(tool_frame):
             names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
             raise ConfigError(
                 f"robot.tool_frame: {tool_frame!r} is no frame of {urdf.name}; it has {names}"
             )
         frame = self.model.frames[self.model.getFrameId(tool_frame)]
-        if frame.parentJoint != self.model.njoints - 1:
+        self.tool_body = int(frame.parentJoint) - 1
+        if self.tool_body in {0, *self.parents.tolist()} and self.n:
             raise ConfigError(
-                f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of the arm"
+                f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of an arm"
             )
+        self.tool = slice(PARAMETERS * self.tool_body, PARAMETERS * (self.tool_body + 1))
         self.data = self.model.createData()
         self._tool = self.model.getFrameId(tool_frame)
         self.tool_map = frame_change(frame.placement.rotation, frame.placement.translation)
@@ -78,17 +85,26 @@ class RobotModel:
         self._zero = np.zeros(self.model.nv)
         self._lower = np.tril_indices(self.model.nv, -1)
         self._set = np.full(self.pi_links.size, np.nan)
+        self._carries = self._support()
+
+    def _support(self) -> NDArray[np.bool_]:
+        """Return (n + 1, n): whether a body is carried by a joint."""
+        carries = np.zeros((self.n + 1, self.n), np.bool_)
+        for joint, parent in enumerate(self.parents):
+            carries[joint + 1] = carries[parent]
+            carries[joint + 1, joint] = True
+        return carries
 
     def steps_m(self) -> list[float]:
-        """Return how far every joint is from the one before it, the first from the base [m]."""
+        """Return how far every joint is from the one that carries it, or from the base [m]."""
         return [float(np.linalg.norm(X.translation)) for X in list(self.model.jointPlacements)[2:]]
 
     def total_parameters(self, base: FloatArray, target: FloatArray | None) -> FloatArray:
-        """Return (10 (n + 1),) with `base`, and `target` (in E) joined to the last link."""
+        """Return (10 (n + 1),) with `base`, and `target` (in E) joined to its link."""
         pi = self.pi_links.copy()
         pi[:PARAMETERS] = base
         if target is not None:
-            pi[-PARAMETERS:] += self.tool_map @ target
+            pi[self.tool] += self.tool_map @ target
         return pi
 
     def set_parameters(self, pi: FloatArray) -> None:
@@ -260,8 +276,7 @@ class RobotModel:
         rows[:, :6] = wrenches
         J = pin.computeJointJacobians(self.model, self.data, self._q)[:, 6:]
         rows[:, 6:] = np.einsum("sj,bsp->bjp", J, wrenches)
-        for body in range(self.n):  # a joint carries only the bodies beyond it
-            rows[body, 6 + body :] = 0.0
+        rows[:, 6:][~self._carries] = 0.0  # a joint moves only the bodies beyond it
         regressor: FloatArray = rows.transpose(1, 0, 2).reshape(6 + self.n, -1)
         return regressor
 
@@ -271,6 +286,13 @@ class RobotModel:
         pin.forwardKinematics(self.model, self.data, self._q)
         X = np.stack([np.array(placement) for placement in list(self.data.oMi)[1:]])
         return frame_changes(X)
+
+
+def _kind(shortname: str) -> str:
+    """Return words for Pinocchio's name of a joint."""
+    if shortname.startswith("JointModelRUB"):
+        return "continuous"
+    return "prismatic" if shortname.startswith("JointModelP") else "of a kind not supported"
 
 
 def _spatial_inertia(pi: FloatArray) -> pin.Inertia:

@@ -82,11 +82,6 @@ def test_what_the_urdf_library_only_prints_is_one_line_here(arm, capfd, good, ba
     assert capfd.readouterr().err == ""
 
 
-def test_a_branch_in_the_chain_is_named(arm):
-    arm.urdf = arm.urdf.replace('<parent link="link2"/>', '<parent link="link1"/>')
-    assert_named(fault(arm), "robot.urdf", "axis3", "serial chain")
-
-
 def test_more_joints_than_the_robot_has_are_listed_on_both_sides(arm):
     arm.robot(2)
     assert_named(fault(arm), "joints", "['axis1', 'axis2', 'axis3']", "2 joints of the robot")

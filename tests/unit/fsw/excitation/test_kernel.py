@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fsw.config import Config
 from fsw.estimators.measurement.fused import fused_rows, predict
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.excitation.kernel import build_kernel
+from fsw.excitation.subject import build_subject
 from fsw.messages import Block
+from hil.evidence.excitation import cases
+from tests.support.estimator_cases import TWO_ARMS
 from tests.support.excitation_cases import SYSTEMS, subject
 
 NODES = 4
@@ -47,15 +51,30 @@ def block_of(own, q, qd, qdd):
     )
 
 
-def random_motion(seed=3):
+def two_armed(system):
+    """Return the subject of a system whose base carries a second arm."""
+    known = cases.config(system).model_dump(mode="json")
+    joint = known["joints"][0]
+    known["robot"] |= {"urdf": str(TWO_ARMS), "tool_frame": "left_tool"}
+    known["joints"] = [
+        joint | {"name": f"{side}_joint{k + 1}", "node_id": first + k}
+        for side, first in (("left", 0x11), ("right", 0x21))
+        for k in range(7)
+    ]
+    return build_subject(Config.model_validate(known))
+
+
+def random_motion(seed=3, n=7):
     rng = np.random.default_rng(seed)
-    return (scale * rng.standard_normal((NODES, 7)) for scale in (0.8, 0.15, 0.08))
+    return (scale * rng.standard_normal((NODES, n)) for scale in (0.8, 0.15, 0.08))
 
 
-@pytest.mark.parametrize("system", SYSTEMS)
-def test_predictions_and_their_jacobians_are_the_estimators(system):
-    own = subject(system)
-    q, qd, qdd = random_motion()
+@pytest.mark.parametrize(
+    ("system", "arms"), [*((system, 1) for system in SYSTEMS), ("both", 2), ("target", 2)]
+)
+def test_predictions_and_their_jacobians_are_the_estimators(system, arms):
+    own = subject(system) if arms == 1 else two_armed(system)
+    q, qd, qdd = random_motion(n=7 * arms)
     state = own.problem.prior_mean.copy()
     expected = predict(block_of(own, q, qd, qdd), state, own.problem)
     k = len(own.x)

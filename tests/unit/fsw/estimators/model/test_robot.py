@@ -12,13 +12,15 @@ from fsw.estimators.model.inertia import from_parameters, is_consistent
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages.errors import ConfigError
 from tests.conftest import arm_urdf
-from tests.support.estimator_cases import BASE, TARGET, URDF, parameters
+from tests.support.estimator_cases import BASE, TARGET, TWO_ARMS, URDF, parameters
 
 
-@pytest.fixture(params=["paper", "three joints"])
+@pytest.fixture(params=["paper", "three joints", "two arms"])
 def model(request: pytest.FixtureRequest, tmp_path: Path) -> RobotModel:
     if request.param == "paper":
         return RobotModel(URDF, "tool")
+    if request.param == "two arms":
+        return RobotModel(TWO_ARMS, "left_tool")
     path = tmp_path / "arm.urdf"
     path.write_text(arm_urdf(3))
     return RobotModel(path, "gripper")
@@ -94,7 +96,8 @@ def test_composite_is_mass_and_centre_of_mass_of_the_whole(model: RobotModel, se
 
 
 def test_target_is_placed_at_the_tool_frame(model: RobotModel) -> None:
-    frame = model.model.frames[model.model.getFrameId("tool" if model.n == 7 else "gripper")]
+    name = {7: "tool", 3: "gripper", 14: "left_tool"}[model.n]
+    frame = model.model.frames[model.model.getFrameId(name)]
     placed = frame.placement.act(pin.Inertia.FromDynamicParameters(parameters(TARGET)))
     np.testing.assert_allclose(
         model.tool_map @ parameters(TARGET), placed.toDynamicParameters(), rtol=1e-12, atol=1e-10
@@ -111,16 +114,10 @@ def test_a_change_of_parameters_reaches_the_mass_matrix(model: RobotModel) -> No
 
 
 def test_joints_are_named_from_base_to_tool(model: RobotModel) -> None:
-    names = {7: [f"joint{k}" for k in range(1, 8)], 3: ["axis1", "axis2", "axis3"]}
+    arm = [f"joint{k}" for k in range(1, 8)]
+    both = [f"{side}_{name}" for side in ("left", "right") for name in arm]
+    names = {7: arm, 3: ["axis1", "axis2", "axis3"], 14: both}
     assert list(model.joint_names) == names[model.n]
-
-
-BRANCH = (
-    '<joint name="side" type="revolute"><parent link="bus"/><child link="panel"/>'
-    '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    '<link name="panel"><inertial><mass value="1"/>'
-    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
-)
 
 
 @pytest.mark.parametrize(
@@ -136,18 +133,45 @@ BRANCH = (
             "gripper",
             "axis2",
         ),
-        (arm_urdf(3).replace("</robot>", BRANCH + "</robot>"), "gripper", "serial"),
         (arm_urdf(3), "claw", "claw"),
         (arm_urdf(3), "link1", "link1"),
         ("<robot", "gripper", "URDF"),
     ],
-    ids=["prismatic", "continuous", "branching", "unknown frame", "frame inside the arm", "no XML"],
+    ids=["prismatic", "continuous", "unknown frame", "frame inside the arm", "no XML"],
 )
 def test_unsuitable_robots_are_refused(tmp_path: Path, urdf: str, frame: str, word: str) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(urdf)
     with pytest.raises(ConfigError, match=word):
         RobotModel(path, frame)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_field_moves_every_body_of_both_arms(seed: int) -> None:
+    """The torque of a joint by the field is the virtual work on the bodies beyond it."""
+    model = RobotModel(TWO_ARMS, "left_tool")
+    pi, own = loaded(model)
+    rng = np.random.default_rng(seed)
+    q, G = rng.normal(size=model.n), rng.normal(size=(3, 3))
+    G = 0.5 * (G + G.T)
+
+    def work_by(q_rad: np.ndarray) -> float:
+        """Return the potential's negative: sum of m s.G s / 2 over all mass, G symmetric."""
+        data = own.createData()
+        pin.forwardKinematics(own, data, np.concatenate([pin.neutral(own)[:7], q_rad]))
+        total = 0.0
+        for k in range(1, own.njoints):
+            body = own.inertias[k]
+            R, p = data.oMi[k].rotation, data.oMi[k].act(body.lever)
+            second = 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia  # about its centre
+            total += 0.5 * float(np.trace(G @ (R @ second @ R.T + body.mass * np.outer(p, p))))
+        return total
+
+    found = model.field_regressor(q, G) @ pi
+    for k in range(model.n):
+        step = 1e-5 * np.eye(model.n)[k]
+        expected = (work_by(q + step) - work_by(q - step)) / 2e-5
+        assert found[6 + k] == pytest.approx(expected, rel=1e-5, abs=1e-4)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
