@@ -43,8 +43,8 @@ from fsw.service.process import Service
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, Setup, prepare
-from hil.run.flight import BUS, TORQUE_STEP_NM
-from hil.world.scenario import load
+from hil.run.flight import TORQUE_STEP_NM
+from hil.world.scenario import BUS, load
 from hil.world.sensors import SensorConfig
 
 SCENARIO = "target_leo"

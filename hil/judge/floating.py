@@ -20,7 +20,7 @@ class FloatingRobot:
 
     Parameters
     ----------
-    urdf, tool_frame : the arm; root link = base, the target's frame is the tool frame
+    urdf, tool_frame : the arms; root link = base, the target's frame is the tool frame
     bodies : pi (10,) of "base" and, when one is grasped, "target", in their own frames
     unknown : which of them x (10 each, in this order) stands for
 
@@ -43,13 +43,14 @@ class FloatingRobot:
         self.data = self.model.createData()
         self.n = self.model.nv - 6
         self._tool = self.model.getFrameId(tool_frame)
-        placement = self.model.frames[self._tool].placement
+        frame = self.model.frames[self._tool]
+        placement, held = frame.placement, int(frame.parentJoint) - 1
         links = [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
         links[0] = np.zeros(COUNT)
         self.known: FloatArray = np.concatenate(links)
         grasp = frame_map(placement.rotation, placement.translation)
         maps = {"base": np.eye(COUNT), "target": grasp}
-        spots = {"base": slice(0, COUNT), "target": slice(self.known.size - COUNT, self.known.size)}
+        spots = {"base": slice(0, COUNT), "target": slice(COUNT * held, COUNT * (held + 1))}
         for body in bodies:
             if body not in unknown:
                 self.known[spots[body]] += maps[body] @ bodies[body]

@@ -30,7 +30,6 @@ from hil.judge.score import Result
 from hil.links.virtual import VirtualBench
 from hil.run import live
 from hil.run.flight import (
-    BUS,
     flight_document,
     plant_document,
     write_flight,
@@ -63,7 +62,7 @@ class Setup:
     robot: Robot
     spline: JointSpline
     history: TruthHistory
-    bus_port: int | None  # of udp_multicast
+    bus_ports: Mapping[str, int]  # of udp_multicast
 
     @property
     def total_s(self) -> float:
@@ -143,9 +142,9 @@ def prepare(
     )
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
-    port = scenario.flight["bus"].get("port")
-    if port is not None and real_time:
-        port = live.free_udp_port()
+    ports = scenario.bus_ports
+    if real_time:
+        ports = dict(zip(ports, live.free_udp_ports(len(ports)), strict=True))
     speeds = spline.evaluate(np.arange(0.0, spline.duration_s, 0.01))[1]
     fastest_rad_s = float(np.sqrt(np.mean(speeds**2, axis=0)).max())
     jitter_s = float(scenario.flight["sync_jitter_s"]) if real_time else 0.0
@@ -154,7 +153,7 @@ def prepare(
         priors,
         robot.joint_names,
         folder,
-        port,
+        ports,
         overrides or {},
         stamp_noise_rad=jitter_s * fastest_rad_s,
     )
@@ -172,7 +171,7 @@ def prepare(
         robot=robot,
         spline=spline,
         history=history,
-        bus_port=port,
+        bus_ports=ports,
     )
 
 
@@ -205,11 +204,12 @@ class VirtualRun:
         if record:
             writer = open_recording(setup.config, setup.folder / "recording.mcap")
             sink = Fanout(self._collector, RecorderSink(writer, lambda _s, _c, _t: None))
+        cans = {**world.cans, world.can.bus + SECOND: world.redundant}
         ports = Ports(
-            can={BUS: world.can, BUS + SECOND: world.redundant},
+            can=cans,
             imu=world.imu,
             star_tracker=world.star_tracker,
-            can_openers={BUS: world.can.open, BUS + SECOND: world.redundant.open},
+            can_openers={name: port.open for name, port in cans.items()},
             line_openers={name: serial.reopen for name, serial in world.serials.items()},
         )
         self._daemon = build(setup.config, world.clock, ports, sink)
@@ -282,7 +282,7 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
     for the picture, and how far a replay is from the live result.
     """
     scenario = setup.scenario
-    plant = plant_document(scenario, setup.seed, setup.folder, setup.bus_port)
+    plant = plant_document(scenario, setup.seed, setup.folder, setup.bus_ports)
     plant_path = write_yaml(setup.folder / "plant.yaml", plant)
     link = setup.config.telemetry
     disturb = live.nothing if link is None else live.Announcement(setup.folder)

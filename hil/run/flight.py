@@ -27,7 +27,6 @@ from hil.world.sensors import (
     rotation_of,
 )
 
-BUS = "arm"
 FIRST_NODE_ID = 0x11
 URDF = "robot.urdf"
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of the joint nodes
@@ -73,7 +72,7 @@ def flight_document(
     priors: Mapping[str, Prior],
     joint_names: tuple[str, ...],
     folder: Path,
-    bus_port: int | None,
+    bus_ports: Mapping[str, int],
     overrides: Mapping[str, Any],
     *,
     stamp_noise_rad: float = 0.0,
@@ -127,14 +126,15 @@ def flight_document(
         "unknown": list(scenario.unknown),
         "buses": [
             {
-                "name": BUS,
-                **flight["bus"],
-                "port": bus_port,
-                "fd": any(joint["format"] == "fd" for joint in joints),
+                "name": name,
+                **settings,
+                "port": bus_ports.get(name),
+                "fd": any(joint["format"] == "fd" for joint in joints if joint["bus"] == name),
                 "sync": "producer",
                 "sync_counter_max": sensors.joints.sync_counter_max,
                 "latch_offset_s": sensors.joints.latch_offset_s,
             }
+            for name, settings in scenario.buses.items()
         ],
         "joints": joints,
         "imu": _imu(sensors, folder),
@@ -214,21 +214,21 @@ def _star_tracker(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
 
 
 def plant_document(
-    scenario: Scenario, seed: int, folder: Path, bus_port: int | None
+    scenario: Scenario, seed: int, folder: Path, bus_ports: Mapping[str, int]
 ) -> dict[str, Any]:
     """Return the real-time plant's file: the truth; the flight side never reads it."""
-    bus = scenario.flight["bus"]
     sensors = SensorConfig.from_dict(scenario.sensors)
     links: dict[str, Any] = {
         "buses": [
             {
-                "name": BUS,
+                "name": name,
                 "interface": bus["interface"],
                 "channel": bus["channel"],
-                "port": bus_port,
-                "fd": any(node.format == "fd" for node in sensors.joints.nodes),
+                "port": bus_ports.get(name),
+                "fd": any(k.format == "fd" for k in sensors.joints.nodes if k.bus == name),
                 "redundant": _second_link(bus),
             }
+            for name, bus in scenario.buses.items()
         ],
         "imu": "imu",
     }
@@ -259,13 +259,15 @@ def _second_link(bus: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def on_socketcan(scenario: Scenario) -> Scenario:
-    """Return the scenario with its bus on vcan0, the redundant one on vcan1."""
+    """Return the scenario with its buses on vcan0 and on, a redundant one behind them."""
     bus = {key: value for key, value in scenario.flight["bus"].items() if key != "port"}
     bus |= {"interface": "socketcan", "channel": "vcan0"}
+    several = enumerate(scenario.flight.get("buses") or ())
+    buses = {name: {"channel": f"vcan{k}"} for k, name in several}
     if bus.get("redundant") is not None:
         second = {key: value for key, value in bus["redundant"].items() if key != "port"}
-        bus["redundant"] = second | {"channel": "vcan1"}
-    return replace(scenario, flight=scenario.flight | {"bus": bus})
+        bus["redundant"] = second | {"channel": f"vcan{max(1, len(buses))}"}
+    return replace(scenario, flight=scenario.flight | {"bus": bus, "buses": buses})
 
 
 def write_flight(

@@ -1,4 +1,4 @@
-"""A free-floating base with a serial arm as a MuJoCo model, built from a URDF.
+"""A free-floating base with one arm or several as a MuJoCo model, built from a URDF.
 
 MuJoCo's own URDF import welds the root link to the world and fuses fixed links; here the root link
 gets a free joint, every link stays a body, and a target is one more body welded to the tool frame.
@@ -69,7 +69,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Robot:
-    """The compiled model: nv = 6 + n, base first, joints in order from base to tool."""
+    """The compiled model: nv = 6 + n, base first, every joint after the one that carries it."""
 
     model: mujoco.MjModel
     joint_names: tuple[str, ...]
@@ -78,7 +78,7 @@ class Robot:
     effort_nm: FloatArray
     speed_rad_s: FloatArray
     tool_id: int
-    mount_p_BM_B_m: FloatArray  # (3,) the arm's base: frame of the first joint at zero
+    mount_p_BM_B_m: FloatArray  # (3,) base of the arm that grasps: frame of its first joint at zero
     mount_R_BM: FloatArray  # (3, 3)
     slides: tuple[SloshMass, ...] = ()  # the mass of every slide, in order of its coordinate
 
@@ -107,15 +107,17 @@ class Robot:
 
         Raises
         ------
-        ValueError if the file holds no serial arm of revolute joints, lacks the tool frame, or
-        nothing says what the base weighs.
+        ValueError if the file holds other joints than revolute ones, no joint moves the tool frame,
+        or nothing says what the base weighs.
         """
         links = read_links(urdf)
         arm = [link for link in links if link.axis is not None]
         tool = next((k for k in links if tool_frame in (k.name, k.joint)), None)
         if tool is None:
             raise ValueError(f"{urdf}: no frame {tool_frame!r}; has {[k.name for k in links]}")
-        _require_serial(urdf, links, arm, tool)
+        grasping = _joints_to(links, tool)
+        if not grasping:
+            raise ValueError(f"{urdf}: no joint moves {tool.name!r}")
         if base is None and links[0].body is None:
             raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
         model = _compile(
@@ -123,7 +125,7 @@ class Robot:
         )
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        first = model.body(arm[0].name).id
+        first = model.body(grasping[0].name).id
         return Robot(
             model=model,
             joint_names=tuple(link.joint for link in arm),
@@ -173,7 +175,7 @@ def load_bodies(path: Path) -> dict[str, Body]:
 
 
 def read_links(urdf: Path) -> list[Link]:
-    """Return the links of a URDF, parents before children, the root first.
+    """Return the links of a URDF, the root first, every branch whole, by their joints' names.
 
     Raises
     ------
@@ -190,9 +192,9 @@ def read_links(urdf: Path) -> list[Link]:
     while waiting:
         name = waiting.pop(0)
         ordered.append(_read_link(urdf, elements[name], joints.get(name)))
-        waiting += [
-            str(child) for child, j in joints.items() if _attribute(j, "parent", "link") == name
-        ]
+        beyond = [j for j in root.findall("joint") if _attribute(j, "parent", "link") == name]
+        beyond.sort(key=lambda joint: str(joint.get("name")))
+        waiting[:0] = [str(_attribute(joint, "child", "link")) for joint in beyond]
     return ordered
 
 
@@ -260,16 +262,16 @@ def _vector(text: str | None, default: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _require_serial(urdf: Path, links: list[Link], arm: list[Link], tool: Link) -> None:
+def _joints_to(links: list[Link], tool: Link) -> list[Link]:
+    """Return the links with a joint of their own from the base to the tool."""
     by_name = {link.name: link for link in links}
-    path = []
+    path: list[Link] = []
     link: Link | None = tool
     while link is not None:
-        path.append(link.name)
+        if link.axis is not None:
+            path.insert(0, link)
         link = by_name[link.parent] if link.parent is not None else None
-    beside = [k.joint for k in arm if k.name not in path]
-    if not arm or beside:
-        raise ValueError(f"{urdf}: must be one serial arm to {tool.name!r}; beside it: {beside}")
+    return path
 
 
 def without(body: Body, slosh: Sequence[SloshMass]) -> Body:

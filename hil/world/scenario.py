@@ -23,6 +23,7 @@ from hil.world.robot import SloshMass
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 BODY_NAMES = ("base", "target")
+BUS = "arm"  # where a scenario names none
 PRIOR_STREAM = 71  # spawn key of the prior's draws, apart from every device's
 OFF_RATIO = (0.3, 0.5)  # how far off a prior is, of the value or its floor
 SIGMA_RATIO = 0.5  # rms of the above seen from the prior: 0.4 / (1 -+ 0.4)
@@ -113,6 +114,18 @@ class Scenario:
     environment: EnvironmentSection | None = None
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()
+
+    @property
+    def buses(self) -> dict[str, dict[str, Any]]:
+        """Return the settings of every CAN bus by its name."""
+        own = self.flight.get("buses") or {BUS: {}}
+        return {name: {**self.flight["bus"], **settings} for name, settings in own.items()}
+
+    @property
+    def bus_ports(self) -> dict[str, int]:
+        """Return the UDP port of every bus that has one."""
+        buses = self.buses.items()
+        return {name: int(bus["port"]) for name, bus in buses if bus.get("port") is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -43,7 +43,7 @@ class LiveRun:
         setup = bench.prepare(scenario, 1, folder, real_time=True, telemetry=telemetry)
         self.config_path = setup.config_path
         plant = write_yaml(
-            folder / "plant.yaml", plant_document(scenario, 1, folder, setup.bus_port)
+            folder / "plant.yaml", plant_document(scenario, 1, folder, setup.bus_ports)
         )
         self._logs = [(folder / f"{name}.log").open("w") for name in ("plant", "daemon")]
         self._processes: list[subprocess.Popen[str]] = []

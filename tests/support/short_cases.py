@@ -26,12 +26,18 @@ class NoMeter:
         pass
 
 
-def short(folder: Path, points: int = 8, rate_hz: float = RATE_HZ, hurry: float = 1) -> Scenario:
-    """Return target_leo at a low rate, coming to rest at its spline's control point `points`.
+def short(
+    folder: Path,
+    points: int = 8,
+    rate_hz: float = RATE_HZ,
+    hurry: float = 1,
+    name: str = "target_leo",
+) -> Scenario:
+    """Return a scenario at a low rate, coming to rest at its spline's control point `points`.
 
     `hurry` shortens the motion, and its excursions by the square, so that torques stay.
     """
-    scenario = load("target_leo")
+    scenario = load(name)
     full = JointSpline.load(scenario.identification)
     rows = full.control_points_rad[: REST_POINTS + points]
     rows = np.vstack([rows, *(rows[-1:],) * (REST_POINTS - 1)])

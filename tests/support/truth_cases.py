@@ -13,6 +13,7 @@ from hil.world.truth import Body, Robot, TruthState, load_bodies
 
 ROBOTS = Path(__file__).parents[2] / "hil" / "robots"
 URDF = ROBOTS / "lbr3_satellite.urdf"
+TWO_ARMS = ROBOTS / "two_arm_satellite.urdf"
 BODIES = load_bodies(ROBOTS / "bodies.yaml")
 
 
@@ -30,7 +31,7 @@ def random_spline(n: int, seed: int, start: np.ndarray | float = 0.0) -> JointSp
     return JointSpline(20.0, points + start)
 
 
-def pin_model(urdf: Path, target: Body | None) -> pin.Model:
+def pin_model(urdf: Path, target: Body | None, tool: str = "tool") -> pin.Model:
     # Pinocchio stores a continuous joint as cosine and sine; as a revolute one it has an angle.
     text = urdf.read_text(encoding="utf-8").replace('"continuous"', '"revolute"')
     model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
@@ -38,7 +39,7 @@ def pin_model(urdf: Path, target: Body | None) -> pin.Model:
     if target is not None:
         xx, xy, xz, yy, yz, zz = target.inertia_kg_m2
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        frame = model.frames[model.getFrameId("tool")]
+        frame = model.frames[model.getFrameId(tool)]
         body = pin.Inertia(target.mass_kg, np.array(target.com_m), inertia)
         model.appendBodyToJoint(frame.parentJoint, body, frame.placement)
     return model
@@ -51,6 +52,17 @@ def stand_in(target: str | None) -> Case:
         robot=Robot.load(URDF, "tool", target=body),
         model=pin_model(URDF, body),
         spline=random_spline(7, 3, start),
+    )
+
+
+def two_arms() -> Case:
+    """Return the robot with two arms, the LEO target in its left one."""
+    body = BODIES["target_leo"]
+    start = np.array([0.2, 0.8, 0.0, -0.8, 0.1, 0.5, 0.0])
+    return Case(
+        robot=Robot.load(TWO_ARMS, "left_tool", target=body),
+        model=pin_model(TWO_ARMS, body, "left_tool"),
+        spline=random_spline(14, 5, np.concatenate([start, -start])),
     )
 
 

@@ -141,7 +141,7 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
 
 
 def _write_plant(lane: Lane, setup: bench.Setup) -> Path:
-    document = plant_document(setup.scenario, setup.seed, setup.folder, setup.bus_port)
+    document = plant_document(setup.scenario, setup.seed, setup.folder, setup.bus_ports)
     if lane.device_channel is not None:
         link = document["links"]["buses"][0]
         link["stamped_at"], link["channel"] = link["channel"], lane.device_channel

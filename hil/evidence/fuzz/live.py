@@ -213,7 +213,7 @@ def run(cases: int, folder: Path, seed: int, advance: Callable[[int], None]) -> 
     scenario = at_rates(load("target_leo"), RATE_HZ, IMU_RATE_HZ)
     setup = prepare(scenario, seed, folder, real_time=True, telemetry={"port": 0})
     plant_file = folder / "plant.yaml"
-    write_yaml(plant_file, plant_document(scenario, seed, folder, setup.bus_port))
+    write_yaml(plant_file, plant_document(scenario, seed, folder, setup.bus_ports))
     config = setup.config
     robot = config.resolve(config.robot.urdf).read_text(encoding="utf-8")
     grammar = Grammar(tuple(joint.name for joint in config.joints), robot, WITHOUT)

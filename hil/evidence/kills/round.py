@@ -21,10 +21,10 @@ from hil.evidence.kills.files import part_state, unreadable_checkpoints
 from hil.evidence.kills.watch import Observer, alive, wait_for
 from hil.run import live
 from hil.run.bench import prepare
-from hil.run.flight import BUS, plant_document, write_yaml
+from hil.run.flight import plant_document, write_yaml
 from hil.run.live import LiveError, children
 from hil.run.processes import tied
-from hil.world.scenario import at_rates, load
+from hil.world.scenario import BUS, at_rates, load
 
 SCENARIO = "target_leo"
 RATE_HZ, IMU_RATE_HZ = 100.0, 125  # what is killed is not how fast it can go
@@ -131,7 +131,7 @@ class Round:
         document = yaml.safe_load(setup.config_path.read_text(encoding="utf-8"))
         document["service"]["checkpoint_period_s"] = CHECKPOINT_S
         write_yaml(setup.config_path, document)
-        plant = plant_document(setup.scenario, self._number, self._folder, setup.bus_port)
+        plant = plant_document(setup.scenario, self._number, self._folder, setup.bus_ports)
         plant_path = write_yaml(self._folder / "plant.yaml", plant)
         with ExitStack() as held:
             process = held.enter_context(live.started_plant(plant_path, self._folder))

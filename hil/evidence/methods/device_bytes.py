@@ -91,7 +91,7 @@ def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
         robot=_robot(case),
         spline=spline,
         history=history,
-        bus_port=int(scenario.flight["bus"]["port"]),
+        bus_ports=scenario.bus_ports,
     )
     recorded = run_virtual(setup, _Silent(), record=False)
     return config, recorded.blocks

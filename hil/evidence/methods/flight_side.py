@@ -29,9 +29,7 @@ def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0
     """Write the flight configuration of a seed into a folder and load it."""
     priors = priors_of(scenario, seed, wider)
     names = _joint_names(scenario.urdf, scenario.tool_frame)
-    document = flight_document(
-        scenario, priors, names, folder, int(scenario.flight["bus"]["port"]), {}
-    )
+    document = flight_document(scenario, priors, names, folder, scenario.bus_ports, {})
     return load(write_flight(folder, scenario, priors, document))
 
 

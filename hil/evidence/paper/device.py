@@ -48,7 +48,7 @@ def run_device(unit: PaperUnit) -> dict[str, Any]:
             robot=robot,
             spline=spline,
             history=history,
-            bus_port=int(scenario.flight["bus"]["port"]),
+            bus_ports=scenario.bus_ports,
         )
         final = run_virtual(setup, _Silent(), record=False).final
     k = slice(0, 10 * len(scenario.unknown))

@@ -12,8 +12,8 @@ from fsw.drivers.wire import ByteChunk, CanFrame, FrameArray
 from fsw.loop.ports import Ports
 from fsw.messages.errors import PortError
 from hil.links.virtual import VirtualBench, VirtualCan, VirtualSerial
-from hil.run.flight import BUS
 from hil.world.history import TruthHistory, TruthState
+from hil.world.scenario import BUS
 
 ODD = ("qd", "v_NB_N", "w_NB_B")  # what changes its sign when time runs backwards
 

@@ -142,7 +142,7 @@ def measure(folder: Path, seconds: int, *, telemetry: bool = True) -> tuple[Phas
     section = {"port": port, "housekeeping_interval_s": 0.0} if telemetry else None
     scenario = load_scenario(SCENARIO)
     setup = prepare(scenario, 1, folder, real_time=True, telemetry=section)
-    plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_port)
+    plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_ports)
     with live.started_plant(write_yaml(folder / "plant.yaml", plant), folder):
         return _fly(setup.config_path, port, seconds)
 

@@ -29,8 +29,7 @@ from fsw.scheduler.tasks import Tick
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, prepare
-from hil.run.flight import BUS
-from hil.world.scenario import load
+from hil.world.scenario import BUS, load
 from hil.world.sensors import SensorConfig
 
 ESTIMATION = "estimate"  # the task that conditions, folds in and re-linearises

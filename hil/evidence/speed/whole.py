@@ -142,7 +142,7 @@ def measure(scenario: str, name: str, seconds: float, meter: Meter) -> Condition
         setup = prepare(
             load_scenario(scenario), 0, folder, real_time=True, telemetry={"port": port}
         )
-        plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_port)
+        plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_ports)
         rate_hz = setup.config.scheduler.tick_rate_hz
         wakes: list[tuple[int, int]] = []
 

@@ -23,7 +23,7 @@ from fsw.service.recorder import CHECKPOINT, RecorderSink, open_recording
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, Setup
-from hil.run.flight import BUS
+from hil.world.scenario import BUS
 from hil.world.sensors import SensorConfig
 from tests.support.malformed_cases import CHI2_10_999, normalised_error, short
 

@@ -23,7 +23,9 @@ from hil.world.sensors import NodeConfig, SensorConfig
 def flight_of(name, seed, folder):
     scenario = load(name)
     priors = {b: draw_prior(scenario.truth[b], seed, b) for b in scenario.unknown}
-    document = flight_document(scenario, priors, joint_names(scenario), folder, 43113, {})
+    document = flight_document(
+        scenario, priors, joint_names(scenario), folder, scenario.bus_ports, {}
+    )
     return scenario, priors, write_flight(folder, scenario, priors, document)
 
 
@@ -98,7 +100,7 @@ def test_overrides_reach_the_estimator(tmp_path):
     scenario = load("target_leo")
     priors = {"target": draw_prior(scenario.truth["target"], 0, "target")}
     document = flight_document(
-        scenario, priors, joint_names(scenario), tmp_path, 43113, {"weighting": "ols"}
+        scenario, priors, joint_names(scenario), tmp_path, scenario.bus_ports, {"weighting": "ols"}
     )
     path = write_flight(tmp_path, scenario, priors, document)
     assert load_config(path).estimator.weighting == "ols"
@@ -107,7 +109,9 @@ def test_overrides_reach_the_estimator(tmp_path):
 def test_the_plant_file_is_accepted_by_the_plant(tmp_path):
     from hil.devices.plant_file import load as load_plant
 
-    path = write_yaml(tmp_path / "plant.yaml", plant_document(load("both"), 5, tmp_path, 43113))
+    path = write_yaml(
+        tmp_path / "plant.yaml", plant_document(load("both"), 5, tmp_path, {"arm": 43113})
+    )
     file = load_plant(path)
     assert file.seed == 5
     assert (tmp_path / file.trajectory).is_file()

@@ -7,7 +7,14 @@ import pinocchio as pin
 import pytest
 
 from hil.world.robot import Body, Robot
-from tests.support.truth_cases import BODIES, URDF, random_arm, random_urdf
+from tests.support.truth_cases import (
+    BODIES,
+    TWO_ARMS,
+    URDF,
+    pin_model,
+    random_arm,
+    random_urdf,
+)
 
 
 def test_stand_in_has_the_published_masses_and_limits() -> None:
@@ -34,6 +41,29 @@ def test_tool_pose_agrees_with_another_engine(tmp_path: Path) -> None:
         pose = np.concatenate([np.zeros(6), [1.0], q[k]])
         pin.forwardKinematics(case.model, data, pose)
         frame = pin.updateFramePlacement(case.model, data, case.model.getFrameId("tool"))
+        assert np.abs(p[k] - frame.translation).max() <= 1e-12
+        assert np.abs(R[k] - frame.rotation).max() <= 1e-12
+
+
+def test_joints_of_several_arms_are_in_the_order_of_another_engine(tmp_path: Path) -> None:
+    """Whatever order the file has its arms and links in."""
+    text = TWO_ARMS.read_text(encoding="utf-8")
+    text = text.replace('"left_link', '"z_link').replace('"right_joint', '"a_joint')
+    path = tmp_path / "arms.urdf"
+    path.write_text(text, encoding="utf-8")
+    robot = Robot.load(path, "left_tool")
+    model = pin_model(path, None)
+    assert robot.joint_names == tuple(model.names[2:])
+    hinges = [k for k in range(robot.model.njnt) if robot.model.joint(k).type[0] == 3]
+    assert robot.joint_names == tuple(robot.model.joint(k).name for k in hinges)
+    assert robot.joint_names[0] == "a_joint1"
+    assert np.allclose(robot.mount_p_BM_B_m, 0.0)  # of the arm that grasps
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (5, 14))
+    p, R = robot.tool_poses(q)
+    data = model.createData()
+    for k in range(len(q)):
+        pin.forwardKinematics(model, data, np.concatenate([np.zeros(6), [1.0], q[k]]))
+        frame = pin.updateFramePlacement(model, data, model.getFrameId("left_tool"))
         assert np.abs(p[k] - frame.translation).max() <= 1e-12
         assert np.abs(R[k] - frame.rotation).max() <= 1e-12
 
@@ -68,17 +98,19 @@ def test_continuous_joint_has_no_range(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ('type="continuous"', 'type="prismatic"', "elbow.*prismatic"),
-        ('type="fixed"><parent link="hand"', 'type="revolute"><parent link="bus"', "serial"),
         ('<link name="tool"/>', '<link name="tool"/><link name="lost"/>', "one root link"),
         ('<joint name="grip"', '<joint name="hold"', "no frame 'grip'"),
     ],
 )
-def test_a_urdf_that_is_no_serial_arm_is_refused(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
+def test_an_unsuitable_urdf_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     text = random_urdf(np.random.default_rng(0))
     assert old in text
     path = tmp_path / "wrong.urdf"
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(ValueError, match=message):
         Robot.load(path, "grip" if "hold" in new else "tool")
+
+
+def test_a_tool_that_no_joint_moves_is_refused() -> None:
+    with pytest.raises(ValueError, match="no joint moves 'base'"):
+        Robot.load(URDF, "base")

@@ -8,9 +8,9 @@ import pytest
 from scipy.integrate import simpson
 
 from hil.world.truth import TruthHistory, simulate
-from tests.support.truth_cases import Case, pin_state, random_arm, stand_in
+from tests.support.truth_cases import Case, pin_state, random_arm, stand_in, two_arms
 
-NAMES = ("base", "target_leo", "target_geo", "random")
+NAMES = ("base", "target_leo", "target_geo", "random", "two arms")
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -19,6 +19,8 @@ def run(
 ) -> tuple[Case, TruthHistory]:
     if request.param == "random":
         case = random_arm(tmp_path_factory.mktemp("robot"))
+    elif request.param == "two arms":
+        case = two_arms()
     else:
         case = stand_in(None if request.param == "base" else request.param)
     return case, simulate(case.robot, case.spline, -1.0, 21.0)

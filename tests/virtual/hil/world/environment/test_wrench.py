@@ -172,14 +172,14 @@ def test_devices_take_a_history_with_an_environment():
 def test_a_scenario_names_its_environment_and_the_flight_side_its_orbit(tmp_path):
     scenario = load("target_leo_orbit")
     names = tuple(f"joint{k}" for k in range(1, 8))
-    document = flight_document(scenario, {}, names, tmp_path, 1, {})
+    document = flight_document(scenario, {}, names, tmp_path, {"arm": 1}, {})
     position = np.array(document["orbit"]["position_m"])
     angle = 0.6 - scenario.before_s * 1.1068e-3
     assert np.allclose(position, 6_878_137 * np.array([np.cos(angle), np.sin(angle), 0]), rtol=1e-4)
     silent = replace(
         scenario, environment=scenario.environment.model_copy(update={"told_to_flight": False})
     )
-    assert "orbit" not in flight_document(silent, {}, names, tmp_path, 1, {})
+    assert "orbit" not in flight_document(silent, {}, names, tmp_path, {"arm": 1}, {})
 
 
 def test_a_wrong_key_is_named(tmp_path):

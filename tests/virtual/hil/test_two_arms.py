@@ -1,0 +1,45 @@
+"""Two arms on two buses: what one carries is found while both move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from hil.judge import judgement
+from hil.run import bench
+from hil.world.scenario import load
+from tests.support.short_cases import NoMeter, short
+
+CHI2_10_999 = 29.6  # 99.9 % bound of chi-squared with 10 degrees of freedom
+CHI2_20_999 = 45.3  # with 20
+
+
+def judged(folder: Path, unknown: tuple[str, ...]) -> tuple[dict, bench.Recorded]:
+    scenario = replace(short(folder, name="two_arms", points=8), unknown=unknown)
+    setup = bench.prepare(scenario, 1, folder)
+    recorded = bench.run_virtual(setup, NoMeter(), record=False)
+    return judgement.judge(setup, judgement.make_case(setup), recorded), recorded
+
+
+def test_the_target_of_one_arm_is_found_while_both_move(tmp_path):
+    outcome, recorded = judged(tmp_path, ("target",))
+    assert outcome["valid"], outcome["reason"]
+    assert outcome["nees"] < CHI2_10_999
+    truth, mass = outcome["truth"]["target"]["mass_kg"], outcome["estimate"]["target"]["mass_kg"]
+    assert abs(mass / truth - 1) < 0.01
+    for bus in ("left", "right"):
+        counters = recorded.status["samples"][bus]
+        assert counters["accepted"] > 0
+        assert counters["lost"] == counters["late"] == counters["rejected"] == 0
+
+
+def test_base_and_target_are_found_together(tmp_path):
+    outcome, _ = judged(tmp_path, ("base", "target"))
+    assert outcome["valid"], outcome["reason"]
+    assert outcome["nees"] < CHI2_20_999
+
+
+def test_each_arm_has_its_own_bus(tmp_path):
+    setup = bench.prepare(load("two_arms"), 1, tmp_path)
+    assert {bus.name: bus.port for bus in setup.config.buses} == {"left": 43113, "right": 43114}
+    assert all(joint.name.startswith(joint.bus) for joint in setup.config.joints)
