@@ -129,6 +129,11 @@ class Block:
     has_accelerometer: bool
     has_attitude: bool
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether every torque, the rate and the specific force were measured."""
+        return self.has_gyro and self.has_accelerometer and bool(self.has_joint.all())
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyEstimate:

@@ -225,7 +225,10 @@ def _regression(
     linear = Linearisation(row_function("mrnea", weighting, problem), used)
     if weighting == "bc":
         sums = no_sums(len(x))
-        for block in used:
+        whole = [block for block in used if block.is_complete]
+        if not whole:
+            raise EstimatorError("no block has every measurement that weighting 'bc' needs")
+        for block in whole:
             sums = sums + block_sums(block, x, problem)
         precision: FloatArray = np.asarray(
             np.linalg.solve(problem.prior_covariance, np.eye(len(x))), np.float64

@@ -87,18 +87,23 @@ class _Mrnea(RowsFunction):
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
         """Return the rows."""
-        if s.has_gyro and s.has_accelerometer and s.has_joint.all():
+        if s.is_complete:
             return stacked_mrnea_rows(s, x, self._problem, self._weighting)
         return self._otherwise.stacked(s, x, before)
 
 
 class _Energy(RowsFunction):
+    """The balance of work, and RDA where a torque is missing and with it its work."""
+
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
+        self._otherwise = _Fused(problem, ("torque",), None)
 
-    def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:  # noqa: ARG002
-        """Return the rows; momentum from outside moves none of them."""
-        return stacked_energy_rows(s, x, self._problem)
+    def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
+        """Return the rows; momentum from outside moves none of the balance's."""
+        if s.has_joint.all():
+            return stacked_energy_rows(s, x, self._problem)
+        return self._otherwise.stacked(s, x, before)
 
 
 def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
@@ -106,7 +111,7 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
 
     A block without accelerometer or gyro leaves MRNEA's base rows without their measurement: its
     torques are then used as RDA's, with the rate that the momentum gives where the gyro is missing.
-    So are the other torques of a block in which one is missing.
+    So are the other torques of a block in which one is missing, for MRNEA and CE.
 
     Raises
     ------

@@ -413,7 +413,7 @@ class BiasCompensatedEstimator:
         )
 
     def _usable_sums(self, block: Block) -> CompensatedSums | None:
-        if not plausible(block):
+        if not (block.is_complete and plausible(block)):
             return None
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             try:
