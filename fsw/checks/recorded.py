@@ -86,7 +86,8 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
         channels = [window.joints[k] for window in windows]
         angle, torque = _noise(channels, 0, high), _noise(channels, 1, high)
         key = f"joints.{k}"
-        found.append(_noise_finding(f"{key}.torque_noise_nm", joint.torque_noise_nm, torque))
+        if joint.torque != "none":
+            found.append(_noise_finding(f"{key}.torque_noise_nm", joint.torque_noise_nm, torque))
         found.append(_noise_finding(f"{key}.position_noise_rad", joint.position_noise_rad, angle))
     imu, root = config.imu, config.imu.rate_hz**-0.5
     for key, declared, channels in (

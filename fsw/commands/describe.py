@@ -34,10 +34,12 @@ def _robot(config: Config, problem: Problem) -> list[str]:
     joints = [
         f"{name} {mass:.4g}" for name, mass in zip(model.joint_names, masses[1:], strict=True)
     ]
+    blind = [joint.name for joint in config.joints if joint.torque == "none"]
     return [
         f"{config.resolve(config.robot.urdf)}, tool frame {config.robot.tool_frame}",
         f"{model.n} joints; mass moved by each [kg]: {', '.join(joints)}",
-        f"root link {masses[0]:.6g} kg, arm {masses[1:].sum():.6g} kg",
+        f"root link {masses[0]:.6g} kg, all links {masses[1:].sum():.6g} kg",
+        *([f"without torque sensor: {', '.join(blind)}"] if blind else []),
     ]
 
 

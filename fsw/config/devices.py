@@ -65,8 +65,26 @@ class BusConfig(Section):
         return self.model_copy(update=changes)
 
 
+WITHOUT_TORQUE = {  # stands where a joint has no torque sensor: nothing is measured with it
+    "torque_limit_nm": 1e4,
+    "torque_noise_nm": 1e4,
+    "torque_offset_sigma_nm": 0.0,
+    "torque_scale_sigma_ratio": 0.0,
+}
+
+
+def _torque_sensor_or_none(schema: dict[str, Any]) -> None:
+    """State in a JSON schema which keys a joint with a torque sensor requires."""
+    of_sensor = [key for key in schema["required"] if key in WITHOUT_TORQUE]
+    schema["required"] = [key for key in schema["required"] if key not in of_sensor]
+    none = {"properties": {"torque": {"const": "none"}}, "required": ["torque"]}
+    schema |= {"if": none, "else": {"required": of_sensor}}
+
+
 class JointConfig(Section):
     """One joint node. `name` is the joint's name in the URDF."""
+
+    model_config = ConfigDict(json_schema_extra=_torque_sensor_or_none)
 
     name: str
     driver: Literal["canopen"] = "canopen"
@@ -75,6 +93,7 @@ class JointConfig(Section):
     format: Literal["classic", "fd"] = "classic"
     sign: Literal[-1, 1] = 1
     zero_offset_rad: Turn = 0.0
+    torque: Literal["link_side", "none"] = "link_side"  # none: the node measures angles alone
     torque_gain: Positive = 1.0
     torque_offset_nm: Finite = 0.0
     torque_limit_nm: Positive  # larger readings are rejected as out of range
@@ -85,6 +104,14 @@ class JointConfig(Section):
     position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
     zero_sigma_rad: AngleSigma = 2e-3  # of zero_offset_rad; 0: it is exact
     link_sigma_ratio: ScaleSigma | None = None  # of the link it moves; None: as robot has it
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_torque(cls, data: object) -> object:
+        """Put what stands for no sensor in the place of a torque sensor's values."""
+        if isinstance(data, dict) and data.get("torque") == "none":
+            return data | WITHOUT_TORQUE
+        return data
 
 
 def _one_orientation(schema: dict[str, Any]) -> None:

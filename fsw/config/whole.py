@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -137,6 +138,7 @@ class Config(Section):
                 )
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
+        _method_has_its_torques(self.estimator.method, self.joints)
         for body in self.unknown:
             if body not in self.bodies:
                 raise ValueError(
@@ -159,6 +161,16 @@ def _device(bus: BusConfig) -> str | None:
         return None
     link = bus.channel if bus.port is None else f"{bus.channel}:{bus.port}"
     return f"{bus.interface}:{link}"
+
+
+def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:
+    """Refuse a method that needs the torque of every joint where one has no sensor."""
+    blind = [joint.name for joint in joints if joint.torque == "none"]
+    if blind and method == "mrnea":
+        raise ValueError(
+            f"estimator.method: 'mrnea' needs the torque of every joint; {blind[0]!r} has "
+            "torque: none; must be fused, rda or cm"
+        )
 
 
 def _redundancy_works(i: int, bus: BusConfig) -> None:

@@ -23,6 +23,7 @@ NMT_ID = 0x000
 SDO_ID = 0x600  # and above: requests to a node, then heartbeats
 COUNTS_PER_RAD = 2**24 / (2.0 * math.pi)
 STATUS_GOOD = 0x09  # torque valid, encoder valid
+STATUS_TORQUE = 0x01
 STATUS_OVERLOAD = 0x02
 TPDO2_PERIOD = 10  # SYNCs
 TPDO2 = struct.Struct("<ihh")
@@ -116,6 +117,7 @@ class JointNode:
     node_id: int
     joint: int
     is_fd: bool = False
+    torque_sensor: bool = True
     autostart: bool = True
     sync_counter_max: int = 240
     state: NodeState = NodeState.PRE_OPERATIONAL
@@ -166,7 +168,9 @@ class JointNode:
         if self.state is not NodeState.OPERATIONAL or self.silent:
             return ()
         status = STATUS_GOOD | self.status_extra
-        if reading.is_overloaded:
+        if not self.torque_sensor:
+            reading, status = reading._replace(torque=0), status & ~STATUS_TORQUE
+        elif reading.is_overloaded:
             status |= STATUS_OVERLOAD
         if self.is_fd:
             return (encode_fd(reading, status, counter, t_us),)

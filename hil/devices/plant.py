@@ -87,6 +87,7 @@ class Plant:
                 node_id=node.node_id,
                 joint=i + 1,
                 is_fd=node.format == "fd",
+                torque_sensor=node.torque_sensor,
                 autostart=joints.autostart,
                 sync_counter_max=joints.sync_counter_max,
                 toggle=None if joints.redundancy is None else BusToggle(joints.redundancy),

@@ -110,13 +110,10 @@ def flight_document(
             "format": node.format,
             "sign": node.sign,
             "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
-            "torque_limit_nm": flight["torque_limit_nm"],
             "speed_limit_rad_s": flight["speed_limit_rad_s"],
-            "torque_noise_nm": torque_noise_nm(sensors.joints, node, rate_hz),
-            "torque_offset_sigma_nm": sensors.joints.torque_offset_sigma_nm,
             "position_noise_rad": position_noise_rad(sensors.joints, stamp_noise_rad, rate_hz),
-            "torque_scale_sigma_ratio": 0.0,
             "zero_sigma_rad": 0.0,
+            **_torque(sensors.joints, node, flight),
         }
         for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
     ]
@@ -149,6 +146,20 @@ def flight_document(
     if environment is not None and environment.told_to_flight and environment.gravity_gradient:
         document["orbit"] = _orbit(environment.orbit, scenario.before_s)
     return document
+
+
+def _torque(
+    joints: JointSensorConfig, node: NodeConfig, flight: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what the flight side knows of a node's torque sensor."""
+    if not node.torque_sensor:
+        return {"torque": "none"}
+    return {
+        "torque_limit_nm": flight["torque_limit_nm"],
+        "torque_noise_nm": torque_noise_nm(joints, node, float(flight["bus"]["rate_hz"])),
+        "torque_offset_sigma_nm": joints.torque_offset_sigma_nm,
+        "torque_scale_sigma_ratio": 0.0,
+    }
 
 
 def _orbit(section: OrbitSection, before_s: float) -> dict[str, Any]:
@@ -294,10 +305,11 @@ def bound_sensors(scenario: Scenario, n: int) -> Sensors:
     if imu is None:
         raise ScenarioError("sensors.imu: missing; the bound needs one")
     rate_hz = float(scenario.flight["bus"]["rate_hz"])
+    senses = [node.torque_sensor for node in nodes_of(sensors, n)]
     torque_nm = _sigma(sensors.joints.torque_noise, rate_hz, sensors.joints.torque_noise_nm)
     return Sensors(
         joint_rate_hz=rate_hz,
-        torque_noise_nm=np.full(n, torque_nm),
+        torque_noise_nm=np.where(senses, torque_nm, np.inf),
         torque_offset_sigma_nm=np.full(n, sensors.joints.torque_offset_sigma_nm),
         imu_rate_hz=float(imu.rate_hz),
         gyro_noise_rad_s=_gyro_sigma(imu),

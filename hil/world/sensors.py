@@ -29,7 +29,8 @@ HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: torque that takes a sensor from 
 class NodeConfig:
     """One joint node and how its raw values relate to the URDF's joint.
 
-    The node reports `sign * (q - zero_offset_rad)` and `sign * torque`.
+    The node reports `sign * (q - zero_offset_rad)` and `sign * torque`; without a torque sensor
+    zero, not valid.
     """
 
     __pydantic_config__ = STRICT
@@ -38,6 +39,7 @@ class NodeConfig:
     format: Literal["classic", "fd"] = "classic"
     sign: Literal[-1, 1] = 1
     zero_offset_rad: float = 0.0
+    torque_sensor: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -74,6 +74,7 @@ class JointBusSource:
         self._place = np.full(canopen.NODE_MASK + 1, -1)  # of a node's joint among these
         self._place[self._ids] = np.arange(len(joints))
         self._is_fd = np.array([config.format == "fd" for config in configs])
+        self._senses_torque = np.array([config.torque != "none" for config in configs])
         self._lengths = np.where(self._is_fd, canopen.FD_TPDO1_BYTES, canopen.TPDO1_BYTES)
         self._counts = Counters()  # what belongs to no joint
         self._states: dict[int, int] = {}
@@ -247,7 +248,8 @@ class JointBusSource:
         self._watch.feed(Answers(self._ids[node], index, newest, rows, t_ns), syncs, others)
         usable = (index >= 0) & canopen.position_usable(pdo.status)
         position_rad, torque_nm = self._calibration.apply(node, pdo.position_rad, pdo.torque_nm)
-        has_torque = canopen.torque_usable(pdo.status)
+        senses = self._senses_torque[node]
+        has_torque = canopen.torque_usable(pdo.status) & senses
         torque_nm[~has_torque] = np.nan
         self._count_received(node, length)
         if np.count_nonzero(usable) < len(usable):
@@ -273,7 +275,7 @@ class JointBusSource:
         for track, size, count in zip(self._tracks, self._lengths.tolist(), counts, strict=True):
             track.counts.accepted += count
             track.counts.accepted_bytes += count * size
-        self._report_torques(frames, node, usable & ~has_torque, pdo.status)
+        self._report_torques(frames, node, usable & senses & ~has_torque, pdo.status)
         if np.count_nonzero(usable) < len(usable):
             sync_ns, t_ns, node = sync_ns[usable], t_ns[usable], node[usable]
             position_rad, torque_nm = position_rad[usable], torque_nm[usable]

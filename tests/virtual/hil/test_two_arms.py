@@ -39,6 +39,22 @@ def test_base_and_target_are_found_together(tmp_path):
     assert outcome["nees"] < CHI2_20_999
 
 
+def test_an_arm_without_torque_sensors_takes_part(tmp_path):
+    """The base feels the right arm; its torques are nobody's to measure."""
+    scenario = short(tmp_path, name="two_arms", points=8)
+    joints = dict(scenario.sensors["joints"])
+    joints["nodes"] = [node | {"torque_sensor": node["bus"] == "left"} for node in joints["nodes"]]
+    scenario = replace(scenario, sensors=scenario.sensors | {"joints": joints})
+    setup = bench.prepare(scenario, 1, tmp_path)
+    recorded = bench.run_virtual(setup, NoMeter(), record=False)
+    outcome = judgement.judge(setup, judgement.make_case(setup), recorded)
+    assert outcome["valid"], outcome["reason"]
+    assert outcome["nees"] < CHI2_10_999
+    assert not any(block.has_joint[7:].any() for block in recorded.blocks)
+    assert all(block.has_joint[:7].all() for block in recorded.blocks)
+    assert not [event for event in recorded.events if "TORQUE" in event.code]
+
+
 def test_each_arm_has_its_own_bus(tmp_path):
     setup = bench.prepare(load("two_arms"), 1, tmp_path)
     assert {bus.name: bus.port for bus in setup.config.buses} == {"left": 43113, "right": 43114}

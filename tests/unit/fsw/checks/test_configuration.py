@@ -321,7 +321,7 @@ def test_the_description_says_what_the_daemon_would_do(arm):
     assert_named(
         text,
         "3 joints",
-        "root link 200 kg, arm 9 kg",
+        "root link 200 kg, all links 9 kg",
         "target: unknown; prior mass 80 +- 40 kg",
         "base: known; as the URDF's root link",
         "0x11 axis1, 0x12 axis2, 0x13 axis3",

@@ -11,6 +11,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from fsw.__main__ import main
+from fsw.config import Config
 from fsw.config.whole import json_schema
 from tests.conftest import arm_config
 
@@ -35,6 +36,23 @@ def test_angles_pass_in_the_place_of_a_quaternion():
     assert not Draft202012Validator(json_schema()).is_valid(data)
     data["imu"]["mounting"]["rpy_BS_rad"] = [0.0, 0.0, 1.0]
     assert Draft202012Validator(json_schema()).is_valid(data)
+
+
+def test_a_joint_without_torque_sensor_needs_none_of_its_values():
+    data = arm_config(3)
+    of_sensor = ("torque_limit_nm", "torque_noise_nm", "torque_offset_sigma_nm")
+    for key in of_sensor:
+        joint = data["joints"][1]
+        kept = joint.pop(key)
+        assert not Draft202012Validator(json_schema()).is_valid(data)
+        joint[key] = kept
+    data["joints"][1] = {k: v for k, v in joint.items() if k not in of_sensor} | {"torque": "none"}
+    assert Draft202012Validator(json_schema()).is_valid(data)
+    joint = Config.model_validate(data).joints[1]
+    assert joint.torque_offset_sigma_nm == joint.torque_scale_sigma_ratio == 0.0
+    data["estimator"] = {"method": "mrnea"}
+    with pytest.raises(ValueError, match=r"estimator\.method.*torque: none"):
+        Config.model_validate(data)
 
 
 @pytest.mark.parametrize(

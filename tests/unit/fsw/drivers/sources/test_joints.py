@@ -267,3 +267,13 @@ def test_the_newest_tpdo2_of_a_joint_is_reported_in_its_own_sign() -> None:
     assert motor["velocity_rad_s"] == pytest.approx(-math.tau)
     assert motor["motor_torque_ratio"] == pytest.approx(0.25)
     assert motor["temperature_degc"] == pytest.approx(21.5)
+
+
+@pytest.mark.parametrize("status", [0x08, 0x09, 0x0C])
+def test_a_joint_without_torque_sensor_gives_angles_and_no_finding(status: int) -> None:
+    bus = source(2, torque="none")
+    rows = run(bus, range(5), status=status)
+    assert len(rows) == 10
+    assert all(row.torque_nm is None for row in rows)
+    assert bus.findings() == []
+    assert bus.counters["rejected"] == 0
