@@ -77,7 +77,9 @@ def _parser() -> argparse.ArgumentParser:
         "--method", choices=("mrnea", "rda", "cm", "ce", "fused"), default="fused"
     )
     identify.add_argument(
-        "--unknown", choices=("base", "target", "both"), help="default: as the configuration says"
+        "--unknown",
+        metavar="BODIES",
+        help="base, target, both or names with commas between; default: as the configuration says",
     )
     _part_arguments(identify)
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
@@ -237,8 +239,8 @@ def _identify(arguments: argparse.Namespace) -> int:
     from fsw.commands.span import Span
     from fsw.config import load
 
-    both = ("base", "target")
-    unknown = both if arguments.unknown == "both" else (arguments.unknown,)
+    names = "base,target" if arguments.unknown == "both" else arguments.unknown or ""
+    unknown = tuple(name.strip() for name in names.split(",") if name.strip())
     config = _chosen(load(arguments.config), arguments.method, arguments.weighting)
     config = _checked(config)
 
@@ -250,7 +252,7 @@ def _identify(arguments: argparse.Namespace) -> int:
         arguments.recording,
         config,
         arguments.method,
-        unknown if arguments.unknown else (),
+        unknown,
         progress,
         Span(arguments.from_s, arguments.to_s),
     )

@@ -141,6 +141,11 @@ def _telemetry_warnings(config: Config) -> list[str]:
         )
         if len(names) > slots
     ]
+    others = [name for name in config.unknown if name not in ("base", "target")]
+    if others:
+        found.append(
+            f"unknown: no telemetry packet holds {', '.join(map(repr, others))}; the recording does"
+        )
     if rate_hz > tick_rate_hz:
         found.append(
             f"telemetry.science_rate_hz: {rate_hz:g} is above scheduler.tick_rate_hz "

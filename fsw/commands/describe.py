@@ -45,7 +45,7 @@ def _robot(config: Config, problem: Problem) -> list[str]:
 
 def _bodies(config: Config, problem: Problem) -> list[str]:
     lines = []
-    for name in ("base", "target"):
+    for name in dict.fromkeys(("base", "target", *config.bodies)):
         body = config.bodies.get(name)
         if name in problem.unknown and body is not None:
             lines.append(f"{name}: unknown; prior {_body(body)}")

@@ -1,6 +1,6 @@
 """Base of all sections of the configuration: strictness, and types with bounds."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -47,7 +47,7 @@ InertiaSigmas = tuple[
     InertiaSigma, InertiaSigma, InertiaSigma, InertiaSigma, InertiaSigma, InertiaSigma
 ]
 Quaternion = tuple[Finite, Finite, Finite, Finite]
-BodyName = Literal["base", "target"]
+BodyName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 
 
 class Section(BaseModel):

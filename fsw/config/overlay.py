@@ -30,6 +30,10 @@ def overlay(config: Config, changes: Mapping[str, Any]) -> Config:
     noise = noise_table(changes.get("noise", {}))
     unknown = tuple(changes.get("unknown", ())) or config.unknown
     bodies = {**config.bodies, **noise.bodies}
+    for name in noise.bodies:
+        was = config.bodies.get(name)
+        if (None if was is None else was.frame) != bodies[name].frame:
+            raise ConfigError(f"bodies.{name}.frame: must be as configured")
     for body in unknown:
         if body not in bodies or bodies[body].sigma is None:
             raise ConfigError(f"bodies.{body}: missing, or has no sigma; unknown lists {body!r}")

@@ -45,8 +45,13 @@ class LiquidConfig(Section):
 
 
 class BodyConfig(Section):
-    """Inertial data of a body in its own frame, inertia about its centre of mass."""
+    """Inertial data of a body in its own frame, inertia about its centre of mass.
 
+    That frame is the root link's for `base`, `robot.tool_frame` for `target`, and `frame` for a
+    body of any other name.
+    """
+
+    frame: str | None = None  # link or frame of the URDF
     mass_kg: Mass
     com_m: Position
     inertia_kg_m2: InertiaVector

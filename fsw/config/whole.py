@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -19,6 +19,8 @@ from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import TextError, explain, read_yaml
 from fsw.messages.errors import ConfigError
 
+NAMED_BY_PLACE = ("base", "target")
+FRAMES = "base is the root link, target in robot.tool_frame, any other body in a frame of its own"
 HEARTBEATS_MISSED = 1.5  # a node that leaves sooner would leave a sound bus
 SYNCS_UNANSWERED = 5  # fewer may be chance
 
@@ -139,13 +141,7 @@ class Config(Section):
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
         _method_has_its_torques(self.estimator.method, self.joints)
-        for body in self.unknown:
-            if body not in self.bodies:
-                raise ValueError(
-                    f"bodies.{body}: missing; unknown lists {body!r}, which needs a prior"
-                )
-            if self.bodies[body].sigma is None:
-                raise ValueError(f"bodies.{body}.sigma: missing; unknown lists {body!r}")
+        _bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):
             ratio = self.scheduler.tick_rate_hz / bus.rate_hz
             if abs(ratio - round(ratio)) > 1e-9 or ratio < 1:
@@ -161,6 +157,19 @@ def _device(bus: BusConfig) -> str | None:
         return None
     link = bus.channel if bus.port is None else f"{bus.channel}:{bus.port}"
     return f"{bus.interface}:{link}"
+
+
+def _bodies_have_their_keys(bodies: Mapping[str, BodyConfig], unknown: Sequence[str]) -> None:
+    """Refuse a body without a frame of its own, and an unknown one without a prior."""
+    for name, body in bodies.items():
+        if (body.frame is None) != (name in NAMED_BY_PLACE):
+            must = "must be left out" if name in NAMED_BY_PLACE else "missing"
+            raise ValueError(f"bodies.{name}.frame: {must}; {FRAMES}")
+    for name in unknown:
+        if name not in bodies:
+            raise ValueError(f"bodies.{name}: missing; unknown lists {name!r}, which needs a prior")
+        if bodies[name].sigma is None:
+            raise ValueError(f"bodies.{name}.sigma: missing; unknown lists {name!r}")
 
 
 def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:

@@ -66,7 +66,7 @@ def geometry(model: RobotModel, tool_frame: str) -> Geometry:
     tool = model.model.frames[model.model.getFrameId(tool_frame)].placement
     return Geometry(
         parents=tuple(model.parents.tolist()),
-        tool_body=model.tool_body,
+        tool_body=model.tool.body,
         R=tuple(np.array(x.rotation) for x in placements),
         p=tuple(np.array(x.translation) for x in placements),
         axis=tuple(axes),

@@ -85,6 +85,9 @@ def build_subject(
     ------
     ConfigError if a name or a file is wrong.
     """
+    others = [name for name in config.bodies if name not in ("base", "target")]
+    if others:
+        raise ConfigError(f"bodies.{others[0]}: motions are planned for base and target alone")
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem = build_problem(config, model, exact=True)
     noise = noise_model(config, model)

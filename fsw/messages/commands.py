@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -12,6 +13,7 @@ from fsw.messages.errors import CommandError, brief
 
 METHODS = ("mrnea", "rda", "cm", "ce", "fused")
 BODIES = ("base", "target")
+BODY_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MAX_LINE_BYTES = 65536
 MAX_LAST_S = 1e6  # as the telecommand RUN_BATCH has it
 
@@ -168,9 +170,14 @@ def _unknown(data: dict[str, Any]) -> list[str]:
     unknown = data.get("unknown", [])
     if isinstance(unknown, str):
         unknown = list(BODIES) if unknown == "both" else [unknown]
-    if not isinstance(unknown, list) or not set(map(str, unknown)) <= set(BODIES):
+    if not isinstance(unknown, list) or not all(_is_name(body) for body in unknown):
         raise CommandError(
             Code.BAD_ARGUMENT,
-            f"unknown {brief(unknown)}: must be base, target, both or a list of them",
+            f"unknown {brief(unknown)}: must be base, target, both or a list of bodies",
         )
     return [str(body) for body in unknown]
+
+
+def _is_name(value: Any) -> bool:  # noqa: ANN401
+    """Whether a value can be a body's name; whether there is such a body is found later."""
+    return isinstance(value, str) and BODY_NAME.fullmatch(value) is not None

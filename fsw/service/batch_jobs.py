@@ -101,6 +101,10 @@ class BatchJobs:
     def _start(self, command: Command) -> None:
         if self.is_running and self._newest is not None:
             raise CommandError(Code.JOB_RUNNING, f"job {self._newest.id} is running")
+        strange = set(command.args["unknown"]) - set(self.config.bodies)
+        if strange:
+            text = f"unknown {sorted(strange)}: the bodies are {sorted(self.config.bodies)}"
+            raise CommandError(Code.BAD_ARGUMENT, text)
         request = BatchRequest(
             id=command.id,
             method=str(command.args["method"]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ class TrueBodies:
     __pydantic_config__ = STRICT
     base: Body | None = None
     target: Body | None = None
+    held: dict[str, Body] = field(default_factory=dict)  # further ones, by what they are fixed to
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +120,9 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
     """Simulate the truth and power the devices on at `t0_ns`; paths are relative to `folder`."""
     bodies = file.bodies
     urdf = folder / file.robot.urdf
-    robot = Robot.load(urdf, file.robot.tool_frame, bodies.base, bodies.target, file.slosh)
+    robot = Robot.load(
+        urdf, file.robot.tool_frame, bodies.base, bodies.target, file.slosh, bodies.held
+    )
     spline = JointSpline.load(folder / file.trajectory)
     before_s = TAIL_S if file.environment is None else max(TAIL_S, file.start_delay_s)
     end_s = spline.duration_s + TAIL_S

@@ -22,6 +22,7 @@ class FloatingRobot:
     ----------
     urdf, tool_frame : the arms; root link = base, the target's frame is the tool frame
     bodies : pi (10,) of "base" and, when one is grasped, "target", in their own frames
+    frames : what further bodies are fixed to, each in its own frame
     unknown : which of them x (10 each, in this order) stands for
 
     Attributes
@@ -37,20 +38,22 @@ class FloatingRobot:
         tool_frame: str,
         bodies: Mapping[str, FloatArray],
         unknown: Sequence[str],
+        frames: Mapping[str, str] | None = None,
     ) -> None:
         self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
         self.model.gravity.setZero()
         self.data = self.model.createData()
         self.n = self.model.nv - 6
         self._tool = self.model.getFrameId(tool_frame)
-        frame = self.model.frames[self._tool]
-        placement, held = frame.placement, int(frame.parentJoint) - 1
         links = [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
         links[0] = np.zeros(COUNT)
         self.known: FloatArray = np.concatenate(links)
-        grasp = frame_map(placement.rotation, placement.translation)
-        maps = {"base": np.eye(COUNT), "target": grasp}
-        spots = {"base": slice(0, COUNT), "target": slice(COUNT * held, COUNT * (held + 1))}
+        maps, spots = {"base": np.eye(COUNT)}, {"base": slice(0, COUNT)}
+        for body, name in {"target": tool_frame, **(frames or {})}.items():
+            frame = self.model.frames[self.model.getFrameId(name)]
+            placement, held = frame.placement, int(frame.parentJoint) - 1
+            maps[body] = frame_map(placement.rotation, placement.translation)
+            spots[body] = slice(COUNT * held, COUNT * (held + 1))
         for body in bodies:
             if body not in unknown:
                 self.known[spots[body]] += maps[body] @ bodies[body]

@@ -28,7 +28,9 @@ def make_case(setup: Setup) -> Case:
     """Return the truth and bounds that judge the result of a run."""
     scenario = setup.scenario
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
-    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
+    robot = FloatingRobot(
+        scenario.urdf, scenario.tool_frame, pis, scenario.unknown, scenario.frames
+    )
     spline = JointSpline.load(scenario.verification)
     end_s = setup.spline.duration_s + scenario.after_s
     t_s = np.arange(-scenario.before_s, end_s, 1 / BOUND_RATE_HZ)

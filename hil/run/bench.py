@@ -138,7 +138,12 @@ def prepare(
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
     bodies = {name: _body(report) for name, report in scenario.truth.items()}
     robot = Robot.load(
-        scenario.urdf, scenario.tool_frame, bodies.get("base"), bodies.get("target"), scenario.slosh
+        scenario.urdf,
+        scenario.tool_frame,
+        bodies.get("base"),
+        bodies.get("target"),
+        scenario.slosh,
+        {frame: bodies[name] for name, frame in scenario.frames.items()},
     )
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}

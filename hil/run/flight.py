@@ -102,6 +102,8 @@ def flight_document(
                 ]
         else:
             bodies[body] = mapping_from(report)
+        if body in scenario.frames:
+            bodies[body]["frame"] = scenario.frames[body]
     joints = [
         {
             "name": name,
@@ -251,7 +253,7 @@ def plant_document(
             "tool_frame": scenario.tool_frame,
         },
         "trajectory": os.path.relpath(scenario.identification, folder),
-        "bodies": {body: mapping_from(report) for body, report in scenario.truth.items()},
+        "bodies": _true_bodies(scenario),
         "sensors": scenario.sensors,
         "links": links,
         "environment": (
@@ -262,6 +264,12 @@ def plant_document(
         "seed": seed,
         "realtime": {"priority": 40},
     }
+
+
+def _true_bodies(scenario: Scenario) -> dict[str, Any]:
+    held = {frame: mapping_from(scenario.truth[name]) for name, frame in scenario.frames.items()}
+    own = {b: mapping_from(r) for b, r in scenario.truth.items() if b not in scenario.frames}
+    return own | ({"held": held} if held else {})
 
 
 def _second_link(bus: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ gets a free joint, every link stays a body, and a target is one more body welded
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,6 +22,7 @@ from hil.world.inertia import pi_of, report_of, symmetric
 
 FloatArray = NDArray[np.float64]
 
+TARGET = "grasped target"  # its body in the model
 BASE_NV = 6
 BASE_NQ = 7
 
@@ -94,6 +95,7 @@ class Robot:
         base: Body | None = None,
         target: Body | None = None,
         slosh: Sequence[SloshMass] = (),
+        held: Mapping[str, Body] | None = None,
     ) -> Robot:
         """Read a URDF.
 
@@ -104,6 +106,7 @@ class Robot:
         base : replaces the root link's inertial data
         target : grasped body, in the tool frame; None: nothing is grasped
         slosh : liquid of the base; its coordinates stand between the base's and the joints'
+        held : further bodies by the frame that each is fixed to
 
         Raises
         ------
@@ -112,17 +115,19 @@ class Robot:
         """
         links = read_links(urdf)
         arm = [link for link in links if link.axis is not None]
-        tool = next((k for k in links if tool_frame in (k.name, k.joint)), None)
-        if tool is None:
-            raise ValueError(f"{urdf}: no frame {tool_frame!r}; has {[k.name for k in links]}")
+        tool = _link_of(urdf, links, tool_frame)
+        grasped = [
+            (_link_of(urdf, links, frame).name, f"held by {frame}", body)
+            for frame, body in (held or {}).items()
+        ]
+        if target is not None:
+            grasped.append((tool.name, TARGET, target))
         grasping = _joints_to(links, tool)
         if not grasping:
             raise ValueError(f"{urdf}: no joint moves {tool.name!r}")
         if base is None and links[0].body is None:
             raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
-        model = _compile(
-            links, tool.name, base if base is not None else links[0].body, target, slosh
-        )
+        model = _compile(links, base if base is not None else links[0].body, grasped, slosh)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         first = model.body(grasping[0].name).id
@@ -262,6 +267,13 @@ def _vector(text: str | None, default: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def _link_of(urdf: Path, links: list[Link], frame: str) -> Link:
+    link = next((k for k in links if frame in (k.name, k.joint)), None)
+    if link is None:
+        raise ValueError(f"{urdf}: no frame {frame!r}; has {[k.name for k in links]}")
+    return link
+
+
 def _joints_to(links: list[Link], tool: Link) -> list[Link]:
     """Return the links with a joint of their own from the base to the tool."""
     by_name = {link.name: link for link in links}
@@ -297,9 +309,8 @@ def without(body: Body, slosh: Sequence[SloshMass]) -> Body:
 
 def _compile(
     links: list[Link],
-    tool: str,
     base: Body | None,
-    target: Body | None,
+    grasped: Sequence[tuple[str, str, Body]],
     slosh: Sequence[SloshMass],
 ) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
@@ -328,8 +339,8 @@ def _compile(
         elif link.axis is not None:
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
             node.add_joint(name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-    if target is not None:
-        _set_inertia(bodies[tool].add_body(name="grasped target"), target)
+    for link_name, name, body in grasped:
+        _set_inertia(bodies[link_name].add_body(name=name), body)
     return spec.compile()
 
 

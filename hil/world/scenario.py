@@ -7,8 +7,9 @@ drawn from the run's seed, so the flight configuration holds no truth of it.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from xml.etree import ElementTree
@@ -30,8 +31,6 @@ SIGMA_RATIO = 0.5  # rms of the above seen from the prior: 0.4 / (1 -+ 0.4)
 COM_FLOOR_RATIO = 0.3  # of the distance of the centre of mass from the origin
 PRODUCT_FLOOR_RATIO = 0.1  # of the mean moment of inertia
 MARGIN_RATIO = 0.02  # a prior keeps this distance from the triangle inequality's edge
-
-BodyName = Literal["base", "target"]
 
 
 LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
@@ -84,8 +83,9 @@ class Document(_Section):
     title: str
     robot: RobotSection
     bodies_file: Path
-    bodies: dict[BodyName, str]
-    unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
+    bodies: dict[str, str]
+    frames: dict[str, str] = {}  # of bodies besides base and target: what each is fixed to
+    unknown: Annotated[tuple[str, ...], Field(min_length=1)]
     trajectories: TrajectorySection
     timing: TimingSection
     sensors: dict[str, Any] | Path
@@ -104,6 +104,7 @@ class Scenario:
     urdf: Path
     tool_frame: str
     truth: dict[str, FloatArray]
+    frames: dict[str, str] = field(default_factory=dict)
     unknown: tuple[str, ...]
     identification: Path
     verification: Path
@@ -166,13 +167,18 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
     unnamed = set(document.unknown) - set(document.bodies)
     if unnamed:
         raise ScenarioError(f"{path}: unknown: {sorted(unnamed)} not among bodies")
+    if set(document.frames) != set(document.bodies) - set(BODY_NAMES):
+        raise ScenarioError(
+            f"{path}: frames: {sorted(document.frames)} must be the bodies besides base and target"
+        )
     return Scenario(
         name=path.stem,
         title=document.title,
         urdf=(home / document.robot.urdf).resolve(),
         tool_frame=document.robot.tool_frame,
         truth={b: report_from(catalogue[key]) for b, key in document.bodies.items()},
-        unknown=tuple(b for b in BODY_NAMES if b in document.unknown),
+        frames=document.frames,
+        unknown=tuple(b for b in (*BODY_NAMES, *document.frames) if b in document.unknown),
         identification=(home / document.trajectories.identification).resolve(),
         verification=(home / document.trajectories.verification).resolve(),
         before_s=document.timing.before_s,
@@ -204,7 +210,8 @@ def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
     Draws that no body of positive density could have are drawn again. The sigma is taken from the
     prior alone by the same rule: it says how large the error may be and nothing of the truth.
     """
-    key = (PRIOR_STREAM, BODY_NAMES.index(body))
+    place = BODY_NAMES.index(body) if body in BODY_NAMES else zlib.crc32(body.encode())
+    key = (PRIOR_STREAM, place)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
     scale = _scale(truth)
     while True:

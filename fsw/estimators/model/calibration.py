@@ -6,7 +6,7 @@ a wrong link does to the torques is then taken out of the residuals and counted 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fsw.estimators.model.inertia import (
     report_jacobian,
     to_parameters,
 )
-from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.messages import FloatArray
 
 _PAIRS = [(i, j) for i in range(4) for j in range(i, 4)]
@@ -46,7 +46,7 @@ def spread_root(pi: FloatArray, ratio: float) -> FloatArray:
 
 
 def known_bodies(
-    config: Config, model: RobotModel, unknown: tuple[str, ...]
+    config: Config, model: RobotModel, unknown: tuple[str, ...], held: Mapping[str, Hold]
 ) -> Iterator[tuple[str, FloatArray]]:
     """Yield name and (10 (n + 1), k) ways of every known body that is not exact."""
     ratio, size = config.robot.links_sigma_ratio, model.pi_links.size
@@ -61,10 +61,10 @@ def known_bodies(
             link = joints[name].link_sigma_ratio
             root = spread_root(model.pi_links[own], ratio if link is None else link)
         yield from _placed("base" if name == "base" else f"link.{name}", root, own, size)
-    if "target" in config.bodies and "target" not in unknown:
-        target = config.bodies["target"]
-        root = model.tool_map @ _body_root(target, np.zeros(PARAMETERS), ratio)
-        yield from _placed("target", root, model.tool, size)
+    for name, hold in held.items():
+        if name not in unknown:
+            root = hold.map @ _body_root(config.bodies[name], np.zeros(PARAMETERS), ratio)
+            yield from _placed(name, root, hold.places, size)
 
 
 def _body_root(body: BodyConfig | None, pi: FloatArray, ratio: float) -> FloatArray:

@@ -1,14 +1,15 @@
 """The estimation problem: which parameters are unknown, their prior, and the state's layout.
 
-State x = [10 parameters per unknown body (base first), ways in which the known bodies may differ
-(up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual angular
-momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros of the
-joints (n), place (3) and angles (3) of the inertial unit]. Where a prior sigma is zero
+State x = [10 parameters per unknown body (base first, then target), ways in which the known bodies
+may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
+angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
+of the joints (n), place (3) and angles (3) of the inertial unit]. Where a prior sigma is zero
 there is no state.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from fsw.estimators.model.inertia import (
     to_parameters,
 )
 from fsw.estimators.model.orbit import CircularOrbit
-from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
@@ -166,6 +167,36 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
     return tuple(configured.index(name) for name in model.joint_names)
 
 
+def ordered(bodies: Sequence[str]) -> tuple[str, ...]:
+    """Return bodies in the order of the state: base, target, then the others as they are."""
+    first = [name for name in ("base", "target") if name in bodies]
+    return (*first, *(name for name in bodies if name not in first))
+
+
+def holds(config: Config, model: RobotModel, unknown: tuple[str, ...]) -> dict[str, Hold]:
+    """Return how each body but the base hangs on the robot.
+
+    Raises
+    ------
+    ConfigError if a frame is none of the robot's, or two unknown bodies are fixed to one another.
+    """
+    held = {
+        name: model.tool if body.frame is None else model.hold(body.frame, f"bodies.{name}.frame")
+        for name, body in config.bodies.items()
+        if name != "base"
+    }
+    owners: dict[int, str] = {}
+    for name in unknown:
+        place = held[name].body if name in held else 0
+        if place in owners:
+            raise ConfigError(
+                f"unknown: {owners[place]!r} and {name!r} are fixed to one another; only their sum "
+                "can be found"
+            )
+        owners[place] = name
+    return held
+
+
 def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> Problem:
     """Lay out the state and its prior for one configuration.
 
@@ -176,7 +207,8 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
     ConfigError if the joints do not match the robot's.
     """
     joints = [config.joints[k] for k in joint_order(config, model)]
-    unknown = tuple(name for name in ("base", "target") if name in config.unknown)
+    unknown = ordered(config.unknown)
+    held = holds(config, model, unknown)
     pi_base = model.pi_links[:PARAMETERS]
     if "base" in config.bodies:
         pi_base = body_prior(config.bodies["base"])[0]
@@ -185,15 +217,18 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         np.zeros(PARAMETERS) if "base" in unknown else pi_base,
         None if "target" in unknown else pi_target,
     )
+    for name, hold in held.items():
+        if name != "target" and name not in unknown:
+            pi_known[hold.places] += hold.map @ body_prior(config.bodies[name])[0]
     U = np.zeros((pi_known.size, PARAMETERS * len(unknown)))
-    known = {} if exact else dict(known_bodies(config, model, unknown))
+    known = {} if exact else dict(known_bodies(config, model, unknown, held))
     means, covariances, names, liquids = [], [], [], []
     for index, name in enumerate(unknown):
         columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
         if name == "base":
             U[:PARAMETERS, columns] = np.eye(PARAMETERS)
         else:
-            U[model.tool, columns] = model.tool_map
+            U[held[name].places, columns] = held[name].map
         mean, covariance = body_prior(config.bodies[name])
         means.append(mean)
         covariances.append(covariance)

@@ -8,6 +8,7 @@ so all functions of (q, w, qd) here set v_b = 0.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,22 @@ from fsw.messages.errors import ConfigError
 REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Hold:
+    """How a body hangs on the robot.
+
+    Attributes
+    ----------
+    body : of the robot that holds it: 0 the base, k + 1 the link of joint k
+    places : that body's ten in pi (10 (n + 1),)
+    map : (10, 10), takes the held body's parameters in its own frame to that body's
+    """
+
+    body: int
+    places: slice
+    map: FloatArray
+
+
 class RobotModel:
     """Dynamics of base, known arm and grasped target, linear in the inertial parameters.
 
@@ -37,9 +54,7 @@ class RobotModel:
     joint_names : their names, every joint after the one that carries it
     pi_links : (10 (n + 1),) parameters of base and links as the URDF has them
     parents : (n,) body that carries each joint: 0 the base, k + 1 the link of joint k
-    tool_body : body that grasps the target, 0 the base
-    tool : its ten places in pi (10 (n + 1),)
-    tool_map : (10, 10), takes a target's parameters in the tool frame E to that body's frame
+    tool : how the target hangs on the robot, in the tool frame E
     """
 
     def __init__(self, urdf: Path, tool_frame: str, text: str | None = None) -> None:
@@ -62,21 +77,13 @@ class RobotModel:
                     "must be revolute with limits, or fixed"
                 )
         self.parents = np.array(self.model.parents[2:], np.intp) - 1
-        if not self.model.existFrame(tool_frame):
-            names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
-            raise ConfigError(
-                f"robot.tool_frame: {tool_frame!r} is no frame of {urdf.name}; it has {names}"
-            )
-        frame = self.model.frames[self.model.getFrameId(tool_frame)]
-        self.tool_body = int(frame.parentJoint) - 1
-        if self.tool_body in {0, *self.parents.tolist()} and self.n:
+        self.tool = self.hold(tool_frame, "robot.tool_frame")
+        if self.tool.body in {0, *self.parents.tolist()} and self.n:
             raise ConfigError(
                 f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of an arm"
             )
-        self.tool = slice(PARAMETERS * self.tool_body, PARAMETERS * (self.tool_body + 1))
         self.data = self.model.createData()
         self._tool = self.model.getFrameId(tool_frame)
-        self.tool_map = frame_change(frame.placement.rotation, frame.placement.translation)
         self.pi_links = np.concatenate(
             [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
         )
@@ -86,6 +93,22 @@ class RobotModel:
         self._lower = np.tril_indices(self.model.nv, -1)
         self._set = np.full(self.pi_links.size, np.nan)
         self._carries = self._support()
+
+    def hold(self, frame_name: str, key: str) -> Hold:
+        """Return how a body in a frame of the robot hangs on it.
+
+        Raises
+        ------
+        ConfigError naming `key` if there is no such frame.
+        """
+        if not self.model.existFrame(frame_name):
+            names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
+            raise ConfigError(f"{key}: {frame_name!r} is no frame of the robot; it has {names}")
+        frame = self.model.frames[self.model.getFrameId(frame_name)]
+        body = int(frame.parentJoint) - 1
+        places = slice(PARAMETERS * body, PARAMETERS * (body + 1))
+        placement = frame.placement
+        return Hold(body, places, frame_change(placement.rotation, placement.translation))
 
     def _support(self) -> NDArray[np.bool_]:
         """Return (n + 1, n): whether a body is carried by a joint."""
@@ -104,7 +127,7 @@ class RobotModel:
         pi = self.pi_links.copy()
         pi[:PARAMETERS] = base
         if target is not None:
-            pi[self.tool] += self.tool_map @ target
+            pi[self.tool.places] += self.tool.map @ target
         return pi
 
     def set_parameters(self, pi: FloatArray) -> None:

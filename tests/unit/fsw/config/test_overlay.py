@@ -45,6 +45,21 @@ def test_what_is_named_changes_and_nothing_else(config):
         ({"noise": {"joint": {}}}, "did you mean 'joints'"),
         ({"estimator": {"gate_probability": 0.5}}, "gate_probability"),
         ({"noise": [1]}, "valid dictionary"),
+        (
+            {
+                "noise": {
+                    "bodies": {
+                        "box": {
+                            "frame": "gripper",
+                            "mass_kg": 1.0,
+                            "com_m": [0, 0, 0],
+                            "inertia_kg_m2": [1, 0, 0, 1, 0, 1],
+                        }
+                    }
+                }
+            },
+            "bodies.box.frame: must be as configured",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_name(config, changes, word):

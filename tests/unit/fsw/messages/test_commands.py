@@ -33,7 +33,7 @@ def test_a_batch_names_method_bodies_and_span():
         (b'{"command": "reset", "now": true}', Code.BAD_ARGUMENT),
         (b'{"command": "run_batch"}', Code.BAD_ARGUMENT),
         (b'{"command": "run_batch", "method": "magic"}', Code.BAD_ARGUMENT),
-        (b'{"command": "run_batch", "method": "rda", "unknown": "arm"}', Code.BAD_ARGUMENT),
+        (b'{"command": "run_batch", "method": "rda", "unknown": "an arm"}', Code.BAD_ARGUMENT),
         (b'{"command": "run_batch", "method": "rda", "last_s": -1}', Code.BAD_ARGUMENT),
         (b'{"command": "run_batch", "method": "rda", "last_s": true}', Code.BAD_ARGUMENT),
         (b'{"command": "run_batch", "method": "rda", "last_s": Infinity}', Code.BAD_ARGUMENT),

@@ -122,6 +122,12 @@ def test_a_worker_that_cannot_be_started_fails_the_command(
     assert not bench.jobs.is_running
 
 
+def test_a_body_that_is_not_configured_is_refused_at_once(bench: SimpleNamespace):
+    args = ARGS | {"unknown": ["target", "arm"]}
+    assert code_of(bench, CommandName.RUN_BATCH, 3, **args) == Code.BAD_ARGUMENT
+    assert bench.asked == []
+
+
 def test_other_commands_pass(bench: SimpleNamespace):
     command = Command(name=CommandName.RESET, id=9)
     assert bench.jobs.carry_out(command) is command

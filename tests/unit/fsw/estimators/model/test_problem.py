@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from fsw.config import BodyConfig
+from fsw.config import BodyConfig, Config
 from fsw.estimators.model.inertia import from_parameters
 from fsw.estimators.model.problem import body_prior, build_problem, joint_order
 from fsw.messages.errors import ConfigError
@@ -98,3 +99,45 @@ def test_the_urdfs_base_is_used_where_none_is_configured() -> None:
     bodies = {"target": config.bodies["target"]}
     problem = build_problem(config.model_copy(update={"bodies": bodies}), robot_model())
     np.testing.assert_allclose(problem.pi_known[:10], robot_model().pi_links[:10])
+
+
+def with_box(unknown: tuple[str, ...], frame: str, **changes: object) -> Config:
+    """Return a configuration in which a link of the arm holds a box."""
+    data = make_config(("base", "target")).model_dump()
+    data["bodies"]["box"] = plain(TARGET) | {"frame": frame} | changes
+    return Config.model_validate(data | {"unknown": unknown})
+
+
+@pytest.mark.parametrize("unknown", [("target",), ("box", "base"), ("box", "target", "base")])
+def test_a_body_in_a_frame_of_its_own_adds_to_the_link_that_holds_it(unknown) -> None:
+    model = robot_model()
+    problem = build_problem(with_box(unknown, "link4"), model, exact=True)
+    expected = model.total_parameters(parameters(BASE), parameters(TARGET))
+    frame = model.model.frames[model.model.getFrameId("link4")]
+    box = frame.placement.act(pin.Inertia.FromDynamicParameters(parameters(TARGET)))
+    expected[40:50] += box.toDynamicParameters()
+    np.testing.assert_allclose(problem.pi(problem.prior_mean), expected, rtol=1e-12, atol=1e-10)
+    places = {"base": 0, "target": 1, "box": 2}
+    assert problem.unknown == tuple(sorted(unknown, key=places.__getitem__))
+
+
+@pytest.mark.parametrize(
+    ("unknown", "frame", "word"),
+    [
+        (("target", "box"), "tool", "'target' and 'box' are fixed to one another"),
+        (("base", "box"), "base", "'base' and 'box' are fixed to one another"),
+        (("target",), "claw", "bodies.box.frame: 'claw'"),
+    ],
+)
+def test_a_body_that_cannot_be_told_from_another_is_refused(unknown, frame, word) -> None:
+    with pytest.raises(ConfigError, match=word):
+        build_problem(with_box(unknown, frame), robot_model())
+
+
+def test_a_known_body_on_a_link_may_differ_from_its_data() -> None:
+    data = with_box(("target",), "link4").model_dump()
+    data["robot"]["links_sigma_ratio"] = 0.05
+    data["bodies"]["box"]["sigma"] = None
+    problem = build_problem(Config.model_validate(data), robot_model())
+    ways = [name for name in problem.names if name.startswith("known.box.")]
+    assert len(ways) == 10

@@ -100,7 +100,7 @@ def test_target_is_placed_at_the_tool_frame(model: RobotModel) -> None:
     frame = model.model.frames[model.model.getFrameId(name)]
     placed = frame.placement.act(pin.Inertia.FromDynamicParameters(parameters(TARGET)))
     np.testing.assert_allclose(
-        model.tool_map @ parameters(TARGET), placed.toDynamicParameters(), rtol=1e-12, atol=1e-10
+        model.tool.map @ parameters(TARGET), placed.toDynamicParameters(), rtol=1e-12, atol=1e-10
     )
 
 
