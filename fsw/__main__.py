@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fsw.commands.excite_arguments import add_arguments as excite_arguments
@@ -21,6 +20,7 @@ from fsw.commands.init_arguments import add_arguments as init_arguments
 from fsw.messages.errors import ConfigError, FswError
 
 if TYPE_CHECKING:
+    from fsw.commands.robot import Robot
     from fsw.config import Config
     from fsw.estimators.model.problem import Problem
 
@@ -149,7 +149,7 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     export.add_argument(
         "--format", choices=("urdf", "sdf", "mjcf", "json", "csv"), default="json", help="json"
     )
-    export.add_argument("--body", choices=("base", "target"), help="needed where there are two")
+    export.add_argument("--body", metavar="NAME", help="needed where there are two")
     export.set_defaults(command=_export)
 
     check = commands.add_parser("check", help="validate everything; touch no device")
@@ -173,24 +173,18 @@ def _part_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _chosen(config: Config, method: str | None, weighting: str | None) -> Config:
-    """Return a configuration with the method and the weighting of the command line."""
-    settings = config.estimator
-    if weighting is not None and (method or settings.method) != "mrnea":
-        raise ConfigError(f"--weighting {weighting}: only mrnea has one; add --method mrnea")
-    changes = {"method": method if method != "ce" else None, "weighting": weighting}
-    given = {key: value for key, value in changes.items() if value is not None}
-    return config.model_copy(update={"estimator": settings.model_copy(update=given)})
+def _warned(robot: Robot) -> Robot:
+    """Print the warnings of a configuration to stderr."""
+    for warning in robot.warnings:
+        print(f"fsw: warning: {robot.config.name}: {warning}", file=sys.stderr)
+    return robot
 
 
 def _checked(config: Config) -> Config:
     """Validate all of a configuration; warnings go to stderr."""
-    from fsw.checks.configuration import validate
+    from fsw.commands.robot import Robot
 
-    _, warnings = validate(config)
-    for warning in warnings:
-        print(f"fsw: warning: {config.name}: {warning}", file=sys.stderr)
-    return config
+    return _warned(Robot(config)).config
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -209,21 +203,15 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from fsw.config import load
+    from fsw.commands.robot import Robot
 
-    with TemporaryDirectory(prefix="fsw-replay-") as folder:
-        if arguments.config is not None:
-            config = load(arguments.config)
-        else:
-            from fsw.service.recorder import recorded_config
+    given = None if arguments.config is None else Robot(arguments.config)
+    from fsw.commands.api import load, replay  # only now anything that can open a recording
 
-            config = recorded_config(arguments.recording, Path(folder))
-        config = _checked(_chosen(config, arguments.method, arguments.weighting))
-        from fsw.commands.replay import replay
-        from fsw.commands.span import Span
-
-        span = Span(arguments.from_s, arguments.to_s)
-        result = replay(arguments.recording, config, span=span)
+    recording = load(arguments.recording)
+    robot = recording.robot if given is None else given
+    robot = _warned(robot.with_choices(method=arguments.method, weighting=arguments.weighting))
+    result = replay(recording, robot, from_s=arguments.from_s, to_s=arguments.to_s)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
     for source, counts in result.status["samples"].items():
         if not counts["accepted"]:
@@ -235,29 +223,27 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _identify(arguments: argparse.Namespace) -> int:
-    from fsw.commands.identify import identify, to_text
-    from fsw.commands.span import Span
-    from fsw.config import load
+    from fsw.commands.robot import Robot
 
-    names = "base,target" if arguments.unknown == "both" else arguments.unknown or ""
-    unknown = tuple(name.strip() for name in names.split(",") if name.strip())
-    config = _chosen(load(arguments.config), arguments.method, arguments.weighting)
-    config = _checked(config)
+    method, weighting, unknown = arguments.method, arguments.weighting, arguments.unknown
+    robot = Robot(arguments.config)
+    robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))
+    from fsw.commands.api import identify  # only now anything that can open a recording
 
     def progress(_ratio: float, text: str) -> bool:
-        print(f"fsw: {arguments.method}: {text}", file=sys.stderr)
+        print(f"fsw: {method}: {text}", file=sys.stderr)
         return True
 
     result = identify(
         arguments.recording,
-        config,
-        arguments.method,
-        unknown,
-        progress,
-        Span(arguments.from_s, arguments.to_s),
+        robot,
+        method=method,
+        from_s=arguments.from_s,
+        to_s=arguments.to_s,
+        progress=progress,
     )
-    print(json.dumps(result) if arguments.json else to_text(result))
-    return 0 if result["status"] == "OK" else FAILED_EXIT
+    print(json.dumps(result.values) if arguments.json else result)
+    return 0 if result.valid else FAILED_EXIT
 
 
 def _excite(arguments: argparse.Namespace) -> int:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from fsw.commands.motion import bounds, planned, predicted_sigma
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.exchange.sinks import Message, NullSink
-from fsw.excitation import assess, criteria, export, spline
-from fsw.excitation.collision import Collisions, build_collisions
+from fsw.excitation import assess, criteria, spline
+from fsw.excitation.collision import Collisions
 from fsw.excitation.limits import MotionLimits
-from fsw.excitation.limits import load as load_limits
-from fsw.excitation.plan import DENSER, InfeasibleError, MotionRequest, Planner
+from fsw.excitation.plan import DENSER, InfeasibleError, MotionRequest
 from fsw.excitation.subject import Subject, build_subject
 from fsw.excitation.verify import Use, every_limit
 from fsw.messages import Block, FloatArray
@@ -50,17 +49,7 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
         return _recorded(arguments.evaluate, config, subject)
     if arguments.limits is None:
         raise ConfigError("--limits: missing; which limits hold is never assumed")
-    limits = load_limits(arguments.limits)
-    collisions = None
-    if limits.clearance_m is not None:
-        collisions = build_collisions(
-            subject.model,
-            config.resolve(config.robot.urdf),
-            config.robot.tool_frame,
-            limits.target_box,
-        )
-        if collisions is None:
-            _tell("no collision geometry in the URDF: clearance_m is not checked")
+    limits, collisions = bounds(config, subject, arguments.limits, _tell)
     if arguments.evaluate is not None:
         return _evaluate(arguments, subject, limits, collisions)
     return _plan(arguments, subject, limits, collisions)
@@ -106,29 +95,15 @@ def _plan(
     )
     guess = None if arguments.start_from is None else spline.load(arguments.start_from)
     try:
-        plan = Planner(subject, limits, collisions, request, _tell).plan(guess)
+        motion = planned(subject, limits, collisions, request, _tell, guess)
     except InfeasibleError as error:
         _tell(f"infeasible: {error}")
         return FAILED
-    values = assess.all_criteria(subject, plan.trajectory, request.rate_hz, request.gamma)
-    about: dict[str, Any] = {
-        "command": "fsw excite",
-        "unknown": list(subject.problem.unknown),
-        "criterion": request.criterion,
-        "seed": request.seed,
-        "values": {key: float(f"{value:.6g}") for key, value in values.items()},
-        "joints": list(subject.model.joint_names),
-        "limits": {use.kind: float(f"{use.value:.5g}") for use in plan.uses},
-    }
-    out, names = arguments.out, subject.model.joint_names
-    out.parent.mkdir(parents=True, exist_ok=True)
-    spline.save(plan.trajectory, out, about)
-    export.write_csv(plan.trajectory, names, out.with_suffix(".csv"), arguments.export_rate_hz)
-    ros = out.with_name(f"{out.stem}_joint_trajectory.yaml")
-    export.write_joint_trajectory(plan.trajectory, names, ros, arguments.export_rate_hz)
-    _picture(subject, limits, collisions, plan.trajectory, out.with_suffix(".png"))
-    root = assess.information_root(subject, plan.trajectory, request.rate_hz)
-    sys.stdout.write(_text(subject, root, values, plan.uses) + f"\nwritten: {out}\n")
+    out = arguments.out
+    motion.save(out, arguments.export_rate_hz)
+    _picture(subject, limits, collisions, motion.trajectory, out.with_suffix(".png"))
+    sys.stdout.write(_text(subject, motion.root, motion.values, motion.uses))
+    sys.stdout.write(f"\nwritten: {out}\n")
     return DONE
 
 
@@ -177,7 +152,7 @@ def _recorded(recording: Path, config: Config, subject: Subject) -> int:
 
 
 def _text(subject: Subject, root: FloatArray, values: dict[str, float], uses: list[Use]) -> str:
-    sigma = np.sqrt(np.diag(criteria.report_covariance(root, subject.scale)))
+    sigma = predicted_sigma(subject, root)
     lines = [f"{name}: {value:.6g}" for name, value in values.items()]
     for name, own, prior in zip(subject.names, sigma, subject.scale.prior_sigma, strict=True):
         lines.append(f"{name}: predicted sigma {own:.4g} (prior {prior:.4g})")

@@ -1,0 +1,219 @@
+"""The functions that notebooks, scripts and the command line share; docs/api.md shows them.
+
+SI units; inertia is xx xy xz yy yz zz about the centre of mass, in the body's axes: B of the base,
+the tool frame of a target. Everything raises `fsw.messages.errors.ConfigError`, one line per fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+
+from fsw.commands.export_body import FORMATS, Body, body_of
+from fsw.commands.identify import identify as identify_recording
+from fsw.commands.identify import to_text
+from fsw.commands.replay import replay as replay_recording
+from fsw.commands.replay_result import ReplayResult
+from fsw.commands.robot import Criterion, Folder, Method, Robot, Unknown, Weighting, one_of
+from fsw.commands.span import Span
+from fsw.exchange.recording_parts import contents_of, parts_of
+from fsw.messages import FloatArray
+from fsw.service.recorder import recorded_config
+
+if TYPE_CHECKING:
+    from fsw.commands.motion import PlannedMotion
+
+
+class Recording:
+    """A recording and the parts that follow it; nothing of its messages is in memory."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.parts: Sequence[Path] = parts_of(self.path)
+        held = contents_of(self.parts)
+        self.channels: tuple[str, ...] = held.topics
+        self.truncated: bool = held.truncated
+        self.metadata: Mapping[str, Mapping[str, str]] = held.metadata
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot of the configuration within the recording.
+
+        Raises
+        ------
+        ConfigError when the recording carries none.
+        """
+        folder = Folder()
+        return Robot(recorded_config(self.path, folder.path), folder=folder)
+
+    def __repr__(self) -> str:
+        return f"Recording({self.path}: {', '.join(self.channels)})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """Result of a method; `values` holds every field, docs/output.md describes each."""
+
+    values: Mapping[str, Any]
+
+    @property
+    def status(self) -> str:
+        """OK, or why the estimate must not be used."""
+        return str(self.values["status"])
+
+    @property
+    def valid(self) -> bool:
+        """Whether the estimate may be used."""
+        return self.status == "OK"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names (p,) of the states: 10 moments per body, then errors of sensors."""
+        return tuple(self.values["names"])
+
+    @property
+    def mean(self) -> FloatArray:
+        """State (p,)."""
+        return np.array(self.values["mean"], np.float64)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (p, p) of the state."""
+        return np.array(self.values["covariance"], np.float64)
+
+    @property
+    def bodies(self) -> dict[str, Body]:
+        """Identified bodies by name, each the nearest physically consistent one."""
+        return {name: body_of(self.values, name) for name in self.values["estimate"]}
+
+    def export(self, kind: str, body: str | None = None) -> str:
+        """Return a body as `urdf`, `sdf`, `mjcf`, `json` or `csv`; `body` where there are two.
+
+        Raises
+        ------
+        ConfigError for a kind or a body that is not there.
+        """
+        one_of("kind", kind, tuple(FORMATS))
+        return FORMATS[kind](body_of(self.values, body))
+
+    def __str__(self) -> str:
+        return to_text(self.values)
+
+
+def load(path: Path | str) -> Recording:
+    """Open a recording (MCAP), with the parts that follow it.
+
+    Raises
+    ------
+    ConfigError when a file cannot be read or is no MCAP file.
+    """
+    return Recording(path)
+
+
+def identify(
+    recording: Recording | Path | str,
+    robot: Robot | None = None,
+    *,
+    method: Method = "fused",
+    unknown: Unknown | None = None,
+    weighting: Weighting | None = None,
+    from_s: float = 0.0,
+    to_s: float = inf,
+    progress: Callable[[float, str], bool] | None = None,
+) -> Identification:
+    """Identify bodies from a recording by one batch method.
+
+    Parameters
+    ----------
+    robot : None: the configuration within the recording
+    unknown : None: as the configuration says
+    weighting : of mrnea alone; None: as the configuration says
+    from_s, to_s : the part of the recording [s from its start]
+    progress : called with the share done and a line of text; False ends the run
+
+    Raises
+    ------
+    ConfigError if recording, configuration or choices do not fit; EstimatorError without data.
+    """
+    held, robot = _pair(recording, robot)
+    chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
+    span = Span(from_s, to_s)
+    return Identification(identify_recording(held.path, chosen.config, method, (), progress, span))
+
+
+def replay(
+    recording: Recording | Path | str,
+    robot: Robot | None = None,
+    *,
+    from_s: float = 0.0,
+    to_s: float = inf,
+) -> ReplayResult:
+    """Run the flight's own recursive estimator on a recording.
+
+    Parameters
+    ----------
+    robot : None: the configuration within the recording
+    from_s, to_s : the part of the recording [s from its start]
+
+    Raises
+    ------
+    ConfigError if recording and configuration do not fit.
+    """
+    held, robot = _pair(recording, robot)
+    return replay_recording(held.path, robot.config, span=Span(from_s, to_s))
+
+
+def plan(
+    robot: Robot,
+    limits: Path | str,
+    *,
+    unknown: Unknown | None = None,
+    duration_s: float = 60.0,
+    knot_s: float = 2.5,
+    criterion: Criterion = "sigma",
+    iterations: int = 40,
+    starts: int = 1,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _text: None,
+) -> PlannedMotion:
+    """Plan a motion inside the limits of a YAML file that identifies the unknown bodies well.
+
+    Parameters
+    ----------
+    knot_s : distance of the spline's knots
+    criterion : sigma, d, a, e, cond or gamma: docs/excitation.md
+    iterations : of the solver, for each of the `starts`
+
+    Raises
+    ------
+    ConfigError for a wrong request; InfeasibleError when no motion keeps the limits; ImportError
+    without the extra `excite`.
+    """
+    from fsw.commands.motion import bounds, planned
+    from fsw.excitation.plan import MotionRequest
+    from fsw.excitation.subject import build_subject
+
+    one_of("criterion", criterion, get_args(Criterion))
+    request = MotionRequest(
+        criterion=criterion,
+        duration_s=duration_s,
+        knot_s=knot_s,
+        iterations=iterations,
+        starts=starts,
+        seed=seed,
+    )
+    config = robot.with_choices(unknown=unknown).config
+    subject = build_subject(config, seed=seed)
+    motion_limits, collisions = bounds(config, subject, Path(limits), progress)
+    return planned(subject, motion_limits, collisions, request, progress)
+
+
+def _pair(recording: Recording | Path | str, robot: Robot | None) -> tuple[Recording, Robot]:
+    held = recording if isinstance(recording, Recording) else load(recording)
+    return held, held.robot if robot is None else robot

@@ -1,0 +1,118 @@
+"""A planned motion, from the request to its files: shared by `fsw excite` and the Python API."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.excitation import assess, criteria, export, spline
+from fsw.excitation.collision import Collisions, build_collisions
+from fsw.excitation.limits import MotionLimits
+from fsw.excitation.limits import load as load_limits
+from fsw.excitation.plan import MotionRequest, Planner
+from fsw.excitation.subject import Subject
+from fsw.excitation.verify import Use
+from fsw.messages import FloatArray
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlannedMotion:
+    """A motion that keeps every limit, and the knowledge that it promises."""
+
+    trajectory: spline.Trajectory
+    request: MotionRequest
+    subject: Subject
+    values: dict[str, float]  # criteria by name
+    root: FloatArray  # (p, p) R of the information R^T R after the motion, prior included
+    uses: list[Use]  # of every limit, the most used first
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names (n,) of the joints, in the order of the URDF."""
+        return tuple(self.subject.model.joint_names)
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Predicted 1 sigma by quantity, `target.mass_kg` ..."""
+        return dict(zip(self.subject.names, predicted_sigma(self.subject, self.root), strict=True))
+
+    def samples(self, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return times (m,) [s], and positions, speeds, accelerations, each (m, n) [rad, s]."""
+        t_s = export.sample_times(self.trajectory, rate_hz)
+        q, qd, qdd, _ = self.trajectory.evaluate(t_s)
+        return t_s, q, qd, qdd
+
+    def save(self, out: Path | str, rate_hz: float = 20.0) -> None:
+        """Write the spline (YAML), and beside it samples as CSV and as a ROS JointTrajectory."""
+        out = Path(out)
+        about: dict[str, Any] = {
+            "command": "fsw excite",
+            "unknown": list(self.subject.problem.unknown),
+            "criterion": self.request.criterion,
+            "seed": self.request.seed,
+            "values": {key: float(f"{value:.6g}") for key, value in self.values.items()},
+            "joints": list(self.joints),
+            "limits": {use.kind: float(f"{use.value:.5g}") for use in self.uses},
+        }
+        out.parent.mkdir(parents=True, exist_ok=True)
+        spline.save(self.trajectory, out, about)
+        export.write_csv(self.trajectory, self.joints, out.with_suffix(".csv"), rate_hz)
+        ros = out.with_name(f"{out.stem}_joint_trajectory.yaml")
+        export.write_joint_trajectory(self.trajectory, self.joints, ros, rate_hz)
+
+
+def bounds(
+    config: Config, subject: Subject, path: Path, report: Report
+) -> tuple[MotionLimits, Collisions | None]:
+    """Return the limits of a file, and the collisions they ask to be kept apart.
+
+    Raises
+    ------
+    ConfigError when the limits are wrong.
+    """
+    limits, collisions = load_limits(path), None
+    if limits.clearance_m is not None:
+        urdf, tool = config.resolve(config.robot.urdf), config.robot.tool_frame
+        collisions = build_collisions(subject.model, urdf, tool, limits.target_box)
+        if collisions is None:
+            report("no collision geometry in the URDF: clearance_m is not checked")
+    return limits, collisions
+
+
+def planned(
+    subject: Subject,
+    limits: MotionLimits,
+    collisions: Collisions | None,
+    request: MotionRequest,
+    report: Report,
+    guess: spline.Trajectory | None = None,
+) -> PlannedMotion:
+    """Plan a motion.
+
+    Raises
+    ------
+    InfeasibleError when none keeps the limits.
+    """
+    found = Planner(subject, limits, collisions, request, report).plan(guess)
+    rate_hz = request.rate_hz
+    return PlannedMotion(
+        trajectory=found.trajectory,
+        request=request,
+        subject=subject,
+        values=assess.all_criteria(subject, found.trajectory, rate_hz, request.gamma),
+        root=assess.information_root(subject, found.trajectory, rate_hz),
+        uses=found.uses,
+    )
+
+
+def predicted_sigma(subject: Subject, root: FloatArray) -> list[float]:
+    """Return 1 sigma (p,) of the reported quantities for an information root."""
+    sigma: list[float] = np.sqrt(np.diag(criteria.report_covariance(root, subject.scale))).tolist()
+    return sigma

@@ -1,0 +1,104 @@
+"""A robot for the Python API: a validated configuration, and the choices made on top of it.
+
+It imports no reader of recordings: a wrong configuration is reported before anything is opened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from typing import Literal, get_args
+from weakref import finalize
+
+from fsw.checks.configuration import validate
+from fsw.config import Config
+from fsw.config import load as load_config
+from fsw.messages.errors import ConfigError
+
+Method = Literal["mrnea", "rda", "cm", "ce", "fused"]
+Weighting = Literal["ols", "wls", "bc", "eiv"]
+Unknown = Literal["base", "target", "both"]
+Criterion = Literal["sigma", "d", "a", "e", "cond", "gamma"]
+BODIES: Mapping[str, tuple[str, ...]] = {
+    "base": ("base",),
+    "target": ("target",),
+    "both": ("base", "target"),
+}
+
+
+class Folder:
+    """A folder for unpacked files that lives as long as this object."""
+
+    def __init__(self) -> None:
+        self.path = Path(mkdtemp(prefix="fsw-recording-"))
+        finalize(self, rmtree, self.path, ignore_errors=True)
+
+
+class Robot:
+    """A validated configuration: robot, sensors, noise, priors.
+
+    Parameters
+    ----------
+    config : a YAML file, or a configuration that was read
+    folder : keeps unpacked files as long as this robot; None: there are none
+    """
+
+    def __init__(self, config: Path | str | Config, *, folder: Folder | None = None) -> None:
+        self.config = config if isinstance(config, Config) else load_config(Path(config))
+        self._folder = folder
+        _, warnings = validate(self.config)
+        self.warnings: tuple[str, ...] = tuple(warnings)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the configuration."""
+        return tuple(joint.name for joint in self.config.joints)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Bodies to be identified: base, target or both."""
+        return tuple(self.config.unknown)
+
+    def with_choices(
+        self,
+        *,
+        method: Method | None = None,
+        weighting: Weighting | None = None,
+        unknown: Unknown | None = None,
+    ) -> Robot:
+        """Return this robot with another method, weighting of mrnea or unknown bodies.
+
+        Raises
+        ------
+        ConfigError for a weighting without mrnea, or an unknown body without a prior.
+        """
+        config, settings = self.config, self.config.estimator
+        one_of("method", method, get_args(Method))
+        one_of("weighting", weighting, get_args(Weighting))
+        one_of("unknown", unknown, tuple(BODIES))
+        if weighting is not None and (method or settings.method) != "mrnea":
+            raise ConfigError(f"--weighting {weighting}: only mrnea has one; add --method mrnea")
+        changes = {"method": method if method != "ce" else None, "weighting": weighting}
+        given = {key: value for key, value in changes.items() if value is not None}
+        if any(getattr(settings, key) != value for key, value in given.items()):
+            config = config.model_copy(update={"estimator": settings.model_copy(update=given)})
+        if unknown is not None and BODIES[unknown] != self.unknown:
+            config = config.with_unknown(BODIES[unknown])
+        return self if config is self.config else Robot(config, folder=self._folder)
+
+    def __repr__(self) -> str:
+        words = f"{len(self.joints)} joints, unknown {' and '.join(self.unknown)}"
+        return f"Robot({self.config.name}: {words})"
+
+
+def one_of(key: str, value: str | None, known: Sequence[str]) -> None:
+    """Refuse a choice that is not known; None is no choice.
+
+    Raises
+    ------
+    ConfigError with key, value and what is known.
+    """
+    if value is not None and value not in known:
+        raise ConfigError(f"{key}: {value!r} must be one of {', '.join(known)}")
