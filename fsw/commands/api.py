@@ -20,7 +20,7 @@ from fsw.commands.identify import identify as identify_recording
 from fsw.commands.identify import to_text
 from fsw.commands.replay import replay as replay_recording
 from fsw.commands.replay_result import ReplayResult
-from fsw.commands.robot import Criterion, Folder, Method, Robot, Unknown, Weighting, one_of
+from fsw.commands.robot import Criterion, Folder, Method, Robot, Weighting, one_of
 from fsw.commands.span import Span
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.messages import FloatArray
@@ -121,7 +121,7 @@ def identify(
     robot: Robot | None = None,
     *,
     method: Method = "fused",
-    unknown: Unknown | None = None,
+    unknown: str | None = None,
     weighting: Weighting | None = None,
     from_s: float = 0.0,
     to_s: float = inf,
@@ -132,7 +132,7 @@ def identify(
     Parameters
     ----------
     robot : None: the configuration within the recording
-    unknown : None: as the configuration says
+    unknown : base, target, both, or names with commas; None: as the configuration says
     weighting : of mrnea alone; None: as the configuration says
     from_s, to_s : the part of the recording [s from its start]
     progress : called with the share done and a line of text; False ends the run
@@ -173,7 +173,7 @@ def plan(
     robot: Robot,
     limits: Path | str,
     *,
-    unknown: Unknown | None = None,
+    unknown: str | None = None,
     duration_s: float = 60.0,
     knot_s: float = 2.5,
     criterion: Criterion = "sigma",

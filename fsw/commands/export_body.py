@@ -24,12 +24,13 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
+FRAMES = {"base": "base", "target": "tool"}  # of any other body: bodies.NAME.frame
 QUANTITIES = ("mass_kg", *(f"com_{a}_m" for a in "xyz"), *(f"inertia_{a}_kg_m2" for a in AXES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A physically consistent body in its own frame (base: B; target: the tool frame E)."""
+    """A physically consistent body in its own frame (base: B; target: E; another: its own)."""
 
     name: str
     mass_kg: float
@@ -137,7 +138,7 @@ def as_json(body: Body) -> str:
     """Return the payload for a controller: mean and covariance of mass, centre and inertia."""
     values: dict[str, Any] = {
         "body": body.name,
-        "frame": "base" if body.name == "base" else "tool",
+        "frame": FRAMES.get(body.name, "own"),
         "valid": body.valid,
         "mass_kg": body.mass_kg,
         "com_m": body.com_m.tolist(),

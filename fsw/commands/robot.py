@@ -5,7 +5,7 @@ It imports no reader of recordings: a wrong configuration is reported before any
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -19,13 +19,7 @@ from fsw.messages.errors import ConfigError
 
 Method = Literal["mrnea", "rda", "cm", "ce", "fused"]
 Weighting = Literal["ols", "wls", "bc", "eiv"]
-Unknown = Literal["base", "target", "both"]
 Criterion = Literal["sigma", "d", "a", "e", "cond", "gamma"]
-BODIES: Mapping[str, tuple[str, ...]] = {
-    "base": ("base",),
-    "target": ("target",),
-    "both": ("base", "target"),
-}
 
 
 class Folder:
@@ -58,7 +52,7 @@ class Robot:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Bodies to be identified: base, target or both."""
+        """Bodies to be identified."""
         return tuple(self.config.unknown)
 
     def with_choices(
@@ -66,9 +60,11 @@ class Robot:
         *,
         method: Method | None = None,
         weighting: Weighting | None = None,
-        unknown: Unknown | None = None,
+        unknown: str | None = None,
     ) -> Robot:
         """Return this robot with another method, weighting of mrnea or unknown bodies.
+
+        `unknown` is base, target, both, or names with commas between.
 
         Raises
         ------
@@ -77,15 +73,14 @@ class Robot:
         config, settings = self.config, self.config.estimator
         one_of("method", method, get_args(Method))
         one_of("weighting", weighting, get_args(Weighting))
-        one_of("unknown", unknown, tuple(BODIES))
         if weighting is not None and (method or settings.method) != "mrnea":
             raise ConfigError(f"--weighting {weighting}: only mrnea has one; add --method mrnea")
         changes = {"method": method if method != "ce" else None, "weighting": weighting}
         given = {key: value for key, value in changes.items() if value is not None}
         if any(getattr(settings, key) != value for key, value in given.items()):
             config = config.model_copy(update={"estimator": settings.model_copy(update=given)})
-        if unknown is not None and BODIES[unknown] != self.unknown:
-            config = config.with_unknown(BODIES[unknown])
+        if unknown is not None and (bodies := bodies_named(unknown)) != self.unknown:
+            config = config.with_unknown(bodies)
         return self if config is self.config else Robot(config, folder=self._folder)
 
     def __repr__(self) -> str:
@@ -102,3 +97,16 @@ def one_of(key: str, value: str | None, known: Sequence[str]) -> None:
     """
     if value is not None and value not in known:
         raise ConfigError(f"{key}: {value!r} must be one of {', '.join(known)}")
+
+
+def bodies_named(text: str) -> tuple[str, ...]:
+    """Return the bodies of `base`, `target`, `both`, or of names with commas between.
+
+    Raises
+    ------
+    ConfigError when there is no name.
+    """
+    names = "base,target" if text == "both" else text
+    if bodies := tuple(name.strip() for name in names.split(",") if name.strip()):
+        return bodies
+    raise ConfigError(f"unknown: {text!r} must name a body")

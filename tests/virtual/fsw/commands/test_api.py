@@ -73,7 +73,8 @@ def test_the_recording_brings_its_own_robot(flown):
     [
         ({"method": "best"}, "method: 'best' must be one of mrnea"),
         ({"weighting": "wls"}, "only mrnea has one"),
-        ({"unknown": "arm"}, "unknown: 'arm' must be one of base"),
+        ({"unknown": "arm"}, "bodies.arm: missing; unknown lists 'arm'"),
+        ({"unknown": ","}, "unknown: ',' must name a body"),
         ({"unknown": "base"}, "sigma"),
     ],
 )
