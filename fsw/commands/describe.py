@@ -129,6 +129,7 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
         f"{', ' + ', '.join(nuisances) if nuisances else ''}",
         f"in doubt, estimated along: {', '.join(_doubts(config, problem)) or 'nothing'}",
         f"taken as exact: {', '.join(_certain(config, problem)) or 'nothing'}",
+        f"effects that are off: {', '.join(_off(config)) or 'none'}",
         f"valid after {estimator.settle_blocks} windows "
         f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",
     ]
@@ -161,6 +162,33 @@ def _certain(config: Config, problem: Problem) -> list[str]:
         "its attitude": not imu.mounting_angle_sigma_rad,
     }
     return [name for name, is_exact in exact.items() if is_exact]
+
+
+def _off(config: Config) -> list[str]:
+    """Return which effects the model leaves out, with the key that would bring each in."""
+    joints, imu, estimator = config.joints, config.imu, config.estimator
+    effects = {
+        "Coulomb friction (joints[].friction_coulomb_sigma_nm)": [
+            joint.friction_coulomb_sigma_nm for joint in joints
+        ],
+        "viscous friction (joints[].friction_viscous_sigma_nms_rad)": [
+            joint.friction_viscous_sigma_nms_rad for joint in joints
+        ],
+        "torque offsets (joints[].torque_offset_sigma_nm)": [
+            joint.torque_offset_sigma_nm for joint in joints
+        ],
+        "bias of accelerometer (imu.acc_bias_sigma_m_s2)": [imu.acc_bias_sigma_m_s2],
+        "bias of gyro (imu.gyro_bias_sigma_rad_s)": [imu.gyro_bias_sigma_rad_s],
+        "residual momentum (estimator.momentum_sigma_nms)": [estimator.momentum_sigma_nms],
+        "constant wrench on the base (estimator.external_*)": [
+            *(estimator.external_force_sigma_n, estimator.external_torque_sigma_nm)
+        ],
+        "constant wrench on the target (estimator.target_*)": [
+            *(estimator.target_force_sigma_n, estimator.target_torque_sigma_nm)
+        ],
+    }
+    off = [name for name, sigmas in effects.items() if not any(sigmas)]
+    return off + ([] if config.orbit is not None else ["gravity gradient (orbit)"])
 
 
 def _telemetry(config: Config) -> list[str]:

@@ -24,6 +24,7 @@ from fsw.config.base import (
     RateSigma,
     ScaleSigma,
     Section,
+    SlowRate,
     TorqueNoise,
     TorqueSigma,
     Turn,
@@ -70,6 +71,8 @@ WITHOUT_TORQUE = {  # stands where a joint has no torque sensor: nothing is meas
     "torque_noise_nm": 1e4,
     "torque_offset_sigma_nm": 0.0,
     "torque_scale_sigma_ratio": 0.0,
+    "friction_coulomb_sigma_nm": 0.0,
+    "friction_viscous_sigma_nms_rad": 0.0,
 }
 
 
@@ -101,6 +104,9 @@ class JointConfig(Section):
     torque_noise_nm: TorqueNoise  # 1 sigma of one sample, white
     torque_offset_sigma_nm: TorqueSigma  # prior of the unknown offset; 0: none estimated
     torque_scale_sigma_ratio: ScaleSigma = 0.02  # prior of the scale error; 0: none estimated
+    friction_coulomb_sigma_nm: TorqueSigma = 0.0  # of what remains behind the sensor; 0: none
+    friction_viscous_sigma_nms_rad: TorqueSigma = 0.0
+    friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / this)
     position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
     zero_sigma_rad: AngleSigma = 2e-3  # of zero_offset_rad; 0: it is exact
     link_sigma_ratio: ScaleSigma | None = None  # of the link it moves; None: as robot has it

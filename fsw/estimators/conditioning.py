@@ -19,6 +19,7 @@ from fsw.config import Config
 from fsw.estimators.model.problem import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import NodeFit, gauss_nodes, lower_fit, node_fit
+from fsw.estimators.reversal import doubt
 from fsw.estimators.stages import complete
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 from fsw.messages.findings import Fault, Finding
@@ -62,6 +63,10 @@ class Conditioner:
         self._orders = (1, 2, 0) if noisy else (1, 2)
         self._position_sigma = np.array([joint.position_noise_rad for joint in self._joints])
         self._torque_sigma = np.array([joint.torque_noise_nm for joint in self._joints])
+        self._coulomb_nm = np.array([joint.friction_coulomb_sigma_nm for joint in self._joints])
+        self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in self._joints])
+        # friction that reverses is up to its size off the polynomial: no outlier up to 3 sigma
+        self._torque_gate = np.hypot(self._torque_sigma, 0.5 * self._coulomb_nm)
         imu = config.imu
         self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
@@ -145,7 +150,7 @@ class Conditioner:
                 values[:, ::2], self._position_sigma[own], high, MOTION
             )
             forces = yield from instants.fitted(
-                values[:, 1::2], self._torque_sigma[own], low, (0,), min_fill=self._min_fill
+                values[:, 1::2], self._torque_gate[own], low, (0,), min_fill=self._min_fill
             )
             for k, angle, force in zip(own, angles, forces, strict=True):
                 positions[k], torques[k] = angle, force
@@ -172,9 +177,12 @@ class Conditioner:
             cov_tau[k] = torque.covariance((0,), self._torque_sigma[k], m)
             if torque.fit is not None:
                 tau[:, k] = torque.values[:, 0]
-        sigmas = self._position_sigma
+        sigmas, motion = self._position_sigma, motion.reshape(len(MOTION), m, n)
+        if self._coulomb_nm.any():
+            ways = self._coulomb_nm * doubt(motion[1], self._speed_rad_s)
+            cov_tau += np.einsum("win,wjn->nij", ways, ways)
         return _Arm(
-            motion=motion.reshape(len(MOTION), m, n),
+            motion=motion,
             tau_nm=tau,
             cov_joint=np.stack(
                 [fit.covariance(self._orders, s) for fit, s in zip(fits, sigmas, strict=True)]
@@ -295,7 +303,7 @@ class _Instants:
         Parameters
         ----------
         values : (k, channels times width) samples; rows that are not finite are not used
-        sigmas : (channels,) noise of a sample
+        sigmas : (channels,) by which outliers are judged: noise of a sample
         orders : of the derivatives wanted at the nodes
         min_fill : share of the samples that must be finite
         """

@@ -113,7 +113,7 @@ class Plant:
         t_s = self.clock.second(t_ns) + config.latch_offset_s
         q, qd, tau = self._table.at(t_s)
         measured = np.empty((4, len(q)))
-        position, measured[2] = self.joint_errors.measure(q, tau)
+        position, measured[2] = self.joint_errors.measure(q, qd, tau)
         measured[0] = position - self._zeros
         measured[1] = qd
         measured[3] = tau / config.rated_torque_nm

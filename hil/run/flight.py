@@ -156,11 +156,16 @@ def _torque(
     """Return what the flight side knows of a node's torque sensor."""
     if not node.torque_sensor:
         return {"torque": "none"}
+    friction = {
+        "friction_coulomb_sigma_nm": joints.friction_coulomb_sigma_nm,
+        "friction_viscous_sigma_nms_rad": joints.friction_viscous_sigma_nms_rad,
+    }
     return {
         "torque_limit_nm": flight["torque_limit_nm"],
         "torque_noise_nm": torque_noise_nm(joints, node, float(flight["bus"]["rate_hz"])),
         "torque_offset_sigma_nm": joints.torque_offset_sigma_nm,
         "torque_scale_sigma_ratio": 0.0,
+        **{key: sigma for key, sigma in friction.items() if sigma > 0.0},
     }
 
 

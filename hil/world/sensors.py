@@ -15,6 +15,7 @@ from pydantic import ConfigDict, TypeAdapter
 from scipy.spatial.transform import Rotation
 
 from hil.devices.truth_port import FloatArray, State
+from hil.world.friction import draw_friction
 from hil.world.noise import BandLimitedWhiteNoise, Hysteresis, NoiseStream
 
 Vector3 = tuple[float, float, float]
@@ -61,6 +62,8 @@ class JointSensorConfig:
     torque_noise_nm: float  # white, 1 sigma of one sample
     torque_offset_sigma_nm: float  # the constant offset of each joint is drawn once per seed
     torque_scale_error_ratio: float = 0.0  # 1 sigma, drawn once per joint and seed
+    friction_coulomb_sigma_nm: float = 0.0  # on the link side, drawn once per joint and seed
+    friction_viscous_sigma_nms_rad: float = 0.0
     torque_range_nm: float = 327.0  # beyond it the node reports an overload
     torque_hysteresis_ratio: float = 0.0  # of full scale, the rated torque
     torque_noise: BandLimitedWhiteNoise | None = None  # instead of torque_noise_nm
@@ -182,6 +185,12 @@ class JointErrors:
         self.config = config
         self.torque_offset_nm = config.torque_offset_sigma_nm * np.array([d[0] for d in draws])
         self.torque_scale = 1.0 + config.torque_scale_error_ratio * np.array([d[1] for d in draws])
+        self.friction = draw_friction(
+            generator(seed, "joint", 0, 2),
+            n,
+            coulomb_sigma_nm=config.friction_coulomb_sigma_nm,
+            viscous_sigma_nms_rad=config.friction_viscous_sigma_nms_rad,
+        )
         self._streams = [generator(seed, "joint", i, 0) for i in range(n)]
         self._blocks = [
             None if noise is None else NoiseStream(noise, rate_hz, n, seed, channel)
@@ -207,7 +216,9 @@ class JointErrors:
             rows[:, column] *= self._sigmas[column]
         self._noise, self._next = rows, 0
 
-    def measure(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def measure(
+        self, q: FloatArray, qd: FloatArray, tau: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return measured position [rad], quantised, and link torque [N m] of one latch."""
         if self._next >= len(self._noise):
             self._refill()
@@ -215,7 +226,7 @@ class JointErrors:
         self._next += 1
         step_rad = self._step_rad
         position = np.rint((q + position_noise) / step_rad) * step_rad
-        torque = tau * self.torque_scale + self.torque_offset_nm
+        torque = (tau + self.friction.torque_nm(qd)) * self.torque_scale + self.torque_offset_nm
         if self._hysteresis is not None:
             torque = torque + self._hysteresis.error_nm(tau)
         return position, torque + torque_noise

@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
+from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.model.problem import Problem, present
@@ -81,6 +82,10 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     if present(problem.torque_offset):
         tau = tau - x[problem.torque_offset]
         J[:, :, problem.torque_offset] += work @ s.by_block(s.qd_rad_s)
+    tau = tau - friction.torque(s, x, problem)[0]
+    by_state = np.zeros((B * m, n, len(x)))
+    friction.fill_columns(by_state, s, problem)
+    J += work @ s.by_block(np.einsum("ij,ijk->ik", s.qd_rad_s, by_state))
     power = np.einsum("ij,ij->i", tau, s.qd_rad_s) + P
     residual = (work @ s.by_block(power)[:, :, None])[:, :, 0] + s.by_block(T) @ slope.T
     L = np.linalg.cholesky(_covariance(s, work, slope, tau, p_qd))

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrs
 
+from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import (
     Impulse,
@@ -149,6 +150,10 @@ def predict(
     tau = d.force
     if present(problem.imu_angle):
         f, w = _as_turned((f, w), D, D_q, x, problem, rate)
+    lost, by_rate = friction.torque(s, x, problem)
+    tau = tau + lost
+    D[:, :n, n + 3 : 2 * n + 3] += by_rate[:, :, None] * np.eye(n)
+    friction.fill_columns(J[:, :n], s, problem)
     if present(problem.torque_scale):
         gain = 1.0 + x[problem.torque_scale]
         for gains in (D,) if D_q is None else (D, D_q):

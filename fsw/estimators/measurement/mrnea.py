@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrs, dtrtrs
 
+from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
 from fsw.estimators.measurement.mounting import as_true, turn
@@ -96,16 +97,15 @@ def stacked_mrnea_rows(
     G = field(s, problem)
     w, a_base = base_acceleration(s, x, problem, G)
     acceleration = np.concatenate([a_base, s.qdd_rad_s2], axis=1)
+    tau, gain = _calibrated(s, x, problem)
+    lost, by_rate = friction.torque(s, x, problem)
     y = np.zeros((len(s.q_rad), 6 + n))
-    y[:, 6:] = s.tau_nm
-    if present(problem.torque_offset):
-        y[:, 6:] -= x[problem.torque_offset]
-    gain = 1.0 + x[problem.torque_scale] if present(problem.torque_scale) else np.ones(n)
-    y[:, 6:] /= gain
+    y[:, 6:] = tau - lost
     Y = _regressors(s, w, s.qd_rad_s, acceleration, problem, G)
     r = y - Y @ pi
     H = model.mass_matrices(s.q_rad)
     C = model.bias_derivatives(s.q_rad, w, s.qd_rad_s, acceleration)
+    C[:, 6:, 6:] += by_rate[:, :, None] * np.eye(n)
     outside = external_force(s, x, problem) if pulled(problem) else None
     if outside is not None:
         r += outside[0]
@@ -129,7 +129,8 @@ def stacked_mrnea_rows(
     X = np.zeros((len(s.q_rad), 6 + n, len(x)))
     X[:, :, problem.inertial] = Y @ problem.U
     R = turn(x, problem)[0]
-    _nuisance_columns(X, y, gain, H, G_w, R, problem)
+    _nuisance_columns(X, tau, gain, H, G_w, R, problem)
+    friction.fill_columns(X[:, 6:], s, problem)
     _mounting_columns(X, x, (w, acceleration, G), (H, G_w, G_wd), problem)
     if present(problem.joint_zero):
         states = zip(s.q_rad, w, s.qd_rad_s, acceleration, strict=True)
@@ -142,6 +143,16 @@ def stacked_mrnea_rows(
         Rows(*whitened(root, columns, own))
         for root, columns, own in zip(L, X, residuals, strict=True)
     ]
+
+
+def _calibrated(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return the torques (N, n) less their offset, over their scale, and that scale (n,)."""
+    tau, gain = s.tau_nm, np.ones(s.n)
+    if present(problem.torque_offset):
+        tau = tau - x[problem.torque_offset]
+    if present(problem.torque_scale):
+        gain = 1.0 + x[problem.torque_scale]
+    return tau / gain, gain
 
 
 def _regressors(
@@ -187,7 +198,7 @@ def _mounting_columns(
 
 def _nuisance_columns(
     X: FloatArray,
-    y: FloatArray,
+    tau_nm: FloatArray,
     gain: FloatArray,
     H: FloatArray,
     G_w: FloatArray,
@@ -199,7 +210,7 @@ def _nuisance_columns(
     if present(problem.torque_offset):
         X[:, 6:, problem.torque_offset] = np.diag(1.0 / gain)
     if present(problem.torque_scale):
-        X[:, 6:, problem.torque_scale] = (y[:, 6:] / gain)[:, :, None] * np.eye(n)
+        X[:, 6:, problem.torque_scale] = (tau_nm / gain)[:, :, None] * np.eye(n)
     if present(problem.acc_bias):
         X[:, :, problem.acc_bias] = -H[:, :, :3] @ R
     if present(problem.gyro_bias):

@@ -3,8 +3,8 @@
 State x = [10 parameters per unknown body (base first, then target), ways in which the known bodies
 may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
-of the joints (n), place (3) and angles (3) of the inertial unit]. Where a prior sigma is zero
-there is no state.
+of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
+the joints (n each)]. Where a prior sigma is zero there is no state.
 """
 
 from __future__ import annotations
@@ -66,6 +66,9 @@ class Problem:
     joint_zero: slice  # true angle less the measured one [rad]
     imu_place: slice  # true place less p_BS_m [m]
     imu_angle: slice  # rotation vector, B axes, from the configured attitude to the true one [rad]
+    friction_coulomb: slice  # of each joint, as its torque sensor sees it [N m]
+    friction_viscous: slice  # [N m s/rad]
+    friction_speed_rad_s: FloatArray  # (n,) rate at which Coulomb friction has built up: tanh(1)
     target_wrench: slice  # the same at the target's centre of mass, then a force in axes E [N]
     target_com_m: FloatArray  # (3,) in E, as configured: where that acts on a known target
     p_BS_m: FloatArray  # accelerometer's place
@@ -262,6 +265,8 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         ("joint_zero", model.joint_names, [j.zero_sigma_rad for j in joints]),
         ("imu_place", "xyz", [imu.mounting_position_sigma_m] * 3),
         ("imu_angle", "xyz", [imu.mounting_angle_sigma_rad] * 3),
+        ("friction_coulomb", model.joint_names, [j.friction_coulomb_sigma_nm for j in joints]),
+        ("friction_viscous", model.joint_names, [j.friction_viscous_sigma_nms_rad for j in joints]),
     )
     for kind, labels, sigmas in nuisances:
         if not any(sigmas) or (exact and kind in CALIBRATION):
@@ -301,6 +306,9 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         joint_zero=slices[7],
         imu_place=slices[8],
         imu_angle=slices[9],
+        friction_coulomb=slices[10],
+        friction_viscous=slices[11],
+        friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
         target_com_m=np.array(
             config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
         ),

@@ -25,7 +25,8 @@ from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
 from fsw.estimators.diagnosis import diagnose, plain
-from fsw.estimators.measurement.block_stack import covariance_root
+from fsw.estimators.measurement import friction
+from fsw.estimators.measurement.block_stack import BlockStack, covariance_root
 from fsw.estimators.measurement.impulse import external_force, pulled
 from fsw.estimators.measurement.mrnea import base_acceleration, field
 from fsw.estimators.model.inertia import cross, skew
@@ -161,6 +162,7 @@ def _nuisance_columns(
     x, w, acceleration = at
     if present(problem.torque_offset):
         X[:, 6:, problem.torque_offset] = np.eye(n)
+    friction.fill_columns(X[:, 6:], BlockStack((block,)), problem)
     if present(problem.torque_scale):
         X[:, 6:, problem.torque_scale] = block.tau_nm[:, :, None] * np.eye(n)
     if present(problem.acc_bias):

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from fsw.checks.configuration import missing_devices, validate, validate_ports
 from fsw.config import load, parse
+from fsw.config.tables import NoiseTable
 from fsw.config.telemetry import STATE_FOLDERS
 from fsw.messages.errors import ConfigError
 
@@ -243,3 +245,9 @@ def test_a_replay_needs_neither_ports_nor_a_place_for_state(arm):
     keys = ("imu.port", "star_tracker.port", "buses.0.interface", "buses.0.channel")
     assert [key for key in keys if f"{key}: missing" not in str(caught.value)] == []
     assert len(missing_devices(config)) == len(keys)
+
+
+def test_a_table_cannot_bring_friction_into_the_state_in_flight() -> None:
+    """It would change the shape of estimates and checkpoints under a running process."""
+    with pytest.raises(ValidationError, match="friction_coulomb_sigma_nm"):
+        NoiseTable.model_validate({"joints": {"axis1": {"friction_coulomb_sigma_nm": 0.3}}})

@@ -330,6 +330,7 @@ def test_the_description_says_what_the_daemon_would_do(arm):
         "/serial/star_tracker",
         "closed 150 ms after their end (slowest: star_tracker, 117.3 ms)",
         "torque_offset.axis1 0 +- 0.1",
+        "effects that are off: Coulomb friction (joints[].friction_coulomb_sigma_nm)",
         str(arm.folder / "recordings"),
     )
 

@@ -15,6 +15,7 @@ from fsw.estimators.conditioning import Conditioner, build_conditioner, rotation
 from fsw.messages import Block, ChannelWindow, Window
 from hil.world.history import rotation_matrices
 from tests.support.estimator_cases import (
+    NO_ATTITUDE,
     NODES,
     POSITION_NOISE_RAD,
     TORQUE_NOISE_NM,
@@ -295,3 +296,34 @@ def test_rotation_is_that_of_the_quaternion() -> None:
     q = np.random.default_rng(0).normal(size=(6, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     np.testing.assert_allclose(rotation_from_xyzw(q), rotation_matrices(q[:, [3, 0, 1, 2]]))
+
+
+def test_friction_that_reverses_is_no_outlier_where_it_is_declared() -> None:
+    """A step of 0.6 N m at a reversal: no sample is lost, and the torque is doubted."""
+    t = (np.arange(200) + 0.5) / 500.0
+    angle = 0.05 * (t - 0.01) ** 2
+    torque = 0.3 * np.sign(t - 0.01)
+    joints = tuple(channel(t, np.stack([angle, torque], axis=1)) for _ in range(N))
+    inertial = channel(t, np.zeros((200, 3)))
+    window = Window(
+        index=0,
+        start_ns=0,
+        stop_ns=400_000_000,
+        joints=joints,
+        gyro=inertial,
+        accelerometer=inertial,
+        attitude=NO_ATTITUDE,
+    )
+    plain = make_config()
+    quiet = [joint.model_copy(update={"torque_noise_nm": 0.01}) for joint in plain.joints]
+    rubbing = [joint.model_copy(update={"friction_coulomb_sigma_nm": 0.3}) for joint in quiet]
+    without, kept = (
+        build_conditioner(plain.model_copy(update={"joints": own}), robot_model())
+        for own in (quiet, rubbing)
+    )
+    blocks = [without.condition(window), kept.condition(window)]
+    assert without.outliers > 0
+    assert kept.outliers == 0
+    doubted = [np.sqrt(block.cov_tau[0].diagonal().max()) for block in blocks if block is not None]
+    assert doubted[0] < 0.005
+    assert doubted[1] > 0.1

@@ -40,14 +40,14 @@ def test_unknown_and_missing_keys_are_refused():
 def test_joint_noise_has_the_configured_sigma():
     config = sensor_config({"torque_noise_nm": 0.03, "encoder_noise_rad": 1e-3}).joints
     errors = JointErrors(config, 7, 5)
-    rows = [errors.measure(np.zeros(7), np.zeros(7)) for _ in range(3000)]
+    rows = [errors.measure(*np.zeros((3, 7))) for _ in range(3000)]
     assert_sigma(np.array([torque for _, torque in rows]), 0.03)
     assert_sigma(np.array([position for position, _ in rows]), 1e-3)
 
 
 def test_encoder_rounds_to_its_own_count():
     errors = JointErrors(sensor_config({"encoder_bits": 12}).joints, 3, 5)
-    position, _ = errors.measure(np.array([0.1, -0.2, 3.0]), np.zeros(3))
+    position, _ = errors.measure(np.array([0.1, -0.2, 3.0]), *np.zeros((2, 3)))
     counts = position / (2 * math.pi) * 4096
     assert np.abs(counts - np.rint(counts)).max() < 1e-9
     assert np.abs(position - [0.1, -0.2, 3.0]).max() <= math.pi / 4096 + 1e-12
@@ -68,8 +68,8 @@ def test_one_joints_noise_does_not_depend_on_how_many_there_are():
     config = sensor_config({"torque_noise_nm": 0.03, "torque_offset_sigma_nm": 0.1}).joints
     few, many = JointErrors(config, 2, 9), JointErrors(config, 7, 9)
     for _ in range(600):
-        a = few.measure(np.zeros(2), np.zeros(2))[1]
-        assert np.array_equal(a, many.measure(np.zeros(7), np.zeros(7))[1][:2])
+        a = few.measure(*np.zeros((3, 2)))[1]
+        assert np.array_equal(a, many.measure(*np.zeros((3, 7)))[1][:2])
 
 
 def test_imu_noise_is_random_walk_density_times_root_rate():
@@ -141,3 +141,17 @@ def test_rotation_sense_turns_the_quaternion_round():
     w, x, y, z = attitude(R_NB, there, np.zeros(3))
     assert np.allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), R_NB.T)
     assert np.allclose(attitude(R_NB, back, np.zeros(3)), (w, -x, -y, -z))
+
+
+def test_friction_is_added_before_the_scale_and_drawn_once_per_seed():
+    keys = {"friction_coulomb_sigma_nm": 0.3, "friction_viscous_sigma_nms_rad": 0.5}
+    config = sensor_config({"torque_noise_nm": 0.0, **keys}).joints
+    errors = JointErrors(config, 7, 5)
+    friction = errors.friction
+    fast = errors.measure(np.zeros(7), np.full(7, 0.2), np.ones(7))[1]
+    np.testing.assert_allclose(fast, 1.0 + friction.coulomb_nm + 0.2 * friction.viscous_nms_rad)
+    back = errors.measure(np.zeros(7), np.full(7, -0.2), np.ones(7))[1]
+    np.testing.assert_allclose(fast + back, 2.0)
+    assert np.array_equal(errors.measure(*np.zeros((3, 7)))[1], np.zeros(7))
+    drawn = [JointErrors(config, 7, seed).friction.coulomb_nm for seed in range(300)]
+    assert_sigma(np.array(drawn), 0.3)

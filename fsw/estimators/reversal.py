@@ -1,0 +1,59 @@
+"""Coulomb friction of a joint in one window: its shape, and where that is not known.
+
+The torque of a block is the polynomial of its window, and friction at a reversal is no polynomial.
+So its shape tanh(qd / v) goes through the same fit: qd between the nodes is their polynomial, and
+the window's least-squares polynomial of the shape is read at the nodes. How friction turns over, or
+holds a joint at rest, is not known below some v; the same fit of 1 - tanh^2 says how much of a
+window that concerns.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from fsw.estimators.polynomial import gauss_nodes
+from fsw.messages import FloatArray
+
+DULLEST = 2.0  # times the configured rate: below, friction may be anything
+INSTANTS = 64  # in a window, at which the shape is evaluated
+
+
+@lru_cache(maxsize=4)
+def _operators(m: int) -> tuple[FloatArray, FloatArray]:
+    """Return E (INSTANTS, m), nodes to instants, and P (m, INSTANTS), the fit of these at nodes."""
+    instants = (2.0 * np.arange(INSTANTS) + 1.0) / INSTANTS - 1.0
+    at_nodes = legendre.legvander(gauss_nodes(m), m - 1)
+    within = legendre.legvander(instants, m - 1)
+    E = np.asarray(np.linalg.solve(at_nodes.T, within.T).T, np.float64)
+    P: FloatArray = at_nodes @ np.linalg.pinv(within)
+    return E, P
+
+
+def shape(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return tanh(qd / v) as the fit has it at the nodes, and its slope by the same node's rate.
+
+    Parameters
+    ----------
+    qd_rad_s : (..., m, n) at the nodes of windows
+    speed_rad_s : (n,)
+    """
+    E, P = _operators(qd_rad_s.shape[-2])
+    values = np.tanh((E @ qd_rad_s) / speed_rad_s)
+    steep = (1.0 - values**2) / speed_rad_s
+    slope = np.einsum("mk,...kn,km->...mn", P, steep, E)
+    return P @ values, slope
+
+
+def doubt(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> FloatArray:
+    """Return by which shares of its friction a joint's torque may be off, (2, m, n) at the nodes.
+
+    Two ways: alike on both sides of the reversal (it is early or late, or the joint sticks), and
+    opposite (it is sharper or duller).
+    """
+    E, P = _operators(qd_rad_s.shape[-2])
+    odd = np.tanh((E @ qd_rad_s) / (DULLEST * speed_rad_s))
+    even = 1.0 - odd**2
+    return np.stack([P @ even, P @ (even * odd)])
