@@ -28,6 +28,7 @@ from hil.devices.plant_file import BusLink, PlantFile, Realtime, build, load
 
 PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
+AHEAD_NS = 100_000  # bytes are ready that long before their time; what is left of it is waited out
 HANG_UP_NS = 1_000_000_000
 
 
@@ -193,7 +194,7 @@ def serve(
         due = [t for bus in buses if (t := bus.deadline_ns()) is not None]
         serial_ns = plant.next_serial_ns()
         if serial_ns is not None:
-            due.append(serial_ns)
+            due.append(serial_ns - AHEAD_NS)
         wait_ns = max(0, min([now_ns + IDLE_NS, *due]) - now_ns)
         if hang_ups:
             hang_ups.clear()
@@ -208,10 +209,13 @@ def serve(
         for pty in ptys:
             pty.follow(now_ns)
         listening = any(bus.sync_seen for bus in buses)
-        for device, chunks in plant.serial_until(now_ns).items():
+        ready = plant.serial_until(time.monotonic_ns() + AHEAD_NS)
+        timed = [(t, device, data) for device, chunks in ready.items() for t, data in chunks]
+        for due_ns, device, data in sorted(timed):
             if listening and device in by_device:
-                for _, data in chunks:
-                    by_device[device].send(data)
+                while time.monotonic_ns() < due_ns:
+                    pass
+                by_device[device].send(data)
 
 
 def _say(line: dict[str, Any]) -> None:
