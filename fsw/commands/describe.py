@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fsw.checks import budget
-from fsw.config import BodyConfig, Config
+from fsw.config import BaseConfig, BodyConfig, Config
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.problem import Problem
 
@@ -39,8 +39,17 @@ def _robot(config: Config, problem: Problem) -> list[str]:
         f"{config.resolve(config.robot.urdf)}, tool frame {config.robot.tool_frame}",
         f"{model.n} joints; mass moved by each [kg]: {', '.join(joints)}",
         f"root link {masses[0]:.6g} kg, all links {masses[1:].sum():.6g} kg",
+        *_held(config.base),
         *([f"without torque sensor: {', '.join(blind)}"] if blind else []),
     ]
+
+
+def _held(base: BaseConfig) -> list[str]:
+    """Return a line on what holds the base; none in space."""
+    if base.motion == "free":
+        return []
+    gravity = " ".join(f"{x:.6g}" for x in base.gravity_B_m_s2)
+    return [f"base {base.motion}, gravity [{gravity}] m/s^2 in its axes"]
 
 
 def _bodies(config: Config, problem: Problem) -> list[str]:

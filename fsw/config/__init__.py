@@ -23,12 +23,13 @@ from fsw.config.devices import (
 )
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
-from fsw.config.robot import BodyConfig, BodySigma, RobotConfig
+from fsw.config.robot import BaseConfig, BodyConfig, BodySigma, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.whole import Config, load, parse
 
 __all__ = [
+    "BaseConfig",
     "BodyConfig",
     "BodyName",
     "BodySigma",

@@ -39,8 +39,10 @@ Interval = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]  # s
 Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]  # s
 LongDuration = Annotated[float, Field(gt=0, le=1e30, allow_inf_nan=False)]  # s; practically never
 
+GravityComponent = Annotated[float, Field(ge=-30.0, le=30.0, allow_inf_nan=False)]
 Vector3 = tuple[Finite, Finite, Finite]
 PositiveVector3 = tuple[Positive, Positive, Positive]
+Gravity = tuple[GravityComponent, GravityComponent, GravityComponent]
 Position = tuple[Coordinate, Coordinate, Coordinate]
 PositionSigma = tuple[CoordinateSigma, CoordinateSigma, CoordinateSigma]
 InertiaVector = tuple[Inertia, Inertia, Inertia, Inertia, Inertia, Inertia]

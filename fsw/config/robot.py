@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from fsw.config.base import (
+    Gravity,
     InertiaSigmas,
     InertiaVector,
     Length,
@@ -17,7 +18,11 @@ from fsw.config.base import (
     PositionSigma,
     ScaleSigma,
     Section,
+    Vector3,
 )
+
+METHODS_HELD = {"planar": ("fused", "rda", "cm"), "clamped": ("fused", "rda")}
+LEVEL_M_S2 = 1e-3  # gravity along a table that is level
 
 
 class RobotConfig(Section):
@@ -26,6 +31,27 @@ class RobotConfig(Section):
     urdf: Path
     tool_frame: str
     links_sigma_ratio: ScaleSigma = 0.05  # of the known bodies' inertial data; 0: they are exact
+
+
+class BaseConfig(Section):
+    """How the base may move, and the gravity that acts on it: in space, or in a laboratory."""
+
+    motion: Literal["free", "planar", "clamped"] = "free"
+    normal_B: Vector3 = (0.0, 0.0, 1.0)  # of the table of a planar base, upwards
+    gravity_B_m_s2: Gravity = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        import numpy as np
+
+        normal, gravity = np.array(self.normal_B), np.array(self.gravity_B_m_s2)
+        if not abs(np.linalg.norm(normal) - 1.0) <= 1e-6:
+            raise ValueError(f"normal_B {list(self.normal_B)}: must have length 1")
+        if self.motion == "free" and gravity.any():
+            raise ValueError("gravity_B_m_s2: a free base falls with it; leave it out")
+        if self.motion == "planar" and np.linalg.norm(np.cross(normal, gravity)) > LEVEL_M_S2:
+            raise ValueError("gravity_B_m_s2: must be along normal_B; a table is level")
+        return self
 
 
 class BodySigma(Section):

@@ -13,7 +13,7 @@ from fsw.config.base import BodyName, Section
 from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
-from fsw.config.robot import BodyConfig, RobotConfig
+from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import TextError, explain, read_yaml
@@ -29,6 +29,7 @@ class Config(Section):
     """The whole configuration of one daemon."""
 
     robot: RobotConfig
+    base: BaseConfig = BaseConfig()
     bodies: dict[BodyName, BodyConfig] = Field(default_factory=dict)
     unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
     buses: Annotated[tuple[BusConfig, ...], Field(min_length=1)]
@@ -141,6 +142,7 @@ class Config(Section):
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
         _method_has_its_torques(self.estimator.method, self.joints)
+        _base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
         _bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):
             ratio = self.scheduler.tick_rate_hz / bus.rate_hz
@@ -170,6 +172,26 @@ def _bodies_have_their_keys(bodies: Mapping[str, BodyConfig], unknown: Sequence[
             raise ValueError(f"bodies.{name}: missing; unknown lists {name!r}, which needs a prior")
         if bodies[name].sigma is None:
             raise ValueError(f"bodies.{name}.sigma: missing; unknown lists {name!r}")
+
+
+def _base_goes_with(
+    base: BaseConfig, unknown: Sequence[str], estimator: EstimatorConfig, *, orbit: bool
+) -> None:
+    """Refuse what makes no sense for a base that is held."""
+    if base.motion == "free":
+        return
+    if base.motion == "clamped" and "base" in unknown:
+        raise ValueError("unknown: 'base' cannot be found while base.motion is clamped")
+    methods = METHODS_HELD[base.motion]
+    if estimator.method not in methods:
+        raise ValueError(
+            f"estimator.method: {estimator.method!r} needs a free base, base.motion is "
+            f"{base.motion}; must be {' or '.join(methods)}"
+        )
+    if orbit:
+        raise ValueError(f"orbit: base.motion is {base.motion}; leave it out")
+    if base.motion == "clamped" and estimator.momentum_sigma_nms:
+        raise ValueError("estimator.momentum_sigma_nms: a clamped base has no momentum; must be 0")
 
 
 def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:

@@ -88,6 +88,8 @@ def build_subject(
     others = [name for name in config.bodies if name not in ("base", "target")]
     if others:
         raise ConfigError(f"bodies.{others[0]}: motions are planned for base and target alone")
+    if config.base.motion != "free":
+        raise ConfigError(f"base.motion: {config.base.motion}; motions are planned for a free base")
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem = build_problem(config, model, exact=True)
     noise = noise_model(config, model)

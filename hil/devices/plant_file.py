@@ -15,6 +15,7 @@ from hil.world.environment.wrench import simulate_in
 from hil.world.robot import Body, Robot, SloshMass
 from hil.world.sensors import STRICT, SensorConfig
 from hil.world.spline import JointSpline
+from hil.world.stand import Stand
 
 TAIL_S = 0.1
 
@@ -105,6 +106,7 @@ class PlantFile:
     bodies: TrueBodies = TrueBodies()
     environment: EnvironmentSection | None = None
     slosh: tuple[SloshMass, ...] = ()
+    stand: Stand | None = None
     start_delay_s: float = 4.0
     seed: int = 0
     realtime: Realtime = Realtime()
@@ -126,5 +128,5 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
     spline = JointSpline.load(folder / file.trajectory)
     before_s = TAIL_S if file.environment is None else max(TAIL_S, file.start_delay_s)
     end_s = spline.duration_s + TAIL_S
-    history = simulate_in(file.environment, robot, spline, -before_s, end_s)
+    history = simulate_in(file.environment, robot, spline, -before_s, end_s, stand=file.stand)
     return Plant(history, file.sensors, file.seed, start_delay_s=file.start_delay_s, t0_ns=t0_ns)

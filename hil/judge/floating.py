@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from hil.world.inertia import COUNT, FloatArray, frame_map
+from hil.world.stand import Stand
 
 
 class FloatingRobot:
@@ -22,6 +23,7 @@ class FloatingRobot:
     ----------
     urdf, tool_frame : the arms; root link = base, the target's frame is the tool frame
     bodies : pi (10,) of "base" and, when one is grasped, "target", in their own frames
+    stand : holds the base in what sensors measure; None: it floats freely
     frames : what further bodies are fixed to, each in its own frame
     unknown : which of them x (10 each, in this order) stands for
 
@@ -39,7 +41,9 @@ class FloatingRobot:
         bodies: Mapping[str, FloatArray],
         unknown: Sequence[str],
         frames: Mapping[str, str] | None = None,
+        stand: Stand | None = None,
     ) -> None:
+        self.stand = stand
         self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
         self.model.gravity.setZero()
         self.data = self.model.createData()
@@ -92,6 +96,18 @@ class FloatingRobot:
         self._q[7:] = q
         pin.computeRNEADerivatives(self.model, self.data, self._q, nu, a)
         return np.array(self.data.dtau_dv)
+
+    def give(self, H_bb: FloatArray, force: FloatArray) -> FloatArray:
+        """Return how a force on the base, (6,) or (6, k), moves it, held as it is."""
+        if self.stand is None:
+            return np.asarray(np.linalg.solve(H_bb, force))
+        return self.stand.give(H_bb, force)
+
+    @property
+    def support(self) -> FloatArray:
+        """(6,): the base's acceleration by which its stand keeps it from falling."""
+        gravity = (0.0, 0.0, 0.0) if self.stand is None else self.stand.gravity_m_s2
+        return np.concatenate((-np.array(gravity), np.zeros(3)))
 
     def tool_pose(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return R_BE (3, 3) and p_BE_B (3,) of the tool frame."""

@@ -29,7 +29,7 @@ def make_case(setup: Setup) -> Case:
     scenario = setup.scenario
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(
-        scenario.urdf, scenario.tool_frame, pis, scenario.unknown, scenario.frames
+        scenario.urdf, scenario.tool_frame, pis, scenario.unknown, scenario.frames, scenario.stand
     )
     spline = JointSpline.load(scenario.verification)
     end_s = setup.spline.duration_s + scenario.after_s
@@ -86,8 +86,8 @@ def judge(setup: Setup, case: Case, recorded: Recorded) -> dict[str, Any]:
 
 
 def raw_ols(setup: Setup, blocks: Sequence[Block]) -> Result | None:
-    """Return what the paper's plain least squares makes of the same blocks; None without blocks."""
-    if not blocks:
+    """Return what the paper's OLS makes of the same blocks; None without blocks or on a stand."""
+    if not blocks or setup.scenario.stand is not None:
         return None
     settings = setup.config.estimator.model_copy(update={"method": "mrnea", "weighting": "ols"})
     estimator = build_online(setup.config.model_copy(update={"estimator": settings}))

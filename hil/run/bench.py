@@ -186,7 +186,7 @@ def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHist
     if scenario.environment is not None:
         before_s, after_s = max(EDGE_S, scenario.before_s), max(EDGE_S, scenario.after_s)
     end_s = spline.duration_s + after_s
-    return simulate_in(scenario.environment, robot, spline, -before_s, end_s)
+    return simulate_in(scenario.environment, robot, spline, -before_s, end_s, stand=scenario.stand)
 
 
 class VirtualRun:

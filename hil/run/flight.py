@@ -144,6 +144,10 @@ def flight_document(
     }
     if sensors.star_tracker is not None:
         document["star_tracker"] = _star_tracker(sensors, folder)
+    stand = scenario.stand
+    if stand is not None:
+        gravity = list(stand.gravity_m_s2)
+        document["base"] = {"motion": stand.motion, "gravity_B_m_s2": gravity}
     environment = scenario.environment
     if environment is not None and environment.told_to_flight and environment.gravity_gradient:
         document["orbit"] = _orbit(environment.orbit, scenario.before_s)
@@ -265,6 +269,7 @@ def plant_document(
             None if scenario.environment is None else scenario.environment.model_dump(mode="json")
         ),
         "slosh": [asdict(part) for part in scenario.slosh],
+        "stand": None if scenario.stand is None else asdict(scenario.stand),
         "start_delay_s": scenario.before_s,
         "seed": seed,
         "realtime": {"priority": 40},

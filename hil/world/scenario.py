@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, is_physical
 from hil.world.robot import SloshMass
+from hil.world.stand import Stand
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 BODY_NAMES = ("base", "target")
@@ -93,6 +94,7 @@ class Document(_Section):
     environment: dict[str, Any] | Path | None = None  # null: nothing acts from outside
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()  # liquid in the base
+    stand: Stand | None = None  # null: the base floats freely
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,6 +117,7 @@ class Scenario:
     environment: EnvironmentSection | None = None
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()
+    stand: Stand | None = None
 
     @property
     def buses(self) -> dict[str, dict[str, Any]]:
@@ -188,6 +191,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         environment=environment,
         faults=document.faults,
         slosh=document.slosh,
+        stand=document.stand,
     )
 
 

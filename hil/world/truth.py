@@ -1,6 +1,7 @@
 """The plant's dynamics: MuJoCo multibody truth, an engine the estimator does not use.
 
-Free floating, without gravity, contacts or friction; zero momentum unless a wrench acts. The joint
+Free floating, without gravity, contacts or friction, at zero momentum unless a wrench acts; or on a
+stand in a laboratory. The joint
 controller sits inside the integration (every stage of every step), so it has no sampling delay.
 """
 
@@ -18,6 +19,7 @@ from scipy.linalg.lapack import dposv
 from hil.world.history import Field, TruthHistory, TruthState
 from hil.world.robot import BASE_NQ, BASE_NV, Body, Robot, SloshMass, load_bodies
 from hil.world.spline import JointSpline
+from hil.world.stand import Stand
 
 __all__ = ["Body", "Robot", "TruthHistory", "TruthState", "load_bodies", "simulate"]
 
@@ -39,8 +41,12 @@ class _Plant:
     angular velocity (B), joint velocities; MuJoCo's qpos and qvel in a row.
     """
 
-    def __init__(self, robot: Robot, wrench: Wrench | None) -> None:
+    def __init__(self, robot: Robot, wrench: Wrench | None, stand: Stand | None) -> None:
+        if stand is not None and robot.slides:
+            raise ValueError("a base on a stand holds no liquid here")
+        self.stand = stand
         self.model = robot.model
+        self.model.opt.gravity[:] = 0.0 if stand is None else stand.gravity_m_s2
         self.data = data = mujoco.MjData(robot.model)
         self.qpos, self.qvel = data.qpos, data.qvel  # views; each look at the attribute costs
         self.wrench = wrench
@@ -76,9 +82,12 @@ class _Plant:
         if self.springs is not None:
             c[BASE_NV:m] -= self.springs.force_n(y[BASE_NQ : m + 1], y[nq + BASE_NV : nq + m])
         force = H[:, m:] @ command + c  # on every coordinate, with the base held
-        _, reaction, info = dposv(H[:m, :m], -force[:m])
-        if info != 0:
-            raise ValueError(f"base inertia not positive definite at t = {t_s} s")
+        if self.stand is None:
+            _, reaction, info = dposv(H[:m, :m], -force[:m])
+            if info != 0:
+                raise ValueError(f"base inertia not positive definite at t = {t_s} s")
+        else:
+            reaction = self.stand.give(H[:m, :m], -force[:m])
         self.tau = H[m:, :m] @ reaction + force[m:]
         rate = np.empty(len(y))
         rate[:3] = y[nq : nq + 3]
@@ -145,6 +154,7 @@ def simulate(
     *,
     wrench: Wrench | None = None,
     field: Field | None = None,
+    stand: Stand | None = None,
     q_NB_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
 ) -> TruthHistory:
     """Simulate the robot following a joint trajectory from rest, base origin at N's origin.
@@ -159,14 +169,16 @@ def simulate(
     wrench : external forces, called at every stage; the controller does not know of them
     field : gravity in the frame's free fall, which an accelerometer does not feel; it acts on the
         motion only through `wrench`
+    stand : holds the base, under gravity; None: it floats freely
     q_NB_xyzw : base attitude at the start
     """
+    field = stand if stand is not None else field
     if spline.n != robot.n:
         raise ValueError(f"spline has {spline.n} joints, robot {robot.n}")
     steps = int(np.ceil((end_s - start_s) / dt_s - 1e-9))
     if steps < 1:
         raise ValueError(f"end_s {end_s} must be after start_s {start_s}")
-    plant = _Plant(robot, wrench)
+    plant = _Plant(robot, wrench, stand)
     times = start_s + 0.5 * dt_s * np.arange(2 * steps + 1)
     wanted = spline.evaluate(times)
     q, qd, qdd = wanted

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from fsw.config import Config
+from fsw.config.robot import METHODS_HELD
 from fsw.estimators.batch.diagnosis import diagnose_batch
 from fsw.estimators.batch.solver import (
     BatchSolution,
@@ -105,6 +106,12 @@ def _run(
     sound = [by_index[index] for index in sorted(by_index)]
     if not sound:
         raise EstimatorError("no usable block recorded in this window")
+    held = METHODS_HELD.get(config.base.motion, (method,))
+    if method not in held:
+        raise EstimatorError(
+            f"method {method!r} needs a free base; base.motion is {config.base.motion}: "
+            f"{' or '.join(held)}"
+        )
     chosen = config.with_unknown(tuple(unknown)) if unknown else config
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     settings = config.estimator

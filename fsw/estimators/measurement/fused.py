@@ -9,6 +9,9 @@ Jacobian is exact and comes from two regressors and one 6 x 6 factorisation per 
     tau   = c_m + H_bm^T a_b + H_m qdd                              J_tau = Y_m + H_bm^T J_a + C_m
     J_w f     = a_b + wd x r + w x (w x r)
 
+A base that is held in part (`base.motion`) gives way along its free motions S alone, with
+S (S^T H_bb S)^-1 S^T for H_bb^-1, and carries the support's acceleration, minus gravity.
+
 with Y_h the base rows of Y(q, 0, nu) at the full predicted nu (v_b included) and C = dc/dw. RDA
 (eqs. 22-23 of the paper) is the torque channel, CM (eq. 30) the gyro channel of the same model.
 """
@@ -68,8 +71,7 @@ def _dynamics(
     model.set_parameters(pi)
     q, qd = s.q_rad, s.qd_rad_s
     H = model.mass_matrices(q)
-    np.linalg.cholesky(H[:, :6, :6])  # raises
-    inverse = np.asarray(np.linalg.solve(H[:, :6, :6], np.eye(6)), np.float64)
+    inverse = _yielding(H[:, :6, :6], problem)
     nu, a = np.zeros((2, N, 6 + n))
     nu[:, 6:], a[:, 6:] = qd, s.qdd_rad_s2
     momentum = -_times(H[:, :6, 6:], qd)
@@ -93,6 +95,9 @@ def _dynamics(
     if pulled(problem):
         force -= external_force(s, x, problem)[0]
     a[:, :6] = -_times(inverse, force[:, :6])
+    if problem.support_m_s2.any():
+        held = np.concatenate([problem.support_m_s2, np.zeros(3)])
+        a[:, :6] += held - _times(inverse, H[:, :6, :6] @ held)
     Y = model.regressors(q, w, qd, a)
     if Y_field is not None:
         Y -= Y_field
@@ -114,6 +119,22 @@ def _dynamics(
         by_angle=by_angle,
         h_by_angle=h_by_angle,
     )
+
+
+def _yielding(H_bb: FloatArray, problem: Problem) -> FloatArray:
+    """Return (N, 6, 6): the base's acceleration by a force; the inverse of H_bb if it is free.
+
+    With the free motions S, S (S^T H_bb S)^-1 S^T: what holds the base bears the rest.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the inertia of a free motion is not positive.
+    """
+    S = problem.freedom
+    own = H_bb if problem.is_free else S.T @ H_bb @ S
+    np.linalg.cholesky(own)  # raises
+    inverse = np.asarray(np.linalg.solve(own, np.eye(S.shape[1])), np.float64)
+    return inverse if problem.is_free else np.asarray(S @ inverse @ S.T, np.float64)
 
 
 def _times(A: FloatArray, v: FloatArray) -> FloatArray:

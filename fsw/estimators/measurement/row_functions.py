@@ -74,7 +74,8 @@ class _Fused(RowsFunction):
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
         """Return the rows; without a rate of its own the gyro's where there is one."""
-        rate: Rate = self._rate or ("measured" if s.has_gyro else "momentum")
+        by_gyro = s.has_gyro and self._problem.is_free
+        rate: Rate = self._rate or ("measured" if by_gyro else "momentum")
         return stacked_fused_rows(s, x, self._problem, self._channels, rate, before)
 
 
@@ -87,7 +88,7 @@ class _Mrnea(RowsFunction):
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
         """Return the rows."""
-        if s.is_complete:
+        if s.is_complete and self._problem.is_free:
             return stacked_mrnea_rows(s, x, self._problem, self._weighting)
         return self._otherwise.stacked(s, x, before)
 

@@ -54,7 +54,7 @@ def known_bodies(
     for index, name in enumerate(("base", *model.joint_names)):
         own = slice(PARAMETERS * index, PARAMETERS * (index + 1))
         if name == "base":
-            if "base" in unknown:
+            if "base" in unknown or config.base.motion == "clamped":
                 continue
             root = _body_root(config.bodies.get("base"), model.pi_links[own], ratio)
         else:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.config import BodyConfig, Config
+from fsw.config import BaseConfig, BodyConfig, Config
 from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
     NAMES,
@@ -75,7 +75,14 @@ class Problem:
     orbit: CircularOrbit | None  # None: no gravity gradient
     window_s: float
     wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
+    freedom: FloatArray  # (6, k) motions [v_b, w_b] that nothing holds the base from, orthonormal
+    support_m_s2: FloatArray  # (3,) acceleration by which what holds the base keeps it from falling
     liquid: FloatArray  # (p, p) covariance that liquid in the bodies adds to what is published
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing holds the base."""
+        return bool(self.freedom.shape[1] == self.freedom.shape[0])
 
     @property
     def bodies(self) -> slice:
@@ -136,6 +143,23 @@ def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
     sigma = np.concatenate(([body.sigma.mass_kg], body.sigma.com_m, body.sigma.inertia_kg_m2))
     root = np.linalg.solve(report_jacobian(mean), np.diag(sigma))
     return mean, root @ root.T
+
+
+def base_freedom(base: BaseConfig) -> FloatArray:
+    """Return (6, k): the motions of the base that are free, in its own axes.
+
+    All six in space; on an air-bearing table two along it and one about its normal, which stand
+    still in the base's axes; none on a bench.
+    """
+    if base.motion == "free":
+        return np.eye(6)
+    if base.motion == "clamped":
+        return np.zeros((6, 0))
+    normal = np.array(base.normal_B)
+    along = np.linalg.svd(normal[None])[2][1:].T  # (3, 2)
+    freedom = np.zeros((6, 3))
+    freedom[:3, :2], freedom[3:, 2] = along, normal
+    return freedom
 
 
 def liquid_root(body: BodyConfig) -> FloatArray:
@@ -318,5 +342,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         wrench_sigma=np.repeat(
             [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3
         ),
+        freedom=base_freedom(config.base),
+        support_m_s2=-np.array(config.base.gravity_B_m_s2),
         liquid=liquid,
     )

@@ -35,6 +35,7 @@ from hil.world.environment.sun_moon import epoch_tt, is_lit, sun_m
 from hil.world.history import TruthHistory
 from hil.world.robot import Robot
 from hil.world.spline import JointSpline
+from hil.world.stand import Stand
 from hil.world.truth import simulate
 
 GRID_S = 5.0  # of what changes along the orbit: 0.3 deg in LEO
@@ -48,10 +49,11 @@ def simulate_in(
     start_s: float,
     end_s: float,
     dt_s: float = 0.004,
+    stand: Stand | None = None,
 ) -> TruthHistory:
-    """Return the truth of a motion in an environment; None: nothing acts from outside."""
+    """Return the truth of a motion in an environment or on a stand; None: nothing from outside."""
     if section is None:
-        return simulate(robot, spline, start_s, end_s, dt_s)
+        return simulate(robot, spline, start_s, end_s, dt_s, stand=stand)
     around = Environment(section, robot, start_s, end_s)
     return simulate(
         robot,

@@ -62,6 +62,8 @@ def yaml_words(value: object) -> str:
         return f"{value:g}"
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, tuple):
+        return yaml.safe_dump(list(value), default_flow_style=True).strip()
     return yaml.safe_dump(value).splitlines()[0]
 
 

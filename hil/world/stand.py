@@ -1,0 +1,36 @@
+"""What holds the base in a laboratory: a bench, or an air-bearing table; and gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stand:
+    """The base on a bench (clamped) or on a level table (planar), its axes along N's at first."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    motion: Literal["planar", "clamped"]
+    gravity_m_s2: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+
+    @property
+    def freedom(self) -> FloatArray:
+        """(6, k): free motions [v, w] of the base: along x, y and about z of a table, or none."""
+        return np.eye(6)[:, [0, 1, 5]] if self.motion == "planar" else np.zeros((6, 0))
+
+    def give(self, H_bb: FloatArray, force: FloatArray) -> FloatArray:
+        """Return what force (6,) or (6, k) makes of the base with inertia H_bb (6, 6)."""
+        S = self.freedom
+        return np.asarray(S @ np.linalg.solve(S.T @ H_bb @ S, S.T @ force))
+
+    def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return gravity (k, 3) [m/s^2] and its gradient (k, 3, 3), in N."""
+        count = len(np.atleast_1d(t_s))
+        return np.tile(self.gravity_m_s2, (count, 1)), np.zeros((count, 3, 3))
