@@ -9,10 +9,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fsw.commands.api import Identification, Recording, identify, load, plan, replay
+    from fsw.commands.api import Identification, Recording, identify, load, plan, replay, report
     from fsw.commands.robot import Robot
 
-__all__ = ["Identification", "Recording", "Robot", "identify", "load", "plan", "replay"]
+__all__ = ["Identification", "Recording", "Robot", "identify", "load", "plan", "replay", "report"]
 
 
 def __getattr__(name: str) -> object:

@@ -11,12 +11,16 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fsw.commands.excite_arguments import add_arguments as excite_arguments
 from fsw.commands.init_arguments import add_arguments as init_arguments
+from fsw.commands.recording_arguments import (
+    identify_arguments,
+    replay_arguments,
+    report_arguments,
+)
 from fsw.messages.errors import ConfigError, FswError
 
 if TYPE_CHECKING:
@@ -26,7 +30,6 @@ if TYPE_CHECKING:
 
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
-INSTEAD = "instead of the configuration's"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,30 +63,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.set_defaults(command=_run)
 
-    replay = commands.add_parser("replay", help="identify from a recording, as fast as it goes")
-    replay.add_argument("recording", type=Path, metavar="RECORDING")
-    replay.add_argument(
-        "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
-    )
-    replay.add_argument("--method", choices=("mrnea", "rda", "cm", "fused"), help=INSTEAD)
-    _part_arguments(replay)
-    replay.add_argument("--json", action="store_true", help="print the result as one JSON object")
-    replay.set_defaults(command=_replay)
-
-    identify = commands.add_parser("identify", help="one batch method on a recording")
-    identify.add_argument("recording", type=Path, metavar="RECORDING")
-    identify.add_argument("--config", type=Path, metavar="CONFIG", required=True)
-    identify.add_argument(
-        "--method", choices=("mrnea", "rda", "cm", "ce", "fused"), default="fused"
-    )
-    identify.add_argument(
-        "--unknown",
-        metavar="BODIES",
-        help="base, target, both or names with commas between; default: as the configuration says",
-    )
-    _part_arguments(identify)
-    identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
-    identify.set_defaults(command=_identify)
+    replay_arguments(commands, _replay)
+    identify_arguments(commands, _identify)
+    report_arguments(commands, _report)
 
     excite = commands.add_parser("excite", help="plan or judge a motion that identifies well")
     excite_arguments(excite)
@@ -160,19 +142,6 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     check.set_defaults(command=_check)
 
 
-def _part_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add how a recording is used: which part of it, and the weighting of mrnea."""
-    parser.add_argument(
-        "--weighting", choices=("ols", "wls", "bc", "eiv"), help=f"{INSTEAD}; mrnea"
-    )
-    parser.add_argument(
-        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="from the start, 0"
-    )
-    parser.add_argument(
-        "--to", dest="to_s", type=float, default=inf, metavar="S", help="from the start, its end"
-    )
-
-
 def _warned(robot: Robot) -> Robot:
     """Print the warnings of a configuration to stderr."""
     for warning in robot.warnings:
@@ -220,6 +189,30 @@ def _replay(arguments: argparse.Namespace) -> int:
     if result.truncated:
         print(f"fsw: warning: {arguments.recording} is cut off at its end", file=sys.stderr)
     return 0 if result.estimate is not None and result.estimate.valid else FAILED_EXIT
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from fsw.commands.robot import Robot
+
+    given = None if arguments.config is None else Robot(arguments.config)
+    from fsw.commands.api import load, report  # only now anything that can open a recording
+
+    recording = load(arguments.recording)
+    robot = recording.robot if given is None else given
+    robot = _warned(robot.with_choices(method=arguments.method, weighting=arguments.weighting))
+    out = arguments.out or Path(arguments.recording.stem).with_suffix(".html")
+    print(f"fsw: report: replaying {arguments.recording}", file=sys.stderr)
+    written = report(
+        recording,
+        robot,
+        out,
+        with_csv=arguments.csv,
+        with_png=arguments.png,
+        from_s=arguments.from_s,
+        to_s=arguments.to_s,
+    )
+    print("\n".join([written.verdict, *map(str, written.paths)]))
+    return 0 if written.valid else FAILED_EXIT
 
 
 def _identify(arguments: argparse.Namespace) -> int:

@@ -20,6 +20,7 @@ from fsw.commands.identify import identify as identify_recording
 from fsw.commands.identify import to_text
 from fsw.commands.replay import replay as replay_recording
 from fsw.commands.replay_result import ReplayResult
+from fsw.commands.report import Written, write_report
 from fsw.commands.robot import Criterion, Folder, Method, Robot, Weighting, one_of
 from fsw.commands.span import Span
 from fsw.exchange.recording_parts import contents_of, parts_of
@@ -167,6 +168,39 @@ def replay(
     """
     held, robot = _pair(recording, robot)
     return replay_recording(held.path, robot.config, span=Span(from_s, to_s))
+
+
+def report(
+    recording: Recording | Path | str,
+    robot: Robot | None = None,
+    out: Path | str = "report.html",
+    *,
+    with_csv: bool = False,
+    with_png: bool = False,
+    from_s: float = 0.0,
+    to_s: float = inf,
+) -> Written:
+    """Replay a recording and write one HTML page of it that needs nothing but itself.
+
+    Parameters
+    ----------
+    robot : None: the configuration within the recording
+    with_csv, with_png : tables and a picture beside the page, by its name
+    from_s, to_s : the part of the recording [s from its start]
+
+    Raises
+    ------
+    ConfigError if recording and configuration do not fit, or nothing can be written.
+    """
+    held, robot = _pair(recording, robot)
+    return write_report(
+        held.path,
+        robot.config,
+        Path(out),
+        span=Span(from_s, to_s),
+        with_csv=with_csv,
+        with_png=with_png,
+    )
 
 
 def plan(

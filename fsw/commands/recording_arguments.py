@@ -1,0 +1,71 @@
+"""Arguments of the commands that read a recording: replay, identify, report."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from math import inf
+from pathlib import Path
+from typing import TypeAlias
+
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001
+Command = Callable[[argparse.Namespace], int]
+INSTEAD = "instead of the configuration's"
+ONLINE = ("mrnea", "rda", "cm", "fused")
+
+
+def replay_arguments(commands: Commands, command: Command) -> None:
+    """Describe `fsw replay`."""
+    replay = commands.add_parser("replay", help="identify from a recording, as fast as it goes")
+    _recorded_arguments(replay)
+    _part_arguments(replay)
+    replay.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    replay.set_defaults(command=command)
+
+
+def identify_arguments(commands: Commands, command: Command) -> None:
+    """Describe `fsw identify`."""
+    identify = commands.add_parser("identify", help="one batch method on a recording")
+    identify.add_argument("recording", type=Path, metavar="RECORDING")
+    identify.add_argument("--config", type=Path, metavar="CONFIG", required=True)
+    identify.add_argument("--method", choices=(*ONLINE, "ce"), default="fused")
+    identify.add_argument(
+        "--unknown",
+        metavar="BODIES",
+        help="base, target, both or names with commas between; default: as the configuration says",
+    )
+    _part_arguments(identify)
+    identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    identify.set_defaults(command=command)
+
+
+def report_arguments(commands: Commands, command: Command) -> None:
+    """Describe `fsw report`."""
+    report = commands.add_parser("report", help="replay a recording into one HTML page")
+    _recorded_arguments(report)
+    report.add_argument("--out", type=Path, metavar="HTML", help="RECORDING's name with .html")
+    report.add_argument("--csv", action="store_true", help="tables beside it")
+    report.add_argument("--png", action="store_true", help="a picture beside it")
+    _part_arguments(report)
+    report.set_defaults(command=command)
+
+
+def _recorded_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", type=Path, metavar="RECORDING")
+    parser.add_argument(
+        "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
+    )
+    parser.add_argument("--method", choices=ONLINE, help=INSTEAD)
+
+
+def _part_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add how a recording is used: which part of it, and the weighting of mrnea."""
+    parser.add_argument(
+        "--weighting", choices=("ols", "wls", "bc", "eiv"), help=f"{INSTEAD}; mrnea"
+    )
+    parser.add_argument(
+        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="from the start, 0"
+    )
+    parser.add_argument(
+        "--to", dest="to_s", type=float, default=inf, metavar="S", help="from the start, its end"
+    )

@@ -1,0 +1,167 @@
+"""Everything a report shows, collected by one sink in one replay."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.commands.replay import replay
+from fsw.commands.replay_result import ReplayResult
+from fsw.commands.residuals import ChannelResiduals, channel_residuals
+from fsw.commands.span import WHOLE, Span
+from fsw.config import Config
+from fsw.estimators.model.inertia import report_jacobian
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.pipeline import default_pipeline
+from fsw.estimators.plausible import plausible
+from fsw.estimators.recursive.online import OnlineEstimator
+from fsw.exchange.recording import messages_of
+from fsw.exchange.recording_parts import contents_of, parts_of
+from fsw.exchange.sinks import Message, NullSink
+from fsw.messages import Block, Estimate, FloatArray
+
+PACKAGES = ("inertia-daemon", "numpy", "scipy", "pin", "mcap", "pydantic")
+STATUS = "/tm"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Collected:
+    """A replayed recording; times of messages are those of the recording [ns]."""
+
+    recording: Path
+    span: Span
+    config: Config
+    result: ReplayResult
+    estimates: Sequence[Estimate]
+    blocks: Sequence[Block]
+    residuals: ChannelResiduals | None  # None: no state to predict from
+    shares: Mapping[str, Mapping[str, float]]  # per quantity: share of sigma squared by cause
+    flown: Sequence[Mapping[str, Any]]  # status records of the run that was recorded
+    metadata: Mapping[str, Mapping[str, str]]
+    versions: Mapping[str, str]
+
+
+class _Collector(NullSink):
+    """Keeps what a report shows."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Block] = []
+        self.estimates: list[Estimate] = []
+
+    def put(self, message: Message) -> None:
+        """Keep blocks and estimates."""
+        if isinstance(message, Block):
+            self.blocks.append(message)
+        elif isinstance(message, Estimate):
+            self.estimates.append(message)
+
+
+def collect(recording: Path, config: Config, span: Span = WHOLE) -> Collected:
+    """Replay a recording and keep what a report shows.
+
+    Raises
+    ------
+    ConfigError when recording and configuration do not fit.
+    """
+    sink, pipeline = _Collector(), default_pipeline(config)
+    result = replay(recording, config, sink=sink, pipeline=pipeline, span=span)
+    parts = parts_of(recording)
+    held = contents_of(parts)
+    blocks = [block for block in sink.blocks if plausible(block)]
+    residuals, shares = None, dict[str, dict[str, float]]()
+    estimator = pipeline.estimator
+    if isinstance(estimator, OnlineEstimator) and blocks and result.estimate is not None:
+        problem, x = estimator.problem, estimator.recursion.x
+        residuals = _residuals(blocks, x, problem)
+        memory, level = estimator.recursion.memory, estimator.recursion.monitor.level
+        shares = sigma_shares(problem, x, memory.tempered(level).covariance())
+    flown = messages_of(parts, [STATUS]) if STATUS in held.topics else ()
+    return Collected(
+        recording=recording,
+        span=span,
+        config=config,
+        result=result,
+        estimates=sink.estimates,
+        blocks=blocks,
+        residuals=residuals,
+        shares=shares,
+        flown=[json.loads(message.data) for message in flown],
+        metadata=held.metadata,
+        versions=_versions(),
+    )
+
+
+def _residuals(blocks: Sequence[Block], x: FloatArray, problem: Problem) -> ChannelResiduals | None:
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return channel_residuals(blocks, x, problem)
+    except ValueError:  # LinAlgError: the base has no inertia at this state
+        return None
+
+
+def sigma_shares(
+    problem: Problem, x: FloatArray, covariance: FloatArray
+) -> dict[str, dict[str, float]]:
+    """Return by how much the variance of each quantity would fall if a cause were known exactly.
+
+    Parameters
+    ----------
+    x, covariance : the whole state (p,), (p, p)
+
+    Returns
+    -------
+    Per quantity of the unknown bodies, as in `target.mass_kg`: cause to share of the variance, in
+    [0, 1]. Shares of correlated causes overlap; what none explains is the noise of the sensors.
+    """
+    causes = {name: np.r_[places] for name, places in _causes(problem).items() if _size(places)}
+    shares: dict[str, dict[str, float]] = {}
+    for body in problem.unknown:
+        own = problem.body(body)
+        T = report_jacobian(x[own])
+        variance = np.diag(T @ covariance[own, own] @ T.T)
+        for cause, places in causes.items():
+            across = T @ covariance[own, places]
+            within = covariance[np.ix_(places, places)]
+            removed = np.sum(across * np.linalg.lstsq(within, across.T)[0].T, axis=1)
+            for row, name in ((0, "mass_kg"), (1, "com_m"), (4, "inertia_kg_m2")):
+                rows = slice(row, {0: 1, 1: 4, 4: 10}[row])
+                share = float(np.clip(np.max(removed[rows] / variance[rows]), 0.0, 1.0))
+                shares.setdefault(f"{body}.{name}", {})[cause] = share
+    return shares
+
+
+def _causes(problem: Problem) -> dict[str, slice]:
+    return {
+        "inertial data of known bodies and links": slice(
+            problem.bodies.stop, problem.inertial.stop
+        ),
+        "torque offsets": problem.torque_offset,
+        "torque scale": problem.torque_scale,
+        "accelerometer bias": problem.acc_bias,
+        "gyro bias": problem.gyro_bias,
+        "joint zeros": problem.joint_zero,
+        "inertial unit's place": problem.imu_place,
+        "inertial unit's attitude": problem.imu_angle,
+        "momentum": problem.momentum,
+        "external wrench": problem.wrench,
+    }
+
+
+def _size(places: slice) -> int:
+    return max(0, (places.stop or 0) - (places.start or 0))
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found

@@ -1,0 +1,164 @@
+"""What was identified, how it came about, and what limits it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fsw.commands.report.collect import Collected
+from fsw.commands.report.view import TIME, Chart, Section, Table, line_of, thinned_axis, times_s
+from fsw.exchange.status import body_sigma, body_values
+from fsw.messages import FloatArray
+
+AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
+QUANTITIES = (
+    ("mass_kg", "mass", "kg", ("mass",)),
+    ("com_m", "centre of mass", "m", ("x", "y", "z")),
+    ("inertia_kg_m2", "inertia about the centre of mass", "kg m2", AXES),
+)
+SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
+
+
+def result(c: Collected) -> Section:
+    """Return the estimate with its sigma, and the verdict in words."""
+    rows, result = [], c.result
+    for name, body in (result.estimate.bodies if result.estimate else {}).items():
+        values, sigmas = body_values(body), body_sigma(body)
+        for key, words, unit, parts in QUANTITIES:
+            flat, sigma = np.atleast_1d(values[key]), np.atleast_1d(sigmas[key])
+            for part, value, one in zip(parts, flat, sigma, strict=True):
+                quantity = words if part == words else f"{words} {part}"
+                rows.append((name, quantity, f"{value:.6g}", f"{one:.2g}", unit))
+    verdicts = (result.diagnosis or {}).get("verdict", {})
+    text = [*verdicts.values()]
+    if result.truncated:
+        text.append("The recording is cut off at its end.")
+    text += [
+        f"{source}: nothing usable; {counts['received']} samples received."
+        for source, counts in result.status["samples"].items()
+        if not counts["accepted"]
+    ]
+    head = ("body", "quantity", "estimate", "1 sigma", "unit")
+    return Section(title="Result", text=text, tables=[Table(head=head, rows=rows)])
+
+
+def estimates(c: Collected) -> Section:
+    """Return every quantity over time with its band."""
+    charts = []
+    t_s = times_s([estimate.t_ns for estimate in c.estimates], c.result.start_ns)
+    for name in c.estimates[-1].bodies if c.estimates else ():
+        with_body = [
+            (t, e.bodies[name]) for t, e in zip(t_s, c.estimates, strict=True) if name in e.bodies
+        ]
+        x, bodies = [t for t, _ in with_body], [body for _, body in with_body]
+        means = [body_values(body) for body in bodies]
+        sigmas = [body_sigma(body) for body in bodies]
+        scale = []
+        for key, words, unit, parts in QUANTITIES:
+            mean = np.array([np.atleast_1d(values[key]) for values in means])
+            sigma = np.array([np.atleast_1d(values[key]) for values in sigmas])
+            charts.append(_banded(f"{name}: {words}, with 3 sigma", unit, x, parts, mean, sigma))
+            scale.append(line_of(f"{words} [{unit}]", np.linalg.norm(sigma, axis=1)))
+        charts.append(
+            Chart(
+                title=f"{name}: 1 sigma",
+                x_label=TIME,
+                y_label="1 sigma [own unit]",
+                x=thinned_axis(np.array(x)),
+                lines=scale,
+                log=True,
+            )
+        )
+    note = "The range shown first is that of the last two thirds; double-click shows all."
+    return Section(title="Estimate over time", text=[note], charts=charts, in_rows_of=2)
+
+
+def _banded(
+    title: str, unit: str, x: list[float], parts: Sequence[str], mean: FloatArray, sigma: FloatArray
+) -> Chart:
+    low, high = mean - 3 * sigma, mean + 3 * sigma
+    late = slice(int(len(x) * SETTLED), None)
+    span = (float(np.min(low[late])), float(np.max(high[late])))
+    lines = [line_of(part, mean[:, k], low[:, k], high[:, k]) for k, part in enumerate(parts)]
+    label = (
+        f"{title.split(': ')[1].split(',', maxsplit=1)[0].split(' about', maxsplit=1)[0]} [{unit}]"
+    )
+    return Chart(
+        title=title,
+        x_label=TIME,
+        y_label=label,
+        x=thinned_axis(np.array(x)),
+        lines=lines,
+        y_range=span if np.all(np.isfinite(span)) else None,
+    )
+
+
+def excitation(c: Collected) -> Section:
+    """Return the motion, and the information gained from it."""
+    charts = []
+    if c.blocks:
+        t_s = np.array(times_s([int(block.t_ns[0]) for block in c.blocks], c.result.start_ns))
+        for words, unit, values in (
+            ("position", "rad", np.array([block.q_rad[0] for block in c.blocks])),
+            ("speed", "rad/s", np.array([block.qd_rad_s[0] for block in c.blocks])),
+        ):
+            lines = [line_of(joint.name, values[:, k]) for k, joint in enumerate(c.config.joints)]
+            charts.append(
+                Chart(
+                    title=f"Joint {words}",
+                    x_label=TIME,
+                    y_label=f"{words} [{unit}]",
+                    x=thinned_axis(t_s),
+                    lines=lines,
+                )
+            )
+    if c.estimates:
+        x = thinned_axis(np.array(times_s([e.t_ns for e in c.estimates], c.result.start_ns)))
+        gained = np.array([e.information_gained_nats for e in c.estimates])
+        condition = np.array([e.condition_number for e in c.estimates])
+        charts += [
+            Chart(
+                title="Information about the bodies",
+                x_label=TIME,
+                y_label="gained [nat]",
+                x=x,
+                lines=[line_of("gained over the prior", gained)],
+            ),
+            Chart(
+                title="Condition of the scaled information",
+                x_label=TIME,
+                y_label="condition number [1]",
+                x=x,
+                log=True,
+                lines=[line_of("condition number", condition)],
+            ),
+        ]
+    return Section(title="Excitation", charts=charts, in_rows_of=2)
+
+
+def limits(c: Collected) -> Section:
+    """Return the causes of what is left of sigma, and what the data know least."""
+    tables, text = [], []
+    if c.shares:
+        causes = sorted({cause for shares in c.shares.values() for cause in shares})
+        rows = [
+            (name, *(f"{100 * shares[cause]:.1f} %" for cause in causes))
+            for name, shares in c.shares.items()
+        ]
+        tables.append(Table(head=("quantity", *causes), rows=rows))
+        text.append(
+            "By how much sigma squared would fall if a cause were known exactly; of a vector, its "
+            "worst component. Causes that are correlated share their part; noise is the rest."
+        )
+    diagnosis = c.result.diagnosis or {}
+    weakest = diagnosis.get("combinations", [])[:5]
+    if weakest:
+        rows = [(f"{one['gain']:.3g}", one["known_by"], one["combination"]) for one in weakest]
+        head = ("data over prior", "known by", "weakest combinations, in prior sigmas")
+        tables.append(Table(head=head, rows=rows))
+    strongest = diagnosis.get("strongest_correlations", [])
+    if strongest:
+        rows = [(" and ".join(one["between"]), f"{one['correlation']:.3f}") for one in strongest]
+        tables.append(Table(head=("strongest correlations between", "correlation"), rows=rows))
+    return Section(title="Limits of the accuracy", text=text, tables=tables)

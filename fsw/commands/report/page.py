@@ -1,0 +1,69 @@
+"""A report as one HTML page that needs nothing but itself; a pure function of the view."""
+
+from __future__ import annotations
+
+import json
+import re
+from html import escape
+from importlib.resources import files
+
+from fsw.commands.report.view import Section, Table, View
+
+LONG = 40  # rows; a longer table scrolls within itself
+
+
+def page(view: View) -> str:
+    """Return the page of a report, drawing library included."""
+    charts = json.dumps(view.charts(), allow_nan=False).replace("</", "<\\/")
+    sections, count = [], 0
+    for place, section in enumerate(view.sections):
+        sections.append(_section(place, section, count))
+        count += len(section.charts)
+    links = "".join(
+        f'<a href="#s{place}">{escape(section.title)}</a>'
+        for place, section in enumerate(view.sections)
+    )
+    filled = {
+        "title": escape(view.title),
+        "class": "valid" if view.valid else "",
+        "verdict": escape(view.verdict),
+        "links": links,
+        "sections": "\n".join(sections),
+        "charts": charts,
+        "uplot": _file("uplot.js"),
+        "uplot_css": _file("uplot_css.txt"),
+        "script": _file("page.js"),
+    }
+    return re.sub(r"@(\w+)@", lambda match: filled[match[1]], _file("page.html"))
+
+
+def _section(place: int, section: Section, first_chart: int) -> str:
+    parts = [f'<section id="s{place}"><h2>{escape(section.title)}</h2>']
+    parts += [f"<p>{escape(text)}</p>" for text in section.text]
+    parts += [_table(table) for table in section.tables if table.rows]
+    figures = "".join(
+        f'<figure data-chart="{first_chart + k}"><figcaption>{escape(chart.title)}</figcaption>'
+        "</figure>"
+        for k, chart in enumerate(section.charts)
+    )
+    if figures:
+        parts.append(f'<div class="charts" style="--across:{section.in_rows_of}">{figures}</div>')
+    if section.source:
+        source = escape(section.source)
+        parts.append(f"<details><summary>Configuration</summary><pre>{source}</pre></details>")
+    return "\n".join([*parts, "</section>"])
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{escape(word)}</th>" for word in table.head)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>"
+        for row in table.rows
+    )
+    body = f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody>"
+    kind = "table long" if len(table.rows) > LONG else "table"
+    return f'<div class="{kind}"><table>{body}</table></div>'
+
+
+def _file(name: str) -> str:
+    return files("fsw.commands.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,41 @@
+"""Spectrum and histogram of normalised residuals."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lombscargle
+
+from fsw.messages import FloatArray
+
+FREQUENCIES = 128  # shown
+FINER = 8  # frequencies averaged into one
+MOST = 20_000  # nodes used: of a longer series, its first
+BINS = 41
+REACH = 5.0  # sigmas; beyond them, the outermost bin
+
+
+def spectrum(t_s: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies [Hz] and power of unevenly spaced residuals; white of unit sigma gives 1.
+
+    The Lomb-Scargle periodogram up to the mean Nyquist frequency, averaged over neighbours.
+    """
+    t_s, ratio = t_s[:MOST], ratio[:MOST]
+    length_s = float(np.ptp(t_s))
+    if len(t_s) < 2 or length_s <= 0:
+        return np.empty(0), np.empty(0)
+    count = min(FREQUENCIES, max(1, len(t_s) // (2 * FINER)))
+    highest_hz = 0.5 * (len(t_s) - 1) / length_s
+    fine_hz = highest_hz * np.arange(1, count * FINER + 1) / (count * FINER)
+    power = np.asarray(lombscargle(t_s - t_s[0], ratio, 2 * np.pi * fine_hz), np.float64)
+    shape = (count, FINER)
+    return fine_hz.reshape(shape).mean(axis=1), power.reshape(shape).mean(axis=1)
+
+
+def histogram(ratio: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return centres, density of the residuals and the normal density, over +-5 sigma."""
+    edges = np.linspace(-REACH, REACH, BINS + 1)
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    inside = np.clip(ratio, centre[0], centre[-1])
+    density, _ = np.histogram(inside, edges, density=True)
+    normal = np.exp(-0.5 * centre**2) / np.sqrt(2 * np.pi)
+    return centre, np.asarray(density, np.float64), normal

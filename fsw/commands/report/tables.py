@@ -1,0 +1,108 @@
+"""A collected replay as CSV tables and a picture, beside the page."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fsw.commands.export_body import QUANTITIES
+from fsw.commands.report.collect import Collected
+from fsw.commands.report.view import Chart, View
+from fsw.exchange.status import body_sigma, body_values
+from fsw.messages.errors import ConfigError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ESTIMATE = "Estimate over time"
+
+
+def write_csv(collected: Collected, stem: Path) -> list[Path]:
+    """Write STEM_estimate.csv, STEM_residuals.csv and STEM_events.csv; return what was written.
+
+    Times are seconds from the start of what was replayed.
+    """
+    start_ns = collected.result.start_ns
+
+    def seconds(t_ns: int) -> str:
+        return f"{(t_ns - start_ns) * 1e-9:.6f}"
+
+    bodies = [f"{body}_{name}" for body in collected.result.unknown for name in QUANTITIES]
+    head = ["t_s", "valid", "reason", "nis", "nis_dof"]
+    head += [*bodies, *(f"{name}_sigma" for name in bodies)]
+    estimates = (
+        [seconds(e.t_ns), int(e.valid), e.reason, repr(e.nis), e.nis_dof]
+        + [x for b in e.bodies.values() for x in _flat(body_values(b).values())]
+        + [x for b in e.bodies.values() for x in _flat(body_sigma(b).values())]
+        for e in collected.estimates
+    )
+    written = [_write(stem, "estimate", head, estimates)]
+    r = collected.residuals
+    if r is not None:
+        units = [f"{n} [{u}]" for n, u in zip(r.names, r.units, strict=True)]
+        head = ["t_s", *units, *(f"{name} sigma" for name in units)]
+        values = zip(r.t_ns.tolist(), r.value.tolist(), r.sigma.tolist(), strict=True)
+        rows = ([seconds(t), *map(repr, value), *map(repr, sigma)] for t, value, sigma in values)
+        written.append(_write(stem, "residuals", head, rows))
+    events = ([seconds(e.t_ns), e.severity, e.code, e.text] for e in collected.result.events)
+    return [*written, _write(stem, "events", ["t_s", "severity", "code", "text"], events)]
+
+
+def _flat(values: Iterable[object]) -> list[str]:
+    return [repr(float(x)) for value in values for x in np.atleast_1d(np.asarray(value))]
+
+
+def _write(stem: Path, name: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
+    path = stem.with_name(f"{stem.name}_{name}.csv")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(head)
+        writer.writerows(rows)
+    return path
+
+
+def write_png(view: View, path: Path) -> None:
+    """Draw the charts of the estimate over time.
+
+    Raises
+    ------
+    ConfigError without matplotlib.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        words = "--png needs matplotlib: pip install 'inertia-daemon[excite]'"
+        raise ConfigError(words) from error
+    charts = next(section.charts for section in view.sections if section.title == ESTIMATE)
+    rows = max(1, -(-len(charts) // 2))
+    figure = Figure(figsize=(14, 4 * rows), layout="constrained")
+    figure.suptitle(f"{view.title}: {view.verdict}")
+    axes = np.atleast_1d(figure.subplots(rows, 2, squeeze=False)).ravel()
+    for axis, chart in zip(axes, charts, strict=False):
+        _draw(axis, chart)
+    for axis in axes[len(charts) :]:
+        axis.set_visible(False)
+    figure.savefig(path, dpi=100)
+
+
+def _draw(axis: Axes, chart: Chart) -> None:
+    for line in chart.lines:
+        (drawn,) = axis.plot(chart.x, _array(line.y), label=line.label, linewidth=1)
+        if line.low is not None and line.high is not None:
+            low, high = _array(line.low), _array(line.high)
+            axis.fill_between(chart.x, low, high, color=drawn.get_color(), alpha=0.2, linewidth=0)
+    axis.set(title=chart.title, xlabel=chart.x_label, ylabel=chart.y_label)
+    if chart.log:
+        axis.set_yscale("log")
+    elif chart.y_range is not None:
+        axis.set_ylim(*chart.y_range)
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize="small")
+
+
+def _array(values: Sequence[float | None]) -> np.ndarray:
+    return np.array([np.nan if x is None else x for x in values])

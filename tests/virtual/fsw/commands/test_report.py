@@ -1,0 +1,84 @@
+"""`fsw report` on a flight in virtual time: page, tables and picture agree with the replay."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+from fsw.__main__ import main
+from fsw.commands.report.build import SECTIONS
+from fsw.commands.report.collect import collect
+from fsw.config import load
+
+MOST_BYTES = 5_000_000
+
+
+@pytest.fixture(scope="module")
+def reported(flown, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    out = folder / "page.html"
+    command = ["report", str(flown / "recording.mcap"), "--out", str(out), "--csv", "--png"]
+    return main(command), out
+
+
+def rows_of(out, name):
+    with out.with_name(f"{out.stem}_{name}.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_files_agree_with_a_replay(flown, reported, capsys):
+    code, out = reported
+    main(["replay", str(flown / "recording.mcap"), "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert code == (0 if result["valid"] else 1)
+    text = out.read_text(encoding="utf-8")
+    assert len(text) < MOST_BYTES
+    verdict = "VALID" if result["valid"] else f"NOT VALID: {result['reason']}"
+    assert f">{verdict}</div>" in text
+    assert text.index("VALID") < text.index("<h2>"), "the verdict stands first"
+    assert text.count("<h2>") == len(SECTIONS)
+    last = rows_of(out, "estimate")[-1]
+    assert float(last["target_mass_kg"]) == result["estimate"]["target"]["mass_kg"]
+    assert float(last["target_mass_kg_sigma"]) == result["sigma"]["target"]["mass_kg"]
+    assert len(rows_of(out, "events")) == len(result["events"])
+    assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_chart_has_units_on_both_axes(reported):
+    text = reported[1].read_text(encoding="utf-8")
+    inside = re.search(r'type="application/json">(.*?)</script>', text, re.S)
+    assert inside is not None
+    charts = json.loads(inside[1])
+    assert len(charts) > 40
+    for chart in charts:
+        labels = [chart["x_label"], *([] if chart["levels"] else [chart["y_label"]])]
+        assert all("[" in label for label in labels if label != "count"), chart["title"]
+        assert all(len(line["y"]) == len(chart["x"]) for line in chart["lines"]), chart["title"]
+
+
+def test_residuals_of_a_right_model_are_those_of_the_stated_noise(reported):
+    rows = rows_of(reported[1], "residuals")
+    for name in ("rate.x [rad/s]", "specific_force.z [m/s2]", "torque.joint2 [N m]"):
+        ratio = np.array([float(row[name]) / float(row[f"{name} sigma"]) for row in rows])
+        assert 0.5 < np.sqrt(np.mean(ratio**2)) < 1.3, name
+
+
+def test_a_cause_is_named_and_too_little_noise_stands_out(flown, tmp_path):
+    data = yaml.safe_load((flown / "flight.yaml").read_text())
+    for joint in data["joints"]:
+        joint["torque_scale_sigma_ratio"] = 0.02
+    data["imu"]["velocity_random_walk_m_s_sqrt_s"] /= 3.0
+    data["robot"]["urdf"] = str(flown / "robot.urdf")
+    (tmp_path / "flight.yaml").write_text(yaml.safe_dump(data))
+    collected = collect(flown / "recording.mcap", load(tmp_path / "flight.yaml"))
+    shares = collected.shares["target.mass_kg"]
+    assert all(0.0 <= share <= 1.0 for share in shares.values())
+    assert shares["torque scale"] > 0.5, "one gain of all joints is a mass"
+    assert collected.residuals is not None
+    force = collected.residuals.names.index("specific_force.x")
+    assert np.sqrt(np.nanmean(collected.residuals.normalised[:, force] ** 2)) > 2.0
