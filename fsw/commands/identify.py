@@ -10,6 +10,7 @@ import numpy as np
 
 from fsw.clock import MonotonicClock
 from fsw.commands.replay import replay
+from fsw.commands.replay_result import known_by
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
@@ -73,6 +74,7 @@ def to_text(result: Mapping[str, Any]) -> str:
             sigma = result["sigma"][body][key]
             values = zip(np.atleast_1d(mean), np.atleast_1d(sigma), strict=True)
             lines.append(f"{body}.{key}: " + ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in values))
+        lines += known_by(result["diagnosis"], body)
     diagnosis = result["diagnosis"]
     if diagnosis is not None:
         lines += list(diagnosis["verdict"].values())

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fsw.estimators.parameter_verdicts import in_words
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
 
@@ -66,6 +67,7 @@ class ReplayResult:
             for key, mean in estimate.items():
                 sigma = values["sigma"][body][key]
                 lines.append(f"{body}.{key}: {_shown(mean)} +- {_shown(sigma)}")
+            lines += known_by(self.diagnosis, body)
         if self.diagnosis is not None:
             lines += list(self.diagnosis["verdict"].values())
         for source, counts in values["samples"].items():
@@ -96,6 +98,12 @@ def _state(estimate: Estimate | None) -> dict[str, Any]:
         "mean": estimate.mean.tolist(),
         "covariance": estimate.covariance.tolist(),
     }
+
+
+def known_by(diagnosis: Mapping[str, Any] | None, body: str) -> list[str]:
+    """Return a line that says who knows each parameter of a body: data, prior or nobody."""
+    words = {} if diagnosis is None else diagnosis.get("parameters", {})
+    return [f"{body}: {in_words(words[body])}"] if body in words else []
 
 
 def _shown(value: float | Sequence[float]) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters, report_jacobian
+from fsw.estimators.parameter_verdicts import MEASURED, Words, in_words, parameter_verdicts
 from fsw.messages import BodyEstimate, FloatArray
 
 DATA_GAIN = 1.0  # above: the data know the combination better than the prior did
@@ -52,6 +53,7 @@ class Diagnosis:
     conflict: float  # squared whitened distance of data from prior
     conflict_limit: float  # its 99.99 % point
     verdicts: dict[str, str]  # per body
+    parameters: dict[str, Words]  # per body: who knows each of its parameters
 
 
 def gains(prior_covariance: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -105,15 +107,16 @@ def stated_conflict(
     if min([mean[k] for k in starts], default=1.0) <= 0.0:
         return moments
     stated = [
-        _as_stated(x, P, starts) for x, P in ((prior_mean, prior_covariance), (mean, covariance))
+        as_stated(x, P, starts) for x, P in ((prior_mean, prior_covariance), (mean, covariance))
     ]
     distances = (moments, prior_conflict(*stated[0], *stated[1]))
     return min(distances, key=lambda found: found[0] / max(conflict_limit(found[1]), 1.0))
 
 
-def _as_stated(
+def as_stated(
     x: FloatArray, covariance: FloatArray, starts: range
 ) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance with mass, centre of mass and central inertia for the moments."""
     y, J = x.copy(), np.eye(len(x))
     for start in starts:
         k = slice(start, start + PARAMETERS)
@@ -174,6 +177,11 @@ def diagnose(
     distance, dof = stated_conflict(prior_mean, prior_covariance, mean, covariance, len(bodies))
     # row k of W acts on x; in prior sigmas its weights are W P0 diag(1/sigma), as loadings
     loadings = W @ prior_covariance / np.sqrt(np.diag(prior_covariance))
+    parameters = {
+        name: parameter_verdicts(body, _stated_sigma(prior_mean[k], prior_covariance[k, k]), reason)
+        for name, body in bodies.items()
+        for k in [_places(names, name)]
+    }
     return Diagnosis(
         correlation=correlation_of(covariance),
         crb_sigma=np.sqrt(np.diag(bound)),
@@ -191,7 +199,7 @@ def diagnose(
         conflict=distance,
         conflict_limit=conflict_limit(dof),
         verdicts={
-            name: f"{name} mass not identified: the estimate is not valid, {reason}"
+            name: _refusal(name, body, reason, parameters[name])
             if reason
             else verdict(
                 name,
@@ -204,6 +212,29 @@ def diagnose(
             for name, body in bodies.items()
             for k in [list(names).index(f"{name}.m")]
         },
+        parameters=parameters,
+    )
+
+
+def _places(names: Sequence[str], body: str) -> slice:
+    start = list(names).index(f"{body}.m")
+    return slice(start, start + PARAMETERS)
+
+
+def _stated_sigma(mean: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return 1 sigma (10,) of mass, centre of mass and central inertia."""
+    J = report_jacobian(mean)
+    return np.asarray(np.sqrt(np.maximum(np.diag(J @ covariance @ J.T), 0.0)), np.float64)
+
+
+def _refusal(name: str, body: BodyEstimate, reason: str, words: Words) -> str:
+    """Say that the estimate is not valid, and what of it is of use all the same."""
+    if words["mass_kg"] != MEASURED:
+        return f"{name} mass not identified: the estimate is not valid, {reason}"
+    ratio = body.mass_sigma_kg / abs(body.mass_kg)
+    return (
+        f"{name} mass identified to +-{100 * ratio:.3g} % (1 sigma), of use alone: the estimate as "
+        f"a whole is not valid, {reason} ({in_words(words)})"
     )
 
 
@@ -253,6 +284,7 @@ def plain(diagnosis: Diagnosis, names: Sequence[str], strongest: int = 5) -> dic
     order = np.argsort(-np.abs(values))[:strongest]
     return {
         "verdict": diagnosis.verdicts,
+        "parameters": diagnosis.parameters,
         "names": list(names),
         "correlation": diagnosis.correlation.round(4).tolist(),
         "strongest_correlations": [

@@ -268,6 +268,7 @@ class OnlineEstimator:
                 nis_dof=monitor.nis_dof,
                 condition_number=condition,
                 extra=extra,
+                prior=recursion.widened_prior,
             )
         )
 
@@ -294,8 +295,8 @@ class OnlineEstimator:
             (not recursion.pacing.settled, "NOT_CONVERGED"),
             (trust.mismatch(recursion.monitor.level), "MODEL_MISMATCH"),
             (self.problem.least_plausible(recursion.x)[1] > IMPLAUSIBLE, "MODEL_MISMATCH"),
-            (trust.is_doubtful(recursion.since), "REOPENED"),
-            (recursion.conflict, "PRIOR_CONFLICT"),
+            (trust.is_doubtful(recursion.since) and recursion.changes > 0, "REOPENED"),
+            (trust.is_doubtful(recursion.since) or recursion.conflict, "PRIOR_CONFLICT"),
             (condition > self._settings.condition_limit, "INSUFFICIENT_EXCITATION"),
         )
         return next((reason for holds, reason in against if holds), "")

@@ -17,10 +17,10 @@ INCONSISTENT = 1e-3  # probability of so large a projection onto the consistent 
 WEAKEST_GAIN = 0.5  # least data-over-prior information, in any combination of body parameters
 
 
-def weakest_gain(problem: Problem, covariance: FloatArray) -> float:
+def weakest_gain(problem: Problem, prior: FloatArray, covariance: FloatArray) -> float:
     """Return the data's information over the prior's in the least known direction of the bodies."""
     k = problem.bodies
-    return float(gains(problem.prior_covariance[k, k], covariance[k, k])[0][0])
+    return float(gains(prior[k, k], covariance[k, k])[0][0])
 
 
 def outcome(
@@ -38,6 +38,7 @@ def outcome(
     nis_dof: int,
     condition_number: float,
     extra: dict[str, float],
+    prior: FloatArray | None = None,
 ) -> Generator[None, None, Estimate]:
     """Return, in bounded units, the published view: bodies made consistent, the whole as posed.
 
@@ -46,11 +47,14 @@ def outcome(
     An estimate without a reason against it gets one here if its excitation was too little or if
     noise does not explain how far a body had to be moved to be physically possible.
 
+    `prior` (p, p) is the covariance that the data started from; None: the problem's.
+
     Raises
     ------
     numpy.linalg.LinAlgError if the covariance is not positive definite.
     """
-    if not reason and weakest_gain(problem, covariance) < WEAKEST_GAIN:
+    prior = problem.prior_covariance if prior is None else prior
+    if not reason and weakest_gain(problem, prior, covariance) < WEAKEST_GAIN:
         reason = "INSUFFICIENT_EXCITATION"
     covariance = covariance + problem.liquid
     bodies = {}

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
-from fsw.estimators.diagnosis import conflict_limit, stated_conflict
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
@@ -28,6 +27,7 @@ from fsw.estimators.recursive.change import InnovationMonitor
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
 from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
+from fsw.estimators.recursive.prior_groups import widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
 from fsw.estimators.square_root import SquareRootInformation
@@ -233,6 +233,13 @@ class Recursion:
         yield
         return used, made
 
+    @property
+    def widened_prior(self) -> FloatArray | None:
+        """Return the prior's covariance where it was widened since the start; None: it was not."""
+        now, stated = self.start_covariance, self.problem.prior_covariance
+        wider = bool(np.any(np.diag(now) > (1.0 + 1e-9) * np.diag(stated)))
+        return now if wider and not self.linear else None
+
     def residual_variance(self) -> float:
         """Return the residual variance of the linear regression, at least its degrees allow."""
         spare = self.memory.rows - len(self.x)
@@ -357,29 +364,25 @@ class Recursion:
             self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
 
     def _check_prior(self) -> None:
-        """Widen a prior that the data contradict, and let the estimate settle again."""
+        """Widen what of the prior the data contradict, and let the estimate settle again."""
         self._check_due = False
         covariance = self.memory.tempered(self.monitor.level).covariance()
-        bodies = len(self.problem.unknown)
-        distance, dof = stated_conflict(
-            self.start_mean, self.start_covariance, self.x, covariance, bodies
-        )
-        self.conflict = distance > conflict_limit(dof)
-        if not self.conflict:
+        prior, estimate = (self.start_mean, self.start_covariance), (self.x, covariance)
+        widened, found = widen(self.problem, prior, estimate)
+        self.conflict = bool(found)
+        self.trust.suspect |= any(group.of_model for group in found)
+        if all(group.factor == 1.0 for group in found):
             return
-        factor = distance / dof
-        self.start_covariance = factor * self.start_covariance
-        self.memory.replace_prior(
-            SquareRootInformation.from_prior(self.start_mean, self.start_covariance)
-        )
+        self.start_covariance = widened
+        self.memory.replace_prior(SquareRootInformation.from_prior(self.start_mean, widened))
         self._solve()
         self.pacing.settled = False
-        text = (
-            f"the data lie {np.sqrt(factor):.1f} sigma (rms) from the prior; "
-            f"its sigmas are widened by that factor"
-        )
-        text += self.problem.suspicion(self.x)
-        self._events.append(("medium", "PRIOR_CONFLICT", text))
+        words = [
+            f"{group.name} by {group.sigmas:.1f} sigma (rms), widened {group.factor:.1f} times"
+            for group in found
+        ]
+        text = f"the data contradict the prior: {'; '.join(words)}"
+        self._events.append(("medium", "PRIOR_CONFLICT", text + self.problem.suspicion(self.x)))
 
     def _drift(self) -> float:
         """Whitened rms distance of the estimate from the point of the last pass."""

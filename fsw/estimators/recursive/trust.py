@@ -25,7 +25,8 @@ class Trust:
     Attributes
     ----------
     slow, colour : slow power of the residuals, their correlation from block to block, and limits
-    suspect : whether the model had not fitted when the estimate was re-opened
+    suspect : whether the model had not fitted when the estimate was re-opened, or the data have
+        contradicted the prior of a sensor, a known body or a mounting
     """
 
     def __init__(self, *, suspect: bool = False) -> None:

@@ -9,7 +9,10 @@ from hil.evidence.mistakes.run import run
 from hil.evidence.mistakes.table import mistakes
 from hil.world.scenario import ScenarioError
 
-SHORT = ("none", "known base off 20 %", "torque gain of all off 5 %", "all links off 20 %")
+SHORT = (
+    *("none", "known base off 20 %", "torque gain of all off 5 %", "all links off 20 %"),
+    "prior wrong and tight",
+)
 
 
 @pytest.mark.parametrize("mistake", SHORT)
@@ -17,6 +20,13 @@ def test_no_mistake_is_valid_and_wrong(mistake: str) -> None:
     found = run("target", mistake, 0, blocks=70)
     assert not found.confidently_wrong, line(found)
     assert found.outputs > 0, line(found)  # and the robot is still of use
+
+
+def test_a_delay_of_the_inertial_unit_is_not_valid_and_wrong() -> None:
+    """Torque and gyro disagree before the residuals show it: the gyro's bias takes it up."""
+    found = run("both", "IMU group delay off 20 ms", 0, blocks=40)
+    assert found.wrong == 0, line(found)
+    assert "PRIOR_CONFLICT" in found.events
 
 
 def test_the_figure_can_fail() -> None:

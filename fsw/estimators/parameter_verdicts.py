@@ -1,0 +1,60 @@
+"""Who knows each published parameter of a body: the data, the prior alone, or nobody.
+
+A light payload's mass and centre of mass are of use though its inertia is not. So every parameter
+has a word of its own, beside the verdict on the estimate as a whole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.messages import BodyEstimate, FloatArray
+
+MEASURED, PRIOR, UNBOUNDED, INVALID = "measured", "prior-dominated", "unbounded", "not valid"
+USABLE = ("", "INSUFFICIENT_EXCITATION")  # reasons that leave measured parameters as they are
+DATA_GAIN = 1.0  # data's information over the prior's, from which on a parameter is measured
+NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+
+Words = dict[str, str | list[str]]
+
+
+def parameter_verdicts(body: BodyEstimate, prior_sigma: FloatArray, reason: str) -> Words:
+    """Return a word for the mass, each coordinate of the centre of mass and of the inertia.
+
+    Unbounded: 1 sigma is larger than the parameter's own size (the mass, the radius of gyration,
+    the mean moment of inertia). Prior-dominated: the data say less than the prior did. Not valid:
+    the model does not fit, or the estimate has not settled, so nothing of it is to be used.
+
+    Parameters
+    ----------
+    prior_sigma : (10,) of mass, centre of mass, inertia
+    reason : why the estimate is not valid; empty: it is
+    """
+    sigma = np.concatenate(
+        [[body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2], dtype=np.float64
+    )
+    moment = float(np.mean(np.abs(body.inertia_kg_m2[[0, 3, 5]])))
+    radius = float(np.sqrt(moment / max(abs(body.mass_kg), 1e-300)))
+    size = np.repeat([abs(body.mass_kg), radius, moment], [1, 3, 6])
+    words = [
+        INVALID if reason not in USABLE else _word(*values)
+        for values in zip(sigma.tolist(), prior_sigma.tolist(), size.tolist(), strict=True)
+    ]
+    return {"mass_kg": words[0], "com_m": words[1:4], "inertia_kg_m2": words[4:]}
+
+
+def _word(sigma: float, prior_sigma: float, size: float) -> str:
+    if not sigma <= size:
+        return UNBOUNDED
+    return MEASURED if sigma**2 * (1.0 + DATA_GAIN) < prior_sigma**2 else PRIOR
+
+
+def in_words(words: Words) -> str:
+    """Return the words in short: which are which, by name."""
+    groups: dict[str, list[str]] = {}
+    every = [words["mass_kg"], *words["com_m"], *words["inertia_kg_m2"]]
+    for name, word in zip(NAMES, every, strict=True):
+        groups.setdefault(str(word), []).append(name)
+    if len(groups) == 1:
+        return f"every parameter {next(iter(groups))}"
+    return "; ".join(f"{word}: {' '.join(names)}" for word, names in groups.items())

@@ -1,0 +1,121 @@
+"""Which part of the prior the data contradict: group by group, and how far each may be widened.
+
+A prior that is wrong and tight in one value is hardly seen among fifty states, and one factor for
+all of them would set sensors free that are what their data sheet says. So each group is judged by
+its own marginal, and widened by its own factor: bodies, and what acts on them, as far as the data
+want; sensors, known bodies and mounting to LARGEST times their stated sigma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from fsw.estimators.diagnosis import as_stated, prior_conflict
+from fsw.estimators.model.inertia import PARAMETERS, report_jacobian
+from fsw.estimators.model.problem import IndexArray, Problem
+from fsw.messages import FloatArray
+
+GROUP_PROBABILITY = 1e-4  # of a conflict in one group of a right prior
+LARGEST = 3.0  # times a stated sigma that a sensor, a known body or a mounting can have
+_OF_BODY = (("mass", slice(0, 1)), ("centre of mass", slice(1, 4)), ("inertia", slice(4, 10)))
+_FREE = ("momentum", "wrench", "target_wrench", "friction_coulomb", "friction_viscous")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Group:
+    """States that one statement of the prior is about; of bodies as stated, not as moments."""
+
+    name: str
+    states: IndexArray
+    most: float  # largest factor on the sigma in the problem's prior
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Widened:
+    """A group that the data contradict, and the factor on its sigmas."""
+
+    name: str
+    sigmas: float  # rms distance of the data from the group's prior
+    factor: float
+    of_model: bool  # of a sensor, a known body or a mounting: the rest of the model is in doubt
+
+
+def groups(problem: Problem) -> Iterator[Group]:
+    """Yield the groups of a problem's states; each state is in one."""
+    for body in problem.unknown:
+        start = problem.body(body).start
+        for name, part in _OF_BODY:
+            own = np.arange(start + part.start, start + part.stop)
+            yield Group(name=f"{name} of {body}", states=own, most=np.inf)
+    places: dict[str, list[int]] = {}
+    for k in range(problem.bodies.stop, len(problem.names)):
+        kind, _, which = problem.names[k].partition(".")
+        place = which.rpartition(".")[0] if kind == "known" else kind
+        places.setdefault(place, []).append(k)
+    for place, states in places.items():
+        most = np.inf if place in _FREE else LARGEST
+        yield Group(name=place, states=np.array(states), most=most)
+
+
+def widen(
+    problem: Problem,
+    prior: tuple[FloatArray, FloatArray],
+    estimate: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, list[Widened]]:
+    """Return the prior's covariance with the groups widened that the data contradict, and these.
+
+    A group that is as wide as it can be is named with factor 1.
+
+    Parameters
+    ----------
+    prior, estimate : mean (p,) and covariance (p, p)
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if a covariance is not positive definite.
+    """
+    bodies = range(0, problem.bodies.stop, PARAMETERS)
+    views = [(prior, estimate)]
+    if min([estimate[0][k] for k in bodies], default=1.0) > 0.0:
+        views.append((as_stated(*prior, bodies), as_stated(*estimate, bodies)))
+    stated_sigma = np.sqrt(np.diag(problem.prior_covariance))
+    sigma, scale = np.sqrt(np.diag(prior[1])), np.ones(len(prior[0]))
+    found = []
+    for group in groups(problem):
+        k = group.states
+        ratio, size = min(_distance(before, after, k) for before, after in views)
+        if ratio <= 1.0:
+            continue
+        left = group.most * float(np.min(stated_sigma[k] / sigma[k]))
+        factor = max(1.0, min(size, left))
+        scale[k] = factor
+        of_model = bool(np.isfinite(group.most))
+        found.append(Widened(name=group.name, sigmas=size, factor=factor, of_model=of_model))
+    return _scaled(prior, scale, bodies), found
+
+
+def _distance(
+    prior: tuple[FloatArray, FloatArray], estimate: tuple[FloatArray, FloatArray], k: IndexArray
+) -> tuple[float, float]:
+    """Return the squared distance in states k over its limit, and its rms in sigmas."""
+    own = np.ix_(k, k)
+    squared, dof = prior_conflict(prior[0][k], prior[1][own], estimate[0][k], estimate[1][own])
+    if dof == 0:
+        return 0.0, 0.0
+    return squared / float(chdtri(dof, GROUP_PROBABILITY)), float(np.sqrt(squared / dof))
+
+
+def _scaled(prior: tuple[FloatArray, FloatArray], scale: FloatArray, bodies: range) -> FloatArray:
+    """Return the covariance with sigmas times the scale, of bodies those of what is stated."""
+    mean, covariance = prior
+    A = np.diag(scale)
+    for start in bodies:
+        k = slice(start, start + PARAMETERS)
+        J = report_jacobian(mean[k])
+        A[k, k] = np.linalg.solve(J, A[k, k] @ J)
+    widened = A @ covariance @ A.T
+    return np.asarray(0.5 * (widened + widened.T), np.float64)
