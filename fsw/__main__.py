@@ -233,10 +233,11 @@ def _identify(arguments: argparse.Namespace) -> int:
         method=method,
         from_s=arguments.from_s,
         to_s=arguments.to_s,
+        holdout=arguments.holdout,
         progress=progress,
     )
     print(json.dumps(result.values) if arguments.json else result)
-    return 0 if result.valid else FAILED_EXIT
+    return 0 if result.valid and result.passed is not False else FAILED_EXIT
 
 
 def _excite(arguments: argparse.Namespace) -> int:

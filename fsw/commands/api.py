@@ -74,6 +74,12 @@ class Identification:
         return self.status == "OK"
 
     @property
+    def passed(self) -> bool | None:
+        """Whether held-out windows were predicted within their bounds; None: none were held out."""
+        holdout = self.values.get("holdout")
+        return None if holdout is None else bool(holdout["passed"])
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names (p,) of the states: 10 moments per body, then errors of sensors."""
         return tuple(self.values["names"])
@@ -126,6 +132,7 @@ def identify(
     weighting: Weighting | None = None,
     from_s: float = 0.0,
     to_s: float = inf,
+    holdout: float | None = None,
     progress: Callable[[float, str], bool] | None = None,
 ) -> Identification:
     """Identify bodies from a recording by one batch method.
@@ -136,6 +143,7 @@ def identify(
     unknown : base, target, both, or names with commas; None: as the configuration says
     weighting : of mrnea alone; None: as the configuration says
     from_s, to_s : the part of the recording [s from its start]
+    holdout : share of the windows that is predicted and not used; None: all are used
     progress : called with the share done and a line of text; False ends the run
 
     Raises
@@ -145,7 +153,8 @@ def identify(
     held, robot = _pair(recording, robot)
     chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
     span = Span(from_s, to_s)
-    return Identification(identify_recording(held.path, chosen.config, method, (), progress, span))
+    values = identify_recording(held.path, chosen.config, method, (), progress, span, holdout)
+    return Identification(values)
 
 
 def replay(

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fsw.clock import MonotonicClock
+from fsw.commands.holdout import judge, split
+from fsw.commands.holdout import to_text as holdout_text
 from fsw.commands.replay import replay
 from fsw.commands.replay_result import known_by
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.plausible import plausible
 from fsw.exchange.sinks import Message, NullSink
-from fsw.messages import Block
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import EstimatorError
 
 Progress = Callable[[float, str], bool]
 
@@ -39,8 +44,11 @@ def identify(
     unknown: tuple[str, ...],
     progress: Progress | None = None,
     span: Span = WHOLE,
+    holdout: float | None = None,
 ) -> dict[str, Any]:
     """Identify bodies from a recording by one batch method.
+
+    `holdout` is the share of the windows that is predicted and not used; None: all are used.
 
     Returns
     -------
@@ -57,13 +65,39 @@ def identify(
     chosen = config.with_unknown(unknown) if unknown else config
     collector = _BlockCollector()
     result = replay(recording, chosen, sink=collector, span=span)
-    values = run_batch(chosen, collector.blocks, method, tuple(chosen.unknown), progress)
+    names = tuple(chosen.unknown)
+    if holdout is None:
+        values = run_batch(chosen, collector.blocks, method, names, progress)
+    else:
+        values = _held_out(chosen, collector.blocks, method, holdout, progress)
     return {
         **values,
         "samples": result.status["samples"],
         "truncated": result.truncated,
         "wall_s": (clock.now_ns() - began_ns) * 1e-9,
     }
+
+
+def _held_out(
+    config: Config,
+    recorded: Sequence[Block],
+    method: str,
+    share: float,
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """Estimate from one part of the windows and predict the other."""
+    blocks = list({block.index: block for block in recorded if plausible(block)}.values())
+    used, held = split(blocks, share)
+    state: list[tuple[Problem, FloatArray, FloatArray]] = []
+
+    def keep(problem: Problem, x: FloatArray, covariance: FloatArray) -> None:
+        state.append((problem, x, covariance))
+
+    values = run_batch(config, used, method, tuple(config.unknown), progress, keep)
+    try:
+        return values | {"holdout": judge(blocks, held, *state[0])}
+    except ValueError as error:  # LinAlgError: the base has no inertia at the estimate
+        raise EstimatorError(f"--holdout: nothing can be predicted: {error}") from error
 
 
 def to_text(result: Mapping[str, Any]) -> str:
@@ -79,5 +113,7 @@ def to_text(result: Mapping[str, Any]) -> str:
     if diagnosis is not None:
         lines += list(diagnosis["verdict"].values())
         lines.append(f"efficiency {diagnosis['efficiency_volume']:.3g} of the bound of all sensors")
+    if result.get("holdout"):
+        lines += holdout_text(result["holdout"])
     lines.append(f"{result['iterations']} iterations, wall {result['wall_s']:.1f} s")
     return "\n".join(lines)

@@ -35,6 +35,9 @@ def identify_arguments(commands: Commands, command: Command) -> None:
         help="base, target, both or names with commas between; default: as the configuration says",
     )
     _part_arguments(identify)
+    identify.add_argument(
+        "--holdout", type=float, metavar="SHARE", help="predict this share of windows, unused"
+    )
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=command)
 

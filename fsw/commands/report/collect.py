@@ -148,6 +148,9 @@ def _causes(problem: Problem) -> dict[str, slice]:
         "joint zeros": problem.joint_zero,
         "inertial unit's place": problem.imu_place,
         "inertial unit's attitude": problem.imu_angle,
+        "friction in the torque sensors": slice(
+            problem.friction_coulomb.start, problem.friction_viscous.stop
+        ),
         "momentum": problem.momentum,
         "external wrench": problem.wrench,
     }

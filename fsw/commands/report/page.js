@@ -47,7 +47,6 @@ function draw(figure, data) {
   const { columns, series, bands } = spread(data);
   const isTime = data.x_label.startsWith("time");
   let narrow = data.y_range !== null;
-  const ends = [data.x[0], data.x[data.x.length - 1]];
   const options = {
     width: figure.clientWidth,
     height: HEIGHT,
@@ -55,6 +54,7 @@ function draw(figure, data) {
     bands,
     legend: { live: true },
     cursor: isTime ? { sync: { key: "time", scales: ["x", null] } } : {},
+    hooks: { setSelect: [(u) => { narrow = narrow && u.select.width === 0; }] },
     scales: {
       x: { time: false },
       y: {
@@ -62,8 +62,7 @@ function draw(figure, data) {
         range: data.log
           ? undefined
           : (u, low, high) => {
-              const { min, max } = u.scales.x;
-              if (narrow && min <= ends[0] && max >= ends[1]) return data.y_range;
+              if (narrow) return data.y_range;
               return uPlot.rangeNum(low ?? 0, high ?? 1, 0.08, true);
             },
       },

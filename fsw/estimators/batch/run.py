@@ -9,7 +9,7 @@ blocks, and their sigma includes the distance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Any
@@ -40,6 +40,7 @@ from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
+Keep = Callable[[Problem, FloatArray, FloatArray], None]  # problem, mean (p,), covariance (p, p)
 CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
 WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
 GATE_ROUNDS = 6
@@ -74,8 +75,11 @@ def run_batch(
     method: str,
     unknown: Sequence[str],
     progress: Progress | None = None,
+    keep: Keep | None = None,
 ) -> dict[str, Any]:
     """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
+
+    `keep` is given the problem and the whole state, what is not published included.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def run_batch(
     """
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            return _run(config, blocks, method, unknown, progress)
+            return _run(config, blocks, method, unknown, progress, keep)
     except (ConfigError, EstimatorError):
         raise
     except NUMERICAL as error:
@@ -98,6 +102,7 @@ def _run(
     method: str,
     unknown: Sequence[str],
     progress: Progress | None,
+    keep: Keep | None,
 ) -> dict[str, Any]:
     by_index: dict[int, Block] = {}
     for block in blocks:
@@ -122,6 +127,8 @@ def _run(
     else:
         found = _regression(problem, weighting, sound, settings.gate_probability, progress)
     covariance = found.covariance + problem.liquid
+    if keep is not None:
+        keep(problem, found.mean, covariance)
     bodies = {
         name: body_estimate(problem, name, found.mean, covariance)[0] for name in problem.unknown
     }

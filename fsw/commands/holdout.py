@@ -1,0 +1,110 @@
+"""A model judged by data it was not estimated from: part of the windows is predicted only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from fsw.commands.residuals import channel_residuals
+from fsw.estimators.model.problem import Problem
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import ConfigError
+
+NOISE_RATIO = 1.5  # found over declared noise, which comes from data sheets
+FALSE_ALARM = 1e-4  # per channel, of a right model
+INDEPENDENT = 0.5  # of the nodes; noise of the motion ties those of a window together
+DATA_SHARE = 0.5  # of the prior's variance; above, the prior knows more than the data
+MEAN_SIGMAS = 4.0
+
+
+def split(blocks: Sequence[Block], share: float) -> tuple[list[Block], list[Block]]:
+    """Return the windows to estimate from, and those held out, evenly spread over the recording.
+
+    Raises
+    ------
+    ConfigError when the share is not within (0, 0.9], or one part would be empty.
+    """
+    if not 0.0 < share <= 0.9:
+        raise ConfigError(f"--holdout: {share:g} must be greater than 0 and at most 0.9")
+    count = np.floor(share * np.arange(len(blocks) + 1) + 1e-9)
+    held = np.diff(count) > 0
+    used = [block for block, out in zip(blocks, held, strict=True) if not out]
+    if not used or not held.any():
+        raise ConfigError(f"--holdout: {share:g} of {len(blocks)} windows leaves one part empty")
+    return used, [block for block, out in zip(blocks, held, strict=True) if out]
+
+
+def judge(
+    blocks: Sequence[Block],
+    held: Sequence[Block],
+    problem: Problem,
+    x: FloatArray,
+    covariance: FloatArray,
+) -> dict[str, Any]:
+    """Return how well the held-out windows are predicted, channel by channel, as plain values.
+
+    A channel passes when its rms over sigma is no larger than a right model gives once in
+    ten thousand with 1.5 times the declared noise, and its mean agrees with zero.
+
+    Parameters
+    ----------
+    blocks : all windows in order, the held-out ones among them
+    x, covariance : the whole state (p,), (p, p), estimated without `held`
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the base has no inertia at this state.
+    """
+    out = {block.index for block in held}
+    nodes = np.concatenate([np.full(len(b.t_ns), b.index in out) for b in blocks])
+    r = channel_residuals(blocks, x, problem, covariance)
+    exact = channel_residuals(blocks, x, problem)
+    shared = 1.0 - (exact.sigma / r.sigma) ** 2  # of the variance: the state's, one for all nodes
+    channels = {}
+    for k, (name, unit) in enumerate(zip(r.names, r.units, strict=True)):
+        used = nodes & np.isfinite(r.value[:, k])
+        if used.any():
+            value, ratio = r.value[used, k], r.normalised[used, k]
+            channels[name] = _verdict(value, ratio, float(shared[used, k].mean()), unit)
+    known = np.diag(covariance) / np.diag(problem.prior_covariance)
+    return {
+        "windows": len(held),
+        "passed": bool(channels) and all(channel["passed"] for channel in channels.values()),
+        "channels": channels,
+        "prior_only": [problem.names[k] for k in problem.published if known[k] > DATA_SHARE],
+    }
+
+
+def _verdict(value: FloatArray, ratio: FloatArray, shared: float, unit: str) -> dict[str, Any]:
+    count = max(1.0, INDEPENDENT * len(ratio))
+    most = NOISE_RATIO * float(np.sqrt(chdtri(count, FALSE_ALARM) / count))
+    off = MEAN_SIGMAS * float(np.sqrt(1.0 / count + shared))
+    rms, mean = float(np.sqrt(np.mean(ratio**2))), float(np.mean(ratio))
+    return {
+        "unit": unit,
+        "nodes": len(ratio),
+        "rms": float(np.sqrt(np.mean(value**2))),
+        "rms_over_sigma": rms,
+        "bound": most,
+        "mean_over_sigma": mean,
+        "mean_bound": off,
+        "passed": rms <= most and abs(mean) <= off,
+    }
+
+
+def to_text(holdout: Mapping[str, Any]) -> list[str]:
+    """Return the judgement as lines, the verdict first."""
+    verdict = "PASSED" if holdout["passed"] else "FAILED"
+    lines = [f"held out: {verdict}, {holdout['windows']} windows predicted"]
+    for name, c in holdout["channels"].items():
+        lines.append(
+            f"{name}: rms {c['rms']:.3g} {c['unit']}, {c['rms_over_sigma']:.2f} sigma "
+            f"(bound {c['bound']:.2f}), mean {c['mean_over_sigma']:+.2f} sigma "
+            f"(bound {c['mean_bound']:.2f}){'' if c['passed'] else ' FAILED'}"
+        )
+    if holdout["prior_only"]:
+        lines.append(f"known by the prior alone: {', '.join(holdout['prior_only'])}")
+    return lines
