@@ -168,7 +168,7 @@ def validate_ports(config: Config) -> None:
 
 def missing_devices(config: Config) -> list[str]:
     """Return a line per port that is not given or does not exist now; nothing is opened."""
-    ports = {"imu.port": config.imu.port}
+    ports = {"imu.port": config.imu.port} if config.imu.present else {}
     if config.star_tracker is not None:
         ports["star_tracker.port"] = config.star_tracker.port
     absent = config.missing_ports()

@@ -50,9 +50,10 @@ def rate_findings(config: Config, windows: Sequence[Window], datagrams: int) -> 
         found.append(_rate(f"buses.{i}.rate_hz", bus.rate_hz, channels))
     imu = config.imu
     received_hz = datagrams * 1e9 / (windows[-1].stop_ns - windows[0].start_ns)
-    accepted = _rate("imu.rate_hz", imu.rate_hz, [window.gyro for window in windows])
-    doubled = received_hz > DOUBLED * imu.rate_hz
-    found.append(_compared("imu.rate_hz", imu.rate_hz, received_hz) if doubled else accepted)
+    if imu.present:
+        accepted = _rate("imu.rate_hz", imu.rate_hz, [window.gyro for window in windows])
+        doubled = received_hz > DOUBLED * imu.rate_hz
+        found.append(_compared("imu.rate_hz", imu.rate_hz, received_hz) if doubled else accepted)
     tracker = config.star_tracker
     if tracker is not None:
         times = np.concatenate([window.attitude.t_ns for window in windows])

@@ -92,12 +92,14 @@ def _buses(config: Config) -> list[str]:
 def _serial(config: Config) -> list[str]:
     imu, tracker = config.imu, config.star_tracker
     shortest, longest = budget.imu_load(imu)
-    lines = [
-        f"imu: {imu.driver} on {imu.port}, {imu.baud_rate} bit/s, {imu.rate_hz:g} Hz; line load "
-        f"{shortest:.0%} to {longest:.0%} by datagram; group delay gyro "
-        f"{imu.gyro_group_delay_s * 1e3:g} ms, accelerometer {imu.acc_group_delay_s * 1e3:g} ms; "
-        "topic /serial/imu"
-    ]
+    lines = ["no inertial unit"]
+    if imu.present:
+        delays = f"gyro {imu.gyro_group_delay_s * 1e3:g} ms, accelerometer "
+        lines = [
+            f"imu: {imu.driver} on {imu.port}, {imu.baud_rate} bit/s, {imu.rate_hz:g} Hz; line "
+            f"load {shortest:.0%} to {longest:.0%} by datagram; group delay {delays}"
+            f"{imu.acc_group_delay_s * 1e3:g} ms; topic /serial/imu"
+        ]
     if tracker is None:
         lines.append("star_tracker: none")
     else:

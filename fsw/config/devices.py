@@ -173,7 +173,7 @@ def _quaternion(angles: Sequence[float]) -> list[float]:
 class ImuConfig(Section):
     """The inertial unit. Noise is white: angle and velocity random walk (sigma = N sqrt(rate))."""
 
-    driver: Literal["stim300", "mip"] = "stim300"
+    driver: Literal["stim300", "mip", "none"] = "stim300"  # none: the section was left out
     port: str | None = None  # not needed for a replay
     baud_rate: int = Field(default=921600, gt=0)
     rate_hz: Rate
@@ -190,6 +190,28 @@ class ImuConfig(Section):
     mounting_angle_sigma_rad: AngleSigma = 5e-3  # of its q_BS_xyzw, about each axis; 0: exact
     max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)
     clock_tolerance_ppm: Positive = 200.0
+
+    @property
+    def present(self) -> bool:
+        """Whether there is an inertial unit."""
+        return self.driver != "none"
+
+
+def no_imu() -> ImuConfig:
+    """Return what stands where there is no inertial unit: nothing is read, nothing in doubt."""
+    return ImuConfig(
+        driver="none",
+        rate_hz=500.0,
+        mounting=Mounting(p_BS_m=(0.0, 0.0, 0.0), q_BS_xyzw=(0.0, 0.0, 0.0, 1.0)),
+        gyro_group_delay_s=0.0,
+        acc_group_delay_s=0.0,
+        angle_random_walk_rad_sqrt_s=1.0,
+        velocity_random_walk_m_s_sqrt_s=1.0,
+        gyro_bias_sigma_rad_s=0.0,
+        acc_bias_sigma_m_s2=0.0,
+        mounting_position_sigma_m=0.0,
+        mounting_angle_sigma_rad=0.0,
+    )
 
 
 class StarTrackerConfig(Section):

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from fsw.config.base import BodyName, Section
-from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig
+from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig, no_imu
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
@@ -34,7 +34,7 @@ class Config(Section):
     unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
     buses: Annotated[tuple[BusConfig, ...], Field(min_length=1)]
     joints: Annotated[tuple[JointConfig, ...], Field(min_length=1)]
-    imu: ImuConfig
+    imu: ImuConfig = Field(default_factory=no_imu)
     star_tracker: StarTrackerConfig | None = None
     orbit: OrbitConfig | None = None
     scheduler: SchedulerConfig
@@ -81,7 +81,7 @@ class Config(Section):
 
     def missing_ports(self) -> list[str]:
         """Return the keys of devices that a replay does not need and a live run does."""
-        keys = {"imu.port": self.imu.port}
+        keys = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker is not None:
             keys["star_tracker.port"] = self.star_tracker.port
         for i, bus in enumerate(self.buses):
@@ -118,7 +118,7 @@ class Config(Section):
         _unique([b.name for b in self.buses], "buses.name")
         _unique([j.name for j in self.joints], "joints.name")
         _unique([f"{j.bus}:{j.node_id}" for j in self.joints], "joints.node_id")
-        ports = {"imu.port": self.imu.port}
+        ports = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker:
             ports["star_tracker.port"] = self.star_tracker.port
         for i, bus in enumerate(self.buses):
@@ -142,6 +142,8 @@ class Config(Section):
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
         _method_has_its_torques(self.estimator.method, self.joints)
+        if not self.imu.present and self.base.motion != "clamped":
+            raise ValueError("imu: missing; only a clamped base does without an inertial unit")
         _base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
         _bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):

@@ -63,16 +63,16 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
         if second is not None:
             cans[bus.name + SECOND] = partial(open_can, second, clock)
     imu, tracker = config.imu, config.star_tracker
-    lines: dict[str, Callable[[], BytePort]] = {
-        IMU: partial(open_serial, config.device(imu.port), imu.baud_rate, clock)
-    }
+    lines: dict[str, Callable[[], BytePort]] = {}
+    if imu.present:
+        lines[IMU] = partial(open_serial, config.device(imu.port), imu.baud_rate, clock)
     if tracker is not None:
         path = config.device(tracker.port)
         lines[STAR_TRACKER] = partial(open_serial, path, tracker.baud_rate, clock)
     opened = {name: attempt(name, opener) for name, opener in lines.items()}
     return Ports(
         can={name: attempt(f"can/{name}", opener) for name, opener in cans.items()},
-        imu=opened[IMU],
+        imu=opened.get(IMU),
         star_tracker=opened.get(STAR_TRACKER),
         can_openers=cans,
         line_openers=lines,

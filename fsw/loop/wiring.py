@@ -39,7 +39,9 @@ def build(
     def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
         return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
 
-    lines = [line(IMU, ports.imu, ImuSource(config.imu, None, config.health), b"")]
+    lines = []
+    if config.imu.present:
+        lines.append(line(IMU, ports.imu, ImuSource(config.imu, None, config.health), b""))
     if config.star_tracker is not None:
         tracker = StarTrackerSource(config.star_tracker, config.health)
         lines.append(line(STAR_TRACKER, ports.star_tracker, tracker, tracker.start_bytes()))

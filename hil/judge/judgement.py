@@ -102,6 +102,8 @@ def time_of_validity(setup: Setup, recorded: Recorded) -> dict[str, float] | Non
     The daemon's own source decodes the recorded bytes again; a sample belongs to the device's
     nearest sampling instant, which is unique as long as the error is below half a period.
     """
+    if not setup.config.imu.present:
+        return None
     source = ImuSource(setup.config.imu)
     t_gyro_ns = source.feed(recorded.imu_chunks).t_gyro_ns
     if not t_gyro_ns.size:

@@ -136,7 +136,6 @@ def flight_document(
             for name, settings in scenario.buses.items()
         ],
         "joints": joints,
-        "imu": _imu(sensors, folder),
         "scheduler": {"tick_rate_hz": flight["tick_rate_hz"]},
         "estimator": dict(flight["estimator"]) | dict(overrides),
         "recorder": {"directory": "recording"},
@@ -145,6 +144,8 @@ def flight_document(
     if sensors.star_tracker is not None:
         document["star_tracker"] = _star_tracker(sensors, folder)
     stand = scenario.stand
+    if sensors.imu is not None or stand is None or stand.motion != "clamped":
+        document["imu"] = _imu(sensors, folder)
     if stand is not None:
         gravity = list(stand.gravity_m_s2)
         document["base"] = {"motion": stand.motion, "gravity_B_m_s2": gravity}
@@ -197,7 +198,7 @@ def _acc_sigma(imu: ImuSensorConfig) -> float:
 def _imu(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
     imu = sensors.imu
     if imu is None:
-        raise ScenarioError("sensors.imu: missing; the estimator needs one")
+        raise ScenarioError("sensors.imu: missing; only a clamped base does without one")
     return {
         "port": str(folder.absolute() / "imu"),
         "baud_rate": imu.baud_rate,
@@ -320,8 +321,6 @@ def bound_sensors(scenario: Scenario, n: int) -> Sensors:
     """Return the raw sensors' white noise at native rates; rounding of the wire is not in it."""
     sensors = SensorConfig.from_dict(scenario.sensors)
     imu = sensors.imu
-    if imu is None:
-        raise ScenarioError("sensors.imu: missing; the bound needs one")
     rate_hz = float(scenario.flight["bus"]["rate_hz"])
     senses = [node.torque_sensor for node in nodes_of(sensors, n)]
     torque_nm = _sigma(sensors.joints.torque_noise, rate_hz, sensors.joints.torque_noise_nm)
@@ -329,13 +328,13 @@ def bound_sensors(scenario: Scenario, n: int) -> Sensors:
         joint_rate_hz=rate_hz,
         torque_noise_nm=np.where(senses, torque_nm, np.inf),
         torque_offset_sigma_nm=np.full(n, sensors.joints.torque_offset_sigma_nm),
-        imu_rate_hz=float(imu.rate_hz),
-        gyro_noise_rad_s=_gyro_sigma(imu),
-        gyro_bias_sigma_rad_s=imu.gyro_bias_sigma_rad_s,
-        acc_noise_m_s2=_acc_sigma(imu),
-        acc_bias_sigma_m_s2=imu.acc_bias_sigma_m_s2,
-        p_BS_m=np.array(imu.p_BS_m),
-        R_BS=rotation_of(imu.q_BS_xyzw),
+        imu_rate_hz=1.0 if imu is None else float(imu.rate_hz),
+        gyro_noise_rad_s=np.inf if imu is None else _gyro_sigma(imu),
+        gyro_bias_sigma_rad_s=0.0 if imu is None else imu.gyro_bias_sigma_rad_s,
+        acc_noise_m_s2=np.inf if imu is None else _acc_sigma(imu),
+        acc_bias_sigma_m_s2=0.0 if imu is None else imu.acc_bias_sigma_m_s2,
+        p_BS_m=np.zeros(3) if imu is None else np.array(imu.p_BS_m),
+        R_BS=np.eye(3) if imu is None else rotation_of(imu.q_BS_xyzw),
     )
 
 

@@ -47,6 +47,19 @@ def test_another_engine_gives_the_torques_and_a_wrench_that_the_stand_alone_bear
     assert moved.tolist() == free
 
 
+def test_a_clamped_base_does_without_an_inertial_unit(tmp_path):
+    scenario = short(tmp_path, name="bench_target", points=12)
+    sensors = load("bench_target").sensors | {"imu": None, "star_tracker": None}
+    setup = bench.prepare(replace(scenario, sensors=sensors), 3, tmp_path)
+    assert not setup.config.imu.present
+    assert "imu" not in (tmp_path / "flight.yaml").read_text()
+    recorded = bench.run_virtual(setup, NoMeter(), record=False)
+    outcome = judgement.judge(setup, judgement.make_case(setup), recorded)
+    assert outcome["nees"] < CHI2_10_999
+    assert abs(outcome["estimate"]["target"]["mass_kg"] / 5.0 - 1) < 0.001
+    assert not [event for event in recorded.events if event.severity in ("medium", "high")]
+
+
 @pytest.mark.parametrize("name", ["bench_target", "table_target"])
 def test_the_payload_is_found_within_its_own_uncertainty(tmp_path, name):
     scenario = replace(short(tmp_path, name=name, points=12), sensors=load(name).sensors)

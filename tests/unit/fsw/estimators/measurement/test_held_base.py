@@ -111,6 +111,17 @@ def test_what_makes_no_sense_is_refused(motion: str, changes: dict[str, Any], wo
         Config.model_validate(data)
 
 
+def test_only_a_clamped_base_does_without_an_inertial_unit() -> None:
+    data = held("clamped").model_dump()
+    del data["imu"]
+    config = Config.model_validate(data)
+    assert not config.imu.present
+    assert Config.model_validate(config.model_dump()) == config
+    assert "imu.port" not in config.missing_ports()
+    with pytest.raises(ValueError, match="imu: missing; only a clamped base"):
+        Config.model_validate(data | {"base": {"motion": "free"}})
+
+
 def test_a_batch_that_needs_a_free_base_is_refused_in_words() -> None:
     with pytest.raises(EstimatorError, match=r"needs a free base; base\.motion is clamped"):
         run_batch(held("clamped"), [random_block()], "ce", ())
