@@ -82,6 +82,11 @@ class Delivery:
         self._is_wanted = is_wanted
         self._count = 0
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether the daemon has sent anything on this link."""
+        return self._link.is_heard
+
     def fetch(self, remote: str, offset: int, size: int) -> bytes:
         """Return a piece of a file. Raises GroundError."""
         token = f"piece-{self._number():x}"

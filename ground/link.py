@@ -34,6 +34,7 @@ class Link:
     ) -> None:
         self.sealer = sealer
         self.stream = stream or ClearStream()
+        self.is_heard = False  # whether a packet has come
         self._sequence = secrets.randbelow(COUNT_14)
         try:
             self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT_S)
@@ -56,7 +57,9 @@ class Link:
     def packets(self, until_s: float) -> Iterator[bytes]:
         """Yield packets until a time of the monotonic clock. Raises LinkError when it is lost."""
         while True:
-            yield from self.stream.packets()
+            for packet in self.stream.packets():
+                self.is_heard = True
+                yield packet
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:
                 return

@@ -278,17 +278,20 @@ def carry_on(
     Parameters
     ----------
     until_s : time of the monotonic clock at which a lost link is not waited for any longer
-    wait_s : nor for longer than this at a time
+    wait_s : nor for longer than this without a packet of the daemon
     """
     lost_s: float | None = None
     while True:
+        is_heard = False
         try:
             with connect() as delivery:
-                lost_s = None
-                return work(delivery)
+                try:
+                    return work(delivery)
+                finally:
+                    is_heard = delivery.is_heard
         except LinkError as error:
             now_s = time.monotonic()
-            lost_s = now_s if lost_s is None else lost_s
+            lost_s = now_s if lost_s is None or is_heard else lost_s
             if now_s + RETRY_S > min(until_s, lost_s + wait_s):
                 raise
             tell(f"{error}; trying again")

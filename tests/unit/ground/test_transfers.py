@@ -23,6 +23,7 @@ PIECE = 1000
 class FakeDelivery:
     """The daemon's folders, on a link that breaks when told to."""
 
+    is_heard = True
     folder: Path
     breaks: list[int] = field(default_factory=list)  # before these calls
     calls: list[str] = field(default_factory=list)
@@ -250,6 +251,24 @@ def test_a_daemon_that_is_gone_is_not_waited_for_until_the_time_of_the_transfer_
 
     with pytest.raises(LinkError, match="refused"):
         carry_on(connect, lambda _delivery: 0, time.monotonic() + 600.0, 2.5, lambda _text: None)
+    assert len(tried) > 1
+    assert tried[-1] - tried[0] <= 2.5
+
+
+def test_a_daemon_that_accepts_connections_and_never_answers_is_left_as_well(daemon):
+    daemon.is_heard = False
+    tried: list[float] = []
+
+    @contextmanager
+    def connect():
+        tried.append(time.monotonic())
+        yield daemon
+
+    def work(_delivery) -> int:
+        raise LinkError("no answer")
+
+    with pytest.raises(LinkError, match="no answer"):
+        carry_on(connect, work, time.monotonic() + 600.0, 2.5, lambda _text: None)
     assert len(tried) > 1
     assert tried[-1] - tried[0] <= 2.5
 
