@@ -68,7 +68,8 @@ class Robot:
 
         Raises
         ------
-        ConfigError for a weighting without mrnea, or an unknown body without a prior.
+        ConfigError for a weighting without mrnea, an unknown body without a prior, or a method that
+        this robot cannot have.
         """
         config, settings = self.config, self.config.estimator
         one_of("method", method, get_args(Method))
@@ -78,7 +79,7 @@ class Robot:
         changes = {"method": method if method != "ce" else None, "weighting": weighting}
         given = {key: value for key, value in changes.items() if value is not None}
         if any(getattr(settings, key) != value for key, value in given.items()):
-            config = config.model_copy(update={"estimator": settings.model_copy(update=given)})
+            config = config.with_sections(estimator=settings.model_dump() | given)
         if unknown is not None and (bodies := bodies_named(unknown)) != self.unknown:
             config = config.with_unknown(bodies)
         return self if config is self.config else Robot(config, folder=self._folder)

@@ -106,7 +106,16 @@ class Config(Section):
         ------
         ConfigError if one of them has no prior.
         """
-        data = self.model_dump() | {"unknown": unknown}
+        return self.with_sections(unknown=unknown)
+
+    def with_sections(self, **sections: object) -> Self:
+        """Return this configuration with other sections, checked as when it was read.
+
+        Raises
+        ------
+        ConfigError with one line per fault.
+        """
+        data = self.model_dump() | sections
         try:
             changed = type(self).model_validate(data)
         except ValidationError as error:

@@ -42,6 +42,7 @@ from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforese
 
 Keep = Callable[[Problem, FloatArray, FloatArray], None]  # problem, mean (p,), covariance (p, p)
 CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
+NEED_EVERY_TORQUE = ("mrnea", "ce")
 WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
 GATE_ROUNDS = 6
 GATED_SHARE = 0.25  # of the blocks; more that do not fit are no outliers
@@ -116,6 +117,11 @@ def _run(
         raise EstimatorError(
             f"method {method!r} needs a free base; base.motion is {config.base.motion}: "
             f"{' or '.join(held)}"
+        )
+    blind = [joint.name for joint in config.joints if joint.torque == "none"]
+    if blind and method in NEED_EVERY_TORQUE:
+        raise EstimatorError(
+            f"method {method!r} needs the torque of every joint; {blind[0]!r} has torque: none"
         )
     chosen = config.with_unknown(tuple(unknown)) if unknown else config
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)

@@ -127,6 +127,14 @@ def test_a_batch_that_needs_a_free_base_is_refused_in_words() -> None:
         run_batch(held("clamped"), [random_block()], "ce", ())
 
 
+@pytest.mark.parametrize("method", ["mrnea", "ce"])
+def test_a_batch_that_needs_every_torque_is_refused_in_words(method: str) -> None:
+    data = make_config(("target",)).model_dump()
+    data["joints"][4]["torque"] = "none"
+    with pytest.raises(EstimatorError, match=r"'joint5' has torque: none"):
+        run_batch(Config.model_validate(data), [random_block()], method, ())
+
+
 def test_the_start_of_a_batch_uses_no_row_of_the_base() -> None:
     problem = problem_of(held("clamped"))
     rows = row_function("mrnea", "eiv", problem)(random_block(), problem.prior_mean)
