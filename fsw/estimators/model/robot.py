@@ -67,6 +67,7 @@ class RobotModel:
         except (ValueError, RuntimeError) as error:
             raise ConfigError(f"robot.urdf: {urdf} cannot be read as a URDF: {error}") from error
         self.model.gravity.setZero()
+        self._name = urdf.name
         self.n = self.model.nv - 6
         self.joint_names = tuple(self.model.names[2:])
         for index in range(2, self.model.njoints):
@@ -103,7 +104,7 @@ class RobotModel:
         """
         if not self.model.existFrame(frame_name):
             names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
-            raise ConfigError(f"{key}: {frame_name!r} is no frame of the robot; it has {names}")
+            raise ConfigError(f"{key}: {frame_name!r} is no frame of {self._name}; it has {names}")
         frame = self.model.frames[self.model.getFrameId(frame_name)]
         body = int(frame.parentJoint) - 1
         places = slice(PARAMETERS * body, PARAMETERS * (body + 1))

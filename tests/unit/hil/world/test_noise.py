@@ -72,7 +72,7 @@ def test_a_profile_replaces_the_channels_own_noise():
         imu={"gyro_noise": paper, "acc_noise": paper, "angle_random_walk_rad_sqrt_s": 9.0},
     )
     errors = JointErrors(config.joints, 7, 5)
-    rows = [errors.measure(np.zeros(7), np.zeros(7)) for _ in range(2000)]
+    rows = [errors.measure(*np.zeros((3, 7))) for _ in range(2000)]
     for channel in range(2):
         assert np.std([row[channel] for row in rows]) == pytest.approx(3.162e-3, rel=0.03)
     assert config.imu is not None
@@ -100,7 +100,9 @@ def test_hysteresis_is_two_branches_whatever_the_speed():
 def test_hysteresis_reaches_the_reading():
     config = sensor_config(joints={"torque_hysteresis_ratio": 0.001, "rated_torque_nm": 40.0})
     errors = JointErrors(config.joints, 1, 5)
-    readings = [errors.measure(np.zeros(1), np.array([x]))[1][0] for x in (0.0, 10.0, 0.0, -10.0)]
+    readings = [
+        errors.measure(*np.zeros((2, 1)), np.array([x]))[1][0] for x in (0.0, 10.0, 0.0, -10.0)
+    ]
     assert readings == pytest.approx([0.0, 10.04, -0.04, -10.04])
 
 
