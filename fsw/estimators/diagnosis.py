@@ -29,6 +29,7 @@ CONFLICT_PROBABILITY = 1e-4
 TERMS = 3  # unknowns named per combination
 WHITE = 3.29  # two-sided 99.9 % of a standard normal
 GOAL_RATIO = 0.01
+Gaussian = tuple[FloatArray, FloatArray]  # mean (p,) and covariance (p, p)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,21 +97,33 @@ def stated_conflict(
 ) -> tuple[float, int]:
     """Return `prior_conflict` in the coordinates that see the lesser conflict.
 
-    A prior is stated as a Gaussian of mass, centre of mass and central inertia. First and second
-    moments are products of these, so 50 % off in each is far more sigmas in them than in what was
-    stated. Of a body still badly known it is the other way round: its centre is a quotient. A
-    conflict is one in both. The first `bodies` tens of states are bodies; without a positive mass
-    they are compared in moments only.
+    The first `bodies` tens of states are bodies.
     """
     starts = range(0, PARAMETERS * bodies, PARAMETERS)
-    moments = prior_conflict(prior_mean, prior_covariance, mean, covariance)
-    if min([mean[k] for k in starts], default=1.0) <= 0.0:
-        return moments
-    stated = [
-        as_stated(x, P, starts) for x, P in ((prior_mean, prior_covariance), (mean, covariance))
-    ]
-    distances = (moments, prior_conflict(*stated[0], *stated[1]))
+    views = conflict_views((prior_mean, prior_covariance), (mean, covariance), starts)
+    distances = [prior_conflict(*before, *after) for before, after in views]
     return min(distances, key=lambda found: found[0] / max(conflict_limit(found[1]), 1.0))
+
+
+def conflict_views(
+    prior: Gaussian, estimate: Gaussian, starts: range
+) -> list[tuple[Gaussian, Gaussian]]:
+    """Return prior and estimate in moments, and as stated; a conflict is one in both.
+
+    A prior is stated as a Gaussian of mass, centre of mass and central inertia. First and second
+    moments are products of these, so 50 % off in each is far more sigmas in them than in what was
+    stated. Of a body still badly known it is the other way round: its centre is a quotient. Without
+    a positive mass a body is compared in moments only.
+
+    Parameters
+    ----------
+    prior, estimate : mean (p,) and covariance (p, p)
+    starts : first state of each body's ten
+    """
+    views = [(prior, estimate)]
+    if min([estimate[0][k] for k in starts], default=1.0) > 0.0:
+        views.append((as_stated(*prior, starts), as_stated(*estimate, starts)))
+    return views
 
 
 def as_stated(

@@ -205,7 +205,7 @@ def holds(config: Config, model: RobotModel, unknown: tuple[str, ...]) -> dict[s
 
     Raises
     ------
-    ConfigError if a frame is none of the robot's, or two unknown bodies are fixed to one another.
+    ConfigError if the robot has no such frame, or two unknown bodies are fixed to one another.
     """
     held = {
         name: model.tool if body.frame is None else model.hold(body.frame, f"bodies.{name}.frame")

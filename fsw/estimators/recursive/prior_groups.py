@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.estimators.diagnosis import as_stated, prior_conflict
+from fsw.estimators.diagnosis import Gaussian, conflict_views, prior_conflict
 from fsw.estimators.model.inertia import PARAMETERS, report_jacobian
 from fsw.estimators.model.problem import IndexArray, Problem
 from fsw.messages import FloatArray
@@ -63,8 +63,8 @@ def groups(problem: Problem) -> Iterator[Group]:
 
 def widen(
     problem: Problem,
-    prior: tuple[FloatArray, FloatArray],
-    estimate: tuple[FloatArray, FloatArray],
+    prior: Gaussian,
+    estimate: Gaussian,
 ) -> tuple[FloatArray, list[Widened]]:
     """Return the prior's covariance with the groups widened that the data contradict, and these.
 
@@ -79,9 +79,7 @@ def widen(
     numpy.linalg.LinAlgError if a covariance is not positive definite.
     """
     bodies = range(0, problem.bodies.stop, PARAMETERS)
-    views = [(prior, estimate)]
-    if min([estimate[0][k] for k in bodies], default=1.0) > 0.0:
-        views.append((as_stated(*prior, bodies), as_stated(*estimate, bodies)))
+    views = conflict_views(prior, estimate, bodies)
     stated_sigma = np.sqrt(np.diag(problem.prior_covariance))
     sigma, scale = np.sqrt(np.diag(prior[1])), np.ones(len(prior[0]))
     found = []
@@ -98,9 +96,7 @@ def widen(
     return _scaled(prior, scale, bodies), found
 
 
-def _distance(
-    prior: tuple[FloatArray, FloatArray], estimate: tuple[FloatArray, FloatArray], k: IndexArray
-) -> tuple[float, float]:
+def _distance(prior: Gaussian, estimate: Gaussian, k: IndexArray) -> tuple[float, float]:
     """Return the squared distance in states k over its limit, and its rms in sigmas."""
     own = np.ix_(k, k)
     squared, dof = prior_conflict(prior[0][k], prior[1][own], estimate[0][k], estimate[1][own])
@@ -109,7 +105,7 @@ def _distance(
     return squared / float(chdtri(dof, GROUP_PROBABILITY)), float(np.sqrt(squared / dof))
 
 
-def _scaled(prior: tuple[FloatArray, FloatArray], scale: FloatArray, bodies: range) -> FloatArray:
+def _scaled(prior: Gaussian, scale: FloatArray, bodies: range) -> FloatArray:
     """Return the covariance with sigmas times the scale, of bodies those of what is stated."""
     mean, covariance = prior
     A = np.diag(scale)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fsw.config import Config
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from tests.support.estimator_cases import N, make_config, make_problem, random_block
@@ -28,7 +27,6 @@ def test_no_method_uses_a_torque_that_is_missing(method: str) -> None:
 
 def test_the_compensated_regression_uses_whole_blocks_only() -> None:
     config = make_config(("target",))
-    assert isinstance(config, Config)
     whole = random_block()
     recursion = BiasCompensatedEstimator(make_problem(("target",)), config.estimator)
     recursion.push(whole)
