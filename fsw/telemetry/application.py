@@ -21,7 +21,6 @@ from fsw.telemetry.link.security import Security
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.ports import FileDelivery, Host
 from fsw.telemetry.services.context import TelemetryContext
-from fsw.telemetry.services.dumps import Dumps
 from fsw.telemetry.services.eventing import Eventing
 from fsw.telemetry.services.executor import Handler, TelecommandExecutor
 from fsw.telemetry.services.filing import Filing
@@ -35,6 +34,7 @@ from fsw.telemetry.services.housekeeping_values import (
     time_values,
 )
 from fsw.telemetry.services.local_commands import LocalCommands
+from fsw.telemetry.services.long_work import LongWork
 from fsw.telemetry.services.loop_commands import LoopCommands
 from fsw.telemetry.services.monitors import Monitoring
 from fsw.telemetry.services.onboard import OnBoardServices
@@ -92,7 +92,7 @@ def build_context(
         log=log,
         executor=executor,
         loop=LoopCommands(host, executor, modes),
-        dumps=Dumps(down, executor),
+        long_work=LongWork(down, executor),
     )
 
 
@@ -159,7 +159,7 @@ class TelemetryApplication:
         """Serve the link, timers and transfers; never waits."""
         for item in self.link.received(now_ns):
             self.receive(item, now_ns)
-        self.context.dumps.poll()
+        self.context.long_work.poll()
         self.context.reporter.poll(now_ns)
         self.context.loop.poll()
         self.local.poll(now_ns)

@@ -116,7 +116,7 @@ FILE_REPORTS = (
         text("path", PATH_BYTES),
         number("size_bytes", Type.U64, "B"),
         number("modified_s", Type.F64, "s", "Unix time"),
-        number("crc32", Type.U32, doc="0: the file is too large to be checked at once"),
+        number("crc32", Type.U32),
     ),
     _report(
         13,

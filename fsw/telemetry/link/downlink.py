@@ -15,6 +15,11 @@ DUMPED = (
     "command_log_entry",
     "file_entry",
     "schedule_entry",
+    "schedule_detail",
+    "sequence_status",
+    "sequence_entry",
+    "event_action_status",
+    "transfer_status",
     "monitor_definition",
     "monitor_status",
 )

@@ -9,8 +9,8 @@ from pathlib import Path
 from fsw.config import Config, TelemetryConfig
 from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.ports import Host
-from fsw.telemetry.services.dumps import Dumps
 from fsw.telemetry.services.executor import TelecommandExecutor
+from fsw.telemetry.services.long_work import LongWork
 from fsw.telemetry.services.loop_commands import LoopCommands
 from fsw.telemetry.state.boot import Boot
 from fsw.telemetry.state.command_log import CommandLog
@@ -41,7 +41,7 @@ class TelemetryContext:
     log : history of commands
     executor : checks, executes and completes telecommands
     loop : commands to the loop process
-    dumps : sends long answers in pieces
+    long_work : sends long answers and works on files, in pieces
     """
 
     host: Host
@@ -58,7 +58,7 @@ class TelemetryContext:
     log: CommandLog
     executor: TelecommandExecutor
     loop: LoopCommands
-    dumps: Dumps
+    long_work: LongWork
 
     def now_ns(self) -> int:
         """Return mission elapsed time [ns]."""

@@ -18,6 +18,7 @@ from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.services.kept_requests import checked_request, packet_of
+from fsw.telemetry.services.long_work import Pieces
 from fsw.telemetry.state.documents import keep_document, read_document
 from fsw.telemetry.state.store import GenerationStore
 
@@ -90,7 +91,9 @@ class EventActions:
             "DELETE_EVENT_ACTIONS": lambda _: self._delete_all,
             "ENABLE_EVENT_ACTION": partial(self._switch, enabled=True),
             "DISABLE_EVENT_ACTION": partial(self._switch, enabled=False),
-            "REPORT_EVENT_ACTION_STATUS": lambda _: self._report_status,
+            "REPORT_EVENT_ACTION_STATUS": partial(
+                self._context.long_work.action, make=self._status
+            ),
             "ENABLE_EVENT_ACTIONS": lambda _: partial(self._switch_all, enabled=True),
             "DISABLE_EVENT_ACTIONS": lambda _: partial(self._switch_all, enabled=False),
             "REPORT_EVENT_ACTION": self._report_definition,
@@ -178,7 +181,7 @@ class EventActions:
             text = f"event actions: {'; '.join(faults[:3])}"
             self._context.report("STORED_REQUESTS_CORRUPT", text)
 
-    def _report_status(self) -> Done:
+    def _status(self) -> Pieces:
         empty = {"n": 0, "apid": 0, "event": 0, "enabled": False, "released": 0}
         rows = [
             {
@@ -191,8 +194,7 @@ class EventActions:
             for number, definition in self._definitions.items()
         ]
         for row in rows or [empty]:
-            self._context.send("event_action_status", row | {"function_enabled": self.enabled})
-        return Done.NOW
+            yield "event_action_status", row | {"function_enabled": self.enabled}
 
     def _report_definition(self, request: Request) -> Action:
         number, definition = self._find(request)

@@ -14,8 +14,8 @@ from fsw.telemetry.dictionary.events import IDS, OTHER_ID, SECURITY_CODES
 from fsw.telemetry.dictionary.reports import DISABLED_SLOTS
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
-from fsw.telemetry.services.dumps import Entries
 from fsw.telemetry.services.executor import Action, Done, Handler, each
+from fsw.telemetry.services.long_work import Pieces
 from fsw.telemetry.state.fair_log import FairLog
 from fsw.telemetry.state.journal import Journal
 
@@ -97,7 +97,7 @@ class Eventing:
         """Return the fields of housekeeping set 1 that count events."""
         return {"events": self.total, "events_suppressed": self.suppressed}
 
-    def dump(self, log: FairLog[Logged], entries: int) -> Entries:
+    def dump(self, log: FairLog[Logged], entries: int) -> Pieces:
         """Return the packets of the newest entries of a log, oldest first."""
         return _log_packets(log.newest(entries))
 
@@ -112,7 +112,7 @@ class Eventing:
         }
 
     def _dump(self, log: FairLog[Logged], request: Request) -> Action:
-        return self._context.dumps.action(
+        return self._context.long_work.action(
             request, partial(self.dump, log, request.whole("entries"))
         )
 

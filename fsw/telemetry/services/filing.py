@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path, PurePosixPath
 
@@ -16,9 +15,10 @@ from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.eventing import SECURITY_NAME
 from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.file_pieces import append, checksum, copy
+from fsw.telemetry.services.long_work import Pieces
 from fsw.telemetry.state.command_log import COMMANDS_NAME
 
-MAX_AT_ONCE_BYTES = 64 << 20  # read or copied in one go: the service has other things to do
 MAX_DEPTH = 8  # folders in one another
 # of the state directory, that may go down
 LOGS = ("events.jsonl", COMMANDS_NAME, SECURITY_NAME, "status.json")
@@ -36,6 +36,7 @@ class Filing:
         self._folders = {"files": context.state / context.telemetry.file_directory}
         if config.recorder.directory is not None:
             self._folders["recordings"] = config.resolve(config.recorder.directory)
+        self._in_work: set[Path] = set()  # that are being copied or appended
         self._single = {name: context.state / name for name in LOGS}
 
     def find(self, name: str, argument: int = 1) -> Path:
@@ -68,6 +69,8 @@ class Filing:
         recording = self._context.host.recording
         if recording.values()["recording"] and path == recording.path:
             raise TcError(Error.BUSY, 1, text="it is being written")
+        if any(path == used or path in used.parents for used in self._in_work):
+            raise TcError(Error.BUSY, 1, text="it is being copied or appended")
         return path
 
     def writable(self, name: str, argument: int = 1) -> Path:
@@ -101,18 +104,17 @@ class Filing:
     def _attributes(self, request: Request) -> Action:
         path = self.existing(request.text("path"))
 
-        def act() -> None:
+        def pieces() -> Pieces:
             facts = path.stat()
-            small = facts.st_size <= MAX_AT_ONCE_BYTES
             values = {
                 "path": request.text("path"),
                 "size_bytes": facts.st_size,
                 "modified_s": facts.st_mtime,
-                "crc32": zlib.crc32(path.read_bytes()) if small else 0,
+                "crc32": (yield from checksum(path, 0, facts.st_size)),
             }
-            self._context.send("file_attributes", values)
+            yield "file_attributes", values
 
-        return partial(guarded, act)
+        return self._context.long_work.action(request, pieces)
 
     def _list(self, request: Request) -> Action:
         name, first = request.text("path"), request.whole("first")
@@ -120,26 +122,12 @@ class Filing:
         if not path.is_dir():
             raise TcError(Error.FILE_NOT_FOUND, 1)
 
-        def make() -> Iterable[tuple[str, Mapping[str, object]]]:
-            try:
-                return _page(path, name, first)
-            except OSError as error:
-                raise _failed(error) from error
-
-        return self._context.dumps.action(request, make)
+        return self._context.long_work.action(request, partial(_page, path, name, first))
 
     def _copy(self, request: Request) -> Action:
-        source = self.existing(request.text("path"))
+        source = self.free(self.existing(request.text("path")))
         target = self._new(request.text("target"))
-        size = source.stat().st_size
-        if size > MAX_AT_ONCE_BYTES:
-            raise TcError(Error.OUT_OF_RANGE, 1, size)
-
-        def act() -> None:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source, target)
-
-        return partial(guarded, act)
+        return self._work(request, copy(source, target), source, target)
 
     def _move(self, request: Request) -> Action:
         """Rename a file or a folder."""
@@ -154,34 +142,30 @@ class Filing:
         source = self.free(self.existing(request.text("path")))
         target = self.free(self.writable(request.text("target"), 2))
         self.writable(request.text("path"))
-        size, offset = source.stat().st_size, request.whole("offset")
+        offset = request.whole("offset")
         there = target.stat().st_size if target.is_file() else 0
         if there != offset:
             raise TcError(Error.OUT_OF_RANGE, 3, there, text=f"the target has {there} bytes")
-        if size > MAX_AT_ONCE_BYTES:
-            raise TcError(Error.OUT_OF_RANGE, 1, size)
+        return self._work(request, append(source, target, offset), source, target)
 
-        def act() -> None:
-            if not offset:  # nothing to append to: a piece that arrived whole is whole here too
-                source.replace(target)
-                return
-            with target.open("r+b") as file:
-                try:
-                    file.seek(offset)
-                    file.write(source.read_bytes())
-                except OSError:
-                    file.truncate(offset)
-                    raise
-            source.unlink()
+    def _work(self, request: Request, pieces: Iterator[None], *paths: Path) -> Action:
+        """Return what begins work on files, which nobody else may touch until it is over."""
 
-        return partial(guarded, act)
+        def guarded_pieces() -> Pieces:
+            self._in_work.update(paths)
+            try:
+                yield from pieces
+            finally:
+                self._in_work.difference_update(paths)
+
+        return self._context.long_work.action(request, guarded_pieces)
 
     def _new(self, name: str) -> Path:
         """Return the path of what is to be made. Raises TcError."""
         target = self.writable(name, 2)
         if target.exists() or target.is_symlink():
             raise TcError(Error.BUSY, 2, text=f"{name} exists")
-        return target
+        return self.free(target)
 
     def _create_folder(self, request: Request) -> Action:
         name = request.text("path")

@@ -20,6 +20,7 @@ from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler, each
 from fsw.telemetry.services.functions import Functions
 from fsw.telemetry.services.housekeeping_values import HousekeepingValues
+from fsw.telemetry.services.long_work import Pieces
 
 PERIOD_NS = 200_000_000
 NUMBERS = {label: number for number, label in VALUE.labels.items()}
@@ -145,7 +146,7 @@ class Monitoring:
             "DELETE_MONITOR": self._delete,
             "MODIFY_MONITOR": self._modify,
             "REPORT_MONITOR": each(self._report_definition),
-            "REPORT_MONITOR_STATUS": lambda _: self._report_status,
+            "REPORT_MONITOR_STATUS": partial(self._context.long_work.action, make=self._status),
             "ENABLE_MONITORING": lambda _: partial(self._switch_all, enabled=True),
             "DISABLE_MONITORING": lambda _: partial(self._switch_all, enabled=False),
         }
@@ -212,15 +213,12 @@ class Monitoring:
 
         return act
 
-    def _report_status(self) -> Done:
+    def _status(self) -> Pieces:
         if not self._monitors:
-            self._context.send(
-                "monitor_status", {"n": 0, "monitor": 0, "enabled": False, "status": 0}
-            )
+            yield "monitor_status", {"n": 0, "monitor": 0, "enabled": False, "status": 0}
         for number, monitor in self._monitors.items():
             values = {"monitor": number, "enabled": monitor.enabled, "status": int(monitor.status)}
-            self._context.send("monitor_status", {"n": 1} | values)
-        return Done.NOW
+            yield "monitor_status", {"n": 1} | values
 
 
 def _requested(request: Request, *, enabled: bool) -> MonitorConfig:

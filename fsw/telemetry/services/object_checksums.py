@@ -8,29 +8,16 @@ use, where the standard's annex B proposes 16 bits. A file is read a piece at a 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import BinaryIO
 
 from fsw.telemetry.dictionary.codes import Error, Memory, Table
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
+from fsw.telemetry.services.file_pieces import checksum
 from fsw.telemetry.services.filing import Filing
+from fsw.telemetry.services.long_work import Packet, Pieces
 from fsw.telemetry.services.tables import Tables
 from fsw.telemetry.tables.slot import Copy
-
-PIECE_BYTES = 1 << 20
-
-
-@dataclass(slots=True)
-class _Running:
-    request: Request
-    file: BinaryIO
-    left_bytes: int
-    length: int
-    crc32: int = 0
 
 
 class ObjectChecksums:
@@ -44,30 +31,10 @@ class ObjectChecksums:
 
     def __init__(self, context: TelemetryContext, filing: Filing, tables: Tables) -> None:
         self._context, self._filing, self._tables = context, filing, tables
-        self._running: _Running | None = None
 
     def handlers(self) -> dict[str, Handler]:
         """Return the handler of this service's telecommand."""
         return {"CHECK_OBJECT": self._check}
-
-    def poll(self) -> None:
-        """Read one more piece of the file."""
-        running = self._running
-        if running is None:
-            return
-        try:
-            piece = running.file.read(min(PIECE_BYTES, running.left_bytes))
-        except OSError as error:
-            self._finish(running, TcError(Error.FAILED, text=error.strerror or str(error)))
-            return
-        if not piece:
-            self._finish(running, TcError(Error.FAILED, 2, text="the file has become shorter"))
-            return
-        running.crc32 = zlib.crc32(piece, running.crc32)
-        running.left_bytes -= len(piece)
-        if not running.left_bytes:
-            self._send(running.request, running.length, running.crc32)
-            self._finish(running, None)
 
     def _check(self, request: Request) -> Action:
         if request.whole("memory") == Memory.TABLES:
@@ -80,15 +47,14 @@ class ObjectChecksums:
         offset, length = _part(request, len(content))
 
         def act() -> Done:
-            self._send(request, length, zlib.crc32(content[offset : offset + length]))
+            crc32 = zlib.crc32(content[offset : offset + length])
+            self._context.send(*self._checked(request, length, crc32))
             return Done.NOW
 
         return act
 
     def _check_file(self, request: Request) -> Action:
         path = self._filing.find(request.text("base"))
-        if self._running is not None:
-            raise TcError(Error.BUSY, text="another file is being checked")
         try:
             if not path.is_file():
                 raise TcError(Error.FILE_NOT_FOUND, 2)
@@ -96,26 +62,14 @@ class ObjectChecksums:
         except OSError as error:
             raise TcError(Error.FILE_NOT_FOUND, 2, text=error.strerror or "") from error
         offset, length = _part(request, size)
-        return partial(self._begin, request, path, offset, length)
 
-    def _begin(self, request: Request, path: Path, offset: int, length: int) -> Done:
-        if not length:
-            self._send(request, 0, 0)
-            return Done.NOW
-        try:
-            file = path.open("rb")
-            file.seek(offset)
-        except OSError as error:
-            raise TcError(Error.FAILED, 2, text=error.strerror or str(error)) from error
-        self._running = _Running(request, file, length, length)
-        return Done.LATER
+        def pieces() -> Pieces:
+            crc32 = yield from checksum(path, offset, length)
+            yield self._checked(request, length, crc32)
 
-    def _finish(self, running: _Running, error: TcError | None) -> None:
-        running.file.close()
-        self._running = None
-        self._context.executor.finish(running.request, error)
+        return self._context.long_work.action(request, pieces)
 
-    def _send(self, request: Request, length: int, crc32: int) -> None:
+    def _checked(self, request: Request, length: int, crc32: int) -> Packet:
         values = {
             "memory": request.whole("memory"),
             "base": request.text("base"),
@@ -124,7 +78,7 @@ class ObjectChecksums:
             "length": length,
             "crc32": crc32,
         }
-        self._context.send("object_checked", values)
+        return "object_checked", values
 
 
 def _table_copy(base: str) -> tuple[Table, Copy]:

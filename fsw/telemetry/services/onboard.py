@@ -39,7 +39,6 @@ class OnBoardServices:
         self.schedule.poll(now_ns)
         self.actions.poll()
         self.sequences.poll(now_ns)
-        self.checks.poll()
         self.playback.poll()
 
     def event(self, code: str) -> None:

@@ -43,7 +43,7 @@ class OwnCommands:
 
     def _dump_commands(self, request: Request) -> Action:
         packets = partial(self._context.log.packets, request.whole("entries"))
-        return self._context.dumps.action(request, packets)
+        return self._context.long_work.action(request, packets)
 
     def _answer(self, name: str, values: Mapping[str, object]) -> Done:
         self._context.send(name, values)

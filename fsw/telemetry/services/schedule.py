@@ -24,6 +24,7 @@ from fsw.telemetry.services.kept_requests import (
     request_id_of,
     source_of,
 )
+from fsw.telemetry.services.long_work import Pieces
 from fsw.telemetry.state.documents import keep_document, read_document
 from fsw.telemetry.state.epoch import Epoch, carried_over
 from fsw.telemetry.state.store import GenerationStore
@@ -99,8 +100,8 @@ class Schedule:
             "DELETE_ACTIVITY": self._delete,
             "SHIFT_ACTIVITY": self._shift_one,
             "SHIFT_SCHEDULE": self._shift_all,
-            "REPORT_SCHEDULE": lambda _: self._report_summary,
-            "REPORT_SCHEDULE_DETAIL": lambda _: self._report_detail,
+            "REPORT_SCHEDULE": partial(self._context.long_work.action, make=self._summary),
+            "REPORT_SCHEDULE_DETAIL": partial(self._context.long_work.action, make=self._detail),
         }
 
     def _switch(self, *, enabled: bool) -> Done:
@@ -224,10 +225,10 @@ class Schedule:
         text = f"{activity.request.telecommand.name}: {why}"
         self._context.report("SCHEDULE_DISCARDED", text)
 
-    def _report_summary(self) -> Done:
+    def _summary(self) -> Pieces:
         if not self._waiting:
             empty = {"release_time_s": 0.0, "source_id": 0, "apid": 0, "sequence_count": 0}
-            self._context.send("schedule_entry", empty | {"n": 0, "service": 0, "subtype": 0})
+            yield "schedule_entry", empty | {"n": 0, "service": 0, "subtype": 0}
         for activity in self._waiting:
             request = activity.request
             values = {
@@ -239,17 +240,14 @@ class Schedule:
                 "service": request.telecommand.service,
                 "subtype": request.telecommand.subtype,
             }
-            self._context.send("schedule_entry", values)
-        return Done.NOW
+            yield "schedule_entry", values
 
-    def _report_detail(self) -> Done:
+    def _detail(self) -> Pieces:
         if not self._waiting:
-            empty = {"n": 0, "release_time_s": 0.0, "request_hex": ""}
-            self._context.send("schedule_detail", empty)
+            yield "schedule_detail", {"n": 0, "release_time_s": 0.0, "request_hex": ""}
         for activity in self._waiting:
             values = {"n": 1, "release_time_s": activity.release_ns / 1e9}
-            self._context.send("schedule_detail", values | {"request_hex": activity.packet.hex()})
-        return Done.NOW
+            yield "schedule_detail", values | {"request_hex": activity.packet.hex()}
 
 
 def _release_ns(request: Request) -> int:

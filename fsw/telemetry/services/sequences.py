@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from fsw.telemetry.dictionary.codes import Error, SequenceStatus
@@ -18,6 +19,7 @@ from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.services.filing import Filing
 from fsw.telemetry.services.kept_requests import checked_request, split_first
+from fsw.telemetry.services.long_work import Pieces
 from fsw.telemetry.state.documents import keep_document, read_document
 from fsw.telemetry.state.store import GenerationStore
 
@@ -120,7 +122,7 @@ class Sequences:
             "UNLOAD_SEQUENCE": self._unload,
             "START_SEQUENCE": self._start,
             "ABORT_SEQUENCE": self._abort,
-            "REPORT_SEQUENCES": lambda _: self._report_status,
+            "REPORT_SEQUENCES": partial(self._context.long_work.action, make=self._status),
             "CHECK_SEQUENCE": self._check,
             "REPORT_SEQUENCE": self._report_content,
             "ABORT_SEQUENCES": lambda _: self._abort_all,
@@ -216,35 +218,33 @@ class Sequences:
 
         return act
 
-    def _report_status(self) -> Done:
+    def _status(self) -> Pieces:
         if not self._loaded:
-            empty = dict.fromkeys(("n", "sequence", "status", "released", "entries"), 0)
-            self._context.send("sequence_status", empty)
-        for number in sorted(self._loaded):
+            yield (
+                "sequence_status",
+                dict.fromkeys(("n", "sequence", "status", "released", "entries"), 0),
+            )
+        for number, entries in sorted(self._entries.items()):
             executing = number in self._runs
             values = {
                 "n": 1,
                 "sequence": number,
                 "status": SequenceStatus.EXECUTING if executing else SequenceStatus.INACTIVE,
                 "released": self._released.get(number, 0),
-                "entries": len(self._entries[number]),
+                "entries": len(entries),
             }
-            self._context.send("sequence_status", values)
-        return Done.NOW
+            yield "sequence_status", values
 
     def _report_content(self, request: Request) -> Action:
         number = self._known(request)
+        return self._context.long_work.action(request, partial(self._content, number))
 
-        def act() -> Done:
-            entries = self._entries[number]
-            for place, entry in enumerate(entries, start=1):
-                values = {"sequence": number, "n": len(entries), "entry": place}
-                values |= {"delay_ms": entry.delay_ms}
-                hexadecimal = entry.packet.hex()
-                self._context.send("sequence_entry", {**values, "request_hex": hexadecimal})
-            return Done.NOW
-
-        return act
+    def _content(self, number: int) -> Pieces:
+        entries = self._entries[number]
+        for place, entry in enumerate(entries, start=1):
+            values = {"sequence": number, "n": len(entries), "entry": place}
+            values |= {"delay_ms": entry.delay_ms}
+            yield "sequence_entry", {**values, "request_hex": entry.packet.hex()}
 
     def _known(self, request: Request) -> int:
         number = request.whole("sequence")

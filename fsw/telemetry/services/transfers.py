@@ -13,6 +13,7 @@ from fsw.telemetry.ports import FileDelivery
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.services.filing import Filing
+from fsw.telemetry.services.long_work import Pieces
 
 FILE_COUNTERS = ("files_sent", "files_received", "files_failed", "pdus_sent", "pdus_received")
 
@@ -47,7 +48,7 @@ class Transfers:
         return {
             "DOWNLINK_FILE": self._downlink,
             "DOWNLINK_PIECE": self._downlink_piece,
-            "REPORT_TRANSFERS": self._list,
+            "REPORT_TRANSFERS": partial(self._context.long_work.action, make=self._list),
             "SUSPEND_TRANSFER": self._suspend,
             "RESUME_TRANSFER": self._resume,
             "ABORT_TRANSFER": self._abort,
@@ -84,28 +85,24 @@ class Transfers:
 
         return act
 
-    def _list(self, _request: Request) -> Action:
-        def act() -> Done:
-            found = self.delivery.transfers()
-            for entry, item in enumerate(found, start=1):
-                values = {
-                    "entry": entry,
-                    "entries": len(found),
-                    "source": item.key[0],
-                    "number": item.key[1],
-                    "path": item.name,
-                    "size_bytes": item.size,
-                    "done_bytes": item.done,
-                    "state": TRANSFER_STATE.value(item.state.value),
-                }
-                self._context.send("transfer_status", values)
-            if not found:
-                names = ("entry", "entries", "source", "number", "size_bytes", "done_bytes")
-                none = dict.fromkeys((*names, "state"), 0)
-                self._context.send("transfer_status", none | {"path": ""})
-            return Done.NOW
-
-        return act
+    def _list(self) -> Pieces:
+        found = self.delivery.transfers()
+        for entry, item in enumerate(found, start=1):
+            values = {
+                "entry": entry,
+                "entries": len(found),
+                "source": item.key[0],
+                "number": item.key[1],
+                "path": item.name,
+                "size_bytes": item.size,
+                "done_bytes": item.done,
+                "state": TRANSFER_STATE.value(item.state.value),
+            }
+            yield "transfer_status", values
+        if not found:
+            names = ("entry", "entries", "source", "number", "size_bytes", "done_bytes")
+            none = dict.fromkeys((*names, "state"), 0)
+            yield "transfer_status", none | {"path": ""}
 
     def _suspend(self, request: Request) -> Action:
         return partial(_done, partial(self.delivery.suspend, _key(request)))

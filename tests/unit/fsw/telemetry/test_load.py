@@ -10,9 +10,9 @@ from fsw.messages import Event
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import Decoder, telecommand_packet
-from fsw.telemetry.services.dumps import PACKETS_PER_POLL
 from fsw.telemetry.services.eventing import LOG_ENTRIES
 from fsw.telemetry.services.ground_link import MAX_ITEMS
+from fsw.telemetry.services.long_work import PIECES_PER_POLL
 from tests.support.application_cases import DONE, SECOND, Flight, flight_config
 
 REPORTS = 5  # of one telecommand: verification and events
@@ -62,9 +62,9 @@ def test_a_flood_of_dumps_is_spread_over_polls_and_health_goes_on(arm):
             made.append(0)
             flight.now += SECOND // 100
             flight.app.poll(flight.now)
-    assert max(made) <= REPORTS * MAX_ITEMS + PACKETS_PER_POLL + len(DICTIONARY.packets)
+    assert max(made) <= REPORTS * MAX_ITEMS + PIECES_PER_POLL + len(DICTIONARY.packets)
     polls = len(made)
-    assert polls >= LOG_ENTRIES / PACKETS_PER_POLL
+    assert polls >= LOG_ENTRIES / PIECES_PER_POLL
     assert names.count("health") >= polls // 10 - 1, "every 0.1 s, whatever else goes down"
     flight.app.close()
 
@@ -72,9 +72,9 @@ def test_a_flood_of_dumps_is_spread_over_polls_and_health_goes_on(arm):
 def test_one_dump_of_a_kind_at_a_time(flight):
     fill_log(flight)
     assert flight.send("EVENT_LOG_DUMP", {"entries": 1000})[:2] == DONE[:2]
-    assert len(flight.all("event_log_entry")) == PACKETS_PER_POLL
+    assert len(flight.all("event_log_entry")) == PIECES_PER_POLL
     assert flight.refused("EVENT_LOG_DUMP", {"entries": 10}) is Error.BUSY
-    leap(flight, LOG_ENTRIES / PACKETS_PER_POLL + 1.0)
+    leap(flight, LOG_ENTRIES / PIECES_PER_POLL + 1.0)
     entries = flight.all("event_log_entry")
     assert [e["entry"] for e in entries] == list(range(1, LOG_ENTRIES + 1))
     assert flight.send("EVENT_LOG_DUMP", {"entries": 2})[:2] == DONE[:2]

@@ -10,7 +10,7 @@ from file_delivery.errors import DeliveryError
 from file_delivery.library import DAEMON, GROUND, Pair
 from file_delivery.transfer import Transfer, TransferState
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.services.dumps import PACKETS_PER_POLL
+from fsw.telemetry.services.long_work import PIECES_PER_POLL
 from tests.support.application_cases import BEGUN, DONE, Flight
 
 FILE, FOLDER, OTHER = 0, 1, 2
@@ -113,14 +113,14 @@ def test_a_folder_of_many_files_is_listed_page_by_page(flight: Flight, files: Pa
 def test_a_long_list_is_sent_piece_by_piece_while_other_telecommands_run(
     flight: Flight, files: Path
 ):
-    for k in range(2 * PACKETS_PER_POLL):
+    for k in range(2 * PIECES_PER_POLL):
         (files / f"{k:03d}").touch()
     assert flight.send("LIST_FILES", {"path": "files", "first": 1})[:2] == BEGUN
-    assert len(flight.all("file_entry")) == PACKETS_PER_POLL
+    assert len(flight.all("file_entry")) == PIECES_PER_POLL
     assert "alive" in flight.send("PING")
     assert flight.refused("LIST_FILES", {"path": "files", "first": 1}) is Error.BUSY
     flight.wait(0.1)
-    assert len(flight.all("file_entry")) == 2 * PACKETS_PER_POLL
+    assert len(flight.all("file_entry")) == 2 * PIECES_PER_POLL
     flight.wait(0.1)
     assert flight.packets[-1].packet.name == "completion_success"
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from fsw.telemetry.dictionary.codes import Error
-from fsw.telemetry.services import object_checksums
+from fsw.telemetry.services import file_pieces
+from fsw.telemetry.services.long_work import PIECES_PER_POLL
 from tests.support.application_cases import BEGUN, Flight
 
 
@@ -22,16 +23,16 @@ def part(memory: str, base: str, offset: int = 0, length: int = 0) -> dict:
 def test_a_file_is_checked_a_piece_at_a_time(
     flight: Flight, folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(object_checksums, "PIECE_BYTES", 100)
-    data = bytes(range(256))
+    monkeypatch.setattr(file_pieces, "PIECE_BYTES", 100)
+    data = bytes(k % 251 for k in range(250 * PIECES_PER_POLL))
     (folder / "a.bin").write_bytes(data)
     assert flight.send("CHECK_OBJECT", part("FILES", "files/a.bin")) == BEGUN
     assert flight.refused("CHECK_OBJECT", part("FILES", "files/a.bin")) is Error.BUSY
-    flight.wait(0.2)
+    flight.wait(0.1)
     assert flight.all("object_checked") == []
     flight.wait(0.2)
     told = flight.last("object_checked")
-    assert (told["length"], told["crc32"]) == (256, zlib.crc32(data))
+    assert (told["length"], told["crc32"]) == (len(data), zlib.crc32(data))
     assert flight.packets[-1].packet.name == "completion_success"
     flight.send("CHECK_OBJECT", part("FILES", "files/a.bin", 10, 20))
     flight.wait(0.1)
@@ -45,11 +46,11 @@ def test_an_empty_file_and_one_that_shrinks(flight: Flight, folder: Path, monkey
         0,
         0,
     )
-    monkeypatch.setattr(object_checksums, "PIECE_BYTES", 10)
-    (folder / "b").write_bytes(bytes(30))
+    monkeypatch.setattr(file_pieces, "PIECE_BYTES", 10)
+    (folder / "b").write_bytes(bytes(200_000))
     flight.send("CHECK_OBJECT", part("FILES", "files/b"))
     (folder / "b").write_bytes(bytes(5))
-    flight.wait(1.0)
+    flight.wait(4.0)
     assert flight.error() is Error.FAILED
 
 

@@ -1,0 +1,80 @@
+"""Work on files a piece at a time: checksums, copies and appending, as generators.
+
+Each yields None after a piece, so that the caller decides when to do the next. A generator that is
+closed before its end leaves nothing half made.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from file_delivery.paths import HIDDEN
+from fsw.telemetry.dictionary.codes import Error
+from fsw.telemetry.link.telecommands import TcError
+
+PIECE_BYTES = 1 << 16
+COPYING = f"{HIDDEN}copying"  # name of a copy that is not yet whole, in the folder of its target
+
+
+def checksum(path: Path, offset: int, length: int) -> Generator[None, None, int]:
+    """Compute the CRC-32 of a part of a file [bytes].
+
+    Raises
+    ------
+    OSError, and TcError FAILED if the file ends before the part.
+    """
+    crc32 = 0
+    with path.open("rb") as file:
+        file.seek(offset)
+        while length:
+            piece = file.read(min(PIECE_BYTES, length))
+            if not piece:
+                raise TcError(Error.FAILED, text="the file has become shorter")
+            crc32 = zlib.crc32(piece, crc32)
+            length -= len(piece)
+            yield
+    return crc32
+
+
+def copy(source: Path, target: Path) -> Iterator[None]:
+    """Copy a file; the target appears when it is whole.
+
+    Raises
+    ------
+    OSError, and TcError BUSY if the target has appeared in the meantime.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_name(COPYING)
+    try:
+        with source.open("rb") as reader, unfinished.open("wb") as writer:
+            yield from _pour(reader, writer)
+        if target.exists() or target.is_symlink():
+            raise TcError(Error.BUSY, 2, text=f"{target.name} exists")
+        unfinished.replace(target)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def append(source: Path, target: Path, offset: int) -> Iterator[None]:
+    """Add a file to the end of a target of `offset` bytes, then remove it. Raises OSError."""
+    if not offset:  # nothing to append to
+        source.replace(target)
+        return
+    with source.open("rb") as reader, target.open("r+b") as writer:
+        writer.seek(offset)
+        try:
+            yield from _pour(reader, writer)
+            writer.flush()
+        except BaseException:  # also one that closes the generator
+            writer.truncate(offset)
+            raise
+    source.unlink()
+
+
+def _pour(reader: BinaryIO, writer: BinaryIO) -> Iterator[None]:
+    while piece := reader.read(PIECE_BYTES):
+        writer.write(piece)
+        yield
