@@ -35,6 +35,7 @@ from hil.evidence.speed import peers
 from hil.evidence.speed.peers import Samples
 from hil.evidence.speed.tick_work import measure
 from hil.run.bench import prepare, run_virtual
+from hil.run.processes import tied
 from hil.world.scenario import load as load_scenario
 from hil.world.spline import JointSpline
 from hil.world.truth import simulate
@@ -135,7 +136,7 @@ def compare_identify(
     arguments = ("identify", str(recording), "--config", str(config_path), "--method", METHOD)
     before = os.times()
     subprocess.run(
-        (sys.executable, "-m", "fsw", *arguments), check=True, stdout=subprocess.DEVNULL,
+        tied((sys.executable, "-m", "fsw", *arguments)), check=True, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )  # fmt: skip
     after = os.times()

@@ -25,6 +25,7 @@ from hil.errors import same_settings
 from hil.evidence.transfers.cable import Cable
 from hil.run.bench import prepare
 from hil.run.live import LiveError, children
+from hil.run.processes import tied
 from hil.world.scenario import at_rates, load
 
 SCENARIO, RATE_HZ, IMU_RATE_HZ = "target_leo", 100.0, 125
@@ -80,7 +81,7 @@ class TransferDaemon:
         self.state = folder / "state"
         self._log = (folder / "daemon.log").open("ab")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "fsw", "run", str(setup.config_path)],
+            tied([sys.executable, "-m", "fsw", "run", str(setup.config_path)]),
             stdout=self._log,
             stderr=self._log,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
@@ -237,7 +238,7 @@ class Exchange:
         options = ["--port", str(self._port), "--state", str(self._place / "ground")]
         piece = ["--timeout", str(PATIENCE_S / 2), "--piece", str(PIECE_BYTES)]
         return subprocess.Popen(
-            [sys.executable, "-m", "ground", *options, "file", *piece, *words],
+            tied([sys.executable, "-m", "ground", *options, "file", *piece, *words]),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,

@@ -53,6 +53,10 @@ COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
         lambda folder: [*HIL, "kills", "--out", str(folder)],
         ("hil.devices", "fsw run", "fsw.service.process"),
     ),
+    "transfers": (
+        lambda folder: [*HIL, "transfers", "--out", str(folder)],
+        ("fsw run", "fsw.service.process", "-m ground"),
+    ),
     "study": (
         lambda folder: [*HIL, "study", "methods", "--quick", "--out", str(folder)],
         ("spawn_main",),
@@ -61,6 +65,11 @@ COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
         lambda folder: [*PYTEST, "-n", "2", "-c", str(ROOT / "pyproject.toml"), str(folder)],
         ("time.sleep(1000)",),
     ),
+}
+
+INTERRUPTIONS: dict[str, Callable[[subprocess.Popen], None]] = {
+    "control-c": lambda run: os.killpg(run.pid, signal.SIGINT),
+    "terminated": lambda run: run.terminate(),
 }
 
 
@@ -108,20 +117,42 @@ def test_a_killed_command_leaves_no_process_behind(name, short_path):
     (short_path / "campaign.yaml").write_text(CAMPAIGN)
     (short_path / "conftest.py").write_text("from tests.conftest import pytest_configure\n")
     (short_path / "test_left.py").write_text(TESTS)
+    assert_nothing_left(command(short_path), wanted, short_path, lambda run: run.kill())
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2000)
+@pytest.mark.parametrize("name", INTERRUPTIONS)
+def test_an_interrupted_live_test_leaves_no_process_behind(name, short_path):
+    """The tests themselves, while one of them has a daemon, its devices and a ground."""
+    live = str(Path(__file__).with_name("test_transfers.py"))
+    command = [*PYTEST, "-n", "2", "-c", str(ROOT / "pyproject.toml"), live]
+    wanted = ("hil transfers", "fsw run", "fsw.service.process")
+    assert_nothing_left(command, wanted, short_path, INTERRUPTIONS[name])
+
+
+def assert_nothing_left(
+    command: list[str],
+    wanted: tuple[str, ...],
+    folder: Path,
+    interrupt: Callable[[subprocess.Popen], None],
+) -> None:
+    """Start a command, interrupt it when `wanted` is among its processes: all of them end."""
     mark = uuid4().hex
-    log = short_path / "command.log"
+    log = folder / "command.log"
     with log.open("wb") as out:
         process = subprocess.Popen(
-            command(short_path),
+            command,
             cwd=ROOT,
             env=os.environ | {MARK: mark, "PYTHONPATH": str(ROOT)},
             stdout=out,
             stderr=out,
+            start_new_session=True,
         )
     try:
         assert until(lambda: seen(mark, wanted) or process.poll() is not None), marked(mark)
         assert process.poll() is None, log.read_text()
-        process.kill()
+        interrupt(process)
         process.wait()
         assert until(lambda: not marked(mark)), marked(mark)
     finally:
