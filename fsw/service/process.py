@@ -39,14 +39,17 @@ from fsw.service.batch_jobs import BatchJobs
 from fsw.service.blockstore import BlockStoreError, BlockWriter, read_blocks
 from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.control import SOCKET_NAME, ControlServer, refused
+from fsw.service.disk_sync import DiskSync
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state.epoch import Epoch
+from fsw.telemetry.state.journal import Journal
 
 if TYPE_CHECKING:
     from fsw.telemetry.application import TelemetryApplication
 
+EVENTS_NAME = "events.jsonl"
 BLOCKS_NAME = "blocks.bin"
 STATUS_NAME = "status.json"
 POLL_S = 0.01
@@ -69,6 +72,7 @@ class Service:
         self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
         self._event_counts = Counter(self._counted_before() if resume else {})
+        self._events = Journal(self._directory / EVENTS_NAME, LOG_LIMIT_BYTES)
         self._switch = RecorderSwitch(config, self._report)
         self._telemetry: TelemetryApplication | None = None
         blocks = self._directory / BLOCKS_NAME
@@ -79,6 +83,16 @@ class Service:
         self._jobs = BatchJobs(config, self._directory / BLOCKS_NAME, self._report)
         self._answers: list[Reply] = []  # of commands carried out here
         self._drops_told = 0
+        self._disk = DiskSync(self._files, partial(self._report, "high", "DISK_SYNC_FAILED"))
+
+    def _files(self) -> list[Path]:
+        """Return the files that grow."""
+        files = [*self._events.files]
+        if self._switch.path is not None:
+            files.append(self._switch.path)
+        if self._telemetry is not None:
+            files += self._telemetry.files()
+        return files
 
     def _resumed(self, path: Path) -> BlockWriter:
         """Reopen the block store of a crashed service; start a new one if it is invalid."""
@@ -144,6 +158,7 @@ class Service:
                 self._telemetry.job(report)
         if self._telemetry is not None:
             self._telemetry.poll(self._clock.now_ns())
+        self._disk.poll(self._clock.now_ns())
         wait_s = 0.0 if taken >= BATCH_RECORDS or not going else POLL_S
         if self._control is not None:
             self._control.serve(wait_s, self._clock.now_ns())
@@ -160,6 +175,7 @@ class Service:
         if self._control is not None:
             self._control.close()
         self._write_status(running=False)
+        self._disk.close()
 
     def put(self, message: Message) -> None:
         """Act on one message of the loop; traffic and commands are for the recorder alone."""
@@ -208,14 +224,7 @@ class Service:
         self._event_counts[event.code] += 1
         if self._telemetry is not None:
             self._telemetry.event(event)
-        path = self._directory / "events.jsonl"
-        try:
-            if path.exists() and path.stat().st_size > LOG_LIMIT_BYTES:
-                path.replace(path.with_suffix(".jsonl.1"))
-            with path.open("a") as file:
-                file.write(json.dumps(event_values(event)) + "\n")
-        except OSError:
-            return  # a full disk must not end the service; the recorder reports it
+        self._events.append(event_values(event))
 
     def _publish_status(self, status: Record) -> None:
         """Keep and publish the newest summary."""

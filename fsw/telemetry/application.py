@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from fsw.config import Config, TelemetryConfig
@@ -180,6 +181,11 @@ class TelemetryApplication:
         store = GenerationStore(self.context.state / BOOT)
         commanded = self.context.loop.restart_commanded
         self.context.boot.keep(store, running=False, commanded=commanded)
+
+    def files(self) -> list[Path]:
+        """Return the files that grow: logs and packet stores."""
+        logs = *self.context.log.files, *self.events.files()
+        return [*logs, *self.onboard.playback.files()]
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for the status file."""

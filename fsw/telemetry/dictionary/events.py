@@ -37,6 +37,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (43, "RECORDING_STOPPED", _INFO, "a recording was closed"),
     (44, "RECORDER_BACK", _MEDIUM, "the recording goes on after a failure"),
     (45, "DISK_FULL", _HIGH, "there is no space for the recording"),
+    (46, "DISK_SYNC_FAILED", _HIGH, "what was written may not be on the disk"),
     (50, "MODE_CHANGED", _INFO, "the daemon is in another mode"),
     (51, "COMMAND_LOSS", _HIGH, "no telecommand for longer than the command-loss time"),
     (52, "COMMAND_BACK", _MEDIUM, "a telecommand after a command loss"),

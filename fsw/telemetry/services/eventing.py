@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from fsw.messages import Event
@@ -92,6 +93,10 @@ class Eventing:
         self.total = self.suppressed = 0
         for track in self._tracks.values():
             track.count = 0
+
+    def files(self) -> tuple[Path, Path]:
+        """Return the files of the security log."""
+        return self._journal.files
 
     def values(self) -> dict[str, int]:
         """Return the fields of housekeeping set 1 that count events."""

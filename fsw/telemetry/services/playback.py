@@ -13,6 +13,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, APID_SCIENCE, Error, Store
@@ -100,6 +101,11 @@ class Playback:
         if was_failing:
             del self._retry_ns[store]
             self._context.report("PACKET_STORE_BACK", store.name)
+
+    def files(self) -> list[Path]:
+        """Return the files that grow."""
+        newest = (store.newest for store in self._stores.values())
+        return [path for path in newest if path is not None]
 
     def poll(self) -> None:
         """Send the next packets of every retrieval, as far as there is room."""

@@ -64,6 +64,11 @@ class CommandLog:
             if record.boot_count == boot_count:
                 self._number = max(self._number, record.number)
 
+    @property
+    def files(self) -> tuple[Path, Path]:
+        """Return the files of the log."""
+        return self._journal.files
+
     def begin(self, who: str, name: str, arguments: str) -> CommandRecord:
         """Note an accepted command."""
         record = self._made(who, name, arguments)

@@ -20,6 +20,11 @@ class Journal:
         self._path, self._limit_bytes = path, limit_bytes
         self._before = path.with_name(f"{path.name}.1")
 
+    @property
+    def files(self) -> tuple[Path, Path]:
+        """Return the file and the one before it; each may be missing."""
+        return self._path, self._before
+
     def append(self, values: Mapping[str, Any]) -> None:
         """Add one line."""
         try:

@@ -3,8 +3,8 @@
 A store is a folder of segments. A segment is a header (magic, version, and the epoch of its times)
 and then whole telemetry packets as they went down, so every reader of packets reads it. The oldest
 segment is removed before the store would exceed its size. Packets are written unbuffered: a killed
-process loses none. A full segment is on the disk before the next begins: a power cut loses at most
-packets of the newest.
+process loses none. A full segment is on the disk before the next begins, the newest one is brought
+there by the service every few seconds.
 """
 
 from __future__ import annotations
@@ -114,6 +114,11 @@ class PacketStore:
     def size_bytes(self) -> int:
         """Bytes of all segments."""
         return sum(segment.size_bytes for segment in self._segments)
+
+    @property
+    def newest(self) -> Path | None:
+        """Return the segment that is being written; full ones are on the disk."""
+        return self._segments[-1].path if self._segments else None
 
     def span(self) -> tuple[int, int] | None:
         """Return the times of the oldest and newest packet [ns]; None of an empty store."""
