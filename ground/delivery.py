@@ -61,7 +61,7 @@ class Delivery:
     Parameters
     ----------
     timeout_s : of one file or piece
-    tell : receives what an operator may like to know
+    progress : receives what an operator may like to know
     number : returns the number of a new transaction, never used before
     is_wanted : False as soon as the operator has cancelled the transfer
     """
@@ -72,13 +72,13 @@ class Delivery:
         catalogue: Catalogue,
         decoder: TelemetryDecoder,
         timeout_s: float,
-        tell: Progress,
+        progress: Progress,
         *,
         number: Callable[[], int] = beginning,
         is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         self._link, self._catalogue, self._decoder = link, catalogue, decoder
-        self._timeout_s, self._tell, self._number = timeout_s, tell, number
+        self._timeout_s, self._progress, self._number = timeout_s, progress, number
         self._is_wanted = is_wanted
         self._count = 0
 
@@ -168,7 +168,7 @@ class Delivery:
                 if now_ns - told_ns > 1e9:
                     told_ns = now_ns
                     done = sum(t.done for t in entity.transfers())
-                    self._tell(f"{what}: {done} bytes")
+                    self._progress(f"{what}: {done} bytes")
         except BaseException:
             self._withdraw(entity)
             raise

@@ -39,14 +39,16 @@ class Files:
         state.mkdir(parents=True, exist_ok=True)
         self._records, self._numbers = Records(state / RECORDS), Numbers(state / NUMBERS)
         self._until_s = time.monotonic() + arguments.timeout
-        self._tell = Told()
+        self._progress = ProgressLines()
 
     def get(self) -> int:
         """Fetch a file."""
         remote = self._arguments.remote
         local = (self._arguments.local or Path(PurePosixPath(remote).name)).absolute()
         return self._run(
-            ResumableTransfer.get(remote, local, self._records, self._tell, self._arguments.piece)
+            ResumableTransfer.get(
+                remote, local, self._records, self._progress, self._arguments.piece
+            )
         )
 
     def put(self) -> int:
@@ -54,7 +56,9 @@ class Files:
         remote = self._arguments.remote or self._arguments.local.name
         local = self._arguments.local.absolute()
         return self._run(
-            ResumableTransfer.put(remote, local, self._records, self._tell, self._arguments.piece)
+            ResumableTransfer.put(
+                remote, local, self._records, self._progress, self._arguments.piece
+            )
         )
 
     def resume(self) -> int:
@@ -66,7 +70,7 @@ class Files:
         codes = []
         for record in records:
             try:
-                codes.append(self._run(ResumableTransfer(record, self._records, self._tell)))
+                codes.append(self._run(ResumableTransfer(record, self._records, self._progress)))
             except GroundError as error:
                 print(f"ground: {error}", file=sys.stderr)
                 codes.append(error.exit_code)
@@ -78,7 +82,7 @@ class Files:
         source, place, number = name.partition(PLACE)
         if place:
             return self._tell_daemon("ABORT_TRANSFER", source=source, number=number)
-        transfer = ResumableTransfer(self._records.find(name), self._records, self._tell)
+        transfer = ResumableTransfer(self._records.find(name), self._records, self._progress)
         transfer.discard(None)  # this ends a program that is at it
         try:
             with self._connected()() as delivery:
@@ -160,7 +164,9 @@ class Files:
     def _run(self, transfer: ResumableTransfer) -> int:
         connect = self._connected(Wanted(self._records, transfer))
         try:
-            size = carry_on(connect, transfer.run, self._until_s, self._arguments.wait, self._tell)
+            size = carry_on(
+                connect, transfer.run, self._until_s, self._arguments.wait, self._progress
+            )
         except (GroundError, KeyboardInterrupt) as error:
             if isinstance(error, SpoiledError) or not transfer.is_worth_keeping:
                 self._discard(transfer)
@@ -192,7 +198,7 @@ class Files:
                     self._catalogue,
                     self._decoder,
                     self._arguments.timeout,
-                    self._tell,
+                    self._progress,
                     number=self._numbers.take,
                     is_wanted=wanted,
                 )
@@ -218,7 +224,7 @@ class Wanted:
         return self._records.holds(self._transfer.record)
 
 
-class Told:
+class ProgressLines:
     """Progress on stderr: on a terminal one line, written again; elsewhere a line at times."""
 
     def __init__(self) -> None:

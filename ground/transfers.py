@@ -116,27 +116,27 @@ class Records:
 class ResumableTransfer:
     """One transfer on its way; `run` again continues it."""
 
-    def __init__(self, record: TransferRecord, records: Records, tell: Progress) -> None:
-        self.record, self._records, self._tell = record, records, tell
+    def __init__(self, record: TransferRecord, records: Records, progress: Progress) -> None:
+        self.record, self._records, self._progress = record, records, progress
 
     @classmethod
     def get(
-        cls, remote: str, local: Path, records: Records, tell: Progress, piece_bytes: int
+        cls, remote: str, local: Path, records: Records, progress: Progress, piece_bytes: int
     ) -> Self:
         """Return the transfer of a file there to a place here. Raises UsageError."""
         if not local.parent.is_dir() or local.is_dir():
             raise UsageError(f"{local}: no place for a file")
-        return cls._begin("get", remote, local, Facts(0, 0), records, tell, piece_bytes)
+        return cls._begin("get", remote, local, Facts(0, 0), records, progress, piece_bytes)
 
     @classmethod
     def put(
-        cls, remote: str, local: Path, records: Records, tell: Progress, piece_bytes: int
+        cls, remote: str, local: Path, records: Records, progress: Progress, piece_bytes: int
     ) -> Self:
         """Return the transfer of a file here to the daemon. Raises UsageError."""
         if not local.is_file():
             raise UsageError(f"{local}: no such file")
         name = remote if remote.startswith(f"{DELIVERED}/") else f"{DELIVERED}/{remote}"
-        return cls._begin("put", name, local, facts_of(local), records, tell, piece_bytes)
+        return cls._begin("put", name, local, facts_of(local), records, progress, piece_bytes)
 
     @classmethod
     def _begin(
@@ -146,7 +146,7 @@ class ResumableTransfer:
         local: Path,
         facts: Facts,
         records: Records,
-        tell: Progress,
+        progress: Progress,
         piece_bytes: int,
     ) -> Self:
         record = TransferRecord(
@@ -158,7 +158,7 @@ class ResumableTransfer:
             piece_bytes=piece_bytes,
         )
         records.keep(record)
-        return cls(record, records, tell)
+        return cls(record, records, progress)
 
     def run(self, delivery: Delivery) -> int:
         """Carry it to its end; return the size [B].
@@ -225,7 +225,7 @@ class ResumableTransfer:
                 file.write(delivery.fetch(record.remote, done, size))
                 sync_file(file)
                 done += size
-                self._tell(f"{record.remote}: {done} of {record.size} bytes")
+                self._progress(f"{record.remote}: {done} of {record.size} bytes")
         found = facts_of(partial)
         if found.size != record.size or record.crc32 not in (0, found.crc32):
             partial.unlink()
@@ -251,7 +251,7 @@ class ResumableTransfer:
             delivery.store(local, _delivered(record.piece), (done, size))
             delivery.ask("APPEND_FILE", path=record.piece, target=record.uploaded, offset=str(done))
             done += size
-            self._tell(f"{record.remote}: {done} of {record.size} bytes")
+            self._progress(f"{record.remote}: {done} of {record.size} bytes")
         self._check(delivery.facts(record.uploaded))
         self.record = record = replace(record, moving=True)
         self._records.keep(record)
@@ -271,7 +271,7 @@ def carry_on(
     work: Callable[[Delivery], int],
     until_s: float,
     wait_s: float,
-    tell: Progress,
+    progress: Progress,
 ) -> int:
     """Do some work over a link, again whenever the link is lost. Raises GroundError.
 
@@ -294,7 +294,7 @@ def carry_on(
             lost_s = now_s if lost_s is None or is_heard else lost_s
             if now_s + RETRY_S > min(until_s, lost_s + wait_s):
                 raise
-            tell(f"{error}; trying again")
+            progress(f"{error}; trying again")
             time.sleep(RETRY_S)
 
 

@@ -57,7 +57,7 @@ class Feed:
 
     Parameters
     ----------
-    listener : told the packet, its time [ms since 1970] and its numbers by field
+    listener : receives the packet, its time [ms since 1970] and its numbers by field
     make_stream : makes the cutter of a new connection's bytes
     """
 

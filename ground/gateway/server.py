@@ -119,10 +119,10 @@ class Gateway:
         loop = asyncio.get_running_loop()
         try:
             async with self._one_command:
-                told = await loop.run_in_executor(None, self._desk.send, name, given)
+                answer = await loop.run_in_executor(None, self._desk.send, name, given)
         except GroundError as error:
-            told = {"error": str(error)}
-        return web.json_response(told)
+            answer = {"error": str(error)}
+        return web.json_response(answer)
 
     async def objects(self, _request: web.Request) -> web.Response:
         """Return everything the page's tree holds."""
@@ -178,13 +178,13 @@ class Gateway:
         return socket
 
     async def _send(self, socket: web.WebSocketResponse, client: PageClient) -> None:
-        told: tuple[bool, set[str], int] | None = None
+        shown: tuple[bool, set[str], int] | None = None
         while not socket.closed:
             message = client.take()
             unknown = self.feed.unknown.total()
             state = self.feed.connected, self.feed.stale_packets(), unknown
-            if state != told:
-                told = state
+            if state != shown:
+                shown = state
                 link = {"connected": state[0], "reason": self.feed.reason}
                 message |= {"link": link, "stale": sorted(state[1]), "unknown": unknown}
             if any(message.values()) or "stale" in message:

@@ -46,6 +46,10 @@ SLOW: dict[str, tuple[tuple[int, ...], float]] = {  # reports, time until the la
     "RUN_BATCH": (WITH_PROGRESS, 3600.0),
     "DOWNLINK_FILE": ((1, 3, 7), 3600.0),
     "DOWNLINK_PIECE": ((1, 3, 7), 3600.0),
+    "COPY_FILE": ((1, 3, 7), 600.0),
+    "APPEND_FILE": ((1, 3, 7), 600.0),
+    "REPORT_FILE_ATTRIBUTES": ((1, 3, 7), 600.0),
+    "CHECK_OBJECT": ((1, 3, 7), 600.0),
 }
 
 

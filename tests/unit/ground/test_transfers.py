@@ -13,7 +13,7 @@ import pytest
 from ground import files
 from ground.delivery import EndedError, Facts, RefusedError, facts_of
 from ground.errors import GroundError, LinkError, UsageError
-from ground.files import Told
+from ground.files import ProgressLines
 from ground.transfers import Records, ResumableTransfer, SpoiledError, TransferRecord, carry_on
 
 PIECE = 1000
@@ -274,12 +274,12 @@ def test_a_daemon_that_accepts_connections_and_never_answers_is_left_as_well(dae
 
 
 def test_progress_without_a_terminal_is_a_line_at_times(capsys, monkeypatch):
-    told = Told()
+    told = ProgressLines()
     for text in ("a: 1 bytes", "a: 2 bytes"):
         told(text)
     assert capsys.readouterr().err == "ground: a: 1 bytes\n"
     monkeypatch.setattr(files, "EVERY_S", 0.0)
-    told = Told()
+    told = ProgressLines()
     for text in ("cut; trying again", "a: 3 bytes"):
         told(text)
     assert capsys.readouterr().err == "ground: cut; trying again\nground: a: 3 bytes\n"
