@@ -6,7 +6,14 @@ Worst cases only, computed before any device is opened. Frame lengths are those 
 from __future__ import annotations
 
 from fsw.clock import KERNEL_WAIT_NS
-from fsw.config import BusConfig, ImuConfig, JointConfig, SchedulerConfig, StarTrackerConfig
+from fsw.config import (
+    BusConfig,
+    ImuConfig,
+    JointConfig,
+    SchedulerConfig,
+    StarTrackerConfig,
+    WheelConfig,
+)
 
 BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
 ASSUMED_BITRATE = 1_000_000  # of a bus whose interface sets the bit rate elsewhere
@@ -15,6 +22,7 @@ SYNC_BYTES = 1
 TPDO1_BYTES = 8
 TPDO1_FD_BYTES = 20
 TPDO2_BYTES = 8
+WHEEL_TPDO2_BYTES = 2
 TPDO2_DIVIDER = 10  # sent at every tenth SYNC
 IMU_BYTES = (28, 63)  # shortest datagram with an accelerometer, and the longest of all
 CRLF_BYTES = 2
@@ -45,7 +53,9 @@ def fd_frame_s(data_bytes: int, bitrate: float, data_bitrate: float) -> float:
     return (17 + 4 + 13) / bitrate + data_bits / data_bitrate
 
 
-def bus_load(bus: BusConfig, joints: tuple[JointConfig, ...]) -> float:
+def bus_load(
+    bus: BusConfig, joints: tuple[JointConfig, ...], wheels: tuple[WheelConfig, ...] = ()
+) -> float:
     """Return the worst-case share of a bus that SYNC, TPDO1 and TPDO2 take (1: full)."""
     bitrate = bus.bitrate or ASSUMED_BITRATE
     data_bitrate = bus.data_bitrate or ASSUMED_DATA_BITRATE
@@ -58,7 +68,10 @@ def bus_load(bus: BusConfig, joints: tuple[JointConfig, ...]) -> float:
         else:
             cycle_s += classic_frame_s(TPDO1_BYTES, bitrate)
             cycle_s += classic_frame_s(TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
-    return cycle_s * bus.rate_hz
+    report_s = classic_frame_s(TPDO1_BYTES, bitrate)
+    report_s += classic_frame_s(WHEEL_TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
+    reports_hz = sum(wheel.rate_hz for wheel in wheels if wheel.bus == bus.name)
+    return cycle_s * bus.rate_hz + report_s * reports_hz
 
 
 def imu_load(imu: ImuConfig) -> tuple[float, float]:

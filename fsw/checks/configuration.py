@@ -89,13 +89,13 @@ def validate_outputs(config: Config) -> None:
 def _warnings(config: Config) -> list[str]:
     found = []
     for i, bus in enumerate(config.buses):
-        load = budget.bus_load(bus, config.joints)
+        load = budget.bus_load(bus, config.joints, config.wheels)
         if load > HIGH_LOAD:
             found.append(
                 f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
                 f"{_bitrate_words(bus)}; above {HIGH_LOAD:.0%} late frames must be expected"
             )
-        if all(joint.bus != bus.name for joint in config.joints):
+        if all(node.bus != bus.name for node in config.can_nodes):
             found.append(f"buses.{i}.name: no joint uses the bus {bus.name!r}")
     for i, joint in enumerate(config.joints):
         steps = {
@@ -246,7 +246,7 @@ def _bitrate_words(bus: BusConfig) -> str:
 def _bus_faults(config: Config) -> list[str]:
     faults = []
     for i, bus in enumerate(config.buses):
-        load = budget.bus_load(bus, config.joints)
+        load = budget.bus_load(bus, config.joints, config.wheels)
         simulated = bus.bitrate is None and bus.interface in SIMULATED_INTERFACES
         if load > FULL_LOAD and not simulated:
             faults.append(

@@ -13,6 +13,7 @@ def describe(config: Config, problem: Problem) -> str:
     sections = (
         ("robot", _robot(config, problem)),
         ("bodies", _bodies(config, problem)),
+        *([("wheels", _wheels(config))] if config.wheels else []),
         ("buses", _buses(config)),
         ("serial", _serial(config)),
         ("loop", _loop(config)),
@@ -75,15 +76,31 @@ def _body(body: BodyConfig) -> str:
     return f"{text} kg, centre of mass [{com}] m, inertia [{inertia}] kg m^2"
 
 
+def _wheels(config: Config) -> list[str]:
+    """Return a line for each wheel, and which of their effects are left out."""
+    lines = []
+    for wheel in config.wheels:
+        axis = " ".join(f"{x:.4g}" for x in wheel.axis_B)
+        most = wheel.inertia_kg_m2 * wheel.speed_limit_rad_s
+        torque = "speed" if wheel.torque == "none" else "speed and motor torque"
+        lines.append(
+            f"{wheel.name}: axis [{axis}], {wheel.inertia_kg_m2:.4g} kg m^2 "
+            f"+- {wheel.inertia_sigma_ratio:.1%}, {torque} at {wheel.rate_hz:g} Hz, at most "
+            f"{most:.4g} N m s and {wheel.torque_limit_nm:.4g} N m"
+        )
+    return [*lines, "mass and locked inertia of every wheel belong to base; imbalance is noise"]
+
+
 def _buses(config: Config) -> list[str]:
     lines = []
     for bus in config.buses:
-        nodes = [f"0x{j.node_id:02x} {j.name}" for j in config.joints if j.bus == bus.name]
+        nodes = [f"0x{k.node_id:02x} {k.name}" for k in config.can_nodes if k.bus == bus.name]
+        load = budget.bus_load(bus, config.joints, config.wheels)
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
         lines.append(
             f"{bus.name}: {bus.interface} {bus.channel}{', CAN FD' if bus.fd else ''}; SYNC "
             f"{bus.sync} {bus.rate_hz:g} Hz, counter 1..{bus.sync_counter_max}; worst-case load "
-            f"{budget.bus_load(bus, config.joints):.0%}{assumed}; topic /can/{bus.name}"
+            f"{load:.0%}{assumed}; topic /can/{bus.name}"
         )
         lines.append(f"  nodes {', '.join(nodes) or 'none'}")
     return lines
@@ -156,6 +173,7 @@ def _doubts(config: Config, problem: Problem) -> list[str]:
         "zeros of joints [rad]": max(joint.zero_sigma_rad for joint in joints),
         "place of the inertial unit [m]": imu.mounting_position_sigma_m,
         "its attitude [rad]": imu.mounting_angle_sigma_rad,
+        "inertia of wheels": max([w.inertia_sigma_ratio for w in config.wheels], default=0.0),
     }
     return found + [f"{name} {size:.3g}" for name, size in sizes.items() if size > 0.0]
 
@@ -199,6 +217,7 @@ def _off(config: Config) -> list[str]:
         ],
     }
     off = [name for name, sigmas in effects.items() if not any(sigmas)]
+    off += [] if config.wheels else ["reaction wheels (wheels)"]
     return off + ([] if config.orbit is not None else ["gravity gradient (orbit)"])
 
 

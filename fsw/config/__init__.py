@@ -26,6 +26,7 @@ from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BaseConfig, BodyConfig, BodySigma, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
+from fsw.config.wheels import WheelConfig
 from fsw.config.whole import Config, load, parse
 
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "StarTrackerConfig",
     "TelemetryConfig",
     "Vector3",
+    "WheelConfig",
     "load",
     "parse",
 ]

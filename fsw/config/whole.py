@@ -17,6 +17,7 @@ from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import TextError, explain, read_yaml
+from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.messages.errors import ConfigError
 
 NAMED_BY_PLACE = ("base", "target")
@@ -34,6 +35,7 @@ class Config(Section):
     unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
     buses: Annotated[tuple[BusConfig, ...], Field(min_length=1)]
     joints: Annotated[tuple[JointConfig, ...], Field(min_length=1)]
+    wheels: Annotated[tuple[WheelConfig, ...], Field(max_length=16)] = ()
     imu: ImuConfig = Field(default_factory=no_imu)
     star_tracker: StarTrackerConfig | None = None
     orbit: OrbitConfig | None = None
@@ -67,6 +69,11 @@ class Config(Section):
     def source(self) -> bytes:
         """The text the configuration was read from."""
         return self._source
+
+    @property
+    def can_nodes(self) -> tuple[JointConfig | WheelConfig, ...]:
+        """Every node of every bus: joints, then wheels."""
+        return (*self.joints, *self.wheels)
 
     def as_read(self) -> Self:
         """Return the configuration its text gives: later changes are left out."""
@@ -127,6 +134,8 @@ class Config(Section):
         _unique([b.name for b in self.buses], "buses.name")
         _unique([j.name for j in self.joints], "joints.name")
         _unique([f"{j.bus}:{j.node_id}" for j in self.joints], "joints.node_id")
+        _unique([wheel.name for wheel in self.wheels], "wheels.name")
+        _unique([f"{node.bus}:{node.node_id}" for node in self.can_nodes], "wheels.node_id")
         ports = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker:
             ports["star_tracker.port"] = self.star_tracker.port
@@ -150,6 +159,7 @@ class Config(Section):
                 )
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
+        wheels_go_with(self.wheels, {name: bus.rate_hz for name, bus in names.items()})
         _method_has_its_torques(self.estimator.method, self.joints)
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")

@@ -97,6 +97,9 @@ class BatchWork:
         for member in self._inputs:
             yield
             samples = member.feed()
+            turned = member.wheel_samples() if isinstance(member, BusInput) else None
+            if turned is not None:
+                align.push(turned)
             if samples is None or not len(samples):
                 continue
             if isinstance(member, BusInput):

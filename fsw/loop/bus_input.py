@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from fsw.drivers.wire import (
 )
 from fsw.exchange.sinks import CanTraffic, Sink
 from fsw.loop.link import Link
-from fsw.messages import Event, JointSamples
+from fsw.messages import Event, JointSamples, WheelSamples
 from fsw.messages.findings import Finding
 
 COB_SYNC = 0x080
@@ -75,6 +75,26 @@ class FrameSource(Protocol):
         ...
 
 
+class WheelFrames(Protocol):
+    """Codec and counters of one bus's wheel nodes."""
+
+    def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
+        """Return which frames are a wheel node's own."""
+        ...
+
+    def feed(self, frames: FrameArray) -> WheelSamples:
+        """Decode frames in order."""
+        ...
+
+    def findings(self) -> Sequence[Finding]:
+        """Return which wheels are silent."""
+        ...
+
+    def status(self) -> Mapping[str, Mapping[str, Any]]:
+        """Return the newest values and counters of every wheel by name."""
+        ...
+
+
 class Selector(Protocol):
     """Chooses the active one of two redundant buses."""
 
@@ -107,6 +127,7 @@ class BusInput:
         clock: Clock,
         heartbeat: tuple[int, bytes],
         selector: Selector | None = None,
+        wheels: WheelFrames | None = None,
     ) -> None:
         """Nothing is opened.
 
@@ -119,6 +140,8 @@ class BusInput:
         self.links = tuple(links)
         self.source = source
         self.selector = selector
+        self.wheels = wheels
+        self._turned: WheelSamples | None = None  # of the wheels in what was decoded last
         self._heartbeat = heartbeat
         self._talking_since_ns: int | None = None  # on the active bus
         self._nodes = nodes
@@ -243,7 +266,22 @@ class BusInput:
     def feed(self) -> JointSamples | None:
         """Decode what was accepted; None where that was nothing."""
         accepted, self._accepted = self._accepted, NO_FRAMES
-        return self.source.feed(accepted) if len(accepted) else None
+        self._turned = None
+        if not len(accepted):
+            return None
+        if self.wheels is not None:
+            self._turned = self.wheels.feed(accepted)
+            accepted = accepted[~self.wheels.owns(accepted)]
+        return self.source.feed(accepted)
+
+    def wheel_samples(self) -> WheelSamples | None:
+        """Return what the wheels reported in what was decoded last; None where they did not."""
+        return self._turned if self._turned is not None and len(self._turned) else None
+
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        found = list(self.source.findings())
+        return found if self.wheels is None else [*found, *self.wheels.findings()]
 
     def watch(self, now_ns: int) -> None:
         """Report to the source whether it has its port; a lost port is an event."""

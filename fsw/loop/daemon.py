@@ -305,7 +305,7 @@ class Daemon:
         health.stalled(self.executive.take_stalls(), tick.now_ns)
         health.over_budget(self.executive.take_over_budget_ns(), tick.now_ns)
         for member in self._inputs:
-            health.take(member.source.findings(), tick.now_ns)
+            health.take(member.findings(), tick.now_ns)
         # the estimator first: what does not fit the model explains what does not fit its window
         for part in (pipeline.estimator, pipeline.conditioner):
             if isinstance(part, Finder):

@@ -73,6 +73,10 @@ class LineInput:
         accepted, self._accepted = self._accepted, []
         return self.source.feed(accepted) if accepted else None
 
+    def findings(self) -> Sequence[Finding]:
+        """Return and forget what was found wrong."""
+        return self.source.findings()
+
     def watch(self, now_ns: int) -> None:
         """Look whether the device has fallen silent; a lost port is an event of its own."""
         self.source.watch(now_ns, up=self.link.up)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw.config.telemetry import JOINT_SLOTS
-from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
+from fsw.messages import AttitudeSamples, FloatArray, ImuSamples, IntArray, JointSamples, Samples
 
 _RECORD = struct.Struct(">4dH16d10dd")
 _GYRO, _ACC, _ATTITUDE, _FIRST_JOINT = 0, 1, 2, 8
@@ -48,7 +48,7 @@ class Science:
         elif isinstance(samples, ImuSamples):
             self._gyro = self._newest(_GYRO, samples.w_NS_S_rad_s, samples.t_gyro_ns, self._gyro)
             self._acc = self._newest(_ACC, samples.f_NS_S_m_s2, samples.t_acc_ns, self._acc)
-        else:
+        elif isinstance(samples, AttitudeSamples):
             self._attitude = self._newest(
                 _ATTITUDE, samples.q_NB_xyzw, samples.t_ns, self._attitude
             )

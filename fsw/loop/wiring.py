@@ -59,15 +59,17 @@ def build(
 def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
     """Return the input of one bus; with its redundant one, where nodes may be commanded."""
     from fsw.drivers.codecs import canopen
-    from fsw.drivers.sources import BusSelector, JointBusSource
+    from fsw.drivers.sources import BusSelector, JointBusSource, WheelBusSource
 
     joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
+    wheels = [(i, wheel) for i, wheel in enumerate(config.wheels) if wheel.bus == bus.name]
     names = [bus.name]
     nodes: dict[int, tuple[int, bytes]] = {}
     selector = None
     if not ports.passive:
         start = canopen.NmtCommand.START
-        nodes = {j.node_id: canopen.encode_nmt(start, j.node_id) for _, j in joints}
+        own = [node.node_id for node in config.can_nodes if node.bus == bus.name]
+        nodes = {node: canopen.encode_nmt(start, node) for node in own}
         if bus.redundant is not None:
             names.append(bus.name + SECOND)
             selector = BusSelector(bus.redundant)
@@ -76,4 +78,5 @@ def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> Bu
     ]
     beat = canopen.encode_heartbeat(canopen.NmtState.OPERATIONAL, canopen.MASTER_NODE)
     source = JointBusSource(bus, joints, config.health)
-    return BusInput(bus.name, nodes, links, source, clock, beat, selector)
+    turning = WheelBusSource(bus, wheels) if wheels else None
+    return BusInput(bus.name, nodes, links, source, clock, beat, selector, turning)

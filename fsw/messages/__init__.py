@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 MAX_EVENT_TEXT = 1000  # characters
+OF_WHEELS = ("wheel_nms", "wheel_nm", "cov_wheel")  # last fields of a block
 
 
 IntArray = NDArray[np.int64]
@@ -62,10 +63,25 @@ class AttitudeSamples:
         return len(self.t_ns)
 
 
-Samples = JointSamples | ImuSamples | AttitudeSamples
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelSamples:
+    """Latched speeds and motor torques of reaction wheels, in order of arrival."""
+
+    t_ns: IntArray  # (k,) time of validity: stamp of the SYNC that latched it, plus latch offset
+    t_receive_ns: IntArray  # (k,)
+    wheel: IntArray  # (k,) index in the configured wheel list
+    speed_rad_s: FloatArray  # (k,) relative to the base
+    torque_nm: FloatArray  # (k,) of the motor on the rotor; NaN: not usable
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t_ns)
 
 
-_S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples)
+Samples = JointSamples | ImuSamples | AttitudeSamples | WheelSamples
+
+
+_S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples, WheelSamples)
 
 
 def joined(parts: Sequence[_S]) -> _S:
@@ -97,6 +113,15 @@ class Window:
     gyro: ChannelWindow  # values: w_NS_S_rad_s
     accelerometer: ChannelWindow  # values: f_NS_S_m_s2
     attitude: ChannelWindow  # values: q_NB_xyzw
+    wheels: tuple[ChannelWindow, ...] = ()  # values: [speed_rad_s, torque_nm], NaN: torque unusable
+
+
+def _no_wheels() -> FloatArray:
+    return np.zeros((0, 0))
+
+
+def _no_noise() -> FloatArray:
+    return np.zeros((0, 0, 0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,6 +153,16 @@ class Block:
     has_gyro: bool
     has_accelerometer: bool
     has_attitude: bool
+    # of k reaction wheels about their axes, as configured; empty where there are none
+    wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum by speed
+    wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) its derivative
+    cov_wheel: FloatArray = field(default_factory=_no_noise)  # (k, 2 m, 2 m) of both at the nodes
+
+    @property
+    def stored(self) -> tuple[str, ...]:
+        """Names of what is kept of a block; without wheels nothing of them."""
+        names = tuple(item.name for item in fields(self))
+        return names if self.cov_wheel.size else names[: -len(OF_WHEELS)]
 
     @property
     def is_complete(self) -> bool:

@@ -43,6 +43,9 @@ class Fault(StrEnum):
     TORQUE_STUCK = "TORQUE_STUCK"
     TORQUE_SPIKE = "TORQUE_SPIKE"
     TORQUE_INCONSISTENT = "TORQUE_INCONSISTENT"
+    # a wheel node
+    WHEEL_SILENT = "WHEEL_SILENT"
+    WHEEL_INCONSISTENT = "WHEEL_INCONSISTENT"
     # the inertial unit
     IMU_SILENT = "IMU_SILENT"
     IMU_LOST = "IMU_LOST"
@@ -83,7 +86,15 @@ class Fault(StrEnum):
     LOOP_OVER_BUDGET = "LOOP_OVER_BUDGET"
 
 
-HIGH = frozenset({Fault.BUS_OFF, Fault.BUS_SILENT, Fault.JOINT_SILENT, Fault.IMU_SILENT})
+HIGH = frozenset(
+    {
+        Fault.BUS_OFF,
+        Fault.BUS_SILENT,
+        Fault.JOINT_SILENT,
+        Fault.WHEEL_SILENT,
+        Fault.IMU_SILENT,
+    }
+)
 LOW = frozenset(
     {
         Fault.SYNC_LOST,

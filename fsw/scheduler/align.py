@@ -21,6 +21,7 @@ from fsw.messages import (
     IntArray,
     JointSamples,
     Samples,
+    WheelSamples,
     Window,
     joined,
 )
@@ -139,6 +140,15 @@ class Aligner:
         self._joint_names = [joint.name for joint in config.joints[:n_joints]]
         self._gyro = _Bins(3, [channel(config.imu.rate_hz)])
         self._acc = _Bins(3, [channel(config.imu.rate_hz)])
+        wheels = [
+            _Channel(
+                min_count=1,  # a slow wheel is known from the windows before too
+                max_count=int(4 * wheel.rate_hz * window_s) + 16,
+                freshness_ns=round(FRESHNESS_PERIODS / wheel.rate_hz * 1e9),
+            )
+            for wheel in config.wheels
+        ]
+        self._wheels = _Bins(2, wheels) if wheels else None
         tracker = config.star_tracker
         self._attitude = _Bins(4, [channel(tracker.rate_hz if tracker else 1.0)])
         self._t0_ns: int | None = None
@@ -147,6 +157,8 @@ class Aligner:
         self._pushed: dict[type[Any], list[Any]] = {}  # samples not sorted in yet, by kind
         self._pushed_count = 0
         self._late = dict.fromkeys([*self._joint_names, "imu", "star_tracker"], 0)
+        if wheels:
+            self._late["wheels"] = 0
         self._early = self._future = self._overflow = 0
 
     @property
@@ -232,6 +244,11 @@ class Aligner:
                     bins, _ONLY, t_ns[usable], received_ns[usable], values[usable]
                 )
             self._late["imu"] += int(late.sum())
+        elif isinstance(samples, WheelSamples):
+            if self._wheels is not None:
+                values = np.column_stack([samples.speed_rad_s, samples.torque_nm])
+                late = self._add(self._wheels, samples.wheel, samples.t_ns, received_ns, values)
+                self._late["wheels"] += int(late.sum())
         else:
             late = self._add(self._attitude, _ONLY, samples.t_ns, received_ns, samples.q_NB_xyzw)
             self._late["star_tracker"] += int(late.sum())
@@ -260,6 +277,7 @@ class Aligner:
             gyro=self._gyro.close(index, stop_ns)[0],
             accelerometer=self._acc.close(index, stop_ns)[0],
             attitude=self._attitude.close(index, stop_ns)[0],
+            wheels=() if self._wheels is None else self._wheels.close(index, stop_ns),
         )
 
     def _deadline(self, index: int) -> int:

@@ -192,6 +192,8 @@ FINDINGS = (
     "LOOP_OVERRUN",
     "LOOP_STALLED",
     "LOOP_OVER_BUDGET",
+    "WHEEL_SILENT",
+    "WHEEL_INCONSISTENT",
 )
 _FOUND = tuple(
     (

@@ -1,0 +1,67 @@
+"""Reaction wheels: rotors on the base whose momentum the base feels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from fsw.config.base import SMALLEST, Rate, ScaleSigma, Section, TorqueNoise, TorqueSigma, Vector3
+
+RotorInertia = Annotated[float, Field(ge=1e-9, le=1e4, allow_inf_nan=False)]
+RotorSpeed = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
+RotorSpeedNoise = Annotated[float, Field(ge=SMALLEST, le=1e3, allow_inf_nan=False)]
+RotorTorque = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
+SLOWEST_HZ = 1.0
+UNIT_TOLERANCE = 1e-6
+
+
+class WheelConfig(Section):
+    """One wheel node: a rotor, symmetric about an axis that is fixed in the base."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    driver: Literal["canopen"] = "canopen"
+    bus: str
+    node_id: int = Field(ge=1, le=127)
+    rate_hz: Rate  # of its reports
+    axis_B: Vector3  # positive speed turns about it by the right-hand rule
+    inertia_kg_m2: RotorInertia  # of the rotor about its axis
+    inertia_sigma_ratio: ScaleSigma = 0.01  # of that; 0: it is exact
+    speed_limit_rad_s: RotorSpeed  # larger readings are rejected as out of range
+    speed_noise_rad_s: RotorSpeedNoise  # 1 sigma of one sample, white
+    torque: Literal["none", "measured"] = "none"  # measured: the node's motor torque is used too
+    torque_limit_nm: RotorTorque  # of the motor; larger readings are rejected as out of range
+    torque_walk_nm_sqrt_s: RotorTorque | None = None  # change in 1 s; null: the limit
+    torque_noise_nm: TorqueNoise | None = None  # 1 sigma of one sample; needed where measured
+    torque_offset_sigma_nm: TorqueSigma = 0.02  # of drag, which no motor torque contains
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        length = sum(x * x for x in self.axis_B) ** 0.5
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
+            raise ValueError(f"axis_B {list(self.axis_B)}: must have length 1")
+        if self.rate_hz < SLOWEST_HZ:
+            raise ValueError(f"rate_hz {self.rate_hz:g}: must be at least {SLOWEST_HZ:g}")
+        if self.torque == "measured" and self.torque_noise_nm is None:
+            raise ValueError("torque_noise_nm: missing; torque: measured needs it")
+        return self
+
+    @property
+    def walk_nm_sqrt_s(self) -> float:
+        """Return by how much the torque on the rotor changes in 1 s, 1 sigma."""
+        return self.torque_walk_nm_sqrt_s or self.torque_limit_nm
+
+
+def wheels_go_with(wheels: Sequence[WheelConfig], rates_hz: Mapping[str, float]) -> None:
+    """Refuse a wheel whose bus is not among those given with their SYNC rates, or too slow."""
+    for i, wheel in enumerate(wheels):
+        if wheel.bus not in rates_hz:
+            raise ValueError(
+                f"wheels.{i}.bus: {wheel.bus!r} is not one of the buses {sorted(rates_hz)}"
+            )
+        if wheel.rate_hz > rates_hz[wheel.bus]:
+            raise ValueError(
+                f"wheels.{i}.rate_hz: {wheel.rate_hz:g} must be at most the bus's SYNC rate "
+                f"{rates_hz[wheel.bus]:g}"
+            )

@@ -1,0 +1,135 @@
+"""Reaction wheel nodes of one CAN bus: frames to samples, timed by the SYNC they echo."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.config import BusConfig, WheelConfig
+from fsw.drivers.codecs import canopen, wheel
+from fsw.drivers.sources.counters import Counters
+from fsw.drivers.sources.sync import SyncHistory
+from fsw.drivers.wire import FrameArray, Reject
+from fsw.messages import FloatArray, IntArray, WheelSamples
+from fsw.messages.findings import Fault, Finding
+
+SILENT_REPORTS = 5.0  # a wheel without a report for longer than so many periods is silent
+OWN_SERVICES = (canopen.COB_TPDO1, canopen.COB_TPDO2, canopen.COB_SYNC, canopen.COB_HEARTBEAT)
+
+
+class WheelBusSource:
+    """Every wheel node of one bus.
+
+    A report is valid at the stamp of the SYNC whose counter it echoes plus the latch offset. One
+    out of range, of another length or without its SYNC is rejected and counted.
+    """
+
+    def __init__(self, bus: BusConfig, wheels: list[tuple[int, WheelConfig]]) -> None:
+        self._wheels = [config for _, config in wheels]
+        self._indexes = np.array([index for index, _ in wheels], np.int64)
+        self._place = np.full(canopen.NODE_MASK + 1, -1)
+        self._place[[config.node_id for config in self._wheels]] = np.arange(len(wheels))
+        self._speed_limit = np.array([config.speed_limit_rad_s for config in self._wheels])
+        self._torque_limit = np.array([config.torque_limit_nm for config in self._wheels])
+        self._senses_torque = np.array([config.torque == "measured" for config in self._wheels])
+        self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
+        self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
+        self._counts = [Counters() for _ in wheels]
+        self._newest: list[tuple[int, float, float] | None] = [None] * len(wheels)
+        self._temperature_degc: dict[int, float] = {}
+        self._now_ns = 0
+
+    def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
+        """Return which frames are a wheel node's own; SYNCs are everybody's."""
+        words = frames["word"]
+        own = (words <= canopen.COB_HEARTBEAT | canopen.NODE_MASK) & (words > canopen.COB_SYNC)
+        own[own] = self._place[words[own] & canopen.NODE_MASK] >= 0
+        own[own] = np.isin(words[own] & ~np.uint32(canopen.NODE_MASK), OWN_SERVICES)
+        return np.asarray(own, np.bool_)
+
+    def feed(self, frames: FrameArray) -> WheelSamples:
+        """Accept frames in order, SYNCs among them, and return the samples they hold."""
+        words, data = frames["word"], frames["data"]
+        for row in np.flatnonzero(words == canopen.COB_SYNC).tolist():
+            length = int(frames["length"][row])
+            self._now_ns = int(frames["t_ns"][row])
+            self._syncs.add(data[row, :length].tobytes(), self._now_ns, row)
+        function, place = words & ~np.uint32(canopen.NODE_MASK), np.full(len(frames), -1)
+        base = words <= canopen.COB_HEARTBEAT | canopen.NODE_MASK
+        place[base] = self._place[words[base] & canopen.NODE_MASK]
+        for row in np.flatnonzero((place >= 0) & (function == canopen.COB_TPDO2)).tolist():
+            slow = wheel.decode_tpdo2(data[row, : frames["length"][row]].tobytes())
+            if not isinstance(slow, Reject):
+                self._temperature_degc[int(place[row])] = slow
+        rows = np.flatnonzero((place >= 0) & (function == canopen.COB_TPDO1))
+        return self._reports(frames[rows], rows, place[rows])
+
+    def _reports(self, frames: FrameArray, rows: NDArray[np.intp], place: IntArray) -> WheelSamples:
+        t_ns, length = frames["t_ns"].astype(np.int64), frames["length"]
+        pdo = wheel.decode_tpdo1(frames["data"][:, : wheel.TPDO1_BYTES])
+        index, sync_ns, _ = self._syncs.match(pdo.sync_counter, rows, t_ns)
+        speed, torque = pdo.speed_rad_s, pdo.torque_nm
+        has_torque = canopen.torque_usable(pdo.status) & self._senses_torque[place]
+        in_range = np.abs(speed) <= self._speed_limit[place]
+        has_torque &= np.abs(torque) <= self._torque_limit[place]
+        reasons = (
+            (length != wheel.TPDO1_BYTES, Reject.LENGTH),
+            (index < 0, Reject.STALE),
+            (~wheel.speed_usable(pdo.status), Reject.STATUS),
+            (~in_range, Reject.RANGE),
+        )
+        good = np.ones(len(frames), np.bool_)
+        for k, size in enumerate(length.tolist()):
+            counts = self._counts[place[k]]
+            counts.received_bytes += size
+            reason = next((why for bad, why in reasons if bad[k]), None)
+            newest = self._newest[place[k]]
+            if reason is None and newest is not None and sync_ns[k] <= newest[0]:
+                reason = Reject.SEQUENCE
+            if reason is not None:
+                good[k] = False
+                counts.reject(reason, size)
+                continue
+            counts.accepted += 1
+            counts.accepted_bytes += size
+            self._newest[place[k]] = (int(sync_ns[k]), float(speed[k]), float(torque[k]))
+        torque = np.where(has_torque, torque, np.nan)
+        return WheelSamples(
+            t_ns=sync_ns[good] + self._latch_offset_ns,
+            t_receive_ns=t_ns[good],
+            wheel=self._indexes[place[good]],
+            speed_rad_s=_kept(speed, good),
+            torque_nm=_kept(torque, good),
+        )
+
+    def findings(self) -> list[Finding]:
+        """Return which wheels are silent."""
+        found = []
+        for place, config in enumerate(self._wheels):
+            newest = self._newest[place]
+            if newest is None:
+                continue
+            age_s = (self._now_ns - newest[0]) * 1e-9
+            if age_s * config.rate_hz > SILENT_REPORTS:
+                text = f"no report for {age_s:.1f} s"
+                found.append(Finding(self._now_ns, Fault.WHEEL_SILENT, config.name, text))
+        return found
+
+    def status(self) -> dict[str, dict[str, Any]]:
+        """Return the newest values and the counters of every wheel, by name."""
+        values: dict[str, dict[str, Any]] = {}
+        for place, config in enumerate(self._wheels):
+            counts, newest = self._counts[place], self._newest[place]
+            own: dict[str, Any] = {"accepted": counts.accepted, "rejected": counts.rejected}
+            if newest is not None:
+                own |= {"speed_rad_s": newest[1], "torque_nm": newest[2]}
+            if place in self._temperature_degc:
+                own["temperature_degc"] = self._temperature_degc[place]
+            values[config.name] = own
+        return values
+
+
+def _kept(values: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+    return np.asarray(values[good], np.float64)
