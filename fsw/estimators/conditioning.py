@@ -21,6 +21,7 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import NodeFit, gauss_nodes, lower_fit, node_fit
 from fsw.estimators.reversal import doubt
 from fsw.estimators.stages import complete
+from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 from fsw.messages.findings import Fault, Finding
 
@@ -49,7 +50,7 @@ def rotation_from_xyzw(q: FloatArray) -> FloatArray:
 
 
 class Conditioner:
-    """Turns windows into blocks; keeps only counters.
+    """Turns windows into blocks; keeps counters, the last attitude, and newest wheel samples.
 
     `order[k]` is the index, in the configured joint list, of the model's joint k.
     """
@@ -71,6 +72,7 @@ class Conditioner:
         self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
         self._sigma_acc = imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5
+        self._wheels = [WheelMotion(wheel) for wheel in config.wheels]
         self.outliers = 0
         self.unusable_windows = 0
         self._R_NB = np.eye(3)
@@ -96,8 +98,10 @@ class Conditioner:
         m = self._nodes
         centre_ns = (window.start_ns + window.stop_ns) // 2
         half_s = (window.stop_ns - window.start_ns) * 0.5e-9
+        t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
+        turns = self._turns(window, t_ns)
         arm = yield from self._arm(window, centre_ns, half_s)
-        if arm is None:
+        if arm is None or turns is None:
             self.unusable_windows += 1
             return None
         yield
@@ -108,7 +112,6 @@ class Conditioner:
             window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS
         )
         yield
-        t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
         rate = gyro @ self._R_BS.T
         return Block(
             index=window.index,
@@ -129,6 +132,7 @@ class Conditioner:
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
             has_attitude=self._attitude_known,
+            **turns,
         )
 
     def _arm(
@@ -163,6 +167,30 @@ class Conditioner:
                 torques[k] = NO_FIT
             self._note(torques[k].removed, Fault.TORQUE_SPIKE, joint.name, window)
         return self._joined(positions, torques)
+
+    def _turns(self, window: Window, t_ns: NDArray[np.int64]) -> dict[str, FloatArray] | None:
+        """Return what a block holds of the wheels; None where a momentum cannot be known."""
+        found: list[Turn | None] = []
+        for wheel, channel in zip(self._wheels, window.wheels, strict=True):
+            turn = wheel.at(channel, window.start_ns, t_ns)
+            found.append(turn)
+            if turn is not None:
+                self.outliers += turn.removed
+            elif not channel.stale:
+                text = "its samples do not agree with one another"
+                self._found.append(
+                    Finding(window.stop_ns, Fault.WHEEL_INCONSISTENT, wheel.name, text)
+                )
+        known = [turn for turn in found if turn is not None]
+        if len(known) < len(found):
+            return None
+        if not known:
+            return {}
+        return {
+            "wheel_nms": np.stack([turn.h_nms for turn in known], axis=1),
+            "wheel_nm": np.stack([turn.hd_nm for turn in known], axis=1),
+            "cov_wheel": np.stack([turn.covariance for turn in known]),
+        }
 
     def _joined(self, positions: list[_Fitted], torques: list[_Fitted]) -> _Arm:
         m, n = self._nodes, len(positions)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import msgpack
@@ -25,7 +25,6 @@ _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
 _ARRAY = 1
 _TYPES = ("|b1", "<i8", "<f8")
-_BLOCK = tuple(item.name for item in fields(Block))
 
 
 class CheckpointError(FswError):
@@ -62,7 +61,7 @@ def encode(checkpoint: Checkpoint) -> bytes:
             "changes": snapshot.changes,
             "identifying": snapshot.identifying,
             "blocks": [
-                {name: getattr(block, name) for name in _BLOCK} for block in snapshot.blocks
+                {name: getattr(block, name) for name in block.stored} for block in snapshot.blocks
             ],
         }
     )

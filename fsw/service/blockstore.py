@@ -17,13 +17,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.messages import Block
+from fsw.messages import OF_WHEELS, Block
 from fsw.messages.errors import FswError
 
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
 HEADER_BYTES = 4096
 _NAMES = tuple(item.name for item in fields(Block))
-_STORED = ("serial", *_NAMES)
+_LAYOUTS = (("serial", *_NAMES), ("serial", *_NAMES[: -len(OF_WHEELS)]))
 _SHAPE = ".shape"  # of the array whose name stands before it
 
 
@@ -35,7 +35,7 @@ def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
     """Return name, type and room of every field of a stored row."""
     rows: list[tuple[str, str, list[int]]] = [("serial", "<i8", [])]
     n, m = len(block.cov_joint), len(block.t_ns)
-    for name in _NAMES:
+    for name in block.stored:
         value = np.asarray(getattr(block, name))
         room = (n, 3 * m, 3 * m) if name == "cov_joint" else value.shape
         rows.append((name, value.dtype.str, list(room)))
@@ -46,7 +46,7 @@ def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
 
 def _pack(row: np.void, block: Block) -> None:
     """Write a block into its row. Raises BlockStoreError, the row untouched: it has no room."""
-    values = {name: np.asarray(getattr(block, name)) for name in _NAMES}
+    values = {name: np.asarray(getattr(block, name)) for name in block.stored}
     for name, value in values.items():
         room = row[name].shape
         if value.ndim != len(room) or any(
@@ -65,6 +65,8 @@ def _pack(row: np.void, block: Block) -> None:
 def _unpack(row: np.void) -> Block:
     values: dict[str, Any] = {}
     for name in _NAMES:
+        if name not in (row.dtype.names or ()):
+            continue  # of wheels, in the store of a robot without
         value = np.array(row[name])
         if value.ndim:
             value = value[tuple(map(slice, row[name + _SHAPE]))].copy()
@@ -147,7 +149,7 @@ def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
     try:
         with path.open("rb") as file:
             dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
-        if tuple(name for name in dtype.names or () if not name.endswith(_SHAPE)) != _STORED:
+        if tuple(n for n in dtype.names or () if not n.endswith(_SHAPE)) not in _LAYOUTS:
             raise BlockStoreError(f"{path}: fields {dtype.names}")
         rows = np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
     except (OSError, ValueError, TypeError) as error:

@@ -151,6 +151,7 @@ def _causes(problem: Problem) -> dict[str, slice]:
         "friction in the torque sensors": slice(
             problem.friction_coulomb.start, problem.friction_viscous.stop
         ),
+        "inertia of wheels": problem.wheel_scale,
         "momentum": problem.momentum,
         "external wrench": problem.wrench,
     }

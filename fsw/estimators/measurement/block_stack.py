@@ -27,7 +27,8 @@ def covariance_root(covariance: FloatArray) -> FloatArray:
 def kind_of(block: Block) -> tuple[object, ...]:
     """Return what blocks of one stack have in common: shapes and usable channels."""
     usable = (block.has_gyro, block.has_accelerometer, block.has_attitude)
-    return (block.q_rad.shape, block.cov_joint.shape, block.has_joint.tobytes(), usable)
+    shapes = (block.q_rad.shape, block.cov_joint.shape, block.cov_wheel.shape)
+    return (shapes, block.has_joint.tobytes(), usable)
 
 
 def stacks_of(blocks: Sequence[Block]) -> list[BlockStack]:
@@ -46,6 +47,8 @@ class BlockStack:
     cov_joint : (B, n, 2 m, 2 m) or (B, n, 3 m, 3 m)
     cov_tau : (B, n, m, m)
     cov_gyro, cov_acc : (B, 2 m, 2 m), (B, m, m)
+    wheel_nms, wheel_nm : (N, k), k wheels
+    cov_wheel : (B, k, 2 m, 2 m)
     """
 
     def __init__(self, blocks: tuple[Block, ...]) -> None:
@@ -64,6 +67,8 @@ class BlockStack:
         self.wd_NB_B_rad_s2 = _joined([block.wd_NB_B_rad_s2 for block in blocks])
         self.f_NS_B_m_s2 = _joined([block.f_NS_B_m_s2 for block in blocks])
         self.R_NB = _joined([block.R_NB for block in blocks])
+        self.wheel_nms = _joined([block.wheel_nms for block in blocks])
+        self.wheel_nm = _joined([block.wheel_nm for block in blocks])
 
     @cached_property
     def cov_joint(self) -> FloatArray:
@@ -84,6 +89,11 @@ class BlockStack:
     def cov_acc(self) -> FloatArray:
         """Covariance of the specific force."""
         return _stacked([block.cov_acc for block in self.blocks])
+
+    @cached_property
+    def cov_wheel(self) -> FloatArray:
+        """Covariance of the wheels' momentum and its derivative."""
+        return _stacked([block.cov_wheel for block in self.blocks])
 
     @cached_property
     def root_rates(self) -> FloatArray:

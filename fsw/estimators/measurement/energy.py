@@ -11,6 +11,7 @@ the nodes:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.polynomial import legendre
 from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
+from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
@@ -63,6 +65,9 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     N = -np.linalg.solve(H[:, :6, :6], H[:, :6, 6:])
     reduced = H[:, 6:, 6:] + H[:, :6, 6:].transpose(0, 2, 1) @ N
     nu = np.concatenate([N @ qd, qd], axis=1)[:, :, 0]
+    turned = _turned(s, x, problem, H[:, :6, :6])
+    if turned is not None:
+        nu[:, :6] += turned.by_momentum
     p_qd = (reduced @ qd)[:, :, 0]
     own = np.einsum("bjii->bij", s.cov_joint[:, :, :m, :m]).reshape(-1, n)  # of qd at its node
     T = 0.5 * np.einsum("ij,ij->i", s.qd_rad_s, p_qd)
@@ -77,6 +82,11 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
             [v @ model.field_regressor(*at) for v, *at in zip(nu, s.q_rad, G, strict=True)]
         )
         P, J_P[:, k] = by_pi @ pi, by_pi @ problem.U
+    moved = np.zeros((B * m, n))  # torque that the wheels' moment stands for at the joints
+    if turned is not None:
+        T, P = T + turned.energy_j, P - np.einsum("ij,ij->i", nu[:, 3:6], turned.wheels.hd_nm)
+        turned.fill_columns(J_T, J_P, nu, Y[:, :6] @ problem.U, k)
+        moved = (N[:, 3:].transpose(0, 2, 1) @ turned.wheels.hd_nm[:, :, None])[:, :, 0]
     work, tau = half_s[:, None, None] * value, s.tau_nm
     J = -slope @ s.by_block(J_T) - work @ s.by_block(J_P)
     if present(problem.torque_offset):
@@ -88,8 +98,67 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     J += work @ s.by_block(np.einsum("ij,ijk->ik", s.qd_rad_s, by_state))
     power = np.einsum("ij,ij->i", tau, s.qd_rad_s) + P
     residual = (work @ s.by_block(power)[:, :, None])[:, :, 0] + s.by_block(T) @ slope.T
-    L = np.linalg.cholesky(_covariance(s, work, slope, tau, p_qd))
+    S = _covariance(s, work, slope, tau - moved, p_qd)
+    if turned is not None:
+        S += turned.covariance(s, work, slope, nu)
+    L = np.linalg.cholesky(S)
     return [Rows(*whitened(*parts)) for parts in zip(L, J, residual, strict=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turned:
+    """Share of the wheels, and of a residual momentum, in the balance.
+
+    Base and arm have the momentum p = L - h, so T = 1/2 qd^T Hhat qd + 1/2 p^T H_bb^-1 p, and the
+    wheels take the power w^T d/dt h from them.
+    """
+
+    wheels: Wheels
+    inverse: FloatArray  # (N, 6, 6) of H_bb
+    by_momentum: FloatArray  # (N, 6) base velocity H_bb^-1 [0; p]
+    energy_j: FloatArray  # (N,)
+    J_p: FloatArray  # (N, 3, p) dp/dx
+
+    def fill_columns(
+        self, J_T: FloatArray, J_P: FloatArray, nu: FloatArray, Y_h: FloatArray, k: slice
+    ) -> None:
+        """Add the derivatives of energy J_T and power J_P (N, p); `Y_h` (N, 6, k) as in fused."""
+        v, hd, w = self.by_momentum, self.wheels.hd_nm, nu[:, 3:6]
+        J_T[:, k] -= np.einsum("ij,ijk->ik", v, Y_h)
+        J_T += np.einsum("ij,ijk->ik", v[:, 3:], self.J_p)
+        back = np.einsum("ij,ijk->ik", hd, self.inverse[:, 3:])  # d(w hd)/d(base momentum)
+        J_P[:, k] += np.einsum("ij,ijk->ik", back, Y_h)
+        J_P -= np.einsum("ij,ijk->ik", back[:, 3:], self.J_p)
+        J_P -= np.einsum("ij,ijk->ik", w, self.wheels.J_hd)
+
+    def covariance(
+        self, s: BlockStack, work: FloatArray, slope: FloatArray, nu: FloatArray
+    ) -> FloatArray:
+        """Return what noise of the wheels' momenta makes of the balances (B, m - 2, m - 2)."""
+        back = np.einsum("ij,ijk->ik", self.wheels.hd_nm, self.inverse[:, 3:, 3:])
+        axes = self.wheels.axes
+        by_h = np.einsum("brm,bmj->bjrm", work, s.by_block(back @ axes))
+        by_h -= np.einsum("rm,bmj->bjrm", slope, s.by_block(self.by_momentum[:, 3:] @ axes))
+        by_hd = -np.einsum("brm,bmj->bjrm", work, s.by_block(nu[:, 3:6] @ axes))
+        by = np.concatenate([by_h, by_hd], axis=3)
+        covariance: FloatArray = np.sum(by @ s.cov_wheel @ by.transpose(0, 1, 3, 2), axis=1)
+        return covariance
+
+
+def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) -> _Turned | None:
+    """Return the wheels' share at the nodes; None without wheels."""
+    wheels = turning(s, x, problem)
+    if wheels is None:
+        return None
+    p, J_p = -wheels.h_nms, -wheels.J_h
+    if present(problem.momentum):
+        R_BN = s.R_NB.transpose(0, 2, 1)
+        p = p + R_BN @ x[problem.momentum]
+        J_p[:, :, problem.momentum] += R_BN
+    inverse = np.asarray(np.linalg.solve(H_bb, np.eye(6)), np.float64)
+    by_momentum = (inverse[:, :, 3:] @ p[:, :, None])[:, :, 0]
+    energy_j = 0.5 * np.einsum("ij,ij->i", by_momentum[:, 3:], p)
+    return _Turned(wheels, inverse, by_momentum, energy_j, J_p)
 
 
 def _covariance(

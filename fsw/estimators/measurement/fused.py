@@ -36,6 +36,7 @@ from fsw.estimators.measurement.motion_noise import residual_covariance, smoothe
 from fsw.estimators.measurement.mounting import as_true, turn
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
+from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
@@ -53,20 +54,28 @@ class _Dynamics:
     nu: FloatArray  # (m, 6) predicted base velocity
     a: FloatArray  # (m, 6) predicted base acceleration
     force: FloatArray  # (m, n) joint torque
+    wheels: Wheels | None
     by_angle: FloatArray | None  # (m, 6+n, n) d(generalised force)/dq, where angles are noisy
     h_by_angle: FloatArray | None  # (m, 6, n) d(base momentum)/dq
 
 
 def _dynamics(
-    s: BlockStack, x: FloatArray, problem: Problem, rate: Rate, L_B: FloatArray, G: FloatArray
+    s: BlockStack,
+    x: FloatArray,
+    problem: Problem,
+    rate: Rate,
+    given: tuple[FloatArray, FloatArray, Wheels | None],
 ) -> _Dynamics:
-    """Evaluate the model at the nodes; L_B (N, 3) is the angular momentum, G the field.
+    """Evaluate the model at the nodes.
+
+    `given`: the angular momentum (N, 3) that base and arm have, the field, and the wheels.
 
     Raises
     ------
     numpy.linalg.LinAlgError if the base's inertia is not positive definite at these parameters.
     """
     model, n, N = problem.model, s.n, len(s.q_rad)
+    L_B, G, wheels = given
     pi = problem.pi(x)
     model.set_parameters(pi)
     q, qd = s.q_rad, s.qd_rad_s
@@ -94,6 +103,9 @@ def _dynamics(
         force -= Y_field @ pi
     if pulled(problem):
         force -= external_force(s, x, problem)[0]
+    if wheels is not None:
+        force[:, 3:6] += wheels.moment(w)
+        C[:, 3:6, 3:6] += wheels.by_rate()
     a[:, :6] = -_times(inverse, force[:, :6])
     if problem.support_m_s2.any():
         held = np.concatenate([problem.support_m_s2, np.zeros(3)])
@@ -116,6 +128,7 @@ def _dynamics(
         nu=nu[:, :6],
         a=a[:, :6],
         force=force[:, 6:] + _times(H[:, 6:, :6], a[:, :6]),
+        wheels=wheels,
         by_angle=by_angle,
         h_by_angle=h_by_angle,
     )
@@ -160,24 +173,32 @@ def predict(
     n, r = s.n, problem.place_m(x)
     G = field(s, problem)
     L_B, J_L, after = _momentum(s, x, problem, G, before)
-    d = _dynamics(s, x, problem, rate, L_B, G)
+    wheels = turning(s, x, problem)
+    if wheels is not None:  # base and arm have what the wheels do not
+        L_B = L_B - wheels.h_nms
+        J_L = -wheels.J_h if J_L is None else J_L - wheels.J_h
+    d = _dynamics(s, x, problem, rate, (L_B, G, wheels))
     w, lever = d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
     f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
     D = _gains(s, x, problem, d, J_L, r)
     D_w, J = D[:, : n + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     D_q = _angle_gain(d, D_w, r, rate)
+    D_wheel = _wheel_gain(d, D_w, r, rate)
+    every = [
+        gains for gains in (D, D_q, *(() if D_wheel is None else D_wheel)) if gains is not None
+    ]
     if present(problem.imu_place):
         J[:, n : n + 3, problem.imu_place] += _by_place(d.a[:, 3:], w) - G
     tau = d.force
     if present(problem.imu_angle):
-        f, w = _as_turned((f, w), D, D_q, x, problem, rate)
+        f, w = _as_turned((f, w), D, every, x, problem, rate)
     lost, by_rate = friction.torque(s, x, problem)
     tau = tau + lost
     D[:, :n, n + 3 : 2 * n + 3] += by_rate[:, :, None] * np.eye(n)
     friction.fill_columns(J[:, :n], s, problem)
     if present(problem.torque_scale):
         gain = 1.0 + x[problem.torque_scale]
-        for gains in (D,) if D_q is None else (D, D_q):
+        for gains in every:
             gains[:, :n] *= gain[:, None]
         J[:, :n, problem.torque_scale] += tau[:, :, None] * np.eye(n)
         tau = tau * gain
@@ -204,6 +225,7 @@ def predict(
         D_qd=D[:, :, n + 3 : 2 * n + 3],
         D_w=D_w,
         D_q=D_q if s.angles_are_noisy else None,
+        D_wheel=D_wheel,
         after=after[-1],
         each=after,
     )
@@ -229,6 +251,8 @@ def _gains(
     by_state[:, :, problem.inertial] = d.Y
     if pulled(problem):
         by_state -= external_force(s, x, problem)[1]
+    if d.wheels is not None:
+        by_state[:, 3:6] += d.wheels.by_state(w)
     base = -(d.H_bb_inverse @ direct[:, :6])
     D = np.empty((len(w), n + 6, direct.shape[2]))
     D[:, :n] = direct[:, 6:] + d.H[:, 6:, :6] @ base
@@ -262,19 +286,19 @@ def _by_place(wd: FloatArray, w: FloatArray) -> FloatArray:
 def _as_turned(
     channels: tuple[FloatArray, FloatArray],
     D: FloatArray,
-    D_q: FloatArray | None,
+    every: list[FloatArray],
     x: FloatArray,
     problem: Problem,
     rate: Rate,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return force and rate (N, 3) in the axes as configured; turn their gains in place too."""
+    """Return force and rate (N, 3) in the axes as configured; turn every gain in place too."""
     n = problem.model.n
     R, by_angle = turn(x, problem)
     f, w = (channel @ R for channel in channels)
     places = [slice(n, n + 3)] if rate == "measured" else [slice(n, n + 3), slice(n + 3, n + 6)]
     J = D[:, :, D.shape[2] - len(x) :]
     for k, own in zip(places, (f, w), strict=False):
-        for gains in (D,) if D_q is None else (D, D_q):
+        for gains in every:
             gains[:, k] = R.T @ gains[:, k]
         J[:, k, problem.imu_angle] += skew(own) @ (R.T @ by_angle)
     return f, w
@@ -377,3 +401,18 @@ def _angle_gain(d: _Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> Flo
     tau_q = d.by_angle[:, 6:] + H_bm.transpose(0, 2, 1) @ a_q
     direct = np.concatenate([tau_q, lever @ a_q], axis=1)
     return np.concatenate([direct + D_w @ w_q, w_q], axis=1)
+
+
+def _wheel_gain(d: _Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
+    """Return d[tau; f; w]/d[h, d/dt h] (2, m, n + 6, k) of the wheels; None without."""
+    if d.wheels is None:
+        return None
+    lever, H_bm = np.concatenate([np.eye(3), -skew(r)], axis=1), d.H[:, :6, 6:]
+    n, w = H_bm.shape[2], d.nu[:, 3:]
+    base = -(d.H_bb_inverse[:, :, 3:] @ d.wheels.by_motion(w))
+    D = np.zeros((*base.shape[:2], n + 6, base.shape[3]))
+    D[:, :, :n], D[:, :, n : n + 3] = H_bm.transpose(0, 2, 1) @ base, lever @ base
+    if rate == "momentum":
+        D[0, :, n + 3 :] = -(d.H_bb_inverse[:, 3:, 3:] @ d.wheels.axes)
+        D[0, :, : n + 3] += D_w @ D[0, :, n + 3 :]
+    return D

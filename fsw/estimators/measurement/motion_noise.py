@@ -34,12 +34,15 @@ def residual_covariance(
         S, D = S[:, :, use][:, :, :, :, use], D[:, :, use]
     S = S.reshape(B, size, size)
     orders = len(D)
-    S += _through(s, D, s.cov_joint.reshape(B, n, orders, m, orders, m)).reshape(B, size, size)
+    S += through(s, D, s.cov_joint.reshape(B, n, orders, m, orders, m)).reshape(B, size, size)
+    if prediction.D_wheel is not None:
+        D_h, k = prediction.D_wheel[:, :, use], s.cov_wheel.shape[1]
+        S += through(s, D_h, s.cov_wheel.reshape(B, k, 2, m, 2, m)).reshape(B, size, size)
     if rate == "measured":
         D_w = np.zeros((1, B * m, n + 6, 3))
         D_w[0, :, : n + 3] = prediction.D_w
         gyro = np.repeat(s.cov_gyro[:, None, :m, :m], 3, axis=1).reshape(B, 3, 1, m, 1, m)
-        S += _through(s, D_w[:, :, use], gyro).reshape(B, size, size)
+        S += through(s, D_w[:, :, use], gyro).reshape(B, size, size)
     return S
 
 
@@ -79,7 +82,7 @@ def smoothed(
     )
 
 
-def _through(s: BlockStack, D: FloatArray, covariance: FloatArray) -> FloatArray:
+def through(s: BlockStack, D: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return (B, m, r, m, r): what errors of covariance (B, j, d, m, d, m) make of the residuals.
 
     `D` (d, N, r, j) are sensitivities to the d-th derivatives of channel j at the same node.

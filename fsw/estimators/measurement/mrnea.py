@@ -16,7 +16,9 @@ from scipy.linalg.lapack import dpotrs, dtrtrs
 from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
+from fsw.estimators.measurement.motion_noise import through
 from fsw.estimators.measurement.mounting import as_true, turn
+from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
@@ -109,6 +111,7 @@ def stacked_mrnea_rows(
     outside = external_force(s, x, problem) if pulled(problem) else None
     if outside is not None:
         r += outside[0]
+    wheels = _take_off_wheels(r, C, s, x, problem, w)
     D_w = skew(cross(w, r_S)) + skew(w) @ skew(r_S)
     G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
     G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(r_S)
@@ -118,7 +121,9 @@ def stacked_mrnea_rows(
         L = sigma[:, None, None] * np.eye(residuals.shape[1])
     else:
         gains = _input_gains(s, H, C, G_w, G_wd)
-        L = np.linalg.cholesky(gains @ gains.transpose(0, 2, 1) + _output_covariance(s, problem))
+        L = np.linalg.cholesky(
+            gains @ gains.transpose(0, 2, 1) + _output_covariance(s, problem, w, wheels)
+        )
     if weighting == "eiv":
         weighted = np.array(
             [dpotrs(root, own, lower=1)[0] for root, own in zip(L, residuals, strict=True)]
@@ -138,11 +143,24 @@ def stacked_mrnea_rows(
             row[:, problem.joint_zero] = model.angle_derivative(*state)
     if outside is not None:
         X -= outside[1]
+    if wheels is not None:
+        X[:, 3:6] += wheels.by_state(w)
     X = X.reshape(B, residuals.shape[1], len(x))
     return [
         Rows(*whitened(root, columns, own))
         for root, columns, own in zip(L, X, residuals, strict=True)
     ]
+
+
+def _take_off_wheels(
+    r: FloatArray, C: FloatArray, s: BlockStack, x: FloatArray, problem: Problem, w: FloatArray
+) -> Wheels | None:
+    """Take the wheels' moment off the residual r, add its derivative to C; None without wheels."""
+    wheels = turning(s, x, problem)
+    if wheels is not None:
+        r[:, 3:6] -= wheels.moment(w)
+        C[:, 3:6, 3:6] += wheels.by_rate()
+    return wheels
 
 
 def _calibrated(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
@@ -237,7 +255,9 @@ def _input_gains(
     return np.concatenate(parts, axis=2)
 
 
-def _output_covariance(s: BlockStack, problem: Problem) -> FloatArray:
+def _output_covariance(
+    s: BlockStack, problem: Problem, w: FloatArray, wheels: Wheels | None
+) -> FloatArray:
     m, n, B = s.m, s.n, len(s.blocks)
     S = np.zeros((B, m, 6 + n, m, 6 + n))
     i = np.arange(m)
@@ -245,6 +265,9 @@ def _output_covariance(s: BlockStack, problem: Problem) -> FloatArray:
         S[:, i, row, i, row] = problem.wrench_sigma[row] ** 2
     for j in range(n):
         S[:, :, 6 + j, :, 6 + j] = s.cov_tau[:, j]
+    if wheels is not None:
+        own = s.cov_wheel.reshape(B, -1, 2, m, 2, m)
+        S[:, :, 3:6, :, 3:6] += through(s, wheels.by_motion(w), own)
     return S.reshape(B, m * (6 + n), m * (6 + n))
 
 

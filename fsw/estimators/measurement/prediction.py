@@ -27,5 +27,6 @@ class Prediction:
     D_qd: FloatArray  # (m, n + 6, n): d[tau; f; w]/d qd
     D_w: FloatArray  # (m, n + 3, 3): d[tau; f]/dw
     D_q: FloatArray | None  # (m, n + 6, n): d[tau; f; w]/dq where angles are noisy
+    D_wheel: FloatArray | None  # (2, m, n + 6, k): d[tau; f; w]/d[h, d/dt h] of k wheels
     after: Impulse | None  # momentum gained up to the end
     each: tuple[Impulse | None, ...]  # up to the end of each block

@@ -4,7 +4,8 @@ State x = [10 parameters per unknown body (base first, then target), ways in whi
 may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
 of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
-the joints (n each)]. Where a prior sigma is zero there is no state.
+the joints (n each), relative errors of the wheels' inertias (k)]. Where a prior sigma is zero there
+is no state.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ NO_STATES = slice(0, 0)
 IMPLAUSIBLE = 10.0  # sigmas of a value of arm or calibration that its prior cannot be meant for
 CONSPICUOUS = 4.0  # the same, to be named
 SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have in common: one rig
-CALIBRATION = ("joint_zero", "imu_place", "imu_angle")
+CALIBRATION = ("joint_zero", "imu_place", "imu_angle", "wheel_scale")
 IndexArray = NDArray[np.intp]
 
 
@@ -68,6 +69,8 @@ class Problem:
     imu_angle: slice  # rotation vector, B axes, from the configured attitude to the true one [rad]
     friction_coulomb: slice  # of each joint, as its torque sensor sees it [N m]
     friction_viscous: slice  # [N m s/rad]
+    wheel_scale: slice  # relative error of each wheel's axial inertia
+    wheel_axes: FloatArray  # (3, k) of the reaction wheels, in B
     friction_speed_rad_s: FloatArray  # (n,) rate at which Coulomb friction has built up: tanh(1)
     target_wrench: slice  # the same at the target's centre of mass, then a force in axes E [N]
     target_com_m: FloatArray  # (3,) in E, as configured: where that acts on a known target
@@ -99,7 +102,7 @@ class Problem:
         """Return the states that are published: not the known bodies, zeros and mounting."""
         hidden = (
             slice(self.bodies.stop, self.inertial.stop),
-            *(self.joint_zero, self.imu_place, self.imu_angle),
+            *(self.joint_zero, self.imu_place, self.imu_angle, self.wheel_scale),
         )
         return np.delete(np.arange(len(self.names)), np.r_[hidden])
 
@@ -291,6 +294,11 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         ("imu_angle", "xyz", [imu.mounting_angle_sigma_rad] * 3),
         ("friction_coulomb", model.joint_names, [j.friction_coulomb_sigma_nm for j in joints]),
         ("friction_viscous", model.joint_names, [j.friction_viscous_sigma_nms_rad for j in joints]),
+        (
+            "wheel_scale",
+            [wheel.name for wheel in config.wheels],
+            [wheel.inertia_sigma_ratio for wheel in config.wheels],
+        ),
     )
     for kind, labels, sigmas in nuisances:
         if not any(sigmas) or (exact and kind in CALIBRATION):
@@ -332,6 +340,8 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         imu_angle=slices[9],
         friction_coulomb=slices[10],
         friction_viscous=slices[11],
+        wheel_scale=slices[12],
+        wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
         friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
         target_com_m=np.array(
             config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)

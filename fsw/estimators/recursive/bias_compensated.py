@@ -28,7 +28,9 @@ from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack, covariance_root
 from fsw.estimators.measurement.impulse import external_force, pulled
+from fsw.estimators.measurement.motion_noise import through
 from fsw.estimators.measurement.mrnea import base_acceleration, field
+from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.plausible import plausible
@@ -122,6 +124,7 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     D = np.einsum("iaf,iarc->irfc", K, Y_k)  # (m, 6+n, f, c)
     size, f = m * (6 + n), K.shape[2]
     output = _output_covariance(block, problem)
+    wheels = _wheels(block, x, problem, w, output)
     L = np.linalg.cholesky(_weight_covariance(K, Y_k @ at_prior) + output)
     X = np.zeros((m, 6 + n, p + 1))
     X[:, :, k] = Y[:, :, :-1]
@@ -130,6 +133,10 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     _nuisance_columns(
         X, Y_k[:, :3].transpose(0, 2, 1, 3) @ at_x, block, (x, w, acceleration), problem
     )
+    if wheels is not None:
+        X[:, 3:6, p] -= wheels.moment(w)
+        if present(problem.gyro_bias):
+            X[:, 3:6, problem.gyro_bias] -= wheels.by_rate()
     white = solve_triangular(L, X.reshape(size, p + 1), lower=True)
     body = [*range(k.stop), p]
     D[..., -1] *= -1.0  # the known part stands on the measured side
@@ -144,6 +151,26 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     T = white[:, :p].T @ V @ white[:, :p]
     T[k, k] += np.einsum("fgc,gfd->cd", E, E)
     return CompensatedSums(white.T @ white, C, 0.5 * (T + T.T), float(np.trace(V)))
+
+
+def _wheels(
+    block: Block, x: FloatArray, problem: Problem, w: FloatArray, output: FloatArray
+) -> Wheels | None:
+    """Return the wheels, the noise of their moment added to the rows' covariance in place."""
+    stack, (m, n) = BlockStack((block,)), block.q_rad.shape
+    wheels = turning(stack, x, problem)
+    if wheels is not None:
+        own = stack.cov_wheel.reshape(1, -1, 2, m, 2, m)
+        noise = through(stack, wheels.by_motion(w), own)
+        noise += through(stack, wheels.by_rate()[None], _per_axis(block.cov_gyro[:m, :m]))
+        output.reshape(m, 6 + n, m, 6 + n)[:, 3:6, :, 3:6] += noise[0]
+    return wheels
+
+
+def _per_axis(covariance: FloatArray) -> FloatArray:
+    """Return the covariance (m, m) of one axis for each of three, as `through` takes it."""
+    m = len(covariance)
+    return np.repeat(covariance[None, None], 3, axis=1).reshape(1, 3, 1, m, 1, m)
 
 
 def _nuisance_columns(

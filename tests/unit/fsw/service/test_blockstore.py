@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw.messages import Block
+from fsw.messages import OF_WHEELS, Block
 from fsw.service.blockstore import BlockStoreError, BlockWriter, newest, read_blocks
 from tests.support.loop_cases import make_block
 
@@ -20,6 +20,24 @@ def test_blocks_come_back_equal_and_in_order(tmp_path: Path):
         got = np.asarray(getattr(blocks[3], item.name))
         assert got.dtype == want.dtype
         assert np.array_equal(got, want)
+
+
+def test_a_store_of_a_robot_without_wheels_holds_nothing_of_them_and_one_with_does(tmp_path: Path):
+    plain = make_block(1)
+    m = len(plain.t_ns)
+    turning = replace(
+        plain,
+        wheel_nms=np.full((m, 4), 2.0),
+        wheel_nm=np.full((m, 4), 0.1),
+        cov_wheel=np.stack([np.eye(2 * m)] * 4),
+    )
+    for name, block in (("plain", plain), ("turning", turning)):
+        BlockWriter(tmp_path / name).append(block)
+        (again,) = read_blocks(tmp_path / name)
+        for key in OF_WHEELS:
+            assert np.array_equal(getattr(again, key), getattr(block, key))
+        stored = any(key in (tmp_path / name).read_bytes()[:4096].decode() for key in OF_WHEELS)
+        assert stored == (name == "turning")
 
 
 def test_a_full_store_keeps_the_newest(tmp_path: Path):

@@ -1,0 +1,73 @@
+"""Reaction wheels: their momentum and torque as known inputs of the base.
+
+A wheel k turns with the measured speed relative to the base about an axis a_k fixed in it. With its
+mass and locked inertia in the base's own inertial data it adds to the base, in base axes,
+
+    momentum  h = sum a_k h_k (1 + s_k),         h_k = J_k speed_k
+    moment    d/dt h + w x h                     on the side of the inertia forces
+
+where s_k, the relative error of its inertia, is a state with a prior. Neither depends on the bodies
+that are sought. Source: Wie, Space Vehicle Dynamics and Control (2008), sec. 7.3 (gyrostat).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.model.inertia import cross, skew
+from fsw.estimators.model.problem import Problem, present
+from fsw.messages import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wheels:
+    """Momentum of all wheels and its derivative at the nodes, with their sensitivities."""
+
+    h_nms: FloatArray  # (N, 3) in base axes
+    hd_nm: FloatArray  # (N, 3) its derivative in base axes
+    axes: FloatArray  # (3, k) of the wheels, each times its 1 + s
+    J_h: FloatArray  # (N, 3, p) d h/dx
+    J_hd: FloatArray  # (N, 3, p)
+
+    def moment(self, w: FloatArray) -> FloatArray:
+        """Return d/dt h + w x h (N, 3) for the base's rate w (N, 3)."""
+        return self.hd_nm + cross(w, self.h_nms)
+
+    def by_rate(self) -> FloatArray:
+        """Return d(moment)/dw (N, 3, 3)."""
+        return -skew(self.h_nms)
+
+    def by_state(self, w: FloatArray) -> FloatArray:
+        """Return d(moment)/dx (N, 3, p) at a fixed rate."""
+        moment: FloatArray = self.J_hd + skew(w) @ self.J_h
+        return moment
+
+    def by_motion(self, w: FloatArray) -> FloatArray:
+        """Return d(moment)/d[h_k, d/dt h_k] (2, N, 3, k)."""
+        by = np.empty((2, len(w), *self.axes.shape))
+        by[0], by[1] = skew(w) @ self.axes, self.axes
+        return by
+
+
+def turning(s: BlockStack, x: FloatArray, problem: Problem) -> Wheels | None:
+    """Return what the wheels of the blocks do; None where the robot has none.
+
+    Raises
+    ------
+    ValueError if the blocks are of a robot with other wheels.
+    """
+    count = problem.wheel_axes.shape[1]
+    if s.wheel_nms.shape[1] != count:
+        raise ValueError(f"blocks of {s.wheel_nms.shape[1]} wheels; the robot has {count}")
+    if not count:
+        return None
+    axes, N = problem.wheel_axes, len(s.q_rad)
+    J_h, J_hd = np.zeros((2, N, 3, len(x)))
+    if present(problem.wheel_scale):
+        J_h[:, :, problem.wheel_scale] = axes * s.wheel_nms[:, None]
+        J_hd[:, :, problem.wheel_scale] = axes * s.wheel_nm[:, None]
+        axes = axes * (1.0 + x[problem.wheel_scale])
+    return Wheels(s.wheel_nms @ axes.T, s.wheel_nm @ axes.T, axes, J_h, J_hd)

@@ -1,0 +1,166 @@
+"""Conditioning of reaction wheels: momentum and its derivative at a window's nodes.
+
+A wheel may report less often than once a window, so no polynomial is fitted: the torque on the
+rotor is taken as a random walk of known density, and momentum and torque at the nodes are estimated
+from the samples of this window and the newest before it (a Gaussian process; the optimal smoother
+of that walk). What is not known between slow samples, and behind the last one, is in the
+covariance. Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2
+and 5.4.2 (residuals of what is left out).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from fsw.config import WheelConfig
+from fsw.messages import ChannelWindow, FloatArray, IntArray
+
+BEFORE_PERIODS = 4.0  # samples so many report periods before the window are used too
+SILENT_PERIODS = 5.0  # without a sample for longer, the momentum counts as unknown
+MOST_SAMPLES = 48  # of one kind; more are averaged in groups
+GATE_SIGMAS = 6.0
+SPIKE_RATIO, MIN_SPIKES = 0.05, 3
+VAGUE = 1e3  # noise sigmas by which the momentum before the first sample is uncertain
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turn:
+    """One wheel at the nodes."""
+
+    h_nms: FloatArray  # (m,)
+    hd_nm: FloatArray  # (m,)
+    covariance: FloatArray  # (2 m, 2 m) of both
+    removed: int  # outliers left out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """Readings of momentum (order 0) or torque (order 1)."""
+
+    t_s: FloatArray
+    values: FloatArray
+    order: IntArray
+    sigma: FloatArray
+
+    def without(self, row: int) -> _Samples:
+        keep = np.arange(len(self.t_s)) != row
+        return _Samples(self.t_s[keep], self.values[keep], self.order[keep], self.sigma[keep])
+
+
+class WheelMotion:
+    """One wheel's conditioning; keeps the newest samples of the windows before."""
+
+    def __init__(self, config: WheelConfig) -> None:
+        self.name = config.name
+        self._config = config
+        self._before_ns = round(BEFORE_PERIODS / config.rate_hz * 1e9)
+        self._silent_ns = round(SILENT_PERIODS / config.rate_hz * 1e9)
+        self._t_ns = np.empty(0, np.int64)
+        self._values = np.empty((0, 2))
+
+    def at(self, channel: ChannelWindow, start_ns: int, t_ns: IntArray) -> Turn | None:
+        """Return the wheel at the nodes t_ns (m,) of the window that begins at start_ns.
+
+        None: it is silent, or its samples do not agree with one another.
+        """
+        times, values = (
+            np.concatenate([self._t_ns, channel.t_ns]),
+            np.concatenate([self._values, channel.values]),
+        )
+        keep = times >= start_ns - self._before_ns
+        self._t_ns, self._values = times[keep], values[keep]
+        if not len(self._t_ns):  # an older sample may still be fresh enough
+            self._t_ns, self._values = times[-1:], values[-1:]
+        if not len(self._t_ns) or int(t_ns[-1]) - int(self._t_ns[-1]) > self._silent_ns:
+            return None
+        return self._estimated(t_ns)
+
+    def _estimated(self, t_ns: IntArray) -> Turn | None:
+        origin_ns = min(int(t_ns[0]), int(self._t_ns[0]))
+        J = self._config.inertia_kg_m2
+        t_s = np.asarray((self._t_ns - origin_ns) * 1e-9, np.float64)
+        sigma = J * self._config.speed_noise_rad_s
+        parts = [_thinned(t_s, J * self._values[:, 0], 0, sigma)]
+        known = np.isfinite(self._values[:, 1])
+        if known.any() and self._config.torque_noise_nm is not None:
+            torque = self._values[known, 1]
+            parts.append(_thinned(t_s[known], torque, 1, self._config.torque_noise_nm))
+        samples = _Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        middle = float(np.median(parts[0][1]))
+        samples.values[samples.order == 0] -= middle
+        least = 1 + len(samples.t_s) - max(MIN_SPIKES, int(SPIKE_RATIO * len(samples.t_s)))
+        removed = 0
+        while True:
+            inverse = self._inverse(samples, sigma)
+            doubt = np.abs(inverse @ samples.values) / np.sqrt(np.diag(inverse))
+            worst = int(np.argmax(doubt))
+            if doubt[worst] <= GATE_SIGMAS:
+                break
+            samples, removed = samples.without(worst), removed + 1
+            if len(samples.t_s) < max(least, 1):
+                return None
+        nodes = np.tile((t_ns - origin_ns) * 1e-9, 2)
+        orders = np.repeat([0, 1], len(t_ns))
+        prior = self._prior(samples, sigma)
+        across = self._kernel(nodes, orders, samples.t_s, samples.order, prior)
+        gain = across @ inverse
+        covariance = self._kernel(nodes, orders, nodes, orders, prior) - gain @ across.T
+        mean = gain @ samples.values
+        h, hd = mean[: len(t_ns)] + middle, mean[len(t_ns) :]
+        return Turn(h, hd, 0.5 * (covariance + covariance.T), removed)
+
+    def _prior(self, samples: _Samples, sigma: float) -> tuple[float, float]:
+        """Return the variances of momentum and torque at the beginning."""
+        size = np.abs(samples.values[samples.order == 0]).max(initial=0.0)
+        return (size + VAGUE * sigma) ** 2, (2.0 * self._config.torque_limit_nm) ** 2
+
+    def _inverse(self, samples: _Samples, sigma: float) -> FloatArray:
+        """Return the inverse of the samples' covariance."""
+        prior = self._prior(samples, sigma)
+        S = self._kernel(samples.t_s, samples.order, samples.t_s, samples.order, prior)
+        S[np.diag_indices_from(S)] += samples.sigma**2
+        torque = samples.order == 1
+        S += self._config.torque_offset_sigma_nm**2 * np.outer(torque, torque)
+        root, info = dpotrf(S, lower=1)
+        if info:
+            raise np.linalg.LinAlgError(f"samples of {self.name}")
+        inverse = np.tril(dpotri(root, lower=1)[0])
+        whole: FloatArray = inverse + np.tril(inverse, -1).T
+        return whole
+
+    def _kernel(
+        self,
+        t_s: FloatArray,
+        order: IntArray,
+        u_s: FloatArray,
+        other: IntArray,
+        prior: tuple[float, float],
+    ) -> FloatArray:
+        """Return cov (k, l) of momentum (order 0) or torque (1) at times t and u from the origin.
+
+        Torque T = T0 + walk of density q, momentum h = h0 + integral of T.
+        """
+        q, (P_h, P_T) = self._config.walk_nm_sqrt_s**2, prior
+        t, u = t_s[:, None], u_s[None, :]
+        low = np.minimum(t, u)
+        both = P_h + t * u * P_T + q * low**2 * (0.5 * np.maximum(t, u) - low / 6.0)
+        by_u = t * P_T + q * np.where(u >= t, 0.5 * t**2, u * t - 0.5 * u**2)
+        by_t = u * P_T + q * np.where(t >= u, 0.5 * u**2, u * t - 0.5 * t**2)
+        a, b = order[:, None] == 1, other[None, :] == 1
+        of_momentum = np.where(b, by_u, both)
+        whole: FloatArray = np.where(a, np.where(b, P_T + q * low, by_t), of_momentum)
+        return whole
+
+
+def _thinned(
+    t_s: FloatArray, values: FloatArray, order: int, sigma: float
+) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+    """Return times, values, orders and sigmas, at most MOST_SAMPLES of them: means of groups."""
+    size = -(-len(t_s) // MOST_SAMPLES)
+    heads = np.arange(0, len(t_s), size)
+    counts = np.diff(np.append(heads, len(t_s)))
+    means = [np.add.reduceat(part, heads) / counts for part in (t_s, values)]
+    return means[0], means[1], np.full(len(heads), order), sigma / np.sqrt(counts)
