@@ -2,9 +2,10 @@
 
 What is no motion of an arm, or stands there twice, is left out first; then blocks whose residuals
 noise does not explain, and the rest is solved again, the sigmas following the residuals where these
-are clearly above the declared noise. Beyond that, or where what is left drifts, the result says
-MODEL_MISMATCH. The paper's regressions are compared with the errors in variables on the same
-blocks, and their sigma includes the distance.
+are clearly above the declared noise. A prior that the data contradict is widened in its own group.
+Where that is a sensor, a known body or a mounting, where the residuals are larger still, or where
+what is left drifts, the result says MODEL_MISMATCH. The paper's regressions are compared with the
+errors in variables on the same blocks, and their sigma includes the distance.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
+from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
@@ -45,6 +47,8 @@ CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
 NEED_EVERY_TORQUE = ("mrnea", "ce")
 WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
 GATE_ROUNDS = 6
+WIDENINGS = 6  # rounds: of bodies, whose values hold one another, then of the rest of the model
+SETTLED = ("OK", "INSUFFICIENT_EXCITATION")
 GATED_SHARE = 0.25  # of the blocks; more that do not fit are no outliers
 LEVEL_TOLERANCE = 0.05
 _DISTANCE = "sigma is that of the errors in variables and includes the distance from them"
@@ -59,6 +63,7 @@ BIAS_NOTES = {
 class _Found:
     """A solution and what is to be said of it."""
 
+    problem: Problem  # with the prior that it was found with
     solution: BatchSolution
     status: str
     mean: FloatArray  # (p,)
@@ -132,6 +137,7 @@ def _run(
         found = _likelihood(problem, method, sound, settings.gate_probability, progress)
     else:
         found = _regression(problem, weighting, sound, settings.gate_probability, progress)
+    problem = found.problem
     covariance = found.covariance + problem.liquid
     if keep is not None:
         keep(problem, found.mean, covariance)
@@ -179,15 +185,79 @@ def _likelihood(
     gate_probability: float,
     progress: Progress | None,
 ) -> _Found:
-    """Maximise the likelihood of what fits."""
-    linear, start = Linearisation(row_function(method, "eiv", problem), blocks), None
-    if method in WARM:
-        near = minimise(
-            problem, Target(Linearisation(row_function("mrnea", "eiv", problem), blocks))
-        )
-        start = near.mean
-        if near.status == "NOT_CONVERGED":  # blocks that do not fit may be why
-            start = _likelihood(problem, "mrnea", blocks, gate_probability, None).mean
+    """Maximise the likelihood of what fits, by a prior widened where the data contradict it."""
+    stated, contradicted = problem, False
+    conflicts: list[Widened] = []
+    linear = Linearisation(row_function(method, "eiv", problem), blocks)
+    start = _warm_start(problem, blocks, gate_probability) if method in WARM else None
+    for more in reversed(range(WIDENINGS)):
+        settled = _settle(problem, linear, blocks, gate_probability, progress, start)
+        solution = settled.solution
+        if solution.status == "ABORTED" or method in CURVED:
+            break
+        prior = problem.prior_mean, problem.prior_covariance
+        estimate = solution.mean, solution.information.covariance()
+        wider, found = widen(stated, prior, estimate, bodies_first=True)
+        if solution.status == "NOT_CONVERGED" and any(group.of_model for group in found):
+            break
+        conflicts += found
+        if more == 0 or all(group.factor == 1.0 for group in found):
+            contradicted = bool(found)
+            break
+        problem, start = replace(problem, prior_covariance=wider), solution.mean
+    doubted = contradicted or any(group.of_model for group in conflicts)
+    implausible = stated.least_plausible(solution.mean)[1] > IMPLAUSIBLE
+    status = solution.status
+    covariance, note = linear_covariance(problem, method, "eiv", solution)
+    if method in CURVED and status in SETTLED:
+        looked = straighten(problem, settled.target, solution)
+        covariance, note = looked.covariance, looked.note
+        status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
+    notes = (note, in_words(conflicts), stated.suspicion(solution.mean).removeprefix("; "))
+    wrong = settled.mismatch or doubted or implausible
+    return _Found(
+        problem=problem,
+        solution=solution,
+        status="MODEL_MISMATCH" if status == "OK" and wrong else status,
+        mean=solution.mean,
+        covariance=covariance,
+        note="; ".join(filter(None, notes)),
+        biased=bool(note) and method in CURVED,
+        level=settled.level,
+        used=settled.used,
+        residuals=settled.residuals,
+    )
+
+
+def _warm_start(problem: Problem, blocks: Sequence[Block], gate_probability: float) -> FloatArray:
+    """Return the state at which the linear method ends."""
+    near = minimise(problem, Target(Linearisation(row_function("mrnea", "eiv", problem), blocks)))
+    if near.status == "NOT_CONVERGED":  # blocks that do not fit may be why
+        return _likelihood(problem, "mrnea", blocks, gate_probability, None).mean
+    return near.mean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Settled:
+    """The solution of the blocks that fit one another, for one prior."""
+
+    solution: BatchSolution
+    target: Target
+    level: float
+    used: Sequence[Block]
+    residuals: Sequence[FloatArray]
+    mismatch: bool  # the residuals are not noise
+
+
+def _settle(
+    problem: Problem,
+    linear: Linearisation,
+    blocks: Sequence[Block],
+    gate_probability: float,
+    progress: Progress | None,
+    start: FloatArray | None,
+) -> _Settled:
+    """Solve, leave out blocks that do not fit, and solve again until these are the same."""
     fits, level, mismatch = [True] * len(blocks), 1.0, False
     for more in reversed(range(GATE_ROUNDS)):
         used, target = list(compress(blocks, fits)), Target(linear, fits, level)
@@ -210,25 +280,13 @@ def _likelihood(
             break
         if solution.status != "NOT_CONVERGED":  # what does not fit may be why it did not
             start = solution.mean
-    mismatch = mismatch or problem.least_plausible(solution.mean)[1] > IMPLAUSIBLE
-    status = solution.status
-    covariance, note = linear_covariance(problem, method, "eiv", solution)
-    if method in CURVED and status in ("OK", "INSUFFICIENT_EXCITATION"):
-        looked = straighten(problem, target, solution)
-        covariance, note = looked.covariance, looked.note
-        status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
-    is_biased = bool(note) and method in CURVED
-    note = (note + problem.suspicion(solution.mean)).removeprefix("; ")
-    return _Found(
+    return _Settled(
         solution=solution,
-        status="MODEL_MISMATCH" if status == "OK" and mismatch else status,
-        mean=solution.mean,
-        covariance=covariance,
-        note=note,
-        biased=is_biased,
+        target=target,
         level=level,
         used=used,
         residuals=left,
+        mismatch=mismatch,
     )
 
 
@@ -241,7 +299,7 @@ def _regression(
 ) -> _Found:
     """Solve the paper's regression and measure its bias by the errors in variables."""
     near = _likelihood(problem, "mrnea", blocks, gate_probability, progress)
-    used, x, solution = near.used, near.mean, near.solution
+    problem, used, x, solution = near.problem, near.used, near.mean, near.solution
     linear = Linearisation(row_function("mrnea", weighting, problem), used)
     if weighting == "bc":
         sums = no_sums(len(x))

@@ -8,7 +8,7 @@ want; sensors, known bodies and mounting to LARGEST times their stated sigma.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,10 +65,13 @@ def widen(
     problem: Problem,
     prior: Gaussian,
     estimate: Gaussian,
+    *,
+    bodies_first: bool = False,
 ) -> tuple[FloatArray, list[Widened]]:
     """Return the prior's covariance with the groups widened that the data contradict, and these.
 
-    A group that is as wide as it can be is named with factor 1.
+    A group that is as wide as it can be is named with factor 1. With `bodies_first` sensors, known
+    bodies and mountings are left as they are while a body's prior is wrong: it bends them too.
 
     Parameters
     ----------
@@ -82,18 +85,28 @@ def widen(
     views = conflict_views(prior, estimate, bodies)
     stated_sigma = np.sqrt(np.diag(problem.prior_covariance))
     sigma, scale = np.sqrt(np.diag(prior[1])), np.ones(len(prior[0]))
-    found = []
+    found: list[Widened] = []
     for group in groups(problem):
-        k = group.states
+        k, of_model = group.states, bool(np.isfinite(group.most))
+        if bodies_first and of_model and any(not other.of_model for other in found):
+            continue
         ratio, size = min(_distance(before, after, k) for before, after in views)
         if ratio <= 1.0:
             continue
         left = group.most * float(np.min(stated_sigma[k] / sigma[k]))
         factor = max(1.0, min(size, left))
         scale[k] = factor
-        of_model = bool(np.isfinite(group.most))
         found.append(Widened(name=group.name, sigmas=size, factor=factor, of_model=of_model))
     return _scaled(prior, scale, bodies), found
+
+
+def in_words(found: Sequence[Widened]) -> str:
+    """Return which groups of the prior the data contradict; empty: none."""
+    words = [
+        f"{group.name} by {group.sigmas:.1f} sigma (rms), widened {group.factor:.1f} times"
+        for group in found
+    ]
+    return f"the data contradict the prior: {'; '.join(words)}" if words else ""
 
 
 def _distance(prior: Gaussian, estimate: Gaussian, k: IndexArray) -> tuple[float, float]:

@@ -27,7 +27,7 @@ from fsw.estimators.recursive.change import InnovationMonitor
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
 from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
-from fsw.estimators.recursive.prior_groups import widen
+from fsw.estimators.recursive.prior_groups import in_words, widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
 from fsw.estimators.square_root import SquareRootInformation
@@ -377,12 +377,8 @@ class Recursion:
         self.memory.replace_prior(SquareRootInformation.from_prior(self.start_mean, widened))
         self._solve()
         self.pacing.settled = False
-        words = [
-            f"{group.name} by {group.sigmas:.1f} sigma (rms), widened {group.factor:.1f} times"
-            for group in found
-        ]
-        text = f"the data contradict the prior: {'; '.join(words)}"
-        self._events.append(("medium", "PRIOR_CONFLICT", text + self.problem.suspicion(self.x)))
+        text = in_words(found) + self.problem.suspicion(self.x)
+        self._events.append(("medium", "PRIOR_CONFLICT", text))
 
     def _drift(self) -> float:
         """Whitened rms distance of the estimate from the point of the last pass."""

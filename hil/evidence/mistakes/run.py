@@ -64,6 +64,7 @@ class Finding:
     events: tuple[str, ...]  # codes, in order
     batch: str  # status of the batch
     batch_z: float
+    batch_note: str
 
     @property
     def confidently_wrong(self) -> bool:
@@ -160,6 +161,7 @@ def _found(
         events=tuple(code for _, code, _ in events),
         batch="FAILED" if batch is None else str(batch["status"]),
         batch_z=float("inf") if batch is None else _batch_worst(batch, truth),
+        batch_note="" if batch is None else str(batch["note"]),
     )
 
 
@@ -180,6 +182,7 @@ def _nothing(why: str) -> Finding:
         events=(),
         batch="",
         batch_z=float("inf"),
+        batch_note="",
     )
 
 
