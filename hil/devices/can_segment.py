@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.devices import canopen
 from hil.devices.canopen import JointNode, NodeState, Reading
+from hil.devices.wheel import NO_JOINT
 from hil.world.sensors import generator
 
 TimedFrame = tuple[int, int, bytes, bool]  # end on the bus [ns], identifier, data, is CAN FD
@@ -76,7 +77,7 @@ class CanSegment:
         t0_ns: int,
     ) -> None:
         self.name = name
-        self.nodes = nodes  # by joint index in the robot
+        self.nodes = nodes  # by joint index in the robot; wheels behind all joints
         self._latch = latch
         self._by_id = sorted(nodes.items(), key=lambda item: item[1].node_id)
         self._toggles = [node.toggle for node in nodes.values() if node.toggle is not None]
@@ -139,7 +140,8 @@ class CanSegment:
         first: list[tuple[int, bytes, bool]] = []  # TPDO1 precede TPDO2: in order of identifier
         second: list[tuple[int, bytes, bool]] = []
         for joint, node in self._by_id:
-            pdos = node.on_sync(counter, readings[joint], t_us) if joint in nodes else ()
+            reading = readings[joint] if joint < len(readings) else NO_JOINT
+            pdos = node.on_sync(counter, reading, t_us) if joint in nodes else ()
             if pdos:
                 first.append((0x180 + node.node_id, pdos[0], node.is_fd))
             if len(pdos) > 1:

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,8 @@ from hil.devices.star_tracker import StarTracker
 from hil.devices.truth_clock import ClampedHistory, JointTable, TruthClock
 from hil.devices.truth_port import History
 from hil.devices.uart import TimedBytes
-from hil.world.sensors import JointErrors, NodeConfig, SensorConfig
+from hil.devices.wheel import WheelNode
+from hil.world.sensors import JointErrors, NodeConfig, SensorConfig, WheelSensorConfig, generator
 
 FIRST_NODE = 0x11
 
@@ -62,7 +63,10 @@ class Plant:
         is_fd = [node.format == "fd" for node in self.nodes]
         self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm)
         self._latched: tuple[int, list[Reading]] | None = None
-        names = tuple(dict.fromkeys(node.bus for node in self.nodes))
+        self._latched_ns = t0_ns
+        self._rested = rested
+        self._wheels = self._wheel_nodes(sensors.wheels, seed, rate_hz)
+        names = tuple(dict.fromkeys([*(node.bus for node in self.nodes), *self._wheels]))
         self.segments = {
             name: self._segment(name, index, seed, t0_ns) for index, name in enumerate(names)
         }
@@ -82,7 +86,7 @@ class Plant:
 
     def _segment(self, name: str, index: int, seed: int, t0_ns: int) -> CanSegment:
         joints = self.sensors.joints
-        nodes = {
+        nodes: dict[int, JointNode] = {
             i: JointNode(
                 node_id=node.node_id,
                 joint=i + 1,
@@ -95,6 +99,7 @@ class Plant:
             for i, node in enumerate(self.nodes)
             if node.bus == name
         }
+        nodes |= self._wheels.get(name, {})
         return CanSegment(
             name,
             nodes,
@@ -107,6 +112,7 @@ class Plant:
 
     def _latch(self, t_ns: int) -> Sequence[Reading]:
         """Measure every joint; buses sharing a SYNC instant share the latch."""
+        self._latched_ns = t_ns
         if self._latched is not None and self._latched[0] == t_ns:
             return self._latched[1]
         config = self.sensors.joints
@@ -121,6 +127,45 @@ class Plant:
         readings = self._scale.readings(measured)
         self._latched = (t_ns, readings)
         return readings
+
+    def _wheel_nodes(
+        self, config: WheelSensorConfig | None, seed: int, sync_rate_hz: float
+    ) -> dict[str, dict[int, JointNode]]:
+        """Return the wheel nodes of every bus, numbered behind the joints."""
+        nodes: dict[str, dict[int, JointNode]] = {}
+        joints = self.sensors.joints
+        if config is None:
+            return nodes
+        for k, own in enumerate(config.nodes):
+            node = WheelNode(
+                node_id=own.node_id,
+                joint=self._table.n + k + 1,
+                autostart=joints.autostart,
+                sync_counter_max=joints.sync_counter_max,
+                toggle=None if joints.redundancy is None else BusToggle(joints.redundancy),
+                syncs_per_report=max(1, round(sync_rate_hz / config.rate_hz)),
+                measure=self._tachometer(k, config, seed),
+            )
+            nodes.setdefault(own.bus, {})[self._table.n + k] = node
+        return nodes
+
+    def _tachometer(
+        self, k: int, config: WheelSensorConfig, seed: int
+    ) -> Callable[[], tuple[float, float]]:
+        """Return what measures one wheel at the newest latch."""
+        rng = generator(seed, "wheel", k)
+        offset_nm = config.torque_offset_sigma_nm * float(rng.standard_normal())
+
+        def measure() -> tuple[float, float]:
+            latch_s = self.sensors.joints.latch_offset_s
+            speed, torque = self._rested.wheels_at(self.clock.second(self._latched_ns) + latch_s)
+            noise = rng.standard_normal(2)
+            return (
+                float(speed[k] + config.speed_noise_rad_s * noise[0]),
+                float(torque[k] + offset_nm + config.torque_noise_nm * noise[1]),
+            )
+
+        return measure
 
     def sync_producer(self, t0_ns: int) -> SyncProducer | None:
         """Return a SYNC producer starting at the time, where the plant is to be one."""

@@ -16,6 +16,7 @@ from hil.world.robot import Body, Robot, SloshMass
 from hil.world.sensors import STRICT, SensorConfig
 from hil.world.spline import JointSpline
 from hil.world.stand import Stand
+from hil.world.wheels import WheelSystem
 
 TAIL_S = 0.1
 
@@ -107,6 +108,7 @@ class PlantFile:
     environment: EnvironmentSection | None = None
     slosh: tuple[SloshMass, ...] = ()
     stand: Stand | None = None
+    wheels: WheelSystem | None = None
     start_delay_s: float = 4.0
     seed: int = 0
     realtime: Realtime = Realtime()
@@ -123,10 +125,17 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
     bodies = file.bodies
     urdf = folder / file.robot.urdf
     robot = Robot.load(
-        urdf, file.robot.tool_frame, bodies.base, bodies.target, file.slosh, bodies.held
+        urdf,
+        file.robot.tool_frame,
+        bodies.base,
+        bodies.target,
+        file.slosh,
+        bodies.held,
+        file.wheels,
     )
     spline = JointSpline.load(folder / file.trajectory)
-    before_s = TAIL_S if file.environment is None else max(TAIL_S, file.start_delay_s)
+    rests = file.environment is None and file.wheels is None
+    before_s = TAIL_S if rests else max(TAIL_S, file.start_delay_s)
     end_s = spline.duration_s + TAIL_S
     history = simulate_in(file.environment, robot, spline, -before_s, end_s, stand=file.stand)
     return Plant(history, file.sensors, file.seed, start_delay_s=file.start_delay_s, t0_ns=t0_ns)

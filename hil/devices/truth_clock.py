@@ -48,6 +48,10 @@ class ClampedHistory:
         """Return the state at the times, shape (k,)."""
         return self._history.at(np.clip(t_s, self._history.start_s, self._history.end_s))
 
+    def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return speed and motor torque of every wheel."""
+        return self._history.wheels_at(t_s)
+
 
 class JointTable:
     """Joint positions, velocities and torques between the points of a 1 ms grid.

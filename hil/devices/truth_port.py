@@ -78,3 +78,7 @@ class History(Protocol):
     def at(self, t_s: ArrayLike) -> State:
         """Return the state at the times."""
         ...
+
+    def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return speed [rad/s] and motor torque [N m] of every wheel."""
+        ...

@@ -144,6 +144,7 @@ def prepare(
         bodies.get("target"),
         scenario.slosh,
         {frame: bodies[name] for name, frame in scenario.frames.items()},
+        scenario.wheels,
     )
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
@@ -161,6 +162,7 @@ def prepare(
         ports,
         overrides or {},
         stamp_noise_rad=jitter_s * fastest_rad_s,
+        seed=seed,
     )
     if telemetry is not None:
         document["telemetry"] = dict(telemetry)
@@ -183,7 +185,7 @@ def prepare(
 def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
     """Simulate the truth; where something acts from outside, over the rests too."""
     before_s, after_s = EDGE_S, EDGE_S
-    if scenario.environment is not None:
+    if scenario.environment is not None or scenario.wheels is not None:
         before_s, after_s = max(EDGE_S, scenario.before_s), max(EDGE_S, scenario.after_s)
     end_s = spline.duration_s + after_s
     return simulate_in(scenario.environment, robot, spline, -before_s, end_s, stand=scenario.stand)

@@ -24,8 +24,11 @@ from hil.world.sensors import (
     JointSensorConfig,
     NodeConfig,
     SensorConfig,
+    WheelSensorConfig,
+    generator,
     rotation_of,
 )
+from hil.world.wheels import WheelSystem
 
 FIRST_NODE_ID = 0x11
 URDF = "robot.urdf"
@@ -76,12 +79,14 @@ def flight_document(
     overrides: Mapping[str, Any],
     *,
     stamp_noise_rad: float = 0.0,
+    seed: int = 0,
 ) -> dict[str, Any]:
     """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
 
     The truth's arm and calibration are what the robot file and the scenario say: told as exact.
     The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
-    `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions.
+    `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions;
+    `seed` fixes the error of the wheels' inertias that it is told.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -141,6 +146,8 @@ def flight_document(
         "recorder": {"directory": "recording"},
         "service": {"state_directory": "state"},
     }
+    if scenario.wheels is not None and sensors.wheels is not None:
+        document["wheels"] = _wheels(scenario.wheels, sensors.wheels, seed)
     if sensors.star_tracker is not None:
         document["star_tracker"] = _star_tracker(sensors, folder)
     stand = scenario.stand
@@ -172,6 +179,35 @@ def _torque(
         "torque_scale_sigma_ratio": 0.0,
         **{key: sigma for key, sigma in friction.items() if sigma > 0.0},
     }
+
+
+def _wheels(system: WheelSystem, sensors: WheelSensorConfig, seed: int) -> list[dict[str, Any]]:
+    """Return what the flight side is told of the wheels; each inertia errs by its sigma."""
+    if len(sensors.nodes) != len(system.rotors):
+        raise ScenarioError(
+            f"sensors.wheels.nodes: {len(sensors.nodes)} nodes for {len(system.rotors)} wheels"
+        )
+    off = generator(seed, "wheel", len(system.rotors)).standard_normal(len(system.rotors))
+    torque: dict[str, Any] = {"torque": "none"}
+    if sensors.torque_told:
+        torque = {"torque": "measured", "torque_noise_nm": sensors.torque_noise_nm}
+    return [
+        {
+            "name": f"wheel{k + 1}",
+            "bus": node.bus,
+            "node_id": node.node_id,
+            "rate_hz": sensors.rate_hz,
+            "axis_B": rotor.unit.tolist(),
+            "inertia_kg_m2": rotor.inertia_kg_m2
+            / (1.0 + system.inertia_sigma_ratio * float(off[k])),
+            "inertia_sigma_ratio": system.inertia_sigma_ratio,
+            "speed_limit_rad_s": 1.1 * system.speed_limit_rad_s,
+            "speed_noise_rad_s": sensors.speed_noise_rad_s,
+            "torque_limit_nm": 1.1 * system.torque_limit_nm,
+            **torque,
+        }
+        for k, (node, rotor) in enumerate(zip(sensors.nodes, system.rotors, strict=True))
+    ]
 
 
 def _orbit(section: OrbitSection, before_s: float) -> dict[str, Any]:
@@ -271,6 +307,7 @@ def plant_document(
         ),
         "slosh": [asdict(part) for part in scenario.slosh],
         "stand": None if scenario.stand is None else asdict(scenario.stand),
+        "wheels": None if scenario.wheels is None else asdict(scenario.wheels),
         "start_delay_s": scenario.before_s,
         "seed": seed,
         "realtime": {"priority": 40},

@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 FloatArray = NDArray[np.float64]
 
@@ -82,6 +83,9 @@ class TruthHistory:
     w_B: FloatArray  # (k, 3)
     wd_B: FloatArray
     liquid_m: FloatArray | None = None  # (k, s) displacement along every slide
+    wheel_rad_s: FloatArray | None = None  # (k, w) speed of every wheel relative to the base
+    wheel_rad_s2: FloatArray | None = None
+    motor_nm: FloatArray | None = None  # (k, w) its motor's torque on the rotor
     field: Field | None = None
     centre_N: FloatArray | None = None  # (k, 3) centre of mass of the whole; with a field
 
@@ -156,6 +160,27 @@ class TruthHistory:
             g_NB_B=g_NB_B,
             gradient_B=gradient_B,
         )
+
+    @cached_property
+    def _wheels(self) -> tuple[CubicHermiteSpline, CubicHermiteSpline]:
+        if self.wheel_rad_s is None or self.wheel_rad_s2 is None or self.motor_nm is None:
+            raise ValueError("the robot of this history has no wheels")
+        slope = _slope(self.motor_nm, self.dt_s)
+        return (
+            CubicHermiteSpline(self.t_s, self.wheel_rad_s, self.wheel_rad_s2),
+            CubicHermiteSpline(self.t_s, self.motor_nm, slope),
+        )
+
+    def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return speed and motor torque (w,) of every wheel; held before start and after end.
+
+        Raises
+        ------
+        ValueError for a robot without wheels.
+        """
+        speed, torque = self._wheels
+        t = min(max(t_s, self.start_s), self.end_s)
+        return np.asarray(speed(t)), np.asarray(torque(t))
 
     def _place(self, t: FloatArray) -> _Place:
         steps = (t - self.start_s) / self.dt_s

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hil.world.inertia import pi_of, report_of, symmetric
+from hil.world.wheels import WheelSystem
 
 FloatArray = NDArray[np.float64]
 
@@ -82,6 +83,7 @@ class Robot:
     mount_p_BM_B_m: FloatArray  # (3,) base of the arm that grasps: frame of its first joint at zero
     mount_R_BM: FloatArray  # (3, 3)
     slides: tuple[SloshMass, ...] = ()  # the mass of every slide, in order of its coordinate
+    wheels: WheelSystem | None = None  # their coordinates stand behind the slides'
 
     @property
     def n(self) -> int:
@@ -96,6 +98,7 @@ class Robot:
         target: Body | None = None,
         slosh: Sequence[SloshMass] = (),
         held: Mapping[str, Body] | None = None,
+        wheels: WheelSystem | None = None,
     ) -> Robot:
         """Read a URDF.
 
@@ -107,6 +110,7 @@ class Robot:
         target : grasped body, in the tool frame; None: nothing is grasped
         slosh : liquid of the base; its coordinates stand between the base's and the joints'
         held : further bodies by the frame that each is fixed to
+        wheels : reaction wheels of the base, part of its mass and, locked, of its inertia
 
         Raises
         ------
@@ -127,7 +131,7 @@ class Robot:
             raise ValueError(f"{urdf}: no joint moves {tool.name!r}")
         if base is None and links[0].body is None:
             raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
-        model = _compile(links, base if base is not None else links[0].body, grasped, slosh)
+        model = _compile(links, base if base is not None else links[0].body, grasped, slosh, wheels)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         first = model.body(grasping[0].name).id
@@ -142,6 +146,7 @@ class Robot:
             mount_p_BM_B_m=data.xpos[first].copy(),
             mount_R_BM=data.xmat[first].reshape(3, 3).copy(),
             slides=tuple(mass for mass in slosh for _ in mass.axes),
+            wheels=wheels,
         )
 
     def tool_poses(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -286,19 +291,22 @@ def _joints_to(links: list[Link], tool: Link) -> list[Link]:
     return path
 
 
-def without(body: Body, slosh: Sequence[SloshMass]) -> Body:
-    """Return what is rigid of a body that holds liquid at rest.
+def without(body: Body, slosh: Sequence[SloshMass], wheels: WheelSystem | None = None) -> Body:
+    """Return what is rigid of a body that holds liquid at rest and wheels.
 
     Raises
     ------
     ValueError if nothing physical is left.
     """
-    if not slosh:
+    if not slosh and wheels is None:
         return body
-    if sum(part.mass_kg for part in slosh) >= body.mass_kg:
-        raise ValueError(f"the liquid outweighs the base's {body.mass_kg} kg")
+    rotors = () if wheels is None else wheels.rotors
+    inside_kg = sum(part.mass_kg for part in slosh) + sum(rotor.mass_kg for rotor in rotors)
+    if inside_kg >= body.mass_kg:
+        raise ValueError(f"liquid and wheels outweigh the base's {body.mass_kg} kg")
     whole = pi_of(np.array([body.mass_kg, *body.com_m, *body.inertia_kg_m2]))
     points = [pi_of(np.array([part.mass_kg, *part.place_m, *np.zeros(6)])) for part in slosh]
+    points += [rotor.pi for rotor in rotors]
     rest = report_of(whole - np.sum(points, axis=0))
     moments = np.linalg.eigvalsh(symmetric(rest[4:]))
     if not (moments[0] > 0 and moments[0] + moments[1] >= moments[2]):
@@ -312,6 +320,7 @@ def _compile(
     base: Body | None,
     grasped: Sequence[tuple[str, str, Body]],
     slosh: Sequence[SloshMass],
+    wheels: WheelSystem | None,
 ) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -328,7 +337,9 @@ def _compile(
         bodies[link.name] = node
         inertial = base if link.parent is None else link.body
         if inertial is not None:
-            _set_inertia(node, without(inertial, slosh) if link.parent is None else inertial)
+            _set_inertia(
+                node, without(inertial, slosh, wheels) if link.parent is None else inertial
+            )
         if link.parent is None:
             node.add_joint(
                 name="free",
@@ -336,6 +347,7 @@ def _compile(
                 align=mujoco.mjtAlignFree.mjALIGNFREE_FALSE,
             )
             _add_slosh(node, slosh)
+            _add_wheels(node, wheels)
         elif link.axis is not None:
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
             node.add_joint(name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
@@ -354,6 +366,16 @@ def _add_slosh(base: mujoco.MjsBody, slosh: Sequence[SloshMass]) -> None:
             node.add_joint(
                 type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.array(axis) / np.linalg.norm(axis)
             )
+
+
+def _add_wheels(base: mujoco.MjsBody, wheels: WheelSystem | None) -> None:
+    """Add the rotors, each on a hinge at its centre; the motors are the truth's."""
+    for k, rotor in enumerate(() if wheels is None else wheels.rotors):
+        node = base.add_body(name=f"wheel {k}", pos=rotor.place_m)
+        mass, _, _, _, *inertia = rotor.report.tolist()
+        xx, xy, xz, yy, yz, zz = inertia
+        _set_inertia(node, Body(mass, (0.0, 0.0, 0.0), (xx, xy, xz, yy, yz, zz)))
+        node.add_joint(name=f"wheel {k}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=rotor.unit)
 
 
 def _set_inertia(node: mujoco.MjsBody, body: Body) -> None:

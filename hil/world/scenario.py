@@ -22,6 +22,7 @@ from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, is_physical
 from hil.world.robot import SloshMass
 from hil.world.stand import Stand
+from hil.world.wheels import WheelSystem
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 BODY_NAMES = ("base", "target")
@@ -95,6 +96,7 @@ class Document(_Section):
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()  # liquid in the base
     stand: Stand | None = None  # null: the base floats freely
+    wheels: WheelSystem | None = None  # reaction wheels that hold the base's attitude
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -118,6 +120,7 @@ class Scenario:
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()
     stand: Stand | None = None
+    wheels: WheelSystem | None = None
 
     @property
     def buses(self) -> dict[str, dict[str, Any]]:
@@ -192,6 +195,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         faults=document.faults,
         slosh=document.slosh,
         stand=document.stand,
+        wheels=document.wheels,
     )
 
 

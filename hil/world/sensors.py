@@ -21,7 +21,7 @@ from hil.world.noise import BandLimitedWhiteNoise, Hysteresis, NoiseStream
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Chunking = Literal["datagram", "ms1", "random"]
-DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5}
+DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5, "wheel": 6}
 STRICT = ConfigDict(extra="forbid")
 HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: torque that takes a sensor from branch to branch
 
@@ -135,6 +135,28 @@ class StarTrackerSensorConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class WheelNodeConfig:
+    """One reaction wheel node."""
+
+    __pydantic_config__ = STRICT
+    node_id: int
+    bus: str = "arm"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WheelSensorConfig:
+    """Tachometers and motor torques of reaction wheels."""
+
+    __pydantic_config__ = STRICT
+    nodes: tuple[WheelNodeConfig, ...]  # one per rotor of the robot
+    rate_hz: float = 50.0
+    speed_noise_rad_s: float = 0.01  # white, 1 sigma of one sample
+    torque_noise_nm: float = 1e-3
+    torque_offset_sigma_nm: float = 5e-3  # constant, drawn once per wheel and seed
+    torque_told: bool = False  # whether the flight side is to use the motor torques
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorConfig:
     """All sensors of the plant."""
 
@@ -142,6 +164,7 @@ class SensorConfig:
     joints: JointSensorConfig
     imu: ImuSensorConfig | None = None
     star_tracker: StarTrackerSensorConfig | None = None
+    wheels: WheelSensorConfig | None = None
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SensorConfig:

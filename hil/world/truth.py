@@ -50,7 +50,12 @@ class _Plant:
         self.data = data = mujoco.MjData(robot.model)
         self.qpos, self.qvel = data.qpos, data.qvel  # views; each look at the attribute costs
         self.wrench = wrench
-        self.passive = BASE_NV + len(robot.slides)  # coordinates nobody drives
+        self.wheels = robot.wheels
+        turning = 0 if robot.wheels is None else len(robot.wheels.rotors)
+        self.liquid = BASE_NV + len(robot.slides)  # velocities up to the wheels'
+        self.passive = self.liquid + turning  # coordinates beside the arm's
+        self.motor = np.zeros(turning)
+        self.held_wxyz = np.array([1.0, 0.0, 0.0, 0.0])  # attitude that the wheels are to hold
         self.nq = self.passive + 1 + robot.n
         self.H = np.zeros((self.passive + robot.n, self.passive + robot.n))
         self.c = np.zeros(self.passive + robot.n)
@@ -80,7 +85,13 @@ class _Plant:
             qdd + SPEED_GAIN_1_S * (qd - y[nq + m :]) + POSITION_GAIN_1_S2 * (q - y[m + 1 : nq])
         )
         if self.springs is not None:
-            c[BASE_NV:m] -= self.springs.force_n(y[BASE_NQ : m + 1], y[nq + BASE_NV : nq + m])
+            s = self.liquid
+            c[BASE_NV:s] -= self.springs.force_n(y[BASE_NQ : s + 1], y[nq + BASE_NV : nq + s])
+        if self.wheels is not None:
+            w_B, speed = y[nq + 3 : nq + BASE_NV], y[nq + self.liquid : nq + m]
+            turned = _turned(self.held_wxyz, y[3:7])
+            self.motor = self.wheels.motor_torque_nm(turned, w_B, speed)
+            c[self.liquid : m] -= self.motor
         force = H[:, m:] @ command + c  # on every coordinate, with the base held
         if self.stand is None:
             _, reaction, info = dposv(H[:m, :m], -force[:m])
@@ -134,6 +145,14 @@ class Springs:
         return np.asarray(-self._stiffness * x_m - self._damping * v_m_s - wall)
 
 
+def _turned(from_wxyz: FloatArray, to_wxyz: FloatArray) -> FloatArray:
+    """Return the vector part (3,) of the shorter rotation between attitudes, in the body's axes."""
+    w, v = from_wxyz[0], from_wxyz[1:]
+    vector = w * to_wxyz[1:] - to_wxyz[0] * v - np.cross(v, to_wxyz[1:])
+    scalar = w * to_wxyz[0] + v @ to_wxyz[1:]
+    return np.asarray(vector if scalar >= 0.0 else -vector)
+
+
 def _quaternion_rate(quat_wxyz: FloatArray, w_B: FloatArray) -> tuple[float, ...]:
     qw, qx, qy, qz = quat_wxyz.tolist()
     a, b, c = (0.5 * w_B).tolist()
@@ -184,10 +203,15 @@ def simulate(
     q, qd, qdd = wanted
     x, y_, z, w = np.array(q_NB_xyzw) / np.linalg.norm(q_NB_xyzw)
     liquid = np.zeros(len(robot.slides))
-    y = np.concatenate([np.zeros(3), [w, x, y_, z], liquid, q[0], np.zeros(BASE_NV), liquid, qd[0]])
+    rotors = () if robot.wheels is None else robot.wheels.rotors
+    speeds = np.array([rotor.speed_rad_s for rotor in rotors])
+    plant.held_wxyz = np.array([w, x, y_, z])
+    places = [np.zeros(3), plant.held_wxyz, liquid, 0.0 * speeds, q[0]]
+    y = np.concatenate([*places, np.zeros(BASE_NV), liquid, speeds, qd[0]])
     states = np.empty((steps + 1, len(y)))
     rates = np.empty((steps + 1, len(y)))
     torques = np.empty((steps + 1, robot.n))
+    motors = np.empty((steps + 1, len(rotors)))
     centres = np.empty((steps + 1, 3))
 
     def rate(k: int, state: FloatArray) -> FloatArray:
@@ -197,6 +221,7 @@ def simulate(
         k1 = rate(2 * k, y)
         states[k], rates[k], torques[k] = y, k1, plant.tau
         centres[k] = plant.data.subtree_com[0]
+        motors[k] = plant.motor
         if k == steps:
             break
         k2 = rate(2 * k + 1, y + (0.5 * dt_s) * k1)
@@ -204,21 +229,27 @@ def simulate(
         k4 = rate(2 * k + 2, y + dt_s * k3)
         y = y + (dt_s / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
         y[3:7] /= np.linalg.norm(y[3:7])
-    history = _history(start_s, dt_s, states, rates, torques)
+    history = _history(start_s, dt_s, states, rates, torques, motors)
     return history if field is None else replace(history, field=field, centre_N=centres)
 
 
 def _history(
-    start_s: float, dt_s: float, y: FloatArray, rate: FloatArray, tau: FloatArray
+    start_s: float,
+    dt_s: float,
+    y: FloatArray,
+    rate: FloatArray,
+    tau: FloatArray,
+    motors: FloatArray,
 ) -> TruthHistory:
-    n = tau.shape[1]
-    slides = (y.shape[1] - BASE_NQ - BASE_NV - 2 * n) // 2
-    nq = BASE_NQ + slides + n
-    joints = nq + BASE_NV + slides
+    n, turning = tau.shape[1], motors.shape[1]
+    others = (y.shape[1] - BASE_NQ - BASE_NV - 2 * n) // 2
+    slides, nq = others - turning, BASE_NQ + others + n
+    joints = nq + BASE_NV + others
+    wheels = slice(joints - turning, joints)
     return TruthHistory(
         start_s=start_s,
         dt_s=dt_s,
-        q=y[:, BASE_NQ + slides : nq],
+        q=y[:, BASE_NQ + others : nq],
         qd=y[:, joints:],
         qdd=rate[:, joints:],
         tau=tau,
@@ -229,4 +260,7 @@ def _history(
         w_B=y[:, nq + 3 : nq + 6],
         wd_B=rate[:, nq + 3 : nq + 6],
         liquid_m=y[:, BASE_NQ : BASE_NQ + slides],
+        wheel_rad_s=y[:, wheels] if turning else None,
+        wheel_rad_s2=rate[:, wheels] if turning else None,
+        motor_nm=motors if turning else None,
     )

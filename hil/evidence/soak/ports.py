@@ -12,7 +12,7 @@ from fsw.drivers.wire import ByteChunk, CanFrame, FrameArray
 from fsw.loop.ports import Ports
 from fsw.messages.errors import PortError
 from hil.links.virtual import VirtualBench, VirtualCan, VirtualSerial
-from hil.world.history import TruthHistory, TruthState
+from hil.world.history import FloatArray, TruthHistory, TruthState
 from hil.world.scenario import BUS
 
 ODD = ("qd", "v_NB_N", "w_NB_B")  # what changes its sign when time runs backwards
@@ -40,6 +40,11 @@ class Reversed:
         state = self._history.at(self._sum_s - np.asarray(t_s))
         signs = {name: -getattr(state, name) for name in ODD if name in _NAMES}
         return replace(state, t_s=np.asarray(t_s, dtype=np.float64), **signs)
+
+    def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return speed and motor torque of every wheel."""
+        speed, torque = self._history.wheels_at(self._sum_s - t_s)
+        return -speed, torque
 
 
 _NAMES = {field.name for field in fields(TruthState)}
