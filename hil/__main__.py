@@ -65,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PORT",
         help="of a run in real time: the daemon's link for the ground listens on this TCP port",
     )
+    _add_settings(run)
     run.set_defaults(command=_run)
     seeds = commands.add_parser(
         "seeds", help="many seeds of a scenario, and what they say together"
@@ -78,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     seeds.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
     seeds.add_argument("--json", action="store_true", help="print outcomes and summary as JSON")
+    _add_settings(seeds)
     seeds.set_defaults(command=_seeds)
     faults = commands.add_parser("faults", help="every fault in a run of its own, against bounds")
     faults.add_argument(
@@ -103,6 +105,18 @@ def _parser() -> argparse.ArgumentParser:
     _vcan_parser(commands)
     evidence.add_parsers(commands)
     return parser
+
+
+def _add_settings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="settings",
+        help="a setting of the scenario's sensors or flight software, such as"
+        " sensors.joints.torque_noise_correlation_s=0.02; may be repeated",
+    )
 
 
 def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -240,6 +254,8 @@ def _seeds(arguments: argparse.Namespace) -> int:
 
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
+    for setting in arguments.settings:
+        options += ["--set", setting]
     console, out = Console(stderr=True), arguments.out
     outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, out, console)
     if arguments.json:
@@ -256,14 +272,14 @@ def _run(arguments: argparse.Namespace) -> int:
     from hil.run import bench
     from hil.run.flight import on_socketcan
     from hil.run.progress import meter
-    from hil.world.scenario import ScenarioError, load
+    from hil.world.scenario import ScenarioError, changed, load
 
     if arguments.fast and arguments.telemetry is not None:
         raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
     telemetry = None
     if arguments.telemetry is not None:
         telemetry = {"port": arguments.telemetry, "science_interval_s": SCIENCE_INTERVAL_S}
-    scenario = load(arguments.scenario)
+    scenario = changed(load(arguments.scenario), arguments.settings)
     chosen = {"method": arguments.method, "weighting": arguments.weighting}
     overrides = {key: value for key, value in chosen.items() if value is not None}
     with ExitStack() as stack:

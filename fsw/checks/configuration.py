@@ -15,8 +15,8 @@ from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.config import BusConfig, Config
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
-from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.messages.errors import ConfigError
 
 MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
@@ -185,7 +185,7 @@ def missing_devices(config: Config) -> list[str]:
 
 def _window_faults(config: Config) -> list[str]:
     estimator = config.estimator
-    position_terms = estimator.nodes + EXTRA_POSITION_DEGREE
+    position_terms = estimator.nodes + EXTRA_DEGREE
     channels = [
         (f"buses.{i}.rate_hz", bus.rate_hz, 2 * position_terms)
         for i, bus in enumerate(config.buses)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
+from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.messages import ChannelWindow, FloatArray, Window
 
 RATE_TOLERANCE = 0.02
@@ -82,7 +82,7 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
     """Return the white noise of every channel, from what a window's polynomial leaves."""
     found = []
     low = config.estimator.nodes - 1
-    high = low + EXTRA_POSITION_DEGREE
+    high = low + EXTRA_DEGREE
     for k, joint in enumerate(config.joints):
         channels = [window.joints[k] for window in windows]
         angle, torque = _noise(channels, 0, high), _noise(channels, 1, high)

@@ -16,22 +16,22 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fsw.config import Config
-from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.problem import joint_order, torque_samples
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.polynomial import NodeFit, gauss_nodes, lower_fit, node_fit
+from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
 from fsw.estimators.stages import complete
+from fsw.estimators.torque_noise import LAGS
 from fsw.estimators.wheel_motion import Turn, WheelMotion
+from fsw.estimators.window_fit import NO_FIT, ChannelFit, Instants
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 from fsw.messages.findings import Fault, Finding
 
-GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
-MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is junk
 ANGLE_NOISE_RAD = 1e-5  # of a sample: beyond it the angles' own errors are told beside the rates'
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
-EXTRA_POSITION_DEGREE = 3  # the position's polynomial must still have a good second derivative
+WHOLE_RATIO = 0.01  # of its samples that a window may lack to tell of the noise
 MOTION = (0, 1, 2)  # derivatives of a joint's position
 GYRO_FAULTS = ("gyro", Fault.GYRO_SPIKE, Fault.GYRO_INCONSISTENT)
 ACC_FAULTS = ("accelerometer", Fault.ACC_SPIKE, Fault.ACC_INCONSISTENT)
@@ -68,6 +68,7 @@ class Conditioner:
         self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in self._joints])
         # friction that reverses is up to its size off the polynomial: no outlier up to 3 sigma
         self._torque_gate = np.hypot(self._torque_sigma, 0.5 * self._coulomb_nm)
+        self._samples = torque_samples(config, order)
         imu = config.imu
         self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
@@ -128,6 +129,7 @@ class Conditioner:
             cov_tau=arm.cov_tau,
             cov_gyro=cov_gyro,
             cov_acc=cov_acc,
+            tau_products_nm2=arm.tau_products_nm2,
             has_joint=arm.has_joint,
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
@@ -146,9 +148,10 @@ class Conditioner:
         for k, channel in enumerate(channels):
             latched.setdefault(_offsets(channel, centre_ns), []).append(k)
         positions, torques = [NO_FIT] * len(channels), [NO_FIT] * len(channels)
-        high, low = self._nodes - 1 + EXTRA_POSITION_DEGREE, self._nodes - 1
+        products = np.zeros((len(LAGS), len(channels)))
+        high, low = self._nodes - 1 + EXTRA_DEGREE, self._nodes - 1
         for offsets_ns, own in latched.items():
-            instants = _Instants(offsets_ns, half_s, self._nodes, high)
+            instants = Instants(offsets_ns, half_s, self._nodes, high)
             values = np.concatenate([channels[k].values for k in own], axis=1)
             angles = yield from instants.fitted(
                 values[:, ::2], self._position_sigma[own], high, MOTION
@@ -156,6 +159,7 @@ class Conditioner:
             forces = yield from instants.fitted(
                 values[:, 1::2], self._torque_gate[own], low, (0,), min_fill=self._min_fill
             )
+            products[:, own] = instants.products(values[:, 1::2])
             for k, angle, force in zip(own, angles, forces, strict=True):
                 positions[k], torques[k] = angle, force
         for k, joint in enumerate(self._joints):
@@ -166,7 +170,11 @@ class Conditioner:
                 self._note(torques[k].removed, Fault.TORQUE_INCONSISTENT, joint.name, window)
                 torques[k] = NO_FIT
             self._note(torques[k].removed, Fault.TORQUE_SPIKE, joint.name, window)
-        return self._joined(positions, torques)
+            missing = abs(len(channels[k].t_ns) - int(self._samples[k]))
+            is_whole = missing <= WHOLE_RATIO * self._samples[k]
+            if torques[k].fit is None or torques[k].removed or not is_whole:
+                products[:, k] = 0.0
+        return self._joined(positions, torques, products)
 
     def _turns(self, window: Window, t_ns: NDArray[np.int64]) -> dict[str, FloatArray] | None:
         """Return what a block holds of the wheels; None where a momentum cannot be known."""
@@ -192,7 +200,9 @@ class Conditioner:
             "cov_wheel": np.stack([turn.covariance for turn in known]),
         }
 
-    def _joined(self, positions: list[_Fitted], torques: list[_Fitted]) -> _Arm:
+    def _joined(
+        self, positions: list[ChannelFit], torques: list[ChannelFit], products: FloatArray
+    ) -> _Arm:
         m, n = self._nodes, len(positions)
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
@@ -216,6 +226,7 @@ class Conditioner:
                 [fit.covariance(self._orders, s) for fit, s in zip(fits, sigmas, strict=True)]
             ),
             cov_tau=cov_tau,
+            tau_products_nm2=products,
             has_joint=np.array([torque.fit is not None for torque in torques]),
         )
 
@@ -254,7 +265,7 @@ class Conditioner:
             subject, spike, inconsistent = faults
             half_s = (window.stop_ns - window.start_ns) * 0.5e-9
             offsets_ns = _offsets(channel, (window.start_ns + window.stop_ns) // 2)
-            instants = _Instants(offsets_ns, half_s, m, m - 1)
+            instants = Instants(offsets_ns, half_s, m, m - 1)
             (found,) = yield from instants.fitted(
                 channel.values, np.array([sigma]), m - 1, orders, width=3
             )
@@ -285,122 +296,12 @@ class _Arm:
     tau_nm: FloatArray
     cov_joint: FloatArray
     cov_tau: FloatArray
+    tau_products_nm2: FloatArray
     has_joint: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fitted:
-    """A channel at the nodes without its outliers; fit None: no polynomial can be had."""
-
-    fit: NodeFit | None
-    values: FloatArray  # (derivatives times nodes, width)
-    removed: int
-
-    def covariance(self, orders: tuple[int, ...], sigma: float, rows: int) -> FloatArray:
-        """Return the covariance of one axis; the unit (rows, rows) stands for a missing one."""
-        return np.eye(rows) if self.fit is None else self.fit.covariance(orders, sigma)
-
-
-NO_FIT = _Fitted(None, np.empty(0), 0)
-
-
-@dataclass(frozen=True, slots=True)
-class _Instants:
-    """The instants at which some channels were sampled.
-
-    `degree` is the highest that is fitted: the others share its factorisation.
-    """
-
-    offsets_ns: bytes  # int64, from the window's centre
-    half_s: float
-    nodes: int
-    degree: int
-
-    def fitted(
-        self,
-        values: FloatArray,
-        sigmas: FloatArray,
-        degree: int,
-        orders: tuple[int, ...],
-        *,
-        width: int = 1,
-        min_fill: float = 0.0,
-    ) -> Generator[None, None, list[_Fitted]]:
-        """Fit channels, all in one product; those with an outlier again, each a unit of its own.
-
-        Parameters
-        ----------
-        values : (k, channels times width) samples; rows that are not finite are not used
-        sigmas : (channels,) by which outliers are judged: noise of a sample
-        orders : of the derivatives wanted at the nodes
-        min_fill : share of the samples that must be finite
-        """
-        fit = self._fit(degree)
-        coefficients = fit.coefficients(values)
-        worst = np.abs(fit.residuals(values, coefficients)).max(axis=0)
-        clean = worst.reshape(-1, width).max(axis=1) <= GATE_SIGMAS * sigmas
-        at_nodes, found = fit.operators(orders) @ coefficients, list[_Fitted]()
-        for i, is_clean in enumerate(clean.tolist()):
-            own = slice(i * width, (i + 1) * width)
-            if is_clean:
-                found.append(_Fitted(fit, at_nodes[:, own], 0))
-            else:
-                found.append(self._robust(values[:, own], sigmas[i], degree, orders, min_fill))
-                yield
-        return found
-
-    def _fit(self, degree: int) -> NodeFit:
-        if degree == self.degree:
-            return node_fit(self.offsets_ns, self.half_s, degree, self.nodes)
-        return lower_fit(self.offsets_ns, self.half_s, degree, self.nodes, self.degree)
-
-    def _robust(
-        self,
-        values: FloatArray,
-        sigma: float,
-        degree: int,
-        orders: tuple[int, ...],
-        min_fill: float,
-    ) -> _Fitted:
-        """Fit one channel (k, width), leaving outliers out."""
-        least, removed = 2 * (degree + 1), 0
-        keep = np.asarray(np.isfinite(values).all(axis=1))
-        if not keep.all() and keep.sum() < max(min_fill * len(keep), least):
-            return NO_FIT
-        for _ in range(MAX_PASSES):
-            if keep.all():
-                fit = self._fit(degree)
-            else:
-                offsets_ns = np.frombuffer(self.offsets_ns, np.int64)[keep].tobytes()
-                fit = node_fit(offsets_ns, self.half_s, degree, self.nodes)
-            coefficients = fit.coefficients(values[keep])
-            good = _inliers(fit.residuals(values[keep], coefficients), sigma)
-            if good.all():
-                return _Fitted(fit, fit.operators(orders) @ coefficients, removed)
-            removed += int(np.sum(~good))
-            keep[keep] = good
-            if keep.sum() < least:
-                break
-        return _Fitted(None, np.empty(0), removed)
 
 
 def _offsets(channel: ChannelWindow, centre_ns: int) -> bytes:
     return (channel.t_ns - centre_ns).tobytes()
-
-
-def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:
-    """Return (k,) which samples lie within the gate on every axis.
-
-    The scale is the larger of the declared noise and the window's own median deviation, so that a
-    noisier sensor than declared degrades instead of losing every sample. The worst go first: an
-    outlier bends the fit, and good samples near it must not be left out with it.
-    """
-    size = np.abs(residuals)
-    middle = len(size) // 2
-    median = np.partition(size, middle, axis=0)[middle]  # np.median is ten times as slow
-    ratio = np.max(size / np.maximum(sigma, 1.4826 * median), axis=1)
-    good: np.ndarray = ratio <= np.maximum(GATE_SIGMAS, 0.5 * ratio.max())
-    return good
 
 
 def _turn(angle_rad: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from numpy.polynomial import legendre
 from fsw.messages import FloatArray
 
 CACHED = 16  # patterns of instants whose operators are kept
+EXTRA_DEGREE = 3  # of a position over a torque: its second derivative must still be good
 RANK = 1e-9  # of the largest eigenvalue: what is less is rounding
 
 

@@ -14,10 +14,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from fsw.config import Config
-from fsw.estimators.conditioning import EXTRA_POSITION_DEGREE
 from fsw.estimators.model.problem import joint_order
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.polynomial import NodeFit
+from fsw.estimators.polynomial import EXTRA_DEGREE, NodeFit
 from fsw.messages import FloatArray
 
 SMALLEST_SHARE = 1e-6
@@ -75,10 +74,10 @@ def _joint_modes(config: Config, rate_hz: float) -> tuple[FloatArray, FloatArray
     """
     estimator = config.estimator
     half_s, m = 0.5 * estimator.window_s, estimator.nodes
-    count = max(round(estimator.window_s * rate_hz), m + EXTRA_POSITION_DEGREE + 1)
+    count = max(round(estimator.window_s * rate_hz), m + EXTRA_DEGREE + 1)
     t_s = ((np.arange(count) + 0.5) / count * 2 - 1) * half_s
     channel = NodeFit(t_s, half_s, m - 1, m).covariance((0,), 1.0)
-    position = NodeFit(t_s, half_s, m - 1 + EXTRA_POSITION_DEGREE, m)
+    position = NodeFit(t_s, half_s, m - 1 + EXTRA_DEGREE, m)
     gains, modes = eigh(position.covariance((2,), 1.0), channel)
     shares = modes.sum(axis=0) ** 2
     shares /= shares.sum()

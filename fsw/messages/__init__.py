@@ -153,6 +153,8 @@ class Block:
     has_gyro: bool
     has_accelerometer: bool
     has_attitude: bool
+    # (L, n) of what a polynomial leaves of torques, some samples apart; zero: not known
+    tau_products_nm2: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
     # of k reaction wheels about their axes, as configured; empty where there are none
     wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum by speed
     wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) its derivative

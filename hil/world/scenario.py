@@ -8,7 +8,8 @@ drawn from the run's seed, so the flight configuration holds no truth of it.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -290,6 +291,34 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise ScenarioError(f"{path}: must be a mapping")
     return document
+
+
+def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
+    """Return a scenario with some settings of its sensors or its flight software changed.
+
+    Parameters
+    ----------
+    settings : KEY=VALUE each; KEY as `sensors.joints.torque_noise_nm`, VALUE as YAML
+
+    Raises
+    ------
+    ScenarioError for what is no such setting; whether a key is known is found when it is used.
+    """
+    sections = {"sensors": deepcopy(scenario.sensors), "flight": deepcopy(scenario.flight)}
+    for setting in settings:
+        key, is_set, value = setting.partition("=")
+        *path, last = key.split(".")
+        place: Any = sections
+        for name in path:
+            place = place.get(name) if isinstance(place, dict) else None
+        if not is_set or not path or not isinstance(place, dict):
+            raise ScenarioError(f"--set {setting}: must be sensors.KEY=VALUE or flight.KEY=VALUE")
+        try:
+            place[last] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            words = " ".join(str(error).split())
+            raise ScenarioError(f"--set {setting}: {words}") from error
+    return replace(scenario, sensors=sections["sensors"], flight=sections["flight"])
 
 
 def at_rates(scenario: Scenario, rate_hz: float, imu_rate_hz: int) -> Scenario:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from hil.devices.truth_port import FloatArray, State
@@ -59,7 +60,8 @@ class JointSensorConfig:
     """Joint encoders and link-side torque sensors."""
 
     __pydantic_config__ = STRICT
-    torque_noise_nm: float  # white, 1 sigma of one sample
+    torque_noise_nm: float  # 1 sigma of one sample
+    torque_noise_correlation_s: float = 0.0  # in which it fades by e; 0: white
     torque_offset_sigma_nm: float  # the constant offset of each joint is drawn once per seed
     torque_scale_error_ratio: float = 0.0  # 1 sigma, drawn once per joint and seed
     friction_coulomb_sigma_nm: float = 0.0  # on the link side, drawn once per joint and seed
@@ -224,6 +226,9 @@ class JointErrors:
             sigma if block is None else 1.0
             for sigma, block in zip(sigmas, self._blocks, strict=True)
         ]
+        time_s = config.torque_noise_correlation_s
+        self._fading = math.exp(-1.0 / (time_s * rate_hz)) if time_s > 0.0 else 0.0
+        self._faded = np.zeros(n)  # torque noise of the last latch
         self._step_rad = 2.0 * math.pi / 2**config.encoder_bits
         size_nm = config.torque_hysteresis_ratio * config.rated_torque_nm
         width_nm = HYSTERESIS_WIDTH_RATIO * config.rated_torque_nm
@@ -237,7 +242,17 @@ class JointErrors:
             if block is not None:
                 rows[:, column] = block.take(256)
             rows[:, column] *= self._sigmas[column]
+        if self._fading:
+            rows[:, 1] = self._correlated(rows[:, 1])
         self._noise, self._next = rows, 0
+
+    def _correlated(self, white: FloatArray) -> FloatArray:
+        """Return noise (k, n) of the same sigma that fades from sample to sample."""
+        fresh = math.sqrt(1.0 - self._fading**2) * white
+        start = self._fading * self._faded
+        faded, _ = lfilter([1.0], [1.0, -self._fading], fresh, axis=0, zi=start[None])
+        self._faded = faded[-1]
+        return np.asarray(faded)
 
     def measure(
         self, q: FloatArray, qd: FloatArray, tau: FloatArray

@@ -39,6 +39,7 @@ from fsw.estimators.recursive.bias_compensated import block_sums, compensated_me
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
 from fsw.estimators.square_root import SquareRootInformation
+from fsw.estimators.torque_noise import TorqueNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
@@ -133,6 +134,13 @@ def _run(
     settings = config.estimator
     weighting = settings.weighting if method == "mrnea" else "eiv"
     problem = build_problem(chosen, model, exact=weighting != "eiv" or method == "ce")
+    noise = TorqueNoise(
+        problem.torque_noise_nm, problem.torque_samples, problem.window_s, problem.nodes
+    )
+    for block in sound:
+        noise.note(block)
+    noise.learn()
+    sound = [noise.applied(block) for block in sound]
     if weighting == "eiv":
         found = _likelihood(problem, method, sound, settings.gate_probability, progress)
     else:
@@ -165,6 +173,7 @@ def _run(
         "estimate": {name: _plain(body, "") for name, body in bodies.items()},
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
         "whole": _plain(whole, "") | {"sigma": _plain(whole, "sigma")},
+        "torque_noise": noise.report(model.joint_names),
         "diagnosis": diagnose_batch(
             problem,
             found.residuals,

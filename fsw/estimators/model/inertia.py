@@ -8,7 +8,7 @@ as xx xy xz yy yz zz).
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -204,6 +204,25 @@ def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1
     Source: Boyd, Vandenberghe, Convex Optimization (2004), sec. 11.3 (gap: 4 mu for a 4 x 4 P).
     """
     return complete(nearest_consistent_stages(pi, covariance, margin))
+
+
+def consistent_stages(
+    x: FloatArray, bodies: Sequence[slice], covariance: Callable[[], FloatArray]
+) -> Generator[None, None, FloatArray]:
+    """Return a state with each of its bodies moved to the nearest consistent one, in bounded units.
+
+    Parameters
+    ----------
+    x : (p,) state; returned itself where all bodies are consistent
+    bodies : the states of each body
+    covariance : returns that of the state (p, p)
+    """
+    moved = x
+    for k in bodies:
+        if not is_consistent(x[k]):
+            moved = x.copy() if moved is x else moved
+            moved[k] = yield from nearest_consistent_stages(x[k], covariance()[k, k])
+    return moved
 
 
 def nearest_consistent_stages(

@@ -77,6 +77,9 @@ class Problem:
     p_BS_m: FloatArray  # accelerometer's place
     orbit: CircularOrbit | None  # None: no gravity gradient
     window_s: float
+    nodes: int  # of a block
+    torque_noise_nm: FloatArray  # (n,) declared 1 sigma of a sample
+    torque_samples: NDArray[np.int64]  # (n,) of a window
     wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
     freedom: FloatArray  # (6, k) motions [v_b, w_b] that nothing holds the base from, orthonormal
     support_m_s2: FloatArray  # (3,) acceleration by which what holds the base keeps it from falling
@@ -195,6 +198,14 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
             f"{list(model.joint_names)}"
         )
     return tuple(configured.index(name) for name in model.joint_names)
+
+
+def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:
+    """Return how many samples of each joint (n,) a window has, in the model's order."""
+    rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
+    buses = [config.joints[k].bus for k in order]
+    samples = [round(config.estimator.window_s * rates_hz[bus]) for bus in buses]
+    return np.array(samples, np.int64)
 
 
 def ordered(bodies: Sequence[str]) -> tuple[str, ...]:
@@ -349,6 +360,9 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         p_BS_m=np.array(imu.mounting.p_BS_m),
         orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
         window_s=estimator.window_s,
+        nodes=estimator.nodes,
+        torque_noise_nm=np.array([j.torque_noise_nm for j in joints]),
+        torque_samples=torque_samples(config, joint_order(config, model)),
         wrench_sigma=np.repeat(
             [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3
         ),

@@ -19,7 +19,7 @@ from fsw.config import EstimatorConfig
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
-from fsw.estimators.model.inertia import is_consistent, nearest_consistent_stages
+from fsw.estimators.model.inertia import consistent_stages
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive import pacing
@@ -31,9 +31,11 @@ from fsw.estimators.recursive.prior_groups import in_words, widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
 from fsw.estimators.square_root import SquareRootInformation
+from fsw.estimators.torque_noise import TorqueNoise
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
+NOISE_BLOCKS = 4  # between two judgements of the torque noise
 LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
 FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
 ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
@@ -42,7 +44,7 @@ SAMPLES = 8  # stored blocks that tell whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
-    *("start_mean", "start_covariance", "_check_due", "_level_due", "_rss"),
+    *("start_mean", "start_covariance", "_check_due", "_level_due", "_rss", "_coloured"),
 )
 
 EventWords = tuple[str, str, str]  # severity, code, text
@@ -64,6 +66,7 @@ class Recursion:
     conflict : whether the data contradicted the prior at the last check
     screen : judge of single channels
     trust : judge of the residuals at the last check
+    noise : of the torque sensors, as their samples show it
     used : the newest block, without the channels that were left out
     """
 
@@ -81,8 +84,12 @@ class Recursion:
         self._events: deque[EventWords] = deque(maxlen=EVENT_LIMIT)
         self.blocks = self.gated = self.changes = 0
         self.monitor = InnovationMonitor(settings.gate_probability)
+        self.noise = TorqueNoise(
+            problem.torque_noise_nm, problem.torque_samples, problem.window_s, problem.nodes
+        )
         self.q_rad: FloatArray | None = None
         self.used: Block | None = None
+        self._coloured = False  # NOISE_CORRELATED is reported
         self._in_doubt = len(problem.published) < len(problem.names)
         self.start(problem.prior_mean, self._spread())
 
@@ -125,6 +132,7 @@ class Recursion:
             "monitor": self.monitor.snapshot(),
             "pacing": self.pacing.snapshot(),
             "trust": self.trust.snapshot(),
+            "noise": self.noise.snapshot(),
             "memory": self.memory.snapshot(),
         }
 
@@ -132,6 +140,7 @@ class Recursion:
         """Continue from a snapshot. Raises EstimatorError if a block is missing; unchanged then."""
         prior = to_information(values["memory"]["prior"])
         memory = Memory(prior, self._settings.store_blocks)
+        self.noise.restore(values["noise"])
         memory.restore(values["memory"], blocks, self._usable_rows)
         self.memory = memory
         put(self, _STATE, values)
@@ -261,6 +270,9 @@ class Recursion:
         self.memory.add(block, rows, at, keep=not self.linear)
         self.blocks += 1
         self.since += 1
+        self.noise.note(block)
+        if self.blocks % NOISE_BLOCKS == 0:
+            self._learn_noise()
         self.span_ns = (self.span_ns[0] if self.span_ns else int(block.t_ns[0]), end_ns)
         self._solve()
         residual, step = c - rows.A @ self.x, R @ (self.x - before)
@@ -273,7 +285,7 @@ class Recursion:
             self.memory.age(float(np.exp(-0.5 * elapsed_s / time_s)))
 
     def _usable_rows(self, block: Block, at: FloatArray, before: Impulse | None) -> Rows | None:
-        return usable_rows(self._rows, block, at, before)
+        return usable_rows(self._rows, self.noise.applied(block), at, before)
 
     def _solve(self) -> None:
         try:
@@ -363,6 +375,17 @@ class Recursion:
             )
             self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
 
+    def _learn_noise(self) -> None:
+        """Let covariances follow the torque noise that is found; all stored blocks again then."""
+        if self.linear or not self.noise.learn():
+            return
+        self.pacing.settled = False
+        words = self.noise.words(self.problem.model.joint_names)
+        if words and not self._coloured:
+            text = f"torque noise is correlated in time, sigmas follow it: {words}"
+            self._events.append(("medium", "NOISE_CORRELATED", text))
+        self._coloured = bool(words)
+
     def _check_prior(self) -> None:
         """Widen what of the prior the data contradict, and let the estimate settle again."""
         self._check_due = False
@@ -388,12 +411,6 @@ class Recursion:
         """Return the estimate with every body moved to the nearest physically consistent one."""
         if self.linear:
             return self.problem.prior_mean
-        x = self.x
-        for name in self.problem.unknown:
-            k = self.problem.body(name)
-            if not is_consistent(x[k]):
-                if x is self.x:
-                    x = self.x.copy()
-                covariance = self.memory.information.covariance()[k, k]
-                x[k] = yield from nearest_consistent_stages(x[k], covariance)
-        return x
+        problem = self.problem
+        bodies = [problem.body(name) for name in problem.unknown]
+        return (yield from consistent_stages(self.x, bodies, self.memory.information.covariance))

@@ -1,0 +1,141 @@
+"""Polynomials through the channels of one window that share their instants, without outliers.
+
+Channels sampled at the same instants are fitted in one matrix product; one with outliers is fitted
+again without them. Outliers are judged by their distance from the window's own polynomial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.estimators.polynomial import NodeFit, lower_fit, node_fit
+from fsw.estimators.torque_noise import mean_products
+from fsw.messages import FloatArray
+
+GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
+MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is junk
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelFit:
+    """A channel at the nodes without its outliers; fit None: no polynomial can be had."""
+
+    fit: NodeFit | None
+    values: FloatArray  # (derivatives times nodes, width)
+    removed: int
+
+    def covariance(self, orders: tuple[int, ...], sigma: float, rows: int) -> FloatArray:
+        """Return the covariance of one axis; the unit (rows, rows) stands for a missing one."""
+        return np.eye(rows) if self.fit is None else self.fit.covariance(orders, sigma)
+
+
+NO_FIT = ChannelFit(None, np.empty(0), 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Instants:
+    """The instants at which some channels were sampled.
+
+    `degree` is the highest that is fitted: the others share its factorisation.
+    """
+
+    offsets_ns: bytes  # int64, from the window's centre
+    half_s: float
+    nodes: int
+    degree: int
+
+    def fitted(
+        self,
+        values: FloatArray,
+        sigmas: FloatArray,
+        degree: int,
+        orders: tuple[int, ...],
+        *,
+        width: int = 1,
+        min_fill: float = 0.0,
+    ) -> Generator[None, None, list[ChannelFit]]:
+        """Fit channels, all in one product; those with an outlier again, each a unit of its own.
+
+        Parameters
+        ----------
+        values : (k, channels times width) samples; rows that are not finite are not used
+        sigmas : (channels,) by which outliers are judged: noise of a sample
+        orders : of the derivatives wanted at the nodes
+        min_fill : share of the samples that must be finite
+        """
+        fit = self._fit(degree)
+        coefficients = fit.coefficients(values)
+        worst = np.abs(fit.residuals(values, coefficients)).max(axis=0)
+        clean = worst.reshape(-1, width).max(axis=1) <= GATE_SIGMAS * sigmas
+        at_nodes, found = fit.operators(orders) @ coefficients, list[ChannelFit]()
+        for i, is_clean in enumerate(clean.tolist()):
+            own = slice(i * width, (i + 1) * width)
+            if is_clean:
+                found.append(ChannelFit(fit, at_nodes[:, own], 0))
+            else:
+                found.append(self._robust(values[:, own], sigmas[i], degree, orders, min_fill))
+                yield
+        return found
+
+    def products(self, values: FloatArray) -> FloatArray:
+        """Return the mean products (L, k) of what the highest polynomial leaves of channels.
+
+        Zero where a sample is not finite.
+        """
+        fit = self._fit(self.degree)
+        with np.errstate(invalid="ignore", over="ignore"):
+            left = fit.residuals(values, fit.coefficients(values))
+            products = mean_products(left)
+        return np.nan_to_num(products, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def _fit(self, degree: int) -> NodeFit:
+        if degree == self.degree:
+            return node_fit(self.offsets_ns, self.half_s, degree, self.nodes)
+        return lower_fit(self.offsets_ns, self.half_s, degree, self.nodes, self.degree)
+
+    def _robust(
+        self,
+        values: FloatArray,
+        sigma: float,
+        degree: int,
+        orders: tuple[int, ...],
+        min_fill: float,
+    ) -> ChannelFit:
+        """Fit one channel (k, width), leaving outliers out."""
+        least, removed = 2 * (degree + 1), 0
+        keep = np.asarray(np.isfinite(values).all(axis=1))
+        if not keep.all() and keep.sum() < max(min_fill * len(keep), least):
+            return NO_FIT
+        for _ in range(MAX_PASSES):
+            if keep.all():
+                fit = self._fit(degree)
+            else:
+                offsets_ns = np.frombuffer(self.offsets_ns, np.int64)[keep].tobytes()
+                fit = node_fit(offsets_ns, self.half_s, degree, self.nodes)
+            coefficients = fit.coefficients(values[keep])
+            good = _inliers(fit.residuals(values[keep], coefficients), sigma)
+            if good.all():
+                return ChannelFit(fit, fit.operators(orders) @ coefficients, removed)
+            removed += int(np.sum(~good))
+            keep[keep] = good
+            if keep.sum() < least:
+                break
+        return ChannelFit(None, np.empty(0), removed)
+
+
+def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:
+    """Return (k,) which samples lie within the gate on every axis.
+
+    The scale is the larger of the declared noise and the window's own median deviation, so that a
+    noisier sensor than declared degrades instead of losing every sample. The worst go first: an
+    outlier bends the fit, and good samples near it must not be left out with it.
+    """
+    size = np.abs(residuals)
+    middle = len(size) // 2
+    median = np.partition(size, middle, axis=0)[middle]  # np.median is ten times as slow
+    ratio = np.max(size / np.maximum(sigma, 1.4826 * median), axis=1)
+    good: np.ndarray = ratio <= np.maximum(GATE_SIGMAS, 0.5 * ratio.max())
+    return good

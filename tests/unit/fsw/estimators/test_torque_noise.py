@@ -1,0 +1,166 @@
+"""Torque noise that is correlated in time: found, and its covariance against a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.polynomial import legendre
+from scipy.signal import lfilter
+
+from fsw.estimators.torque_noise import LAGS, ChannelNoise, TorqueNoise, found_noise, mean_products
+from fsw.messages import Block, FloatArray
+from tests.support.loop_cases import make_block
+
+SAMPLES, NODES, STEP_S = 200, 4, 0.002
+WINDOW_S = SAMPLES * STEP_S
+DEGREE = NODES + 2  # of the polynomial that the conditioner fits to positions
+T = (np.arange(SAMPLES) + 0.5) * (2.0 / SAMPLES) - 1.0
+
+
+def noise(rng: np.random.Generator, windows: int, time_s: float, channels: int = 1) -> FloatArray:
+    """Return stationary noise (windows, SAMPLES, channels) of unit variance."""
+    a = np.exp(-STEP_S / time_s) if time_s else 0.0
+    fresh = np.sqrt(1.0 - a * a) * rng.standard_normal((windows * SAMPLES, channels))
+    start = a * rng.standard_normal((1, channels))
+    faded = lfilter([1.0], [1.0, -a], fresh, axis=0, zi=start)[0]
+    return np.asarray(faded).reshape(windows, SAMPLES, channels)
+
+
+def block_of(values: FloatArray, index: int = 0) -> Block:
+    """Return a block whose torque sensors showed these values (SAMPLES, n)."""
+    left = values - legendre.legval(T, legendre.legfit(T, values, DEGREE)).T
+    made = make_block(index, joints=values.shape[1], nodes=NODES)
+    return replace(made, tau_products_nm2=mean_products(left), has_gyro=True)
+
+
+def judged(values: FloatArray, declared_nm: float = 1.0) -> TorqueNoise:
+    """Return what values (windows, SAMPLES, n) tell of the noise."""
+    n = values.shape[2]
+    found = TorqueNoise(np.full(n, declared_nm), np.full(n, SAMPLES), WINDOW_S, NODES)
+    for k, window in enumerate(values):
+        found.note(block_of(window, k))
+    return found
+
+
+def test_mean_products_are_those_of_a_plain_sum():
+    rng = np.random.default_rng(1)
+    left = rng.standard_normal((SAMPLES, 2))
+    products = mean_products(left)
+    for row, lag in enumerate(LAGS):
+        plain = sum(left[k + lag] * left[k] for k in range(SAMPLES - lag)) / SAMPLES
+        assert np.allclose(products[row], plain, rtol=1e-12)
+
+
+@pytest.mark.parametrize("windows", [4, 40, 160])
+def test_white_noise_stays_as_declared_to_the_bit(windows):
+    rng = np.random.default_rng(windows)
+    for _ in range(40):
+        found = judged(noise(rng, windows, 0.0, channels=7))
+        assert not found.learn()
+        assert all(channel.is_white for channel in found.channels)
+        block = make_block(3, joints=7, nodes=NODES)
+        assert found.applied(block) is block
+    sigmas = [channel.sigma_nm for channel in found.channels]
+    assert np.abs(np.array(sigmas) - 1.0).max() < 5.0 / np.sqrt(2 * windows * SAMPLES)
+
+
+def test_noise_larger_than_declared_but_white_is_reported_and_left_to_the_residuals():
+    found = judged(3.0 * noise(np.random.default_rng(2), 40, 0.0))
+    assert not found.learn()
+    assert found.channels[0].sigma_nm == pytest.approx(3.0, rel=0.03)
+    assert found.channels[0].declared_nm == 1.0
+
+
+@pytest.mark.parametrize("time_s", [0.005, 0.02, 0.05])
+def test_size_time_and_effective_samples_are_found(time_s):
+    found = judged(0.3 * noise(np.random.default_rng(3), 400, time_s))
+    assert found.learn()
+    (channel,) = found.channels
+    a = np.exp(-STEP_S / time_s)
+    assert channel.sigma_nm == pytest.approx(0.3, rel=0.15)
+    assert channel.correlation_s == pytest.approx(time_s, rel=0.4)
+    # Box, Jenkins: the mean of an autoregression is worth (1 - a) / (1 + a) of its samples
+    expected = channel.samples * (1.0 - a) / (1.0 + a)
+    assert channel.effective_samples == pytest.approx(expected, rel=0.5)
+
+
+@pytest.mark.parametrize(("time_s", "white"), [(0.02, 0.0), (0.02, 1.0), (0.005, 0.5), (0.05, 0.5)])
+def test_the_covariance_at_the_nodes_is_that_of_many_windows_together(time_s, white):
+    """Values at the nodes summed over sixteen windows in a row, a thousand times, simulated."""
+    rng = np.random.default_rng(4)
+    runs, row = 1000, 16
+    values = noise(rng, row, time_s, runs) + white * rng.standard_normal((row, SAMPLES, runs))
+    nodes = legendre.leggauss(NODES)[0]
+    at_nodes = [legendre.legval(nodes, legendre.legfit(T, w, NODES - 1)) for w in values]
+    sums = np.sum(at_nodes, axis=0)  # (runs, NODES)
+    simulated = sums.T @ sums / runs / row
+    known = noise(rng, 4000, time_s) + white * rng.standard_normal((4000, SAMPLES, 1))
+    found = judged(known, declared_nm=0.7)
+    assert found.learn()
+    declared = replace(make_block(1, joints=1, nodes=NODES), cov_tau=_white(0.7)[None])
+    covariance = found.applied(declared).cov_tau[0]
+    ratios = np.linalg.eigvals(np.linalg.solve(simulated, covariance)).real
+    assert ratios.min() > 0.75
+    assert ratios.max() < 1.35
+    # what white samples of that sigma would leave is far off, or this would show nothing
+    naive = _white(np.sqrt(1.0 + white**2))
+    assert np.linalg.eigvals(np.linalg.solve(simulated, naive)).real.min() < 0.5
+
+
+def _white(sigma: float) -> FloatArray:
+    """Return the covariance at the nodes of a polynomial through white samples."""
+    nodes = legendre.leggauss(NODES)[0]
+    V, at = legendre.legvander(T, NODES - 1), legendre.legvander(nodes, NODES - 1)
+    return np.asarray(sigma**2 * at @ np.linalg.inv(V.T @ V) @ at.T)
+
+
+def test_only_the_sensors_concerned_change_and_a_missing_one_stays_missing():
+    rng = np.random.default_rng(5)
+    values = np.concatenate([noise(rng, 40, 0.0, 2), noise(rng, 40, 0.02, 2)], axis=2)
+    found = judged(values)
+    assert found.learn()
+    assert [channel.is_white for channel in found.channels] == [True, True, False, False]
+    block = replace(
+        make_block(1, joints=4, nodes=NODES), has_joint=np.array([True, True, True, False])
+    )
+    added = found.applied(block).cov_tau - block.cov_tau
+    assert [bool(matrix.any()) for matrix in added] == [False, False, True, False]
+    assert np.linalg.eigvalsh(added[2] + _white(1.0)).min() > 0.0
+
+
+def test_a_small_change_is_no_reason_to_begin_again_and_a_large_one_is():
+    rng = np.random.default_rng(6)
+    found = judged(noise(rng, 200, 0.02))
+    assert found.learn()
+    for k, window in enumerate(noise(rng, 5, 0.02)):
+        found.note(block_of(window, k))
+    assert not found.learn()
+    for k, window in enumerate(4.0 * noise(rng, 200, 0.02)):
+        found.note(block_of(window, k))
+    assert found.learn()
+
+
+def test_a_state_is_continued():
+    values = noise(np.random.default_rng(7), 40, 0.02)
+    found, other = judged(values), judged(values[:0].reshape(0, SAMPLES, 1))
+    found.learn()
+    other.restore(found.snapshot())
+    assert other.channels == found.channels
+    block = make_block(1, joints=1, nodes=NODES)
+    assert np.array_equal(other.applied(block).cov_tau, found.applied(block).cov_tau)
+    assert other.snapshot().keys() == found.snapshot().keys()
+
+
+def test_windows_that_say_nothing_are_not_counted():
+    found = judged(np.zeros((3, SAMPLES, 1)))
+    assert not found.learn()
+    assert found.channels == (ChannelNoise(1.0, 1.0, 1.0, 0.0, 0, 0.0),)
+    found.note(replace(make_block(1, joints=1, nodes=NODES), tau_products_nm2=np.zeros((1, 1))))
+    assert found.channels[0].samples == 0
+
+
+def test_products_that_no_noise_has_are_taken_as_white():
+    alternating = np.array([(-1.0) ** lag for lag in LAGS])
+    assert found_noise(alternating, 100, SAMPLES, NODES) is None

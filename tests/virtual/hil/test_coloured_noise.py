@@ -1,0 +1,59 @@
+"""Torque noise that is correlated in time, from device bytes: found, named, and counted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from scipy.stats import chi2
+
+from fsw.estimators.torque_noise import TorqueNoise
+from hil.judge import judgement
+from hil.run import bench
+from hil.world.scenario import ScenarioError, changed, load
+from tests.support.short_cases import NoMeter, short
+
+TIME_S = 0.02
+SEEDS = (1, 2)
+CHI2_999 = float(chi2.ppf(0.999, 10 * len(SEEDS)))
+CODE = "NOISE_CORRELATED"
+
+
+def flown(tmp_path, seed: int, time_s: float = TIME_S):
+    """Return outcome and events of a flight with such noise."""
+    scenario = replace(short(tmp_path, points=12), sensors=load("target_leo").sensors)
+    scenario = changed(scenario, [f"sensors.joints.torque_noise_correlation_s={time_s}"])
+    folder = tmp_path / f"{seed}"
+    folder.mkdir()
+    setup = bench.prepare(scenario, seed, folder)
+    recorded = bench.run_virtual(setup, NoMeter(), record=False)
+    return judgement.judge(setup, judgement.make_case(setup), recorded), recorded.events
+
+
+def test_the_covariance_covers_the_error_and_the_sensors_are_named(tmp_path):
+    total = 0.0
+    for seed in SEEDS:
+        outcome, events = flown(tmp_path, seed)
+        assert outcome["valid"], outcome["reason"]
+        total += outcome["nees"]
+        told = [event for event in events if event.code == CODE]
+        assert len(told) == 1, "once, not at every block"
+        assert "joint1 0.0" in told[0].text
+        assert " ms" in told[0].text
+    assert total < CHI2_999
+
+
+def test_without_it_the_same_flights_are_confidently_wrong(tmp_path, monkeypatch):
+    """What this is for: a covariance that takes every sample as news is too small by far."""
+    monkeypatch.setattr(TorqueNoise, "learn", lambda _: False)
+    total = sum(flown(tmp_path, seed)[0]["nees"] for seed in SEEDS)
+    assert total > CHI2_999
+
+
+@pytest.mark.parametrize(
+    "setting", ["sensors", "sensors.none.x=1", "bodies.base=1", "sensors.joints.torque_noise_nm=["]
+)
+def test_what_is_no_setting_is_refused_in_one_line(setting):
+    with pytest.raises(ScenarioError, match="--set") as caught:
+        changed(load("target_leo"), [setting])
+    assert len(str(caught.value).splitlines()) == 1
