@@ -79,6 +79,8 @@ class SquareRootInformation:
         Raises EstimatorError if singular or not finite.
         """
         AS = A @ self.covariance_root()
+        if len(AS) == 0:
+            return innovation
         unit = np.eye(len(innovation))
         try:
             L = np.linalg.cholesky(unit + AS @ AS.T)

@@ -68,6 +68,8 @@ def field(block: Block | BlockStack, problem: Problem) -> FloatArray:
 def whitened(L: FloatArray, X: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return L^-1 X (k, p) and L^-1 r (k,) for a lower root L (k, k)."""
     size, p = X.shape
+    if size == 0:  # a block without a usable channel: LAPACK complains on standard output
+        return X, r
     stacked = np.empty((size, p + 1), order="F")
     stacked[:, :p], stacked[:, p] = X, r
     white = dtrtrs(L, stacked, lower=1, overwrite_b=1)[0]

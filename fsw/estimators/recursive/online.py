@@ -22,7 +22,7 @@ from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.isolation import ChannelScreen
-from fsw.estimators.recursive.outcome import outcome
+from fsw.estimators.recursive.outcome import WEAKEST_GAIN, outcome, weakest_gain
 from fsw.estimators.recursive.recursion import EventWords, Recursion
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation
@@ -235,7 +235,11 @@ class OnlineEstimator:
         recursion, monitor = self.recursion, self.recursion.monitor
         information = recursion.memory.tempered(monitor.level)
         covariance = information.covariance()
-        if self.linear:
+        enough = True
+        if self.linear:  # data that fit to the bit, as of rest without noise, scale sigma to zero
+            enough = (
+                weakest_gain(self.problem, recursion.start_covariance, covariance) > WEAKEST_GAIN
+            )
             covariance = covariance * recursion.residual_variance()
         condition = information.scaled_condition_number()
         yield
@@ -260,7 +264,7 @@ class OnlineEstimator:
                 self._settings.method,
                 recursion.x,
                 covariance,
-                reason=self._reason(condition),
+                reason=self._reason(condition) or ("" if enough else "INSUFFICIENT_EXCITATION"),
                 t_ns=t_ns,
                 q_rad=recursion.q_rad,
                 blocks=recursion.blocks,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -50,6 +53,91 @@ def throw(rate_rad_s: float, count: int) -> list[Block]:
         )
         blocks.append(noisy(still, rng, draw_biases(rng)))
     return blocks
+
+
+def at_no_momentum(block: Block) -> Block:
+    """Return the block of a robot at perfect rest."""
+    names = ("q_rad", "qd_rad_s", "qdd_rad_s2", "tau_nm")
+    rates = ("w_NB_B_rad_s", "wd_NB_B_rad_s2", "f_NS_B_m_s2")
+    still = {name: np.zeros_like(getattr(block, name)) for name in (*names, *rates)}
+    return replace(block, **still, R_NB=np.stack([np.eye(3)] * NODES))
+
+
+def without(block: Block, *, joints: bool, imu: bool) -> Block:
+    """Return the block without its joints' torques, or the inertial unit's channels."""
+    return replace(
+        block,
+        has_joint=block.has_joint & (not joints),
+        has_gyro=not imu,
+        has_accelerometer=not imu,
+        has_attitude=not imu,
+    )
+
+
+def without_noise(block: Block) -> Block:
+    """Return the block with covariances of nothing: every root of them is singular."""
+    names = ("cov_joint", "cov_tau", "cov_gyro", "cov_acc")
+    return replace(block, **{name: 0.0 * getattr(block, name) for name in names})
+
+
+def as_large_as_possible(block: Block) -> Block:
+    """Return the block with values just within what is plausible."""
+    values = {"tau_nm": 9e4, "qd_rad_s": 90.0, "qdd_rad_s2": 9e4, "f_NS_B_m_s2": 9e3}
+    return replace(block, **{k: np.full_like(getattr(block, k), v) for k, v in values.items()})
+
+
+DEGENERATE: dict[str, Callable[[Block], Block]] = {
+    "no momentum": at_no_momentum,
+    "no sensor": lambda block: without(block, joints=True, imu=True),
+    "no torque": lambda block: without(block, joints=True, imu=False),
+    "no inertial unit": lambda block: without(block, joints=False, imu=True),
+    "no noise": without_noise,
+    "one instant": lambda block: replace(block, t_ns=np.zeros_like(block.t_ns)),
+    "no attitude matrix": lambda block: replace(block, R_NB=0.0 * block.R_NB),
+    "largest values": as_large_as_possible,
+}
+METHODS = (
+    *(("mrnea", "eiv"), ("mrnea", "ols"), ("mrnea", "wls"), ("mrnea", "bc")),
+    *(("rda", "eiv"), ("cm", "eiv"), ("fused", "eiv")),
+)
+
+
+@cache
+def moving() -> tuple[Block, ...]:
+    return tuple(true_block(motion("base"), 0.4 * k, k) for k in range(6))
+
+
+@pytest.mark.parametrize(("method", "weighting"), METHODS)
+@pytest.mark.parametrize("kind", [*DEGENERATE, "throw"])
+def test_degenerate_data_end_the_recursion_nowhere_in_a_traceback(
+    kind: str, method: str, weighting: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    blocks = throw(3.0, 6) if kind == "throw" else [DEGENERATE[kind](b) for b in moving()]
+    config = make_config(("base",), target=None, method=method, weighting=weighting)
+    online = build_online(config, robot_model())
+    for block in blocks:
+        estimate = online.push(block)
+        assert np.isfinite(estimate.mean).all()
+        assert np.isfinite(estimate.covariance).all()
+    final = online.finish()
+    assert not final.valid or kind not in ("no momentum", "no sensor", "throw")
+    online.report()
+    assert capfd.readouterr() == ("", "")  # a library's complaint is no event
+
+
+@pytest.mark.parametrize(("method", "weighting"), [*METHODS, ("ce", "eiv")])
+@pytest.mark.parametrize("kind", DEGENERATE)
+def test_degenerate_data_end_a_batch_with_a_status_or_in_words(
+    kind: str, method: str, weighting: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    chosen = "fused" if method == "ce" else method
+    config = make_config(("base",), target=None, method=chosen, weighting=weighting)
+    blocks = [DEGENERATE[kind](block) for block in moving()]
+    with suppress(EstimatorError):
+        result = run_batch(config, blocks, method, ())
+        assert np.isfinite(result["covariance"]).all()
+        assert result["status"] != "OK" or kind not in ("no momentum", "no sensor")
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so() -> None:
