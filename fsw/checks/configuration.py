@@ -120,6 +120,11 @@ def _warnings(config: Config) -> list[str]:
             f"estimator.weighting: {estimator.weighting!r} does nothing to estimator.method "
             f"{estimator.method!r}, only to a batch of mrnea; must be 'eiv' with this method"
         )
+    if config.wheels and config.base.motion == "free" and not estimator.momentum_sigma_nms:
+        found.append(
+            "estimator.momentum_sigma_nms: 0 with wheels: their momentum and the base's must be "
+            "zero together; must be what the spacecraft may hold"
+        )
     cpus = os.cpu_count() or 1
     if config.scheduler.cpu is not None and config.scheduler.cpu >= cpus:
         found.append(f"scheduler.cpu: {config.scheduler.cpu} is not below this machine's {cpus}")

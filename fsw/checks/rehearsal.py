@@ -55,7 +55,7 @@ def _update(config: Config, problem: Problem, estimator: Estimator) -> Estimate:
 
 
 def _window(config: Config) -> Window:
-    """Return a window in which every joint speeds up gently and every sensor gives all samples."""
+    """Return a window of every sensor's samples, in which joints and wheels speed up gently."""
     window_s = config.estimator.window_s
     rates = {bus.name: bus.rate_hz for bus in config.buses}
     joints = []
@@ -64,6 +64,11 @@ def _window(config: Config) -> Window:
         angle = SPEED_RAD_S * t_s * (1.0 + 0.1 * place + t_s / window_s)
         torque = TORQUE_NM * np.cos(t_s / window_s + place)
         joints.append(_channel(t_s, np.stack([angle, torque], axis=1)))
+    wheels = []
+    for wheel in config.wheels:
+        t_s = _times_s(window_s, wheel.rate_hz)
+        gained = 0.1 * wheel.torque_limit_nm * t_s / wheel.inertia_kg_m2
+        wheels.append(_channel(t_s, np.stack([gained, np.full(len(t_s), np.nan)], axis=1)))
     t_s = _times_s(window_s, config.imu.rate_hz)
     turn = np.stack([np.sin(t_s / window_s + axis) for axis in range(3)], axis=1)
     still_s = np.array([0.5 * window_s] if config.star_tracker is not None else [])
@@ -75,6 +80,7 @@ def _window(config: Config) -> Window:
         gyro=_channel(t_s, RATE_RAD_S * turn),
         accelerometer=_channel(t_s, FORCE_M_S2 * turn),
         attitude=_channel(still_s, np.tile([0.0, 0.0, 0.0, 1.0], (len(still_s), 1))),
+        wheels=tuple(wheels),
     )
 
 

@@ -335,6 +335,64 @@ def test_the_description_says_what_the_daemon_would_do(arm):
     )
 
 
+def wheel(k=0, **changes):
+    return {
+        "name": f"wheel{k + 1}",
+        "bus": "arm",
+        "node_id": 0x21 + k,
+        "rate_hz": 50.0,
+        "axis_B": [0.0, 0.6, 0.8],
+        "inertia_kg_m2": 0.02,
+        "speed_limit_rad_s": 600.0,
+        "speed_noise_rad_s": 0.01,
+        "torque_limit_nm": 0.4,
+    } | changes
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 50.0])
+def test_wheels_are_described_and_pass_the_dry_update(arm, rate_hz):
+    arm.data["wheels"] = [wheel(k, rate_hz=rate_hz) for k in range(2)]
+    arm.data["estimator"] = {"momentum_sigma_nms": 5.0}
+    config = load(arm.write())
+    problem, warnings = validate(config)
+    assert warnings == []
+    assert_named(
+        describe(config, problem),
+        f"wheel1: axis [0 0.6 0.8], 0.02 kg m^2 +- 1.0%, speed at {rate_hz:g} Hz, at most 12 N m s",
+        "mass and locked inertia of every wheel belong to base; imbalance is noise",
+        "0x21 wheel1, 0x22 wheel2",
+        "inertia of wheels 0.01",
+    )
+
+
+def test_a_robot_without_wheels_is_told_that_they_are_off(arm):
+    config = load(arm.write())
+    assert_named(describe(config, validate(config)[0]), "reaction wheels (wheels)")
+
+
+def test_wheels_with_no_momentum_to_hold_are_warned_of(arm):
+    arm.data["wheels"] = [wheel()]
+    _, warnings = validate(load(arm.write()))
+    assert_named(warnings[0], "estimator.momentum_sigma_nms: 0 with wheels")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"bus": "other"}, ("wheels.0.bus: 'other'", "'arm'")),
+        ({"rate_hz": 1e4}, ("wheels.0.rate_hz: 10000 must be at most",)),
+        ({"node_id": 0x11}, ("wheels.node_id: 'arm:17' is used 2 times",)),
+        ({"axis_B": [1.0, 1.0, 0.0]}, ("axis_B", "must have length 1")),
+    ],
+)
+def test_a_wrong_wheel_is_one_line(arm, changes, words):
+    arm.data["wheels"] = [wheel(**changes)]
+    with pytest.raises(ConfigError) as caught:
+        load(arm.write())
+    assert len(str(caught.value).splitlines()) == 1
+    assert_named(str(caught.value), *words)
+
+
 @pytest.mark.parametrize("method", ["fused", "rda", "cm"])
 def test_a_weighting_that_does_nothing_is_warned_of(arm, method):
     arm.data["estimator"] = {"method": method, "weighting": "ols"}
