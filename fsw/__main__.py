@@ -234,6 +234,7 @@ def _identify(arguments: argparse.Namespace) -> int:
         from_s=arguments.from_s,
         to_s=arguments.to_s,
         holdout=arguments.holdout,
+        reference=arguments.reference,
         progress=progress,
     )
     print(json.dumps(result.values) if arguments.json else result)

@@ -133,6 +133,7 @@ def identify(
     from_s: float = 0.0,
     to_s: float = inf,
     holdout: float | None = None,
+    reference: Recording | Path | str | None = None,
     progress: Callable[[float, str], bool] | None = None,
 ) -> Identification:
     """Identify bodies from a recording by one batch method.
@@ -144,6 +145,8 @@ def identify(
     weighting : of mrnea alone; None: as the configuration says
     from_s, to_s : the part of the recording [s from its start]
     holdout : share of the windows that is predicted and not used; None: all are used
+    reference : recording of the robot without the unknown bodies, but for the base; None: there is
+        none
     progress : called with the share done and a line of text; False ends the run
 
     Raises
@@ -153,7 +156,10 @@ def identify(
     held, robot = _pair(recording, robot)
     chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
     span = Span(from_s, to_s)
-    values = identify_recording(held.path, chosen.config, method, (), progress, span, holdout)
+    empty = None if reference is None else _pair(reference, robot)[0].path
+    values = identify_recording(
+        held.path, chosen.config, method, (), progress, span, holdout, empty
+    )
     return Identification(values)
 
 

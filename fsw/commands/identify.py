@@ -45,9 +45,11 @@ def identify(
     progress: Progress | None = None,
     span: Span = WHOLE,
     holdout: float | None = None,
+    reference: Path | None = None,
 ) -> dict[str, Any]:
     """Identify bodies from a recording by one batch method.
 
+    `reference` is a recording of the same robot without the unknown bodies, but for the base.
     `holdout` is the share of the windows that is predicted and not used; None: all are used.
 
     Returns
@@ -66,10 +68,17 @@ def identify(
     collector = _BlockCollector()
     result = replay(recording, chosen, sink=collector, span=span)
     names = tuple(chosen.unknown)
+    empty = _BlockCollector()
+    if reference is not None:
+        replay(reference, chosen, sink=empty)
+        if not empty.blocks:
+            raise EstimatorError("--reference: no window in this recording")
     if holdout is None:
-        values = run_batch(chosen, collector.blocks, method, names, progress)
+        values = run_batch(
+            chosen, collector.blocks, method, names, progress, reference=empty.blocks
+        )
     else:
-        values = _held_out(chosen, collector.blocks, method, holdout, progress)
+        values = _held_out(chosen, collector.blocks, method, holdout, progress, empty.blocks)
     return {
         **values,
         "samples": result.status["samples"],
@@ -84,6 +93,7 @@ def _held_out(
     method: str,
     share: float,
     progress: Progress | None,
+    reference: Sequence[Block],
 ) -> dict[str, Any]:
     """Estimate from one part of the windows and predict the other."""
     blocks = list({block.index: block for block in recorded if plausible(block)}.values())
@@ -93,7 +103,7 @@ def _held_out(
     def keep(problem: Problem, x: FloatArray, covariance: FloatArray) -> None:
         state.append((problem, x, covariance))
 
-    values = run_batch(config, used, method, tuple(config.unknown), progress, keep)
+    values = run_batch(config, used, method, tuple(config.unknown), progress, keep, reference)
     try:
         return values | {"holdout": judge(blocks, held, *state[0])}
     except ValueError as error:  # LinAlgError: the base has no inertia at the estimate

@@ -38,6 +38,9 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     identify.add_argument(
         "--holdout", type=float, metavar="SHARE", help="predict this share of windows, unused"
     )
+    identify.add_argument(
+        "--reference", type=Path, metavar="EMPTY", help="recording without the unknown bodies"
+    )
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=command)
 

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from fsw.config import Config
 from fsw.config.robot import METHODS_HELD
 from fsw.estimators.batch.diagnosis import diagnose_batch
+from fsw.estimators.batch.reference import with_reference
+from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import (
     BatchSolution,
     Progress,
@@ -36,9 +36,7 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
-from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
-from fsw.estimators.square_root import SquareRootInformation
 from fsw.estimators.torque_noise import TorqueNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
@@ -47,11 +45,8 @@ Keep = Callable[[Problem, FloatArray, FloatArray], None]  # problem, mean (p,), 
 CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
 NEED_EVERY_TORQUE = ("mrnea", "ce")
 WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
-GATE_ROUNDS = 6
 WIDENINGS = 6  # rounds: of bodies, whose values hold one another, then of the rest of the model
 SETTLED = ("OK", "INSUFFICIENT_EXCITATION")
-GATED_SHARE = 0.25  # of the blocks; more that do not fit are no outliers
-LEVEL_TOLERANCE = 0.05
 _DISTANCE = "sigma is that of the errors in variables and includes the distance from them"
 BIAS_NOTES = {
     "ols": f"shrunk by the base acceleration's noise in the regressor; {_DISTANCE}",
@@ -83,10 +78,12 @@ def run_batch(
     unknown: Sequence[str],
     progress: Progress | None = None,
     keep: Keep | None = None,
+    reference: Sequence[Block] = (),
 ) -> dict[str, Any]:
     """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
 
-    `keep` is given the problem and the whole state, what is not published included.
+    `reference` are blocks of the same robot without what is unknown but the base; they tell arm and
+    calibration. `keep` is given the problem and the whole state, what is not published included.
 
     Raises
     ------
@@ -95,7 +92,7 @@ def run_batch(
     """
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            return _run(config, blocks, method, unknown, progress, keep)
+            return _run(config, blocks, method, unknown, progress, keep, reference)
     except (ConfigError, EstimatorError):
         raise
     except NUMERICAL as error:
@@ -110,12 +107,9 @@ def _run(
     unknown: Sequence[str],
     progress: Progress | None,
     keep: Keep | None,
+    reference: Sequence[Block],
 ) -> dict[str, Any]:
-    by_index: dict[int, Block] = {}
-    for block in blocks:
-        if plausible(block):
-            by_index.setdefault(block.index, block)
-    sound = [by_index[index] for index in sorted(by_index)]
+    sound = _sound(blocks)
     if not sound:
         raise EstimatorError("no usable block recorded in this window")
     held = METHODS_HELD.get(config.base.motion, (method,))
@@ -133,14 +127,17 @@ def _run(
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     settings = config.estimator
     weighting = settings.weighting if method == "mrnea" else "eiv"
-    problem = build_problem(chosen, model, exact=weighting != "eiv" or method == "ce")
-    noise = TorqueNoise(
-        problem.torque_noise_nm, problem.torque_samples, problem.window_s, problem.nodes
-    )
-    for block in sound:
-        noise.note(block)
-    noise.learn()
-    sound = [noise.applied(block) for block in sound]
+    exact = weighting != "eiv" or method == "ce"
+    if reference and exact:
+        raise EstimatorError(
+            f"{method!r} {settings.weighting} takes arm and calibration as exact, "
+            "which a reference is to tell: fused, rda, cm or mrnea eiv"
+        )
+    problem = build_problem(chosen, model, exact=exact)
+    sound, noise = _with_noise_found(problem, sound)
+    if reference:
+        empty = _with_noise_found(problem, _sound(reference))[0]
+        problem = with_reference(problem, method, empty, settings.gate_probability)
     if weighting == "eiv":
         found = _likelihood(problem, method, sound, settings.gate_probability, progress)
     else:
@@ -187,6 +184,26 @@ def _run(
     }
 
 
+def _sound(blocks: Sequence[Block]) -> list[Block]:
+    """Return the plausible blocks in order, each once."""
+    by_index: dict[int, Block] = {}
+    for block in blocks:
+        if plausible(block):
+            by_index.setdefault(block.index, block)
+    return [by_index[index] for index in sorted(by_index)]
+
+
+def _with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], TorqueNoise]:
+    """Return the blocks with the torque noise that is found in them, and that noise."""
+    noise = TorqueNoise(
+        problem.torque_noise_nm, problem.torque_samples, problem.window_s, problem.nodes
+    )
+    for block in blocks:
+        noise.note(block)
+    noise.learn()
+    return [noise.applied(block) for block in blocks], noise
+
+
 def _likelihood(
     problem: Problem,
     method: str,
@@ -200,7 +217,7 @@ def _likelihood(
     linear = Linearisation(row_function(method, "eiv", problem), blocks)
     start = _warm_start(problem, blocks, gate_probability) if method in WARM else None
     for more in reversed(range(WIDENINGS)):
-        settled = _settle(problem, linear, blocks, gate_probability, progress, start)
+        settled = settle(problem, linear, blocks, gate_probability, progress, start)
         solution = settled.solution
         if solution.status == "ABORTED" or method in CURVED:
             break
@@ -246,59 +263,6 @@ def _warm_start(problem: Problem, blocks: Sequence[Block], gate_probability: flo
     return near.mean
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Settled:
-    """The solution of the blocks that fit one another, for one prior."""
-
-    solution: BatchSolution
-    target: Target
-    level: float
-    used: Sequence[Block]
-    residuals: Sequence[FloatArray]
-    mismatch: bool  # the residuals are not noise
-
-
-def _settle(
-    problem: Problem,
-    linear: Linearisation,
-    blocks: Sequence[Block],
-    gate_probability: float,
-    progress: Progress | None,
-    start: FloatArray | None,
-) -> _Settled:
-    """Solve, leave out blocks that do not fit, and solve again until these are the same."""
-    fits, level, mismatch = [True] * len(blocks), 1.0, False
-    for more in reversed(range(GATE_ROUNDS)):
-        used, target = list(compress(blocks, fits)), Target(linear, fits, level)
-        solution = minimise(problem, target, progress, start)
-        residuals = [part.b for part in linear(solution.mean)]
-        left = list(compress(residuals, fits))
-        if solution.status == "ABORTED":
-            break
-        before, level = level, _noise_level(residuals, _fitted(problem, solution))
-        limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
-        slow, most = slow_power(left, level)
-        fitted = fits
-        fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
-        alike, bound = colour(left)
-        mismatch = level > MISMATCH_LEVEL or slow > most or alike > bound
-        if len(blocks) - sum(fits) > GATED_SHARE * len(blocks):
-            mismatch = True
-            break
-        if more == 0 or (fits == fitted and abs(level / before - 1.0) < LEVEL_TOLERANCE):
-            break
-        if solution.status != "NOT_CONVERGED":  # what does not fit may be why it did not
-            start = solution.mean
-    return _Settled(
-        solution=solution,
-        target=target,
-        level=level,
-        used=used,
-        residuals=left,
-        mismatch=mismatch,
-    )
-
-
 def _regression(
     problem: Problem,
     weighting: str,
@@ -336,21 +300,6 @@ def _regression(
         note=BIAS_NOTES[weighting],
         biased=True,
     )
-
-
-def _fitted(problem: Problem, solution: BatchSolution) -> float:
-    """Return how many parameters the data have fitted: all, less what the prior holds."""
-    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
-    held = prior.R @ solution.information.covariance_root()
-    return float(len(prior.z) - np.sum(held**2))
-
-
-def _noise_level(residuals: Sequence[FloatArray], parameters: float) -> float:
-    """Return the variance of the noise over the declared one, as the online estimator judges it."""
-    monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
-    means = [float(b @ b) / len(b) for b in residuals if len(b) == longest]
-    monitor.learn_level(np.array(means), longest, parameters)
-    return monitor.level
 
 
 def _plain(body: BodyEstimate, kind: str) -> dict[str, Any]:

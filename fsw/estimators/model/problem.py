@@ -115,7 +115,9 @@ class Problem:
         doubts = np.r_[doubts, np.arange(len(x))[self.torque_scale]]
         if not len(doubts):
             return "", 0.0
-        sigmas = np.abs(x[doubts]) / np.sqrt(np.diag(self.prior_covariance)[doubts])
+        sigmas = np.abs((x - self.prior_mean)[doubts]) / np.sqrt(
+            np.diag(self.prior_covariance)[doubts]
+        )
         worst = int(np.argmax(sigmas))
         return self.names[doubts[worst]], float(sigmas[worst])
 

@@ -1,0 +1,75 @@
+"""Arm and calibration from a reference: the same robot recorded without the body that is unknown.
+
+The practice is to record one motion empty and loaded and to identify the difference, so that what
+repeats cancels: errors of the links, friction, scales and zeros. Here that is exact: these errors
+are states, so what the reference tells of them is the prior of the loaded run, with all of its
+covariance. The two motions need not be alike, and what a reference does not tell stays in doubt.
+Biases, momentum and wrenches are of one run and are not handed on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fsw.estimators.batch.settle import settle
+from fsw.estimators.measurement.row_functions import Linearisation, row_function
+from fsw.estimators.model.problem import IMPLAUSIBLE, IndexArray, Problem
+from fsw.messages import Block
+from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
+
+REPEATED = (
+    *("known", "torque_scale", "joint_zero", "imu_place", "imu_angle"),
+    *("friction_coulomb", "friction_viscous"),
+)
+
+
+def without_bodies(problem: Problem) -> Problem:
+    """Return the problem of the robot without its unknown bodies, but for the base."""
+    U = problem.U.copy()
+    for name in problem.unknown:
+        if name != "base":
+            U[:, problem.body(name)] = 0.0
+    return replace(problem, U=U)
+
+
+def repeated(problem: Problem) -> IndexArray:
+    """Return the states that two runs have in common."""
+    common = {"base", *REPEATED} if "base" in problem.unknown else set(REPEATED)
+    kinds = [name.partition(".")[0] for name in problem.names]
+    return np.array([k for k, kind in enumerate(kinds) if kind in common], dtype=np.intp)
+
+
+def with_reference(
+    problem: Problem, method: str, blocks: Sequence[Block], gate_probability: float
+) -> Problem:
+    """Return the problem whose prior knows what the reference tells of arm and calibration.
+
+    Raises
+    ------
+    EstimatorError if the reference's blocks do not fit the robot without its unknown bodies, or
+    there is none.
+    """
+    if not blocks:
+        raise EstimatorError("the reference holds no usable block")
+    empty = without_bodies(problem)
+    linear = Linearisation(row_function(method, "eiv", empty), blocks)
+    try:
+        found = settle(empty, linear, blocks, gate_probability, None, None)
+    except NUMERICAL as error:
+        raise EstimatorError(f"the reference cannot be solved: {unforeseen(error)}") from error
+    solution = found.solution
+    if solution.status not in ("OK", "INSUFFICIENT_EXCITATION"):
+        raise EstimatorError(f"the reference ended with {solution.status}")
+    if found.mismatch or problem.least_plausible(solution.mean)[1] > IMPLAUSIBLE:
+        raise EstimatorError(
+            "the reference does not fit the robot without its unknown bodies: MODEL_MISMATCH"
+            + problem.suspicion(solution.mean)
+        )
+    k = repeated(problem)
+    own = np.ix_(k, k)
+    mean, covariance = problem.prior_mean.copy(), problem.prior_covariance.copy()
+    mean[k], covariance[own] = solution.mean[k], solution.information.covariance()[own]
+    return replace(problem, prior_mean=mean, prior_covariance=covariance)

@@ -1,0 +1,89 @@
+"""Solving a batch of blocks of which some do not fit, and noise that is not as declared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import compress
+
+import numpy as np
+from scipy.special import chdtri
+
+from fsw.estimators.batch.solver import BatchSolution, Progress, Target, minimise
+from fsw.estimators.measurement.row_functions import Linearisation
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages import Block, FloatArray
+
+GATE_ROUNDS = 6
+GATED_SHARE = 0.25  # of the blocks; more that do not fit are no outliers
+LEVEL_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Settled:
+    """The solution of the blocks that fit one another, for one prior."""
+
+    solution: BatchSolution
+    target: Target
+    level: float
+    used: Sequence[Block]
+    residuals: Sequence[FloatArray]
+    mismatch: bool  # the residuals are not noise
+
+
+def settle(
+    problem: Problem,
+    linear: Linearisation,
+    blocks: Sequence[Block],
+    gate_probability: float,
+    progress: Progress | None,
+    start: FloatArray | None,
+) -> Settled:
+    """Solve, leave out blocks that do not fit, and solve again until these are the same."""
+    fits, level, mismatch = [True] * len(blocks), 1.0, False
+    for more in reversed(range(GATE_ROUNDS)):
+        used, target = list(compress(blocks, fits)), Target(linear, fits, level)
+        solution = minimise(problem, target, progress, start)
+        residuals = [part.b for part in linear(solution.mean)]
+        left = list(compress(residuals, fits))
+        if solution.status == "ABORTED":
+            break
+        before, level = level, _noise_level(residuals, _fitted(problem, solution))
+        limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
+        slow, most = slow_power(left, level)
+        fitted = fits
+        fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
+        alike, bound = colour(left)
+        mismatch = level > MISMATCH_LEVEL or slow > most or alike > bound
+        if len(blocks) - sum(fits) > GATED_SHARE * len(blocks):
+            mismatch = True
+            break
+        if more == 0 or (fits == fitted and abs(level / before - 1.0) < LEVEL_TOLERANCE):
+            break
+        if solution.status != "NOT_CONVERGED":  # what does not fit may be why it did not
+            start = solution.mean
+    return Settled(
+        solution=solution,
+        target=target,
+        level=level,
+        used=used,
+        residuals=left,
+        mismatch=mismatch,
+    )
+
+
+def _fitted(problem: Problem, solution: BatchSolution) -> float:
+    """Return how many parameters the data have fitted: all, less what the prior holds."""
+    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    held = prior.R @ solution.information.covariance_root()
+    return float(len(prior.z) - np.sum(held**2))
+
+
+def _noise_level(residuals: Sequence[FloatArray], parameters: float) -> float:
+    """Return the variance of the noise over the declared one, as the online estimator judges it."""
+    monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
+    means = [float(b @ b) / len(b) for b in residuals if len(b) == longest]
+    monitor.learn_level(np.array(means), longest, parameters)
+    return monitor.level
