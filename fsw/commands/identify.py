@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +110,17 @@ def _held_out(
         raise EstimatorError(f"--holdout: nothing can be predicted: {error}") from error
 
 
+def noise_text(sensors: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return a line for every torque sensor whose noise is correlated in time."""
+    return [
+        f"torque noise of {sensor['joint']}: {sensor['sigma_nm']:.3g} N m, correlated over "
+        f"{1e3 * sensor['correlation_s']:.3g} ms; {sensor['samples']} samples count as "
+        f"{sensor['effective_samples']:.0f}"
+        for sensor in sensors
+        if sensor["correlation_s"] > 0.0
+    ]
+
+
 def to_text(result: Mapping[str, Any]) -> str:
     """Return the result of `identify` as a short table."""
     lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {result['status']}"]
@@ -123,6 +134,7 @@ def to_text(result: Mapping[str, Any]) -> str:
     if diagnosis is not None:
         lines += list(diagnosis["verdict"].values())
         lines.append(f"efficiency {diagnosis['efficiency_volume']:.3g} of the bound of all sensors")
+    lines += noise_text(result.get("torque_noise", ()))
     if result.get("holdout"):
         lines += holdout_text(result["holdout"])
     lines.append(f"{result['iterations']} iterations, wall {result['wall_s']:.1f} s")
