@@ -44,7 +44,7 @@ class _Nodes(NullSink):
     """Keeps which nodes send TPDO1 or a heartbeat, by bus."""
 
     def __init__(self, config: Config) -> None:
-        self._known = {(joint.bus, joint.node_id) for joint in config.joints}
+        self._known = {(node.bus, node.node_id) for node in config.can_nodes}
         self._seen: set[tuple[str, int]] = set()
 
     def put(self, message: Message) -> None:
@@ -58,7 +58,7 @@ class _Nodes(NullSink):
         others = sorted(node for node in self._seen - self._known if node[1])
         return [
             f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
-            "and are no joints of the configuration; is the recording that of another robot?"
+            "and are no nodes of the configuration; is the recording that of another robot?"
             for bus in sorted({bus for bus, _ in others})
         ]
 

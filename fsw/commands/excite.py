@@ -36,6 +36,7 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
         both = ("base", "target")
         config = config.with_unknown(both if arguments.unknown == "both" else (arguments.unknown,))
     _check_numbers(arguments)
+    config = with_wheels_still(config)
     weights = dict(_weight(text) for text in arguments.weight)
     subject = build_subject(
         config,
@@ -53,6 +54,14 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
     if arguments.evaluate is not None:
         return _evaluate(arguments, subject, limits, collisions)
     return _plan(arguments, subject, limits, collisions)
+
+
+def with_wheels_still(config: Config) -> Config:
+    """Return the configuration without its wheels, and say so: no plan knows what they will do."""
+    if not config.wheels:
+        return config
+    _tell("wheels: the motion is planned and judged as if they stood still relative to the base")
+    return config.with_sections(wheels=())
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:

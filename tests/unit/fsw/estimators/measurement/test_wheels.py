@@ -16,10 +16,17 @@ from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.model.problem import Problem
+from fsw.estimators.model.problem import Problem, build_problem, present
+from fsw.estimators.recursive.bias_compensated import block_sums
 from fsw.messages import Block
 from tests.support.estimator_cases import N, make_problem, random_block, robot_model
-from tests.support.wheel_cases import INERTIA_KG_M2, PYRAMID, problem_with_wheels, turning
+from tests.support.wheel_cases import (
+    INERTIA_KG_M2,
+    PYRAMID,
+    config_with_wheels,
+    problem_with_wheels,
+    turning,
+)
 
 RATES = ("momentum", "measured")
 FIELDS = {"tau_nm": "J_tau", "f_m_s2": "J_f", "w_rad_s": "J_w"}
@@ -162,7 +169,7 @@ def consistent(block: Block, x: np.ndarray, problem: Problem) -> Block:
     quiet = x.copy()
     for part in (problem.acc_bias, problem.gyro_bias):
         quiet[part] = 0.0
-    w = p.w_rad_s - x[problem.gyro_bias]
+    w = p.w_rad_s - (x[problem.gyro_bias] if present(problem.gyro_bias) else 0.0)
     # wd from the accelerometer at two places: the base's predicted angular acceleration
     force, lever = [], np.eye(3)
     for place in (np.zeros(3), *lever):
@@ -222,3 +229,15 @@ def test_wheels_that_stand_still_change_no_row(method: str) -> None:
 def test_blocks_of_another_robot_s_wheels_are_refused() -> None:
     with pytest.raises(ValueError, match="blocks of 0 wheels; the robot has 4"):
         predict(random_block(), problem_with_wheels().prior_mean, problem_with_wheels())
+
+
+def test_the_compensated_regression_takes_the_moment_off_the_known_side() -> None:
+    """Consistent measurements: no squares are left at the true state, and some without wheels."""
+    problem = build_problem(config_with_wheels(biases=False), robot_model(), exact=True)
+    x = problem.prior_mean.copy()
+    assert problem.wheel_scale == slice(0, 0)
+    made = consistent(turning(random_block()), x, problem)
+    still = replace(made, wheel_nms=0.0 * made.wheel_nms, wheel_nm=0.0 * made.wheel_nm)
+    extended = np.append(x, -1.0)
+    left, without = (extended @ block_sums(b, x, problem).F @ extended for b in (made, still))
+    assert left < 1e-9 * without
