@@ -122,3 +122,22 @@ def test_an_uncertain_stamp_adds_to_the_position_noise():
     joints = SensorConfig.from_dict(load("target_leo").sensors).joints
     plain = position_noise_rad(joints)
     assert position_noise_rad(joints, 1e-6) == pytest.approx(math.hypot(plain, 1e-6))
+
+
+def test_the_wheels_reach_the_plant_as_they_are_and_the_flight_side_off_by_their_sigma(tmp_path):
+    from hil.devices.plant_file import load as load_plant
+
+    scenario = load("wheels_leo")
+    path = write_yaml(
+        tmp_path / "plant.yaml", plant_document(scenario, 5, tmp_path, {"arm": 43113})
+    )
+    assert load_plant(path).wheels == scenario.wheels
+    names = tuple(f"joint{k + 1}" for k in range(7))
+    told = [
+        flight_document(scenario, {}, names, tmp_path, {"arm": 43113}, {}, seed=seed)["wheels"]
+        for seed in range(200)
+    ]
+    ratio = np.array([[w["inertia_kg_m2"] for w in own] for own in told])
+    off = scenario.wheels.inertias_kg_m2 / ratio - 1.0
+    assert np.std(off) == pytest.approx(scenario.wheels.inertia_sigma_ratio, rel=0.1)
+    assert [w["node_id"] for w in told[0]] == [0x21, 0x22, 0x23, 0x24]
