@@ -174,6 +174,7 @@ class TelemetryApplication:
 
     def close(self) -> None:
         """Close the link and record an orderly end."""
+        self.context.long_work.close()
         self.link.close()
         self.context.reporter.close()
         if self.link.security is not None:

@@ -50,7 +50,7 @@ def copy(source: Path, target: Path) -> Iterator[None]:
     unfinished = target.with_name(COPYING)
     try:
         with source.open("rb") as reader, unfinished.open("wb") as writer:
-            yield from _pour(reader, writer)
+            yield from _pour(reader, writer, source.stat().st_size)
         if target.exists() or target.is_symlink():
             raise TcError(Error.BUSY, 2, text=f"{target.name} exists")
         unfinished.replace(target)
@@ -66,7 +66,7 @@ def append(source: Path, target: Path, offset: int) -> Iterator[None]:
     with source.open("rb") as reader, target.open("r+b") as writer:
         writer.seek(offset)
         try:
-            yield from _pour(reader, writer)
+            yield from _pour(reader, writer, source.stat().st_size)
             writer.flush()
         except BaseException:  # also one that closes the generator
             writer.truncate(offset)
@@ -74,7 +74,9 @@ def append(source: Path, target: Path, offset: int) -> Iterator[None]:
     source.unlink()
 
 
-def _pour(reader: BinaryIO, writer: BinaryIO) -> Iterator[None]:
-    while piece := reader.read(PIECE_BYTES):
+def _pour(reader: BinaryIO, writer: BinaryIO, length: int) -> Iterator[None]:
+    """Copy so many bytes, or fewer if the reader ends: a log that grows is not chased."""
+    while length and (piece := reader.read(min(PIECE_BYTES, length))):
         writer.write(piece)
+        length -= len(piece)
         yield

@@ -142,6 +142,8 @@ class Filing:
         source = self.free(self.existing(request.text("path")))
         target = self.free(self.writable(request.text("target"), 2))
         self.writable(request.text("path"))
+        if target.exists() and target.samefile(source):
+            raise TcError(Error.BAD_ARG, 2, text="it is the same file")
         offset = request.whole("offset")
         there = target.stat().st_size if target.is_file() else 0
         if there != offset:

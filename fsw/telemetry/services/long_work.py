@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from functools import partial
 
 from fsw.telemetry.dictionary.codes import Error
@@ -53,6 +53,13 @@ class LongWork:
                 self._executor.finish(request, error)
             else:
                 self._running[name] = request, pieces  # at the end: its turn comes last
+
+    def close(self) -> None:
+        """End what is under way; work on files leaves nothing half made."""
+        for _, pieces in self._running.values():
+            if isinstance(pieces, Generator):
+                pieces.close()
+        self._running.clear()
 
     def _begin(self, request: Request, make: Callable[[], Pieces]) -> Done:
         """Do as many pieces as this poll has left. Raises TcError."""

@@ -96,7 +96,7 @@ def test_a_large_copy_appears_when_it_is_whole_and_keeps_others_off(flight: Flig
 def test_what_fails_halfway_leaves_the_files_as_they_were(
     flight: Flight, folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def full(reader, writer):
+    def full(reader, writer, _length):
         writer.write(reader.read(10))
         yield
         raise OSError(28, "No space left on device")
@@ -110,6 +110,35 @@ def test_what_fails_halfway_leaves_the_files_as_they_were(
     assert "completion_failure" in flight.send("COPY_FILE", given | {"target": "files/new"})
     assert flight.error() is Error.FAILED
     assert sorted(path.name for path in folder.iterdir()) == ["piece", "whole"]
+
+
+def test_a_file_is_not_appended_to_itself(flight: Flight, folder: Path):
+    """It would grow as it is read, until the disk is full."""
+    (folder / "a").write_bytes(b"hello")
+    (folder / "b").symlink_to(folder / "a")
+    for path, target in (("a", "a"), ("b", "a"), ("a", "b")):
+        given = {"path": f"files/{path}", "target": f"files/{target}", "offset": 5}
+        assert flight.refused("APPEND_FILE", given) is Error.BAD_ARG
+    assert (folder / "a").read_bytes() == b"hello"
+
+
+def test_a_file_that_grows_while_it_is_copied_is_copied_as_it_was(folder: Path):
+    (folder / "log").write_bytes(bytes(SIZE_BYTES))
+    for _ in file_pieces.copy(folder / "log", folder / "copy"):
+        with (folder / "log").open("ab") as file:
+            file.write(bytes(2 * file_pieces.PIECE_BYTES))
+    assert (folder / "copy").stat().st_size == SIZE_BYTES
+
+
+def test_the_end_of_the_service_leaves_no_half_file(flight: Flight, folder: Path):
+    (folder / "large").write_bytes(bytes(SIZE_BYTES))
+    (folder / "whole").write_bytes(b"hello")
+    given = {"path": "files/large", "target": "files/whole", "offset": 5}
+    assert flight.send("APPEND_FILE", given) == BEGUN
+    assert (folder / "whole").stat().st_size > 5
+    flight.app.close()
+    assert (folder / "whole").read_bytes() == b"hello"
+    assert (folder / "large").stat().st_size == SIZE_BYTES
 
 
 def test_an_end_halfway_leaves_no_half_file(folder: Path):
