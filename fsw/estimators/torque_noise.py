@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.recursive.snapshot import Values, kept, put
@@ -83,16 +84,17 @@ def _shapes(samples: int, nodes: int) -> _Shapes:
     removed = np.linalg.qr(legendre.legvander(t, nodes - 1 + EXTRA_DEGREE))[0]
     Q, R = np.linalg.qr(legendre.legvander(t, nodes - 1))
     E = legendre.legvander(gauss_nodes(nodes), nodes - 1) @ np.linalg.solve(R, Q.T)
-    apart = np.subtract.outer(np.arange(samples), np.arange(samples))
+    place = np.arange(samples)
     fading = np.exp(-1.0 / np.geomspace(1.0, samples / 4.0, TIMES))
     products, at_nodes = [], []
     for a in (0.0, *fading.tolist()):
-        C = a ** np.abs(apart).astype(np.float64)
+        C = toeplitz(a**place)
         left = C - removed @ (removed.T @ C)
         left -= (left @ removed) @ removed.T
         products.append([np.trace(left, lag) / samples for lag in LAGS])
-        after = [a ** (apart + k * samples).astype(np.float64) for k in range(1, NEIGHBOURS + 1)]
-        across = E @ np.sum(after, axis=0) @ E.T
+        # a sample and one of the next window are a^(samples + i - j) alike: a product of two
+        further = sum(a ** (samples * k) for k in range(NEIGHBOURS))
+        across = further * np.outer(E @ a**place, E @ a ** (samples - place))
         at_nodes.append(E @ C @ E.T + across + across.T)
     white, faded = np.array(products[0]), np.array(products[1:])
     return _Shapes(fading, white, faded, np.array(at_nodes))

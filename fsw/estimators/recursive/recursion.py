@@ -226,6 +226,9 @@ class Recursion:
             self.gated += 1
         else:
             self._absorb(block, rows, at, end_ns)
+            if self.blocks % NOISE_BLOCKS == 0:
+                yield
+                self._learn_noise()
         if judgement.changed:
             yield from self._reopen()
 
@@ -271,8 +274,6 @@ class Recursion:
         self.blocks += 1
         self.since += 1
         self.noise.note(block)
-        if self.blocks % NOISE_BLOCKS == 0:
-            self._learn_noise()
         self.span_ns = (self.span_ns[0] if self.span_ns else int(block.t_ns[0]), end_ns)
         self._solve()
         residual, step = c - rows.A @ self.x, R @ (self.x - before)
