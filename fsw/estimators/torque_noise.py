@@ -245,14 +245,18 @@ class TorqueNoise:
         )
 
     def _excess_of(self, j: int) -> FloatArray:
-        """Return what the found noise adds to the declared covariance at the nodes (m, m)."""
+        """Return what the found noise adds to the declared covariance at the nodes (m, m).
+
+        Noise smaller than declared keeps the declared size: a sensor at rest may show less of it.
+        """
         noise, shapes = self.channels[j], _shapes(int(self._samples[j]), self._nodes)
         if noise.is_white:
             return np.zeros((self._nodes, self._nodes))
         step_s = self._window_s / float(self._samples[j])
         k = int(np.argmin(np.abs(np.log(shapes.fading) + step_s / noise.correlation_s)))
-        white = noise.sigma_nm**2 * noise.white_ratio
-        fading = noise.sigma_nm**2 - white
+        variance = max(noise.sigma_nm, noise.declared_nm) ** 2
+        white = variance * noise.white_ratio
+        fading = variance - white
         added = (white - noise.declared_nm**2) * shapes.at_nodes[0]
         return np.asarray(added + fading * shapes.at_nodes[k + 1])
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fsw.estimators.batch import run as batch_run
-from fsw.estimators.batch import solver
+from fsw.estimators.batch import settle, solver
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block
@@ -176,7 +175,7 @@ def test_a_failing_batch_is_an_error_in_words(monkeypatch: pytest.MonkeyPatch) -
     def fails(*_: object) -> object:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr(batch_run, "minimise", fails)
+    monkeypatch.setattr(settle, "minimise", fails)
     with pytest.raises(EstimatorError, match=r"arithmetic fails .*Singular matrix"):
         run_batch(make_config(), noisy_blocks("target", 1, 4.0), "fused", ())
 

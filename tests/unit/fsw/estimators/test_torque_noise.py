@@ -130,6 +130,19 @@ def test_only_the_sensors_concerned_change_and_a_missing_one_stays_missing():
     assert np.linalg.eigvalsh(added[2] + _white(1.0)).min() > 0.0
 
 
+def test_correlated_noise_smaller_than_declared_keeps_the_declared_size():
+    """As of a sensor that shows nothing but its quantisation: subtracting left no covariance."""
+    rng = np.random.default_rng(8)
+    small, declared = judged(1e-6 * noise(rng, 40, 0.02)), judged(noise(rng, 400, 0.02))
+    assert small.learn()
+    assert declared.learn()
+    block = replace(make_block(1, joints=1, nodes=NODES), cov_tau=_white(1.0)[None])
+    covariance = small.applied(block).cov_tau[0]
+    assert np.linalg.eigvalsh(covariance).min() > np.linalg.eigvalsh(_white(1.0)).min()
+    ratios = np.linalg.eigvals(np.linalg.solve(declared.applied(block).cov_tau[0], covariance)).real
+    assert 0.5 < ratios.min() <= ratios.max() < 2.0
+
+
 def test_a_small_change_is_no_reason_to_begin_again_and_a_large_one_is():
     rng = np.random.default_rng(6)
     found = judged(noise(rng, 200, 0.02))

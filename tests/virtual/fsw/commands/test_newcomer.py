@@ -163,7 +163,7 @@ def test_the_recording_of_another_robot_is_named_by_its_nodes(flown, tmp_path, c
     arm = ArmProject(tmp_path)
     assert main(["check", str(arm.write()), str(flown / "recording.mcap")]) == 1
     line = capsys.readouterr().out.splitlines()[0]
-    assert "arm: nodes 0x14, 0x15, 0x16, 0x17 send and are no joints" in line
+    assert "arm: nodes 0x14, 0x15, 0x16, 0x17 send and are no nodes of the configuration" in line
     assert "is the recording that of another robot?" in line
 
 
