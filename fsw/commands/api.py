@@ -145,8 +145,8 @@ def identify(
     weighting : of mrnea alone; None: as the configuration says
     from_s, to_s : the part of the recording [s from its start]
     holdout : share of the windows that is predicted and not used; None: all are used
-    reference : recording of the robot without the unknown bodies, but for the base; None: there is
-        none
+    reference : recording of the robot without the unknown bodies, but for the base; None: no
+        reference
     progress : called with the share done and a line of text; False ends the run
 
     Raises

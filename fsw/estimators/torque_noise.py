@@ -1,7 +1,7 @@
 """Noise of the torque sensors that is not white: found from the samples, counted in the covariance.
 
 A window's polynomial holds the motion; what it leaves is noise, and the mean products of what is
-left, some samples apart, tell whether neighbouring samples are alike. The noise of a channel is
+left, some samples apart, show whether neighbouring samples are alike. The noise of a channel is
 taken as a white part and one that fades exponentially, an autoregression of first order (Box,
 Jenkins, Time Series Analysis, 1976, sec. 3.2). Its covariance at the nodes includes that with the
 nodes of neighbouring windows, so that a quantity which changes slowly gets the information that all
@@ -29,8 +29,10 @@ TIMES = 16  # correlation times that are compared, from one sample to a quarter 
 SIGNIFICANT = 50.0  # fall of the misfit, times samples, that white noise makes once in 1e10 sets
 LEAST_INFLATION = 1.1  # of the variance; less is not worth a change
 MOVED = 0.1  # relative change of a variance at the nodes that is worth a pass
-_STATE = ("_sums", "_windows", "_excess")
 NEIGHBOURS = 4  # windows on either side whose nodes are correlated with a window's
+_STATE = ("_sums", "_windows", "_excess")
+
+Found = tuple[float, float, int]  # variance of the white and of the fading part, number of its time
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,7 @@ class ChannelNoise:
     white_ratio : share of the variance that is white
     correlation_s : time in which the other part fades by e; 0: the noise is white
     samples : number of samples that say so
-    effective_samples : white samples of that sigma which would tell as much of a constant
+    effective_samples : white samples of that sigma from which a constant would be known as well
     """
 
     declared_nm: float
@@ -107,9 +109,7 @@ def mean_products(residuals: FloatArray) -> FloatArray:
     return np.array([np.einsum("ij,ij->j", late, early) for late, early in pairs]) / k
 
 
-def found_noise(
-    products: FloatArray, windows: int, samples: int, nodes: int
-) -> tuple[float, float, int] | None:
+def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) -> Found | None:
     """Return the variances of the white and the fading part and the number of its time.
 
     None: nothing speaks against white noise.
@@ -138,7 +138,7 @@ def found_noise(
 
 
 class TorqueNoise:
-    """The noise of every torque sensor, as far as the blocks so far tell.
+    """The noise of every torque sensor, as far as the blocks so far show.
 
     Parameters
     ----------
@@ -162,10 +162,10 @@ class TorqueNoise:
         self._excess: FloatArray | None = None  # (n, m, m) added to the declared covariance
         for count in set(samples.tolist()):
             _shapes(count, nodes)  # takes a tenth of a second: not while the loop runs
-        self.channels = self._judged()
+        self.channels = self._judged(self._found())
 
     def note(self, block: Block) -> None:
-        """Add what a block tells of the noise."""
+        """Add what a block shows of the noise."""
         products = block.tau_products_nm2
         if products.shape == self._sums.shape:
             counted = (products[0] > 0.0) & block.has_joint
@@ -174,12 +174,14 @@ class TorqueNoise:
 
     def learn(self) -> bool:
         """Judge the noise by all blocks; return whether variances at the nodes change markedly."""
-        self.channels = self._judged()
-        before = self._excess
-        new = np.stack([self._excess_of(j) for j in range(len(self.channels))])
-        if before is None and not new.any():
-            return False
-        held = np.zeros_like(new) if before is None else before
+        found = self._found()
+        self.channels = self._judged(found)
+        new = np.stack([self._excess_of(j, own) for j, own in enumerate(found)])
+        held = self._excess
+        if held is None:
+            if not new.any():
+                return False
+            held = np.zeros_like(new)
         least = self._declared_nm**2 * self._nodes / self._samples
         change = np.abs(_variances(new) - _variances(held)) / (_variances(held) + least)
         if change.max() <= MOVED:
@@ -216,22 +218,31 @@ class TorqueNoise:
     def restore(self, values: Values) -> None:
         """Continue from a snapshot."""
         put(self, _STATE, values)
-        self.channels = self._judged()
+        self.channels = self._judged(self._found())
 
-    def _judged(self) -> tuple[ChannelNoise, ...]:
-        return tuple(self._channel(j) for j in range(len(self._declared_nm)))
+    def _found(self) -> list[Found | None]:
+        """Return what is found of each sensor; None: its noise is white, or not known yet."""
+        found: list[Found | None] = []
+        for j, windows in enumerate(self._windows.tolist()):
+            samples = int(self._samples[j])
+            known = windows > 0
+            found.append(
+                found_noise(self._sums[:, j] / windows, windows, samples, self._nodes)
+                if known
+                else None
+            )
+        return found
 
-    def _channel(self, j: int) -> ChannelNoise:
+    def _judged(self, found: Sequence[Found | None]) -> tuple[ChannelNoise, ...]:
+        return tuple(self._channel(j, own) for j, own in enumerate(found))
+
+    def _channel(self, j: int, found: Found | None) -> ChannelNoise:
         declared, windows = float(self._declared_nm[j]), int(self._windows[j])
         samples = int(self._samples[j])
-        count = samples * windows
-        if not windows:
-            return ChannelNoise(declared, declared, 1.0, 0.0, 0, 0.0)
-        products = self._sums[:, j] / windows
-        found = found_noise(products, windows, samples, self._nodes)
-        shapes = _shapes(samples, self._nodes)
+        count, shapes = samples * windows, _shapes(samples, self._nodes)
         if found is None:
-            sigma = float(np.sqrt(products[0] / shapes.white[0]))
+            variance = float(self._sums[0, j]) / windows / shapes.white[0] if windows else None
+            sigma = declared if variance is None else float(np.sqrt(variance))
             return ChannelNoise(declared, sigma, 1.0, 0.0, count, float(count))
         white, fading, k = found
         a, total = float(shapes.fading[k]), white + fading
@@ -244,21 +255,18 @@ class TorqueNoise:
             effective_samples=count * total / (white + fading * (1.0 + a) / (1.0 - a)),
         )
 
-    def _excess_of(self, j: int) -> FloatArray:
+    def _excess_of(self, j: int, found: Found | None) -> FloatArray:
         """Return what the found noise adds to the declared covariance at the nodes (m, m).
 
         Noise smaller than declared keeps the declared size: a sensor at rest may show less of it.
         """
-        noise, shapes = self.channels[j], _shapes(int(self._samples[j]), self._nodes)
-        if noise.is_white:
+        if found is None:
             return np.zeros((self._nodes, self._nodes))
-        step_s = self._window_s / float(self._samples[j])
-        k = int(np.argmin(np.abs(np.log(shapes.fading) + step_s / noise.correlation_s)))
-        variance = max(noise.sigma_nm, noise.declared_nm) ** 2
-        white = variance * noise.white_ratio
-        fading = variance - white
-        added = (white - noise.declared_nm**2) * shapes.at_nodes[0]
-        return np.asarray(added + fading * shapes.at_nodes[k + 1])
+        white, fading, k = found
+        at_nodes = _shapes(int(self._samples[j]), self._nodes).at_nodes
+        declared = float(self._declared_nm[j]) ** 2
+        size = max(1.0, declared / (white + fading))
+        return np.asarray((size * white - declared) * at_nodes[0] + size * fading * at_nodes[k + 1])
 
 
 def _variances(matrices: FloatArray) -> FloatArray:

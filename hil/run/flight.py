@@ -86,7 +86,7 @@ def flight_document(
     The truth's arm and calibration are what the robot file and the scenario say: told as exact.
     The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
     `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions;
-    `seed` fixes the error of the wheels' inertias that it is told.
+    `seed` fixes the error of the wheels' inertias in it.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -182,14 +182,14 @@ def _torque(
 
 
 def _wheels(system: WheelSystem, sensors: WheelSensorConfig, seed: int) -> list[dict[str, Any]]:
-    """Return what the flight side is told of the wheels; each inertia errs by its sigma."""
+    """Return the section `wheels`; each inertia errs by its sigma."""
     if len(sensors.nodes) != len(system.rotors):
         raise ScenarioError(
             f"sensors.wheels.nodes: {len(sensors.nodes)} nodes for {len(system.rotors)} wheels"
         )
     off = generator(seed, "wheel", len(system.rotors)).standard_normal(len(system.rotors))
     torque: dict[str, Any] = {"torque": "none"}
-    if sensors.torque_told:
+    if sensors.torque_used:
         torque = {"torque": "measured", "torque_noise_nm": sensors.torque_noise_nm}
     return [
         {

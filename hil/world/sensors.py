@@ -155,7 +155,7 @@ class WheelSensorConfig:
     speed_noise_rad_s: float = 0.01  # white, 1 sigma of one sample
     torque_noise_nm: float = 1e-3
     torque_offset_sigma_nm: float = 5e-3  # constant, drawn once per wheel and seed
-    torque_told: bool = False  # whether the flight side is to use the motor torques
+    torque_used: bool = False  # whether the flight side is to use the motor torques
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -57,7 +57,7 @@ class WheelSystem:
     speed_limit_rad_s: float
     stiffness_nm_rad: float  # of the hold; 0 and 0: the wheels turn on
     damping_nms_rad: float
-    inertia_sigma_ratio: float = 0.01  # 1 sigma by which the flight side is told another inertia
+    inertia_sigma_ratio: float = 0.01  # 1 sigma by which the configured inertia errs
 
     @cached_property
     def axes(self) -> FloatArray:

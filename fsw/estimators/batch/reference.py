@@ -2,8 +2,8 @@
 
 The practice is to record one motion empty and loaded and to identify the difference, so that what
 repeats cancels: errors of the links, friction, scales and zeros. Here that is exact: these errors
-are states, so what the reference tells of them is the prior of the loaded run, with all of its
-covariance. The two motions need not be alike, and what a reference does not tell stays in doubt.
+are states, so what the reference shows of them is the prior of the loaded run, with all of its
+covariance. The two motions need not be alike, and what a reference does not show stays in doubt.
 Biases, momentum and wrenches are of one run and are not handed on.
 """
 
@@ -45,7 +45,7 @@ def repeated(problem: Problem) -> IndexArray:
 def with_reference(
     problem: Problem, method: str, blocks: Sequence[Block], gate_probability: float
 ) -> Problem:
-    """Return the problem whose prior knows what the reference tells of arm and calibration.
+    """Return the problem whose prior knows what the reference shows of arm and calibration.
 
     Raises
     ------

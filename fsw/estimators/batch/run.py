@@ -82,7 +82,7 @@ def run_batch(
 ) -> dict[str, Any]:
     """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
 
-    `reference` are blocks of the same robot without what is unknown but the base; they tell arm and
+    `reference` are blocks of the same robot without what is unknown but the base; they show arm and
     calibration. `keep` is given the problem and the whole state, what is not published included.
 
     Raises
@@ -131,7 +131,7 @@ def _run(
     if reference and exact:
         raise EstimatorError(
             f"{method!r} {settings.weighting} takes arm and calibration as exact, "
-            "which a reference is to tell: fused, rda, cm or mrnea eiv"
+            "which a reference is to show: fused, rda, cm or mrnea eiv"
         )
     problem = build_problem(chosen, model, exact=exact)
     sound, noise = _with_noise_found(problem, sound)

@@ -140,8 +140,8 @@ class Recursion:
         """Continue from a snapshot. Raises EstimatorError if a block is missing; unchanged then."""
         prior = to_information(values["memory"]["prior"])
         memory = Memory(prior, self._settings.store_blocks)
-        self.noise.restore(values["noise"])
         memory.restore(values["memory"], blocks, self._usable_rows)
+        self.noise.restore(values["noise"])
         self.memory = memory
         put(self, _STATE, values)
         self._pointing = None

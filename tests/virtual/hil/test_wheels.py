@@ -203,7 +203,7 @@ def with_wheel_sensors(scenario: Scenario, **changes: Any) -> Scenario:
     return replace(scenario, sensors=scenario.sensors | {"wheels": wheels})
 
 
-@pytest.mark.parametrize("changes", [{}, {"rate_hz": 2.0, "torque_told": True}], ids=str)
+@pytest.mark.parametrize("changes", [{}, {"rate_hz": 2.0, "torque_used": True}], ids=str)
 def test_the_target_is_found_while_wheels_hold_the_base(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:

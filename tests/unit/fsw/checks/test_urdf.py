@@ -31,7 +31,7 @@ HOSTILE = {
         "nested deeper",
     ),
     "an origin of 1e300": (without_a_place("1e300"), "origin"),
-    "an origin that is none": (without_a_place("nan"), "origin"),
+    "an origin that is not a number": (without_a_place("nan"), "origin"),
     "a mass of 1e300": (arm_urdf(3).replace('mass value="3"', 'mass value="1e300"', 1), "mass"),
     "an entity that expands": (
         '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><robot name="&b;"/>',

@@ -128,6 +128,10 @@ def test_a_state_that_does_not_fit_changes_nothing(other: Any, missing: bool) ->
     target = build_online(other, robot_model())
     before = target.estimate(0)
     stored = {block.index: block for block in online.blocks[missing:]}
+    state = online.snapshot()
+    state["recursion"]["noise"]["windows"] += 1
     with pytest.raises(EstimatorError):
-        target.restore(online.snapshot(), stored)
+        target.restore(state, stored)
     assert_same(before, target.estimate(0))
+    if isinstance(target, OnlineEstimator):
+        assert not target.snapshot()["recursion"]["noise"]["windows"].any()
