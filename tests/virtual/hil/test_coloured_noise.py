@@ -36,10 +36,10 @@ def test_the_covariance_covers_the_error_and_the_sensors_are_named(tmp_path):
         outcome, events = flown(tmp_path, seed)
         assert outcome["valid"], outcome["reason"]
         total += outcome["nees"]
-        told = [event for event in events if event.code == CODE]
-        assert len(told) == 1, "once, not at every block"
-        assert "joint1 0.0" in told[0].text
-        assert " ms" in told[0].text
+        named = [event for event in events if event.code == CODE]
+        assert len(named) == 1, "once, not at every block"
+        assert "joint1 0.0" in named[0].text
+        assert " ms" in named[0].text
     assert total < CHI2_999
 
 

@@ -226,7 +226,7 @@ def test_wheels_left_out_of_the_configuration_are_never_confidently_wrong(tmp_pa
     assert not outcome["valid"] or outcome["nees"] < CHI2_10_999
 
 
-def test_a_wheel_that_falls_silent_costs_windows_and_is_told(tmp_path: Path) -> None:
+def test_a_wheel_that_falls_silent_costs_windows_and_is_reported(tmp_path: Path) -> None:
     scenario = short(tmp_path, name="wheels_leo")
     setup = bench.prepare(scenario, 1, tmp_path)
     run = bench.VirtualRun(setup, record=False)
@@ -238,6 +238,6 @@ def test_a_wheel_that_falls_silent_costs_windows_and_is_told(tmp_path: Path) -> 
     node.silent = False
     run.advance(setup.total_s, NoMeter())
     recorded = run.finish(NoMeter())
-    told = [e.code for e in recorded.events if "wheel2" in e.text]
-    assert told == ["WHEEL_SILENT", "RECOVERED"]
+    codes = [e.code for e in recorded.events if "wheel2" in e.text]
+    assert codes == ["WHEEL_SILENT", "RECOVERED"]
     assert 8 <= recorded.status["windows"]["unusable"] <= 13
