@@ -211,6 +211,9 @@ def _pieces(path: Path, part: int, wanted: set[str]) -> Iterator[Piece]:
     if summary is not None and summary.chunk_indexes:
         topics = {i: c.topic for i, c in summary.channels.items() if c.topic in wanted}
         for index in summary.chunk_indexes:
+            held = index.message_index_offsets  # by channel; empty where a writer makes none
+            if held and held.keys().isdisjoint(topics):
+                continue
             start_ns, offset = index.message_start_time, index.chunk_start_offset
             yield Piece(
                 start_ns, part, offset, partial(_read_chunk, path, offset, start_ns, topics)

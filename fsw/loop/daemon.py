@@ -41,7 +41,8 @@ from fsw.scheduler.align import Aligner
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
-WORK_SHARE = 0.25  # of a tick, after which no further unit of a backlog is begun
+WORK_SHARE = 0.25  # of a tick, after which no further unit is begun
+UNITS = 4  # most of a tick, of a window that is not late
 
 
 class Daemon:
@@ -232,12 +233,20 @@ class Daemon:
         self._batch.advance(tick)
 
     def _estimate(self, tick: Tick) -> None:
-        """Do one unit of work, none beside a stage of a batch; work off a backlog at once."""
+        """Work off what has closed while the tick is young, else do one unit of what can wait.
+
+        A backlog is worked off as far as the time goes, one window in few units a tick. Beside a
+        stage of a batch nothing must be done; in a tick without one a unit always is.
+        """
         if self.dispatcher.is_busy:
             return
-        while self._windows.is_behind and self._has_time(tick):
+        windows = self._windows
+        free = not windows.take_fresh() and not self._batch.is_busy
+        units = 0
+        while windows.is_busy and (windows.is_behind or units < UNITS) and self._has_time(tick):
             self._unit()
-        if not self._windows.take_fresh() and not self._batch.is_busy:
+            units += 1
+        if free and not units:
             self._unit()
 
     def _unit(self) -> None:

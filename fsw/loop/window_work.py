@@ -1,4 +1,4 @@
-"""Closed windows, worked off in bounded units: one a tick, a backlog at once."""
+"""Closed windows, worked off in bounded units, a backlog at once."""
 
 from __future__ import annotations
 

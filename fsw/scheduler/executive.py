@@ -59,8 +59,8 @@ class Executive:
         self._wake_fds = wake_fds
         self._drain = drain
         self._cpu_time_ns, self._stall_ns, self._budget_ns = cpu_time_ns, stall_ns, budget_ns
-        self._began_ns = 0  # the newest tick, and the processor time then
-        self._began_cpu_ns = 0
+        self._began_ns = 0  # the newest tick
+        self._began_cpu_ns = 0  # processor time when the wait for it began
         self._longest_ns = 0  # work over the budget since it was last taken
         self._stalls: list[Stall] = []
         self._t0_ns: int | None = None
@@ -101,7 +101,8 @@ class Executive:
         return longest_ns
 
     def _wait(self) -> Tick:
-        worked_ns = self._cpu_time_ns() - self._began_cpu_ns
+        cpu_ns = self._cpu_time_ns()
+        worked_ns, self._began_cpu_ns = cpu_ns - self._began_cpu_ns, cpu_ns
         if self._t0_ns is None:
             self._t0_ns = self._began_ns = self._clock.now_ns()
             worked_ns = 0
@@ -126,6 +127,6 @@ class Executive:
         if now_ns - ready_ns >= self._stall_ns:
             self.slips.stalls += 1
             self._stalls.append(Stall(ready_ns, now_ns, missed))
-        self._began_ns, self._began_cpu_ns = now_ns, self._cpu_time_ns()
+        self._began_ns = now_ns
         index += missed
         return Tick(index, due_ns + missed * self._period_ns, now_ns)

@@ -12,7 +12,6 @@ from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from hil.devices.truth_port import FloatArray, State
@@ -248,6 +247,8 @@ class JointErrors:
 
     def _correlated(self, white: FloatArray) -> FloatArray:
         """Return noise (k, n) of the same sigma that fades from sample to sample."""
+        from scipy.signal import lfilter  # 0.3 s that only such noise waits for
+
         fresh = math.sqrt(1.0 - self._fading**2) * white
         start = self._fading * self._faded
         faded, _ = lfilter([1.0], [1.0, -self._fading], fresh, axis=0, zi=start[None])

@@ -9,6 +9,7 @@ import pytest
 
 from fsw.drivers.wire import CanFrame
 from fsw.estimators.pipeline import Pipeline
+from fsw.loop import daemon as daemon_module
 from fsw.loop.batch_work import MOST_STAGES
 from fsw.loop.daemon import Daemon
 from fsw.loop.ports import Ports
@@ -95,15 +96,15 @@ def test_sync_goes_out_at_the_bus_rate_and_every_frame_is_recorded_in_order(benc
 
 
 def test_windows_are_closed_by_the_lag_and_pushed_once_in_order(bench: Bench):
-    bench.run(176)  # the last tick is at 350 ms: window 2 ends at 300 ms and closes there
+    bench.run(175)
     assert len(bench.conditioner.windows) == 2
-    bench.run(UNITS)
+    bench.run(2)  # a tick is at 350 ms: window 2 ends at 300 ms and closes there
     assert bench.estimator.pushed == [0, 1, 2]
     joints = bench.conditioner.windows[1].joints
     assert [len(j.t_ns) for j in joints] == [25, 25, 25]
     assert joints[0].t_ns[0] == 10**9 + 100 * MS
     assert [e.blocks for e in bench.sink.estimates] == [1, 2, 3]
-    assert bench.estimator.calls.count("work") == 176 + UNITS - 3 * (1 + UNITS)
+    assert bench.estimator.calls.count("work") == 177 - 3 * 2, "a window takes two ticks"
 
 
 @pytest.mark.parametrize("batch_s", [0.007, 0.02, 0.04, 0.05])
@@ -132,9 +133,10 @@ def test_samples_are_judged_in_batches_and_read_at_every_tick(arm: ArmProject):
         assert len(bench.sink.frames) == recorded
 
 
-def test_a_window_is_worked_off_one_unit_a_tick(bench: Bench):
+def test_a_window_is_worked_off_in_bounded_units(bench: Bench, monkeypatch):
     """Judging, conditioning, folding in and publishing take units; a command waits for the last."""
-    bench.run(76)  # window 0 closes at the last of these ticks, and nothing else is done in it
+    monkeypatch.setattr(daemon_module, "UNITS", 1)
+    bench.run(75)  # window 0 closes in the next tick
     for done in range(UNITS):
         assert bench.sink.estimates == []
         assert len(bench.sink.blocks) == len(bench.estimator.pushed) == (done > 4)
@@ -144,6 +146,23 @@ def test_a_window_is_worked_off_one_unit_a_tick(bench: Bench):
     assert bench.estimator.pushed == [0]
     assert bench.estimator.calls[-2:] == ["push", "reset"]
     assert bench.sink.commands[-1]["next_window"] == 1
+
+
+@pytest.mark.parametrize("cost_ns", [0, 1_000_000])
+def test_a_tick_that_has_taken_long_begins_no_further_unit(bench: Bench, monkeypatch, cost_ns):
+    unit = bench.daemon._unit
+    ticks: list[int] = []
+
+    def timed() -> None:
+        ticks.append(bench.daemon.executive.slips.ticks)
+        bench.clock.now += cost_ns
+        unit()
+
+    monkeypatch.setattr(bench.daemon, "_unit", timed)
+    bench.run(90)
+    most = max(ticks.count(tick) for tick in ticks)
+    assert most == (1 if cost_ns else daemon_module.UNITS)
+    assert bench.estimator.pushed == [0]
 
 
 def test_a_window_that_began_before_a_reset_does_not_reach_the_estimator(bench: Bench):
