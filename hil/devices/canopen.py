@@ -62,24 +62,28 @@ class FieldScale:
         per_nm = np.array([form.counts_per_nm for form in forms])
         tops = [2.0 ** (form.torque_bits - 1) - 1.0 for form in forms]
         position_top, motor_top = (2.0**31 - 1.0) * one, (2.0**15 - 1.0) * one
-        self._scale = np.stack([COUNTS_PER_RAD * one, COUNTS_PER_RAD * one, per_nm, 1000.0 * one])
-        self._top = np.stack([position_top, position_top, np.array(tops), motor_top])
+        scale = np.stack([COUNTS_PER_RAD * one, COUNTS_PER_RAD * one, per_nm, 1000.0 * one])
+        top = np.stack([position_top, position_top, np.array(tops), motor_top])
+        self._scale, self._top = scale[:, None], top[:, None]
         self._bottom = -self._top - 1.0
         self._range_nm = torque_range_nm
 
-    def readings(self, measured: NDArray[np.float64]) -> list[Reading]:
-        """Return a reading per node; values beyond a field saturate.
+    def readings(self, measured: NDArray[np.float64]) -> list[list[Reading]]:
+        """Return per latch a reading of every node; values beyond a field saturate.
 
         Parameters
         ----------
-        measured : (4, n) position [rad], velocity [rad/s], torque [N m], motor torque [of rated],
-            in the node's own sign and zero
+        measured : (4, k, n) position [rad], velocity [rad/s], torque [N m], motor torque [of rated]
+            at k latches, in the node's own sign and zero
         """
         fields = np.rint(measured * self._scale)
         np.minimum(np.maximum(fields, self._bottom, out=fields), self._top, out=fields)
         overloaded = np.abs(measured[2]) > self._range_nm
         columns = [*fields.astype(np.int64).tolist(), overloaded.tolist()]
-        return list(map(Reading._make, zip(*columns, strict=True)))
+        return [
+            list(map(Reading._make, zip(*latch, strict=True)))
+            for latch in zip(*columns, strict=True)
+        ]
 
 
 def encode_tpdo1(reading: Reading, status: int, counter: int) -> bytes:

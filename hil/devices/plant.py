@@ -16,13 +16,14 @@ from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, FieldScale, JointNode, Reading
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
-from hil.devices.truth_clock import ClampedHistory, JointTable, TruthClock
+from hil.devices.truth_clock import SPAN_S, ClampedHistory, JointTable, TruthClock
 from hil.devices.truth_port import History
 from hil.devices.uart import TimedBytes
 from hil.devices.wheel import WheelNode
 from hil.world.sensors import JointErrors, NodeConfig, SensorConfig, WheelSensorConfig, generator
 
 FIRST_NODE = 0x11
+AHEAD = 64  # latches measured at once
 
 
 class Plant:
@@ -62,8 +63,10 @@ class Plant:
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
         is_fd = [node.format == "fd" for node in self.nodes]
         self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm)
-        self._latched: tuple[int, list[Reading]] | None = None
         self._latched_ns = t0_ns
+        self._readings: list[Reading] = []  # of that latch
+        self._step_ns = 0  # from the latch before
+        self._ahead: list[tuple[int, list[Reading]]] = []  # latches to come, the next one last
         self._rested = rested
         self._wheels = self._wheel_nodes(sensors.wheels, seed, rate_hz)
         names = tuple(dict.fromkeys([*(node.bus for node in self.nodes), *self._wheels]))
@@ -112,21 +115,32 @@ class Plant:
 
     def _latch(self, t_ns: int) -> Sequence[Reading]:
         """Measure every joint; buses sharing a SYNC instant share the latch."""
-        self._latched_ns = t_ns
-        if self._latched is not None and self._latched[0] == t_ns:
-            return self._latched[1]
+        if self._latched_ns == t_ns and self._readings:
+            return self._readings
+        step_ns, self._latched_ns = t_ns - self._latched_ns, t_ns
+        if not (self._ahead and self._ahead[-1][0] == t_ns):
+            # SYNC at exactly equal steps, as in virtual time, will go on so
+            count = AHEAD if step_ns == self._step_ns else 1
+            self._ahead = self._measured(t_ns, step_ns, count)
+        self._step_ns = step_ns
+        self._readings = self._ahead.pop()[1]
+        self.joint_errors.use()
+        return self._readings
+
+    def _measured(self, t_ns: int, step_ns: int, count: int) -> list[tuple[int, list[Reading]]]:
+        """Return the latches from `t_ns` on, the first of them last: times and readings."""
         config = self.sensors.joints
-        t_s = self.clock.second(t_ns) + config.latch_offset_s
+        count = min(count, self.joint_errors.left(), 1 + int(SPAN_S * 1e9) // max(step_ns, 1))
+        times_ns = [t_ns + k * step_ns for k in range(count)]
+        t_s = np.array([self.clock.second(t) for t in times_ns]) + config.latch_offset_s
         q, qd, tau = self._table.at(t_s)
-        measured = np.empty((4, len(q)))
-        position, measured[2] = self.joint_errors.measure(q, qd, tau)
+        measured = np.empty((4, *q.shape))
+        position, measured[2] = self.joint_errors.ahead(q, qd, tau)
         measured[0] = position - self._zeros
         measured[1] = qd
         measured[3] = tau / config.rated_torque_nm
         measured *= self._signs
-        readings = self._scale.readings(measured)
-        self._latched = (t_ns, readings)
-        return readings
+        return list(zip(times_ns, self._scale.readings(measured), strict=True))[::-1]
 
     def _wheel_nodes(
         self, config: WheelSensorConfig | None, seed: int, sync_rate_hz: float

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from hil.devices.truth_port import FloatArray, History, State
 REST_S = -1.0  # any time before the motion: the robot rests
 GRID_S = 1e-3
 GRID_POINTS = 256
+SPAN_S = 0.2  # looked up at once
 
 
 @dataclass(slots=True)
@@ -66,25 +66,27 @@ class JointTable:
         self._table = np.empty((0, 0))
         self.n = int(np.atleast_2d(history.at(np.array([REST_S])).q).shape[-1])
 
-    def at(self, t_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return q [rad], qd [rad/s], tau [N m], each (n,)."""
+    def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q [rad], qd [rad/s], tau [N m], each (k, n), at rising times within `SPAN_S`."""
         cell = t_s / GRID_S
-        base = math.floor(cell)
-        if not self._first < base < self._first + len(self._table) - 2:
-            self._fill(base)
+        base = np.floor(cell).astype(np.int64)
+        first, last = int(base[0]), int(base[-1])
+        if not self._first < first <= last < self._first + len(self._table) - 2:
+            self._fill(first)
         x = cell - base
-        weights = np.array(
+        weights = np.stack(
             [
                 -x * (x - 1.0) * (x - 2.0) / 6.0,
                 (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0,
                 -(x + 1.0) * x * (x - 2.0) / 2.0,
                 (x + 1.0) * x * (x - 1.0) / 6.0,
-            ]
+            ],
+            axis=1,
         )
-        row = base - self._first - 1
-        values = weights @ self._table[row : row + 4]
+        rows = (base - self._first - 1)[:, None] + np.arange(4)
+        values = (weights[:, None] @ self._table[rows])[:, 0]
         n = self.n
-        return values[:n], values[n : 2 * n], values[2 * n :]
+        return values[:, :n], values[:, n : 2 * n], values[:, 2 * n :]
 
     def _fill(self, base: int) -> None:
         self._first = base - 2

@@ -255,20 +255,44 @@ class JointErrors:
         self._faded = faded[-1]
         return np.asarray(faded)
 
+    def left(self) -> int:
+        """Return how many latches can be measured ahead: one where errors depend on the last."""
+        if self._next >= len(self._noise):
+            self._refill()
+        return 1 if self._hysteresis is not None else len(self._noise) - self._next
+
+    def ahead(
+        self, q: FloatArray, qd: FloatArray, tau: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return measured position [rad], quantised, and link torque [N m] of the next latches.
+
+        Parameters
+        ----------
+        q, qd, tau : (k, n) true position [rad], rate [rad/s], torque [N m]; k at most `left`
+
+        `use` tells how many of them were needed: the rest is drawn again, the same.
+        """
+        noise = self._noise[self._next : self._next + len(q)]
+        step_rad = self._step_rad
+        position = np.rint((q + noise[:, 0]) / step_rad) * step_rad
+        torque = (tau + self.friction.torque_nm(qd)) * self.torque_scale + self.torque_offset_nm
+        if self._hysteresis is not None:
+            torque = torque + self._hysteresis.error_nm(tau[0])
+        return position, torque + noise[:, 1]
+
+    def use(self) -> None:
+        """Count one latch as measured."""
+        self._next += 1
+
     def measure(
         self, q: FloatArray, qd: FloatArray, tau: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return measured position [rad], quantised, and link torque [N m] of one latch."""
+        """Return measured position [rad], quantised, and link torque [N m] of one latch, (n,)."""
         if self._next >= len(self._noise):
             self._refill()
-        position_noise, torque_noise = self._noise[self._next]
-        self._next += 1
-        step_rad = self._step_rad
-        position = np.rint((q + position_noise) / step_rad) * step_rad
-        torque = (tau + self.friction.torque_nm(qd)) * self.torque_scale + self.torque_offset_nm
-        if self._hysteresis is not None:
-            torque = torque + self._hysteresis.error_nm(tau)
-        return position, torque + torque_noise
+        position, torque = self.ahead(q[None], qd[None], tau[None])
+        self.use()
+        return position[0], torque[0]
 
 
 class ImuErrors:

@@ -78,4 +78,4 @@ def reading(
 ) -> Reading:
     """Return the reading of a node that measured this; an overload beyond 327 N m."""
     measured = np.array([[position_rad], [velocity_rad_s], [torque_nm], [motor_torque_ratio]])
-    return FieldScale([is_fd], 327.0).readings(measured)[0]
+    return FieldScale([is_fd], 327.0).readings(measured[:, None])[0][0]

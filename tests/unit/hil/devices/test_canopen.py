@@ -54,7 +54,7 @@ def test_half_a_count_rounds_to_even_and_nodes_keep_their_own_torque_unit():
     measured = np.zeros((4, 3))
     measured[0] = np.array([0.5, 1.5, -2.5]) / COUNTS_PER_RAD
     measured[2] = 12.0
-    readings = FieldScale([False, True, False], 327.0).readings(measured)
+    (readings,) = FieldScale([False, True, False], 327.0).readings(measured[:, None])
     assert [r.position for r in readings] == [0, 2, -2]
     assert [r.torque for r in readings] == [1200, 120_000, 1200]
 

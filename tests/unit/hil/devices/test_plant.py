@@ -90,6 +90,22 @@ def test_node_sign_and_zero_are_those_of_the_raw_value():
     assert abs(-torque / 100 - state.tau[2]) < 0.00501
 
 
+def test_latches_measured_ahead_are_those_of_one_at_a_time(monkeypatch):
+    """SYNC at equal steps, late, early and at other steps: each latch has its own instant's truth,
+    and the noise that comes next whatever was measured ahead before.
+    """
+
+    def positions(ahead: int) -> list[bytes]:
+        monkeypatch.setattr("hil.devices.plant.AHEAD", ahead)
+        noisy = sensor_config({"torque_noise_nm": 0.05, "encoder_noise_rad": 1e-6})
+        plant = Plant(AnalyticHistory(), noisy, 3, start_delay_s=0.1)
+        steps = [2 * MS] * 300 + [2 * MS + 7, 2 * MS - 7] * 5 + [2 * MS] * 40 + [20 * MS] * 40
+        times = np.cumsum(steps).tolist()
+        return [f[2] for t in times for f in pdo1(plant.on_frame(t, 0x080, b"\x01"))]
+
+    assert positions(64) == positions(1)
+
+
 def test_two_buses_share_one_latch():
     nodes = [n | {"bus": "a" if i < 4 else "b"} for i, n in enumerate(NODES)]
     plant = Plant(AnalyticHistory(), sensor_config({"nodes": nodes, "torque_noise_nm": 0.1}), 1)
