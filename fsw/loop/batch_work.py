@@ -10,7 +10,7 @@ from fsw.loop.inputs import Inputs
 from fsw.loop.science import Science
 from fsw.loop.window_work import ENDED, WindowWork
 from fsw.scheduler.align import Aligner
-from fsw.scheduler.tasks import Tick
+from fsw.scheduler.tasks import TaskTimes, Tick
 
 FOREVER_NS = 1 << 62
 MOST_STAGES = 5  # of a batch with one bus; where it has no twice as many ticks it is done at once
@@ -45,6 +45,8 @@ class BatchWork:
         self._next = 0  # tick of the next batch
         self._stages: Generator[None, None, None] | None = None  # half done
         self._accepted_ns = -1  # when it began
+        self._before_ns = -1  # when the batch before it began
+        self.delays = TaskTimes()  # of what came first in a batch, from its arrival to its sample
         self._decoded = False
 
     @property
@@ -64,11 +66,16 @@ class BatchWork:
         if is_closing or tick.index >= self._next:
             self.finish()
             self._next = (tick.index // self._ticks + 1) * self._ticks
-            self._accepted_ns, self._stages = tick.now_ns, self._batch(tick.now_ns)
+            self._before_ns, self._accepted_ns = self._accepted_ns, tick.now_ns
+            self._stages = self._batch(tick.now_ns)
+        if self._stages is None:
+            return
         if self._ticks < 2 * MOST_STAGES:
             self.finish()
-        elif self._stages is not None and next(self._stages, ENDED) is ENDED:
+        elif next(self._stages, ENDED) is ENDED:
             self._stages = None
+        if self._stages is None and self._before_ns >= 0:
+            self.delays.add(tick.now_ns - self._before_ns)
 
     def finish(self) -> None:
         """Do what is left of the batch in progress."""

@@ -176,6 +176,7 @@ class Daemon:
             **tick_status(self.executive.slips),
             **sample_status(self._config, self.aligner, self._inputs),
             "windows": window_status(self.aligner, self.unusable_windows, conditioner),
+            "sampled_us": time_values(self._batch.delays),
             "published_us": time_values(self._windows.delays),
             "health": self.health.status(),
             "identifying": self.dispatcher.identifying,

@@ -1,9 +1,9 @@
 """`hil bench`: the whole daemon in real time, alone and beside other work.
 
 Each condition is a run of its own against simulated devices: alone, beside a process that takes a
-processor, a batch job, and ten telemetry clients. During each, `cyclictest` (Debian's rt-tests)
-shows what the machine itself does to a timer of the same rate. Everything about the daemon is its
-own status and what the system counts for its processes.
+processor, a batch job, and ten telemetry clients with fast packets. During each, `cyclictest`
+(Debian's rt-tests) shows what the machine itself does to a timer of the same rate. Everything about
+the daemon is its own status, what the system counts for its processes, and what its link sends.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
+from hil.evidence.speed.link_delay import LinkDelays
 from hil.run import live
 from hil.run.bench import prepare
 from hil.run.flight import plant_document, write_yaml
@@ -33,6 +34,7 @@ from hil.world.scenario import load as load_scenario
 
 SETTLE_S = 6.0  # not counted: start-up
 CLIENTS = 10
+FAST = {"housekeeping_interval_s": 0.1, "science_interval_s": 0.01}  # what the ten are sent
 CONDITIONS = ("alone", "hog", "batch", "clients")
 BATCH_METHOD = "rda"
 HOG = "while True: pass"
@@ -52,7 +54,10 @@ class Condition:
     over_budget: int = 0
     work_mean_us: float = 0.0  # since the start, as is the percentile
     work_p99_us: float = 0.0
+    sampled_p99_us: float = 0.0  # from the arrival of a batch's first frame to its samples
     published_p99_us: float = 0.0  # from a window's closing to its published estimate
+    sample_packet_p99_ms: float = 0.0  # age of the newest joint sample in a packet; 0: none sent
+    estimate_packet_p99_ms: float = 0.0  # from a window's closing to its telemetry packet
     incidents: dict[str, int] = field(default_factory=dict)
     dropped: int = 0  # messages the recorder or the ring lost
     lost: dict[str, int] = field(default_factory=dict)  # samples, by source
@@ -88,7 +93,10 @@ class Condition:
                 f"  slips of 1000 ticks: {self.slips_per_1000:.1f}; of cyclictest: {timer}",
                 f"  work of a tick: mean {self.work_mean_us:.0f} us, p99 {self.work_p99_us:.0f} us;"
                 f" {self.over_budget} over budget; {self.stalls} stalls",
-                f"  window closed to estimate published: p99 {self.published_p99_us / 1e3:.1f} ms",
+                f"  p99: frame to sample {self.sampled_p99_us / 1e3:.1f} ms, to its packet"
+                f" {self.sample_packet_p99_ms:.1f} ms; window closed to estimate published"
+                f" {self.published_p99_us / 1e3:.1f} ms, to its packet"
+                f" {self.estimate_packet_p99_ms:.1f} ms",
                 f"  incidents: {incidents}; lost: {sum(self.lost.values())} samples,"
                 f" {self.dropped} messages",
             ]
@@ -139,23 +147,31 @@ def measure(scenario: str, name: str, seconds: float, meter: Meter) -> Condition
     with tempfile.TemporaryDirectory(prefix="hb-") as home, ExitStack() as stack:
         folder = Path(home)
         port = live.free_tcp_port()
+        rates = FAST if name == "clients" else {}
         setup = prepare(
-            load_scenario(scenario), 0, folder, real_time=True, telemetry={"port": port}
+            load_scenario(scenario), 0, folder, real_time=True, telemetry={"port": port, **rates}
         )
         plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_ports)
         rate_hz = setup.config.scheduler.tick_rate_hz
         wakes: list[tuple[int, int]] = []
+        clients: list[LinkDelays] = []
 
         def start() -> None:
             stack.enter_context(_load(name, setup.config_path, port))
             stack.enter_context(_timer(rate_hz, seconds, wakes))
+            clients.append(LinkDelays(port, setup.config.estimator.lag_s))
 
         watch = _Watch(folder / "state" / "status.json", start)
         plant_path = write_yaml(folder / "plant.yaml", plant)
         total_s = min(SETTLE_S + seconds, setup.total_s)
         outcome = live.run(setup.config_path, plant_path, total_s, meter, watch)
+        for client in clients:
+            client.close()
         stack.close()
-        return _condition(name, watch, outcome.status, wakes, 1e6 / rate_hz)
+        condition = _condition(name, watch, outcome.status, wakes, 1e6 / rate_hz)
+        condition.sample_packet_p99_ms = clients[0].p99_ms("science")
+        condition.estimate_packet_p99_ms = clients[0].p99_ms("estimate")
+        return condition
 
 
 def _condition(
@@ -184,6 +200,7 @@ def _condition(
         over_budget=grown("over_budget"),
         work_mean_us=float(last.status["work_us"]["mean"]),
         work_p99_us=float(last.status["work_us"]["p99"]),
+        sampled_p99_us=float(last.status["sampled_us"]["p99"]),
         published_p99_us=float(last.status["published_us"]["p99"]),
         incidents=dict(last.status["health"]["incidents"]),
         dropped=int(final.get("ring", {}).get("dropped", 0)),
@@ -260,6 +277,10 @@ def summary(rounds: list[list[Condition]]) -> str:
             "slips of 1000": [run.slips_per_1000 for run in runs],
             "slips of 1000, cyclictest": [run.timer_slips_per_1000 for run in runs],
             "work of a tick, p99 [us]": [run.work_p99_us for run in runs],
+            "work of a tick, mean [us]": [run.work_mean_us for run in runs],
+            "frame to sample, p99 [ms]": [run.sampled_p99_us / 1e3 for run in runs],
+            "sample's packet, p99 [ms]": [run.sample_packet_p99_ms for run in runs],
+            "estimate's packet, p99 [ms]": [run.estimate_packet_p99_ms for run in runs],
             "estimate published, p99 [ms]": [run.published_p99_us / 1e3 for run in runs],
         }
         lines += [

@@ -1,0 +1,85 @@
+"""How old samples and estimates are when their telemetry packet reaches a client."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import suppress
+
+import numpy as np
+from spacepackets.ccsds.spacepacket import get_total_space_packet_len_from_len_field
+
+from fsw.telemetry.link.packets import Decoder
+
+LENGTH_AT = 4  # of the length field in a space packet's primary header
+HEADER_BYTES = 6
+
+
+class LinkDelays:
+    """A telemetry client on this machine, which shares the daemon's clock.
+
+    Parameters
+    ----------
+    port : of the daemon's telemetry
+    lag_s : from a window's end to its closing
+    """
+
+    def __init__(self, port: int, lag_s: float) -> None:
+        self._lag_s = lag_s
+        self._link = socket.create_connection(("127.0.0.1", port))
+        self._ages_s: dict[str, list[float]] = {"science": [], "estimate": []}
+        self._newest_s = {"science": 0.0, "estimate": 0.0}
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+        self._thread.start()
+
+    def p99_ms(self, packet: str) -> float:
+        """Return the 99th percentile of a packet's age [ms]; 0 where none has come.
+
+        Of "science" the age of the newest joint sample, of "estimate" the time from the closing
+        of its window; each at the first packet that holds it.
+        """
+        ages_s = self._ages_s[packet]
+        return 1e3 * float(np.percentile(ages_s, 99)) if ages_s else 0.0
+
+    def join(self) -> None:
+        """Wait until the other end has hung up."""
+        self._thread.join()
+
+    def close(self) -> None:
+        """End the connection."""
+        with suppress(OSError):  # the other end has
+            self._link.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._link.close()
+
+    def _follow(self) -> None:
+        decoder, waiting = Decoder(), b""
+        while received := self._receive():
+            now_s = 1e-9 * time.monotonic_ns()
+            waiting += received
+            while len(waiting) > HEADER_BYTES:
+                field = int.from_bytes(waiting[LENGTH_AT:HEADER_BYTES], "big")
+                length = get_total_space_packet_len_from_len_field(field)
+                if len(waiting) < length:
+                    break
+                packet, waiting = waiting[:length], waiting[length:]
+                self._look(decoder, packet, now_s)
+
+    def _receive(self) -> bytes:
+        try:
+            return self._link.recv(1 << 16)
+        except OSError:
+            return b""
+
+    def _look(self, decoder: Decoder, raw: bytes, now_s: float) -> None:
+        found = decoder.decode(raw)
+        name = found.packet.name
+        key = {"science": "joint_time_s", "estimate": "estimate_time_s"}.get(name)
+        if key is None:
+            return
+        valid_s = float(found.values[key])
+        if valid_s > self._newest_s[name] and self._newest_s[name] > 0.0:
+            closed_s = valid_s + (self._lag_s if name == "estimate" else 0.0)
+            self._ages_s[name].append(now_s - closed_s)
+        self._newest_s[name] = valid_s
