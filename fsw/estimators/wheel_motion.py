@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from fsw.config import WheelConfig
 from fsw.messages import ChannelWindow, FloatArray, IntArray
@@ -94,7 +94,8 @@ class WheelMotion:
         least = 1 + len(samples.t_s) - max(MIN_SPIKES, int(SPIKE_RATIO * len(samples.t_s)))
         removed = 0
         while True:
-            inverse = self._inverse(samples, sigma)
+            root = self._root(samples, sigma)
+            inverse = _inverse(root)
             doubt = np.abs(inverse @ samples.values) / np.sqrt(np.diag(inverse))
             worst = int(np.argmax(doubt))
             if doubt[worst] <= GATE_SIGMAS:
@@ -106,9 +107,10 @@ class WheelMotion:
         orders = np.repeat([0, 1], len(t_ns))
         prior = self._prior(samples, sigma)
         across = self._kernel(nodes, orders, samples.t_s, samples.order, prior)
-        gain = across @ inverse
-        covariance = self._kernel(nodes, orders, nodes, orders, prior) - gain @ across.T
-        mean = gain @ samples.values
+        # both by the root: products with the inverse would lose the digits of a vague momentum
+        whitened = dtrtrs(root, across.T, lower=1)[0]
+        covariance = self._kernel(nodes, orders, nodes, orders, prior) - whitened.T @ whitened
+        mean = whitened.T @ dtrtrs(root, samples.values, lower=1)[0].ravel()
         h, hd = mean[: len(t_ns)] + middle, mean[len(t_ns) :]
         return Turn(h, hd, 0.5 * (covariance + covariance.T), removed)
 
@@ -117,8 +119,8 @@ class WheelMotion:
         size = np.abs(samples.values[samples.order == 0]).max(initial=0.0)
         return (size + VAGUE * sigma) ** 2, (2.0 * self._config.torque_limit_nm) ** 2
 
-    def _inverse(self, samples: _Samples, sigma: float) -> FloatArray:
-        """Return the inverse of the samples' covariance."""
+    def _root(self, samples: _Samples, sigma: float) -> FloatArray:
+        """Return the lower Cholesky factor of the samples' covariance."""
         prior = self._prior(samples, sigma)
         S = self._kernel(samples.t_s, samples.order, samples.t_s, samples.order, prior)
         S[np.diag_indices_from(S)] += samples.sigma**2
@@ -127,9 +129,8 @@ class WheelMotion:
         root, info = dpotrf(S, lower=1)
         if info:
             raise np.linalg.LinAlgError(f"samples of {self.name}")
-        inverse = np.tril(dpotri(root, lower=1)[0])
-        whole: FloatArray = inverse + np.tril(inverse, -1).T
-        return whole
+        lower: FloatArray = root
+        return lower
 
     def _kernel(
         self,
@@ -153,6 +154,13 @@ class WheelMotion:
         of_momentum = np.where(b, by_u, both)
         whole: FloatArray = np.where(a, np.where(b, P_T + q * low, by_t), of_momentum)
         return whole
+
+
+def _inverse(root: FloatArray) -> FloatArray:
+    """Return the inverse of root root^T."""
+    inverse = np.tril(dpotri(root, lower=1)[0])
+    whole: FloatArray = inverse + np.tril(inverse, -1).T
+    return whole
 
 
 def _thinned(
