@@ -177,15 +177,12 @@ def diagnose(
 
     Raises
     ------
-    numpy.linalg.LinAlgError if a covariance is not positive definite.
+    numpy.linalg.LinAlgError if the prior covariance is not positive definite.
     """
     p = len(names)
     gain, W = gains(prior_covariance, covariance)
     bound = covariance if bound is None else bound
-    prior_L = np.linalg.cholesky(prior_covariance)
-    traces = [
-        np.sum(np.linalg.solve(prior_L, np.linalg.cholesky(P)) ** 2) for P in (bound, covariance)
-    ]
+    traces = [np.trace(np.linalg.solve(prior_covariance, P)) for P in (bound, covariance)]
     volumes = [np.linalg.slogdet(P)[1] for P in (bound, covariance)]
     distance, dof = stated_conflict(prior_mean, prior_covariance, mean, covariance, len(bodies))
     # row k of W acts on x; in prior sigmas its weights are W P0 diag(1/sigma), as loadings

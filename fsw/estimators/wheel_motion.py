@@ -44,10 +44,20 @@ class _Samples:
     values: FloatArray
     order: IntArray
     sigma: FloatArray
+    apart_s: FloatArray  # of the mean of a group: it varies like that of two instants t -+ this
 
     def without(self, row: int) -> _Samples:
         keep = np.arange(len(self.t_s)) != row
-        return _Samples(self.t_s[keep], self.values[keep], self.order[keep], self.sigma[keep])
+        columns = (self.t_s, self.values, self.order, self.sigma, self.apart_s)
+        return _Samples(*(column[keep] for column in columns))
+
+    def sides_s(self) -> tuple[FloatArray, ...]:
+        """Return the instants whose mean every sample is, in turn."""
+        return (
+            (self.t_s - self.apart_s, self.t_s + self.apart_s)
+            if self.apart_s.any()
+            else (self.t_s,)
+        )
 
 
 class WheelMotion:
@@ -106,7 +116,8 @@ class WheelMotion:
         nodes = np.tile((t_ns - origin_ns) * 1e-9, 2)
         orders = np.repeat([0, 1], len(t_ns))
         prior = self._prior(samples, sigma)
-        across = self._kernel(nodes, orders, samples.t_s, samples.order, prior)
+        sides = samples.sides_s()
+        across = _mean([self._kernel(nodes, orders, u, samples.order, prior) for u in sides])
         # both by the root: products with the inverse would lose the digits of a vague momentum
         whitened = dtrtrs(root, across.T, lower=1)[0]
         covariance = self._kernel(nodes, orders, nodes, orders, prior) - whitened.T @ whitened
@@ -122,9 +133,10 @@ class WheelMotion:
     def _root(self, samples: _Samples, sigma: float) -> FloatArray:
         """Return the lower Cholesky factor of the samples' covariance."""
         prior = self._prior(samples, sigma)
-        S = self._kernel(samples.t_s, samples.order, samples.t_s, samples.order, prior)
+        sides, order = samples.sides_s(), samples.order
+        S = _mean([self._kernel(t, order, u, order, prior) for t in sides for u in sides])
         S[np.diag_indices_from(S)] += samples.sigma**2
-        torque = samples.order == 1
+        torque = order == 1
         S += self._config.torque_offset_sigma_nm**2 * np.outer(torque, torque)
         root, info = dpotrf(S, lower=1)
         if info:
@@ -163,12 +175,25 @@ def _inverse(root: FloatArray) -> FloatArray:
     return whole
 
 
+def _mean(parts: list[FloatArray]) -> FloatArray:
+    total: FloatArray = parts[0] if len(parts) == 1 else sum(parts[1:], parts[0]) / len(parts)
+    return total
+
+
 def _thinned(
     t_s: FloatArray, values: FloatArray, order: int, sigma: float
-) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
-    """Return times, values, orders and sigmas, at most MOST_SAMPLES of them: means of groups."""
+) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+    """Return the columns of `_Samples`, at most MOST_SAMPLES rows: means of groups.
+
+    The mean of m readings, s apart, of a random walk (torque) has the variance of the mean of two
+    that are s (m^2 - 1) / (3 m) off the middle; of momentum, which is smooth, of two that are
+    s sqrt((m^2 - 1) / 12) off.
+    """
     size = -(-len(t_s) // MOST_SAMPLES)
     heads = np.arange(0, len(t_s), size)
     counts = np.diff(np.append(heads, len(t_s)))
     means = [np.add.reduceat(part, heads) / counts for part in (t_s, values)]
-    return means[0], means[1], np.full(len(heads), order), sigma / np.sqrt(counts)
+    length_s = t_s[heads + counts - 1] - t_s[heads]
+    step_s = length_s / np.maximum(counts - 1, 1)
+    apart_s = step_s * ((counts**2 - 1) / (3 * counts) if order else np.sqrt((counts**2 - 1) / 12))
+    return means[0], means[1], np.full(len(heads), order), sigma / np.sqrt(counts), apart_s

@@ -119,7 +119,7 @@ class Plant:
             return self._readings
         step_ns, self._latched_ns = t_ns - self._latched_ns, t_ns
         if not (self._ahead and self._ahead[-1][0] == t_ns):
-            # SYNC at exactly equal steps, as in virtual time, will go on so
+            # where two steps are equal, as in virtual time, the next ones are expected to be
             count = AHEAD if step_ns == self._step_ns else 1
             self._ahead = self._measured(t_ns, step_ns, count)
         self._step_ns = step_ns

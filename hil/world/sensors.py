@@ -288,8 +288,7 @@ class JointErrors:
         self, q: FloatArray, qd: FloatArray, tau: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return measured position [rad], quantised, and link torque [N m] of one latch, (n,)."""
-        if self._next >= len(self._noise):
-            self._refill()
+        self.left()
         position, torque = self.ahead(q[None], qd[None], tau[None])
         self.use()
         return position[0], torque[0]

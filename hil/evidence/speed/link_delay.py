@@ -8,12 +8,12 @@ import time
 from contextlib import suppress
 
 import numpy as np
-from spacepackets.ccsds.spacepacket import get_total_space_packet_len_from_len_field
+from spacepackets.ccsds.spacepacket import PacketId, PacketType, parse_space_packets
 
+from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.packets import Decoder
 
-LENGTH_AT = 4  # of the length field in a space packet's primary header
-HEADER_BYTES = 6
+APPLICATIONS = sorted({packet.apid for packet in DICTIONARY.packets})
 
 
 class LinkDelays:
@@ -55,15 +55,17 @@ class LinkDelays:
 
     def _follow(self) -> None:
         decoder, waiting = Decoder(), b""
+        identifiers = [
+            PacketId(PacketType.TM, has_time, apid)
+            for apid in APPLICATIONS
+            for has_time in (True, False)
+        ]
         while received := self._receive():
             now_s = 1e-9 * time.monotonic_ns()
             waiting += received
-            while len(waiting) > HEADER_BYTES:
-                field = int.from_bytes(waiting[LENGTH_AT:HEADER_BYTES], "big")
-                length = get_total_space_packet_len_from_len_field(field)
-                if len(waiting) < length:
-                    break
-                packet, waiting = waiting[:length], waiting[length:]
+            found = parse_space_packets(waiting, identifiers)
+            waiting = waiting[found.scanned_bytes :]
+            for packet in found.tm_list:
                 self._look(decoder, packet, now_s)
 
     def _receive(self) -> bytes:
