@@ -126,12 +126,15 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     )
     schema.set_defaults(command=_schema)
 
-    export = commands.add_parser("export", help="an identified body as URDF, SDF, MJCF, JSON, CSV")
-    export.add_argument("result", type=Path, metavar="RESULT", help="of fsw identify --json")
-    export.add_argument(
-        "--format", choices=("urdf", "sdf", "mjcf", "json", "csv"), default="json", help="json"
+    export = commands.add_parser(
+        "export", help="an identified body for other tools; `export ros2`: the message package"
     )
+    export.add_argument("result", type=Path, metavar="RESULT", help="of fsw identify --json")
+    kinds = ("urdf", "sdf", "mjcf", "json", "csv", "parquet", "ros2")
+    export.add_argument("--format", choices=kinds, default="json", help="json")
     export.add_argument("--body", metavar="NAME", help="needed where there are two")
+    export.add_argument("--frame", metavar="NAME", help="what the body's frame is called elsewhere")
+    export.add_argument("--out", type=Path, metavar="PATH", help="instead of standard output")
     export.set_defaults(command=_export)
 
     check = commands.add_parser("check", help="validate everything; touch no device")
@@ -305,10 +308,14 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from fsw.commands.export_body import FORMATS, body_of, read_result
+    from fsw.commands.export_body import export
+    from fsw.commands.ros2 import write_package
 
-    body = body_of(read_result(arguments.result), arguments.body)
-    sys.stdout.write(FORMATS[arguments.format](body))
+    if str(arguments.result) == "ros2":
+        print(*write_package(arguments.out or Path("inertia_daemon_msgs")), sep="\n")
+        return 0
+    body, text = export(arguments)
+    sys.stdout.write(text)
     if not body.valid:
         print(f"fsw: warning: {arguments.result}: the estimate is not valid", file=sys.stderr)
     return 0 if body.valid else FAILED_EXIT

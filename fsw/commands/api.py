@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from fsw.commands.export_body import FORMATS, Body, body_of
+from fsw.commands.export_body import FORMATS
+from fsw.commands.identified_body import Body, body_of
 from fsw.commands.identify import identify as identify_recording
 from fsw.commands.identify import to_text
 from fsw.commands.replay import replay as replay_recording
@@ -100,7 +101,7 @@ class Identification:
         return {name: body_of(self.values, name) for name in self.values["estimate"]}
 
     def export(self, kind: str, body: str | None = None) -> str:
-        """Return a body as `urdf`, `sdf`, `mjcf`, `json` or `csv`; `body` where there are two.
+        """Return a body as `urdf`, `sdf`, `mjcf`, `json`, `csv` or `ros2`; `body` of several.
 
         Raises
         ------

@@ -2,98 +2,25 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import io
 import json
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fsw.estimators.model.inertia import (
-    NAMES,
-    from_parameters,
-    nearest_consistent,
-    report_jacobian,
-    to_parameters,
-)
+from fsw.commands.identified_body import AXES, QUANTITIES, Body, body_of, read_result
+from fsw.commands.parquet import write_parquet
+from fsw.commands.ros2 import message
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
-AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
-FRAMES = {"base": "base", "target": "tool"}  # of any other body: bodies.NAME.frame
-QUANTITIES = ("mass_kg", *(f"com_{a}_m" for a in "xyz"), *(f"inertia_{a}_kg_m2" for a in AXES))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Body:
-    """A physically consistent body in its own frame (base: B; target: E; another: its own)."""
-
-    name: str
-    mass_kg: float
-    com_m: FloatArray  # (3,)
-    inertia_kg_m2: FloatArray  # (6,) xx xy xz yy yz zz about the centre of mass
-    covariance: FloatArray  # (10, 10) of mass, centre of mass, inertia
-    valid: bool
-
-    def values(self) -> FloatArray:
-        """Return mass, centre of mass, inertia (10,)."""
-        return np.concatenate(([self.mass_kg], self.com_m, self.inertia_kg_m2))
-
-
-def body_of(result: Mapping[str, Any], name: str | None) -> Body:
-    """Return a body of what `fsw identify --json` or `fsw replay --json` printed.
-
-    Raises
-    ------
-    ConfigError when it holds no such body, or no body at all.
-    """
-    try:
-        known = list(result["estimate"])
-        if name is None and len(known) == 1:
-            name = known[0]
-        if name is None or name not in known:
-            raise ConfigError(f"--body {name}: must be one of {', '.join(known) or 'none'}")
-        found = result["estimate"][name]
-        pi = to_parameters(found["mass_kg"], found["com_m"], found["inertia_kg_m2"])
-        places = [result["names"].index(f"{name}.{quantity}") for quantity in NAMES]
-        state = np.array(result["covariance"], np.float64)[np.ix_(places, places)]
-        valid = bool(result["valid"] if "valid" in result else result["status"] == "OK")
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError(f"must be a result of fsw identify --json: {error!r}") from error
-    mass, com, inertia = from_parameters(nearest_consistent(pi, state))
-    T = report_jacobian(pi)
-    return Body(
-        name=name,
-        mass_kg=mass,
-        com_m=com,
-        inertia_kg_m2=inertia,
-        covariance=T @ state @ T.T,
-        valid=valid,
-    )
-
-
-def read_result(path: Path) -> Mapping[str, Any]:
-    """Return the values of a result file.
-
-    Raises
-    ------
-    ConfigError when it cannot be read or is no JSON object.
-    """
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path}: not a result of fsw identify --json: {error}") from error
-    if not isinstance(values, dict):
-        raise ConfigError(f"{path}: not a result of fsw identify --json")
-    return values
+PARQUET = "parquet"  # the one format that is no text
 
 
 def as_urdf(body: Body) -> str:
@@ -138,8 +65,9 @@ def as_json(body: Body) -> str:
     """Return the payload for a controller: mean and covariance of mass, centre and inertia."""
     values: dict[str, Any] = {
         "body": body.name,
-        "frame": FRAMES.get(body.name, "own"),
+        "frame": body.frame,
         "valid": body.valid,
+        "reason": body.reason,
         "mass_kg": body.mass_kg,
         "com_m": body.com_m.tolist(),
         "inertia_kg_m2": body.inertia_kg_m2.tolist(),
@@ -154,10 +82,31 @@ def as_csv(body: Body) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("quantity", "value", "sigma"))
-    sigma = np.sqrt(np.diag(body.covariance)).tolist()
-    for row in zip(QUANTITIES, body.values().tolist(), sigma, strict=True):
+    for row in zip(QUANTITIES, body.values().tolist(), body.sigma().tolist(), strict=True):
         writer.writerow((row[0], repr(row[1]), repr(row[2])))
     return text.getvalue()
+
+
+def as_ros2(body: Body) -> str:
+    """Return inertia_daemon_msgs/msg/BodyEstimate for `ros2 topic pub`: JSON, which is YAML too."""
+    return json.dumps(message(body)) + "\n"
+
+
+def write_body(body: Body, path: Path) -> None:
+    """Write a Parquet table: quantity, value, sigma, and the quantity's row of the covariance.
+
+    Raises
+    ------
+    ConfigError without pyarrow; OSError when the file cannot be written.
+    """
+    columns = {
+        "quantity": QUANTITIES,
+        "value": body.values(),
+        "sigma": body.sigma(),
+        "covariance": list(body.covariance),
+    }
+    facts = {"body": body.name, "frame": body.frame, "valid": str(body.valid).lower()}
+    write_parquet(path, columns, facts | {"reason": body.reason})
 
 
 FORMATS: dict[str, Callable[[Body], str]] = {
@@ -166,7 +115,33 @@ FORMATS: dict[str, Callable[[Body], str]] = {
     "mjcf": as_mjcf,
     "json": as_json,
     "csv": as_csv,
+    "ros2": as_ros2,
 }
+
+
+def export(arguments: argparse.Namespace) -> tuple[Body, str]:
+    """Return the body asked for, and what belongs on standard output; nothing with `--out`.
+
+    Raises
+    ------
+    ConfigError when there is no such body, or the file cannot be written.
+    """
+    body = body_of(read_result(arguments.result), arguments.body)
+    if arguments.frame is not None:
+        body = replace(body, frame=arguments.frame)
+    kind, out = arguments.format, arguments.out
+    if out is None and kind == PARQUET:
+        raise ConfigError("--format parquet: is no text; give --out FILE")
+    if out is None:
+        return body, FORMATS[kind](body)
+    try:
+        if kind == PARQUET:
+            write_body(body, out)
+        else:
+            out.write_text(FORMATS[kind](body), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be written: {error.strerror}") from error
+    return body, ""
 
 
 def _words(values: FloatArray) -> str:

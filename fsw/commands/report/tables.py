@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fsw.commands.export_body import QUANTITIES
+from fsw.commands.identified_body import QUANTITIES
 from fsw.commands.report.collect import Collected
 from fsw.commands.report.view import Chart, View
 from fsw.exchange.status import body_sigma, body_values

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import sys
 import xml.etree.ElementTree as ET
 from typing import Any
 
@@ -14,6 +15,7 @@ import pinocchio as pin
 import pytest
 
 from fsw.__main__ import main
+from fsw.commands.identified_body import body_of
 from fsw.estimators.model.inertia import NAMES
 
 MASS, COM = 80.25, [0.1, -0.02, 0.4]
@@ -74,6 +76,76 @@ def test_tables_hold_values_and_sigmas(result, capsys):
     payload = json.loads(written(result[1], "json", capsys))
     assert payload["covariance"][0][0] == pytest.approx(0.04)
     assert payload["frame"] == "tool"
+
+
+def test_parquet_holds_the_table_and_the_verdict(result, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra parquet")
+    values, path = result
+    path.write_text(json.dumps(values | {"status": "MODEL_MISMATCH"}))
+    out = tmp_path / "body.parquet"
+    assert main(["export", str(path), "--format", "parquet", "--out", str(out)]) == 1
+    table, body = parquet.read_table(out), body_of(values, "target")
+    assert table.column("value").to_pylist() == [MASS, *body.com_m, *body.inertia_kg_m2]
+    assert table.column("sigma")[0].as_py() == pytest.approx(0.2)
+    np.testing.assert_array_equal(table.column("covariance").to_pylist(), body.covariance)
+    facts = {"body": "target", "frame": "tool", "valid": "false", "reason": "MODEL_MISMATCH"}
+    assert {k.decode(): v.decode() for k, v in table.schema.metadata.items()} == facts
+
+
+def test_parquet_needs_pyarrow_and_a_file(result, tmp_path, capsys, monkeypatch):
+    command = ["export", str(result[1]), "--format", "parquet"]
+    assert main(command) == 2
+    assert "--out FILE" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main([*command, "--out", str(tmp_path / "body.parquet")]) == 2
+    error = capsys.readouterr().err
+    assert "pip install 'inertia-daemon[parquet]'" in error
+    assert len(error.splitlines()) == 1
+
+
+def test_ros_2_reads_the_message_by_the_definition_that_is_exported(result, tmp_path, capsys):
+    """To CDR bytes and back, by a parser and a serialiser that are not ours."""
+    typesys = pytest.importorskip("rosbags.typesys", reason="needs rosbags: pip install '.[test]'")
+    assert main(["export", "ros2", "--out", str(tmp_path)]) == 0
+    files = [tmp_path / name for name in ("msg/BodyEstimate.msg", "package.xml", "CMakeLists.txt")]
+    assert capsys.readouterr().out.splitlines() == [str(path) for path in files]
+    package = ET.parse(files[1]).getroot()
+    name = f"{package.findtext('name')}/msg/{files[0].stem}"
+    assert f'"msg/{files[0].name}"' in files[2].read_text()
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    definition = typesys.get_types_from_msg(files[0].read_text(), name)
+    store.register(definition)
+    used = {kind.split("/")[0] for _, (_, kind) in definition[name][1] if isinstance(kind, str)}
+    assert used == {depend.text for depend in package.findall("depend")}
+
+    command = ["export", str(result[1]), "--format", "ros2", "--frame", "gripper"]
+    assert main(command) == 0
+    sent = built(store, name, json.loads(capsys.readouterr().out))
+    read = store.deserialize_cdr(store.serialize_cdr(sent, name), name)
+    body = body_of(result[0], "target")
+    assert (read.header.frame_id, read.body, read.valid, read.reason) == (
+        "gripper",
+        "target",
+        True,
+        "",
+    )
+    inertia = read.inertia
+    assert [inertia.m, inertia.com.x, inertia.com.y, inertia.com.z] == [MASS, *body.com_m]
+    moments = (inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz)
+    np.testing.assert_array_equal(moments, body.inertia_kg_m2)
+    np.testing.assert_array_equal(read.covariance.reshape(10, 10), body.covariance)
+
+
+def built(store, name, values):
+    """Return a message of plain values, as `ros2 topic pub` fills it from YAML: every field."""
+    fields = dict(store.fielddefs[name][1])
+    assert set(values) == set(fields)
+    made = {}
+    for field, value in values.items():
+        if isinstance(value, dict):
+            value = built(store, fields[field][1], value)  # noqa: PLW2901
+        made[field] = np.array(value) if isinstance(value, list) else value
+    return store.types[name](**made)
 
 
 def test_an_impossible_body_is_exported_as_the_nearest_possible(result, capsys):

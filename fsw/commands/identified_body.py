@@ -1,0 +1,102 @@
+"""An identified body: parameters, covariance and verdict, from the JSON of a result."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.estimators.model.inertia import (
+    NAMES,
+    from_parameters,
+    nearest_consistent,
+    report_jacobian,
+    to_parameters,
+)
+from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
+
+AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
+FRAMES = {"base": "base", "target": "tool"}  # of any other body: bodies.NAME.frame
+QUANTITIES = ("mass_kg", *(f"com_{a}_m" for a in "xyz"), *(f"inertia_{a}_kg_m2" for a in AXES))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Body:
+    """A physically consistent body in its own frame (base: B; target: E; another: its own)."""
+
+    name: str
+    mass_kg: float
+    com_m: FloatArray  # (3,)
+    inertia_kg_m2: FloatArray  # (6,) xx xy xz yy yz zz about the centre of mass
+    covariance: FloatArray  # (10, 10) of mass, centre of mass, inertia
+    valid: bool
+    reason: str  # why not valid; empty when valid
+    frame: str  # whose axes and origin these are
+
+    def values(self) -> FloatArray:
+        """Return mass, centre of mass, inertia (10,)."""
+        return np.concatenate(([self.mass_kg], self.com_m, self.inertia_kg_m2))
+
+    def sigma(self) -> FloatArray:
+        """Return 1 sigma of the same (10,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def body_of(result: Mapping[str, Any], name: str | None) -> Body:
+    """Return a body of what `fsw identify --json` or `fsw replay --json` printed.
+
+    Raises
+    ------
+    ConfigError when it holds no such body, or no body at all.
+    """
+    try:
+        known = list(result["estimate"])
+        if name is None and len(known) == 1:
+            name = known[0]
+        if name is None or name not in known:
+            raise ConfigError(f"--body {name}: must be one of {', '.join(known) or 'none'}")
+        found = result["estimate"][name]
+        pi = to_parameters(found["mass_kg"], found["com_m"], found["inertia_kg_m2"])
+        places = [result["names"].index(f"{name}.{quantity}") for quantity in NAMES]
+        state = np.array(result["covariance"], np.float64)[np.ix_(places, places)]
+        reason = result["reason"] if "valid" in result else result["status"]
+        valid = bool(result.get("valid", reason == "OK"))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"must be a result of fsw identify --json: {error!r}") from error
+    mass, com, inertia = from_parameters(nearest_consistent(pi, state))
+    T = report_jacobian(pi)
+    return Body(
+        name=name,
+        mass_kg=mass,
+        com_m=com,
+        inertia_kg_m2=inertia,
+        covariance=T @ state @ T.T,
+        valid=valid,
+        reason="" if valid else str(reason),
+        frame=FRAMES.get(name, "own"),
+    )
+
+
+def read_result(path: Path) -> Mapping[str, Any]:
+    """Return the values of a result file.
+
+    Raises
+    ------
+    ConfigError when it cannot be read or is no JSON object.
+    """
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: not a result of fsw identify --json: {error}") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path}: not a result of fsw identify --json")
+    return values

@@ -1,0 +1,40 @@
+"""Tables as Parquet files, by pyarrow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fsw.messages.errors import ConfigError
+
+
+def require_pyarrow() -> None:
+    """Refuse early where no Parquet file can be written.
+
+    Raises
+    ------
+    ConfigError without pyarrow.
+    """
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as error:
+        words = "Parquet needs pyarrow: pip install 'inertia-daemon[parquet]'"
+        raise ConfigError(words) from error
+
+
+def write_parquet(
+    path: Path, columns: Mapping[str, Iterable[Any]], facts: Mapping[str, str] | None = None
+) -> None:
+    """Write a table; `facts` become metadata of its schema.
+
+    Raises
+    ------
+    ConfigError without pyarrow; OSError when the file cannot be written.
+    """
+    require_pyarrow()
+    import pyarrow
+    from pyarrow import parquet
+
+    table = pyarrow.table(dict(columns))
+    parquet.write_table(table.replace_schema_metadata(dict(facts or {})), path)
