@@ -211,6 +211,8 @@ def _report(arguments: argparse.Namespace) -> int:
         out,
         with_csv=arguments.csv,
         with_png=arguments.png,
+        with_parquet=arguments.parquet,
+        with_mcap=arguments.mcap,
         from_s=arguments.from_s,
         to_s=arguments.to_s,
     )

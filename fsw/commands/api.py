@@ -193,6 +193,8 @@ def report(
     *,
     with_csv: bool = False,
     with_png: bool = False,
+    with_parquet: bool = False,
+    with_mcap: bool = False,
     from_s: float = 0.0,
     to_s: float = inf,
 ) -> Written:
@@ -201,7 +203,8 @@ def report(
     Parameters
     ----------
     robot : None: the configuration within the recording
-    with_csv, with_png : tables and a picture beside the page, by its name
+    with_csv, with_png, with_parquet : tables and a picture beside the page, by its name
+    with_mcap : the estimate over time for Foxglove and PlotJuggler, with a layout for each
     from_s, to_s : the part of the recording [s from its start]
 
     Raises
@@ -216,6 +219,8 @@ def report(
         span=Span(from_s, to_s),
         with_csv=with_csv,
         with_png=with_png,
+        with_parquet=with_parquet,
+        with_mcap=with_mcap,
     )
 
 

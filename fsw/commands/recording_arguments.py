@@ -52,6 +52,10 @@ def report_arguments(commands: Commands, command: Command) -> None:
     report.add_argument("--out", type=Path, metavar="HTML", help="RECORDING's name with .html")
     report.add_argument("--csv", action="store_true", help="tables beside it")
     report.add_argument("--png", action="store_true", help="a picture beside it")
+    report.add_argument("--parquet", action="store_true", help="tables as Parquet beside it")
+    report.add_argument(
+        "--mcap", action="store_true", help="the estimate for Foxglove and PlotJuggler beside it"
+    )
     _part_arguments(report)
     report.set_defaults(command=command)
 

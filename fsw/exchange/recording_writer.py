@@ -17,15 +17,15 @@ COMPRESSION = {
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
-_SCHEMAS: dict[str, dict[str, Any]] = {
+_LISTS = {"strings": "string", "numbers": "number"}
+_SCHEMAS: dict[str, dict[str, str]] = {  # without `covariance`: Foxglove reads no list of lists
     "/estimate": {
         "t_ns": "integer",
         "valid": "boolean",
         "reason": "string",
         "method": "string",
-        "names": "array",
-        "mean": "array",
-        "covariance": "array",
+        "names": "strings",
+        "mean": "numbers",
         "estimate": "object",
         "sigma": "object",
         "blocks": "integer",
@@ -41,6 +41,15 @@ _SCHEMAS: dict[str, dict[str, Any]] = {
         "clean_window": "integer",
     },
 }
+
+
+def schema_of(topic: str) -> dict[str, Any]:
+    """Return the JSON Schema of a topic, in the part of JSON Schema that Foxglove supports."""
+    properties: dict[str, Any] = {}
+    for key, kind in _SCHEMAS[topic].items():
+        items = {"items": {"type": _LISTS[kind]}} if kind in _LISTS else {}
+        properties[key] = {"type": "array" if items else kind, **items}
+    return {"type": "object", "properties": properties}
 
 
 class RecordingWriter:
@@ -125,7 +134,6 @@ class RecordingWriter:
     def _register(self, topic: str, encoding: str) -> int:
         schema = 0
         if encoding == "json":
-            properties = {key: {"type": kind} for key, kind in _SCHEMAS[topic].items()}
-            text = json.dumps({"type": "object", "properties": properties})
+            text = json.dumps(schema_of(topic))
             schema = self._writer.register_schema(topic.strip("/"), "jsonschema", text.encode())
         return self._writer.register_channel(topic, encoding, schema)

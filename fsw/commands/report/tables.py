@@ -1,15 +1,16 @@
-"""A collected replay as CSV tables and a picture, beside the page."""
+"""A collected replay as tables (CSV, Parquet) and a picture, beside the page."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fsw.commands.identified_body import QUANTITIES
+from fsw.commands.parquet import write_parquet
 from fsw.commands.report.collect import Collected
 from fsw.commands.report.view import Chart, View
 from fsw.exchange.status import body_sigma, body_values
@@ -21,48 +22,71 @@ if TYPE_CHECKING:
 ESTIMATE = "Estimate over time"
 
 
-def write_csv(collected: Collected, stem: Path) -> list[Path]:
-    """Write STEM_estimate.csv, STEM_residuals.csv and STEM_events.csv; return what was written.
+class Table(NamedTuple):
+    """Rows under the names of their columns; floats keep every digit."""
+
+    head: list[str]
+    rows: list[list[Any]]
+
+
+def tables(collected: Collected) -> dict[str, Table]:
+    """Return `estimate`, `residuals` (where there is a state to predict from) and `events`.
 
     Times are seconds from the start of what was replayed.
     """
     start_ns = collected.result.start_ns
 
-    def seconds(t_ns: int) -> str:
-        return f"{(t_ns - start_ns) * 1e-9:.6f}"
+    def seconds(t_ns: int) -> float:
+        return round((t_ns - start_ns) * 1e-9, 6)
 
     bodies = [f"{body}_{name}" for body in collected.result.unknown for name in QUANTITIES]
     head = ["t_s", "valid", "reason", "nis", "nis_dof"]
     head += [*bodies, *(f"{name}_sigma" for name in bodies)]
-    estimates = (
-        [seconds(e.t_ns), int(e.valid), e.reason, repr(e.nis), e.nis_dof]
+    rows = [
+        [seconds(e.t_ns), int(e.valid), e.reason, e.nis, e.nis_dof]
         + [x for b in e.bodies.values() for x in _flat(body_values(b).values())]
         + [x for b in e.bodies.values() for x in _flat(body_sigma(b).values())]
         for e in collected.estimates
-    )
-    written = [_write(stem, "estimate", head, estimates)]
+    ]
+    found = {"estimate": Table(head, rows)}
     r = collected.residuals
     if r is not None:
         units = [f"{n} [{u}]" for n, u in zip(r.names, r.units, strict=True)]
         head = ["t_s", *units, *(f"{name} sigma" for name in units)]
         values = zip(r.t_ns.tolist(), r.value.tolist(), r.sigma.tolist(), strict=True)
-        rows = ([seconds(t), *map(repr, value), *map(repr, sigma)] for t, value, sigma in values)
-        written.append(_write(stem, "residuals", head, rows))
-    events = ([seconds(e.t_ns), e.severity, e.code, e.text] for e in collected.result.events)
-    return [*written, _write(stem, "events", ["t_s", "severity", "code", "text"], events)]
+        found["residuals"] = Table(head, [[seconds(t), *value, *sig] for t, value, sig in values])
+    events = [[seconds(e.t_ns), e.severity, e.code, e.text] for e in collected.result.events]
+    return found | {"events": Table(["t_s", "severity", "code", "text"], events)}
 
 
-def _flat(values: Iterable[object]) -> list[str]:
-    return [repr(float(x)) for value in values for x in np.atleast_1d(np.asarray(value))]
+def _flat(values: Iterable[object]) -> list[float]:
+    return [float(x) for value in values for x in np.atleast_1d(np.asarray(value))]
 
 
-def _write(stem: Path, name: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
-    path = stem.with_name(f"{stem.name}_{name}.csv")
+def write_tables(collected: Collected, stem: Path, kinds: Collection[str]) -> list[Path]:
+    """Write STEM_NAME.csv, STEM_NAME.parquet or both of every table; return what was written.
+
+    Raises
+    ------
+    ConfigError without pyarrow; OSError when a file cannot be written.
+    """
+    written = []
+    for name, table in tables(collected).items() if kinds else ():
+        for kind in kinds:
+            written.append(stem.with_name(f"{stem.name}_{name}.{kind}"))
+            if kind == "csv":
+                _write_csv(table, written[-1])
+            else:
+                columns = zip(*table.rows, strict=True) if table.rows else ([] for _ in table.head)
+                write_parquet(written[-1], dict(zip(table.head, columns, strict=True)))
+    return written
+
+
+def _write_csv(table: Table, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(head)
-        writer.writerows(rows)
-    return path
+        writer.writerow(table.head)
+        writer.writerows(table.rows)
 
 
 def write_png(view: View, path: Path) -> None:

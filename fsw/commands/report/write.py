@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from fsw.commands.parquet import require_pyarrow
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.report.build import view
-from fsw.commands.report.collect import collect
+from fsw.commands.report.collect import Collected, collect
+from fsw.commands.report.layouts import foxglove, plotjuggler
 from fsw.commands.report.page import page
-from fsw.commands.report.tables import write_csv, write_png
+from fsw.commands.report.series import write_series
+from fsw.commands.report.tables import write_png, write_tables
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.messages.errors import ConfigError
@@ -37,6 +40,8 @@ def write_report(
     span: Span = WHOLE,
     with_csv: bool = False,
     with_png: bool = False,
+    with_parquet: bool = False,
+    with_mcap: bool = False,
 ) -> Written:
     """Replay a recording and write its report.
 
@@ -44,17 +49,35 @@ def write_report(
     ------
     ConfigError when recording and configuration do not fit, or nothing can be written.
     """
+    if with_parquet:
+        require_pyarrow()  # before the replay, which takes long
     collected = collect(recording, config, span)
     shown = view(collected)
     paths = [out]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(page(shown), encoding="utf-8")
-        if with_csv:
-            paths += write_csv(collected, out.with_suffix(""))
+        kinds = [kind for kind, on in (("csv", with_csv), ("parquet", with_parquet)) if on]
+        paths += write_tables(collected, out.with_suffix(""), kinds)
+        if with_mcap:
+            paths += _write_mcap(collected, out.with_suffix(""))
         if with_png:
             paths.append(out.with_suffix(".png"))
             write_png(shown, paths[-1])
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written: {error.strerror}") from error
     return Written(paths=tuple(paths), verdict=shown.verdict, result=collected.result)
+
+
+def _write_mcap(collected: Collected, stem: Path) -> list[Path]:
+    """Write the estimate over time, and the layouts of the tools that open it."""
+    bodies = collected.result.unknown
+    mcap = stem.with_name(f"{stem.name}_estimate.mcap")
+    write_series(collected.estimates, bodies, mcap)
+    texts = {
+        stem.with_name(f"{stem.name}_foxglove.json"): foxglove(bodies),
+        stem.with_name(f"{stem.name}_plotjuggler.xml"): plotjuggler(bodies, mcap.name),
+    }
+    for path, text in texts.items():
+        path.write_text(text, encoding="utf-8")
+    return [mcap, *texts]

@@ -9,6 +9,8 @@ import re
 import numpy as np
 import pytest
 import yaml
+from mcap.reader import make_reader
+from pyarrow import parquet
 
 from fsw.__main__ import main
 from fsw.commands.report.build import SECTIONS
@@ -22,8 +24,8 @@ MOST_BYTES = 5_000_000
 def reported(flown, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     out = folder / "page.html"
-    command = ["report", str(flown / "recording.mcap"), "--out", str(out), "--csv", "--png"]
-    return main(command), out
+    beside = ["--csv", "--png", "--parquet", "--mcap"]
+    return main(["report", str(flown / "recording.mcap"), "--out", str(out), *beside]), out
 
 
 def rows_of(out, name):
@@ -47,6 +49,26 @@ def test_the_files_agree_with_a_replay(flown, reported, capsys):
     assert float(last["target_mass_kg_sigma"]) == result["sigma"]["target"]["mass_kg"]
     assert len(rows_of(out, "events")) == len(result["events"])
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_parquet_and_mcap_hold_the_estimates_of_the_csv(reported):
+    out = reported[1]
+    rows = rows_of(out, "estimate")
+    for name in ("estimate", "residuals", "events"):
+        table = parquet.read_table(out.with_name(f"page_{name}.parquet"))
+        assert table.column_names == list(rows_of(out, name)[0])
+        assert table.num_rows == len(rows_of(out, name))
+    masses = [float(row["target_mass_kg"]) for row in rows]
+    table = parquet.read_table(out.with_name("page_estimate.parquet"))
+    assert table.column("target_mass_kg").to_pylist() == masses
+    with out.with_name("page_estimate.mcap").open("rb") as file:
+        messages = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages()]
+    assert [m["inertia"]["m"] for m in messages] == pytest.approx(masses, rel=1e-12)
+    sigmas = [float(row["target_inertia_xy_kg_m2_sigma"]) for row in rows]
+    assert [m["sigma"]["ixy"] for m in messages] == pytest.approx(sigmas, rel=1e-9)
+    assert [m["valid"] for m in messages] == [row["valid"] == "1" for row in rows]
+    for layout in ("page_foxglove.json", "page_plotjuggler.xml"):
+        assert "/estimate/target" in out.with_name(layout).read_text()
 
 
 def test_every_chart_has_units_on_both_axes(reported):
