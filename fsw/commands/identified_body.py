@@ -44,7 +44,7 @@ class Body:
 
     def sigma(self) -> FloatArray:
         """Return 1 sigma of the same (10,)."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
 def body_of(result: Mapping[str, Any], name: str | None) -> Body:
@@ -55,29 +55,36 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
     ConfigError when it holds no such body, or no body at all.
     """
     try:
-        known = list(result["estimate"])
+        known = [str(body) for body in result["estimate"]]
         if name is None and len(known) == 1:
             name = known[0]
         if name is None or name not in known:
             raise ConfigError(f"--body {name}: must be one of {', '.join(known) or 'none'}")
         found = result["estimate"][name]
-        pi = to_parameters(found["mass_kg"], found["com_m"], found["inertia_kg_m2"])
-        places = [result["names"].index(f"{name}.{quantity}") for quantity in NAMES]
+        places = [list(result["names"]).index(f"{name}.{quantity}") for quantity in NAMES]
         state = np.array(result["covariance"], np.float64)[np.ix_(places, places)]
         reason = result["reason"] if "valid" in result else result["status"]
         valid = bool(result.get("valid", reason == "OK"))
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            pi = to_parameters(found["mass_kg"], found["com_m"], found["inertia_kg_m2"])
+            mass, com, inertia = from_parameters(nearest_consistent(pi, state))
+            T = report_jacobian(pi)
+            covariance = T @ state @ T.T
     except (KeyError, TypeError, ValueError, IndexError) as error:
         if isinstance(error, ConfigError):
             raise
         raise ConfigError(f"must be a result of fsw identify --json: {error!r}") from error
-    mass, com, inertia = from_parameters(nearest_consistent(pi, state))
-    T = report_jacobian(pi)
+    values = np.array([mass, *com, *inertia])
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all() and mass > 0.0):
+        raise ConfigError(f"{name}: mass must be positive, every value and covariance finite")
+    if np.diag(state).min() < 0.0:
+        raise ConfigError(f"{name}: the covariance has a negative variance")
     return Body(
         name=name,
         mass_kg=mass,
         com_m=com,
         inertia_kg_m2=inertia,
-        covariance=T @ state @ T.T,
+        covariance=covariance,
         valid=valid,
         reason="" if valid else str(reason),
         frame=FRAMES.get(name, "own"),

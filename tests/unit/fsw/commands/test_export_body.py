@@ -170,3 +170,25 @@ def test_what_is_no_result_is_one_line(tmp_path, capsys, content):
     path.write_text(content)
     assert main(["export", str(path)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda v: v["estimate"]["target"].update(mass_kg=float("nan")),
+        lambda v: v["estimate"]["target"].update(mass_kg=0.0),
+        lambda v: v["estimate"]["target"].update(mass_kg=1e308, com_m=[1e200, 0.0, 0.0]),
+        lambda v: v["estimate"]["target"].update(com_m=[1.0, 2.0]),
+        lambda v: v.update(covariance=[[float("nan")] * 11] * 11),
+        lambda v: v.update(covariance=np.diag([-1.0] * 11).tolist()),
+        lambda v: v.update(names=3),
+    ],
+)
+def test_no_damaged_value_reaches_a_controller(result, capsys, damage):
+    values, path = result
+    damage(values)
+    path.write_text(json.dumps(values))
+    assert main(["export", str(path)]) == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert len(error.splitlines()) == 1
