@@ -18,6 +18,7 @@ from fsw.commands.excite_arguments import add_arguments as excite_arguments
 from fsw.commands.init_arguments import add_arguments as init_arguments
 from fsw.commands.recording_arguments import (
     identify_arguments,
+    overlay_argument,
     replay_arguments,
     report_arguments,
 )
@@ -58,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser("run", help="identify from live devices until SIGTERM")
     run.add_argument("config", type=Path, metavar="CONFIG")
+    overlay_argument(run)
     run.add_argument(
         "--cold", action="store_true", help="start from the prior, ignoring checkpoints"
     )
@@ -139,6 +141,7 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
 
     check = commands.add_parser("check", help="validate everything; touch no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
+    overlay_argument(check)
     check.add_argument(
         "recording", type=Path, nargs="?", metavar="RECORDING", help="judge the one by the other"
     )
@@ -162,8 +165,9 @@ def _checked(config: Config) -> Config:
 def _run(arguments: argparse.Namespace) -> int:
     from fsw.checks.configuration import validate_outputs, validate_ports
     from fsw.config import load
+    from fsw.config.overlay_file import with_overlays
 
-    config = _checked(load(arguments.config))
+    config = _checked(with_overlays(load(arguments.config), arguments.overlay))
     validate_ports(config)
     validate_outputs(config)
     from fsw.loop.app import RESTART_EXIT, run_live  # only now anything that can open a device
@@ -181,7 +185,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     from fsw.commands.api import load, replay  # only now anything that can open a recording
 
     recording = load(arguments.recording)
-    robot = recording.robot if given is None else given
+    robot = (recording.robot if given is None else given).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=arguments.method, weighting=arguments.weighting))
     result = replay(recording, robot, from_s=arguments.from_s, to_s=arguments.to_s)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
@@ -201,7 +205,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from fsw.commands.api import load, report  # only now anything that can open a recording
 
     recording = load(arguments.recording)
-    robot = recording.robot if given is None else given
+    robot = (recording.robot if given is None else given).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=arguments.method, weighting=arguments.weighting))
     out = arguments.out or Path(arguments.recording.stem).with_suffix(".html")
     print(f"fsw: report: replaying {arguments.recording}", file=sys.stderr)
@@ -224,7 +228,7 @@ def _identify(arguments: argparse.Namespace) -> int:
     from fsw.commands.robot import Robot
 
     method, weighting, unknown = arguments.method, arguments.weighting, arguments.unknown
-    robot = Robot(arguments.config)
+    robot = Robot(arguments.config).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))
     from fsw.commands.api import identify  # only now anything that can open a recording
 
@@ -285,8 +289,9 @@ def _check(arguments: argparse.Namespace) -> int:
     from fsw.checks.configuration import missing_devices, validate, validate_outputs
     from fsw.commands.describe import describe
     from fsw.config import load
+    from fsw.config.overlay_file import with_overlays
 
-    config = load(arguments.config)
+    config = with_overlays(load(arguments.config), arguments.overlay)
     problem, warnings = validate(config)
     if arguments.recording is not None:
         return _check_recording(arguments.recording, config, problem)

@@ -28,6 +28,7 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     identify = commands.add_parser("identify", help="one batch method on a recording")
     identify.add_argument("recording", type=Path, metavar="RECORDING")
     identify.add_argument("--config", type=Path, metavar="CONFIG", required=True)
+    overlay_argument(identify)
     identify.add_argument("--method", choices=(*ONLINE, "ce"), default="fused")
     identify.add_argument(
         "--unknown",
@@ -65,7 +66,20 @@ def _recorded_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
     )
+    overlay_argument(parser)
     parser.add_argument("--method", choices=ONLINE, help=INSTEAD)
+
+
+def overlay_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the files that change a configuration."""
+    parser.add_argument(
+        "--overlay",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="some keys of the configuration, such as `fsw calibrate` writes; may be repeated",
+    )
 
 
 def _part_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,6 +15,7 @@ from weakref import finalize
 from fsw.checks.configuration import validate
 from fsw.config import Config
 from fsw.config import load as load_config
+from fsw.config.overlay_file import with_overlays
 from fsw.messages.errors import ConfigError
 
 Method = Literal["mrnea", "rda", "cm", "ce", "fused"]
@@ -54,6 +55,18 @@ class Robot:
     def unknown(self) -> tuple[str, ...]:
         """Bodies to be identified."""
         return tuple(self.config.unknown)
+
+    def with_overlays(self, *overlays: Path | str) -> Robot:
+        """Return this robot with overlay files applied in order, such as `fsw calibrate` writes.
+
+        Raises
+        ------
+        ConfigError with one line per fault.
+        """
+        if not overlays:
+            return self
+        config = with_overlays(self.config, [Path(path) for path in overlays])
+        return Robot(config, folder=self._folder)
 
     def with_choices(
         self,

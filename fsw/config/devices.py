@@ -28,6 +28,7 @@ from fsw.config.base import (
     TorqueNoise,
     TorqueSigma,
     Turn,
+    Vector3,
 )
 from fsw.messages.errors import brief
 
@@ -186,6 +187,8 @@ class ImuConfig(Section):
     velocity_random_walk_m_s_sqrt_s: RandomWalk
     gyro_bias_sigma_rad_s: RateSigma  # prior of the unknown bias; 0: none estimated
     acc_bias_sigma_m_s2: AccelerationSigma
+    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # taken off every sample, in the unit's axes
+    acc_bias_S_m_s2: Vector3 = (0.0, 0.0, 0.0)
     mounting_position_sigma_m: Length = 0.01  # of the mounting's p_BS_m; 0: it is exact
     mounting_angle_sigma_rad: AngleSigma = 5e-3  # of its q_BS_xyzw, about each axis; 0: exact
     max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)

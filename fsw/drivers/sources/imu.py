@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -74,6 +75,8 @@ class ImuSource:
         self._latency_limit_s = max(MIN_LATENCY_LIMIT_S, 2.0 / config.rate_hz)
         self._gyro_delay_ns = config.gyro_group_delay_s * 1e9
         self._acc_delay_ns = config.acc_group_delay_s * 1e9
+        self._gyro_bias = np.array(config.gyro_bias_S_rad_s)
+        self._acc_bias = np.array(config.acc_bias_S_m_s2)
         self._group: list[tuple[Arrival, ImuDatagram]] = []
         self._watch = LineWatch(IMU_LINE, SUBJECT, 1e9 / config.rate_hz, health.silent_periods)
         self._jitter_ns = health.jitter_s * 1e9
@@ -110,7 +113,12 @@ class ImuSource:
             else:
                 parts.append(self._one_by_one(chunks[:IRREGULAR_CHUNKS]))
                 chunks = chunks[IRREGULAR_CHUNKS:]
-        return joined(parts) if parts else NO_SAMPLES
+        found = joined(parts) if parts else NO_SAMPLES
+        return replace(
+            found,
+            w_NS_S_rad_s=found.w_NS_S_rad_s - self._gyro_bias,
+            f_NS_S_m_s2=found.f_NS_S_m_s2 - self._acc_bias,
+        )
 
     def _follow(self, run: ImuRun) -> ImuSamples | None:
         """Accept a run of datagrams that follow one another; None, and nothing done, for another.

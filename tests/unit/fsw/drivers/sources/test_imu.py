@@ -55,6 +55,17 @@ def paced(imu: RowSource, ks: range, start_ns: int = 10**12) -> list[Row]:
     return imu.feed([ByteChunk(start_ns + 2 * MS * k, stim(k)) for k in ks])
 
 
+def test_known_biases_are_taken_off_every_sample() -> None:
+    gyro, acc = (1e-3, -2e-3, 3e-3), (0.01, 0.02, -0.03)
+    chunks = [ByteChunk(10**12 + 2 * MS * k, stim(k)) for k in range(60)]
+    plain = ImuSource(imu_config()).feed(chunks)
+    less = ImuSource(imu_config(gyro_bias_S_rad_s=gyro, acc_bias_S_m_s2=acc)).feed(chunks)
+    assert len(plain) == 60
+    np.testing.assert_array_equal(less.w_NS_S_rad_s, plain.w_NS_S_rad_s - gyro)
+    np.testing.assert_array_equal(less.f_NS_S_m_s2, plain.f_NS_S_m_s2 - acc)
+    np.testing.assert_array_equal(less.t_gyro_ns, plain.t_gyro_ns)
+
+
 @pytest.mark.parametrize("ppm", [-50.0, 0.0, 50.0])
 @pytest.mark.parametrize(
     "polls",

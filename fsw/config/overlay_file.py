@@ -1,0 +1,75 @@
+"""Overlay files: a YAML file with some keys of the configuration, which replace those in it.
+
+An overlay has the sections and keys of the configuration. A list of named sections (buses, joints,
+wheels) holds those that it changes, by name; any other list replaces the configuration's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fsw.config.text import TextError, read_yaml
+from fsw.config.whole import Config, parse
+from fsw.messages.errors import ConfigError
+
+ONE_OF_TWO = {"q_BS_xyzw": "rpy_BS_rad", "rpy_BS_rad": "q_BS_xyzw"}  # one replaces the other
+
+
+def with_overlays(config: Config, overlays: Sequence[Path]) -> Config:
+    """Return the configuration with overlay files applied in order; its text holds their values.
+
+    Raises
+    ------
+    ConfigError with one line per fault: file, key, value, bound.
+    """
+    if not overlays:
+        return config
+    data: object = read_yaml(config.source, aliases=True)
+    for path in overlays:
+        data = _laid(data, _read(path), str(path), "")
+    text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode()
+    name = " + ".join([config.name, *map(str, overlays)])
+    return parse(text, config.resolve(Path()), name)
+
+
+def _read(path: Path) -> dict[Any, Any]:
+    try:
+        data = read_yaml(path.read_bytes(), aliases=True)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except TextError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: must be a mapping of sections; found {type(data).__name__}")
+    return data
+
+
+def _laid(below: object, above: object, file: str, key: str) -> object:
+    """Return the values with those of an overlay on top."""
+    if isinstance(below, dict) and isinstance(above, dict):
+        kept = {name: value for name, value in below.items() if ONE_OF_TWO.get(name) not in above}
+        return kept | {
+            name: _laid(kept.get(name), value, file, f"{key}{name}.")
+            for name, value in above.items()
+        }
+    named, changes = _by_name(below), _by_name(above)
+    if named is None or changes is None:
+        return above
+    strange = [name for name in changes if name not in named]
+    if strange:
+        raise ConfigError(f"{file}: {key}name: {strange[0]!r} must be one of {', '.join(named)}")
+    return [_laid(item, changes.get(name, {}), file, key) for name, item in named.items()]
+
+
+def _by_name(values: object) -> dict[str, object] | None:
+    """Return the sections of a list by their names; None where it is no such list."""
+    if not isinstance(values, list):
+        return None
+    named: dict[str, object] = {
+        str(item["name"]): item for item in values if isinstance(item, dict) and "name" in item
+    }
+    return named if len(named) == len(values) else None
