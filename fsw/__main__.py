@@ -18,6 +18,7 @@ from fsw.commands.excite_arguments import add_arguments as excite_arguments
 from fsw.commands.init_arguments import add_arguments as init_arguments
 from fsw.commands.recording_arguments import (
     identify_arguments,
+    import_arguments,
     overlay_argument,
     replay_arguments,
     report_arguments,
@@ -68,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     replay_arguments(commands, _replay)
     identify_arguments(commands, _identify)
     report_arguments(commands, _report)
+    import_arguments(commands, _import)
 
     excite = commands.add_parser("excite", help="plan or judge a motion that identifies well")
     excite_arguments(excite)
@@ -248,6 +250,16 @@ def _identify(arguments: argparse.Namespace) -> int:
     )
     print(json.dumps(result.values) if arguments.json else result)
     return 0 if result.valid and result.passed is not False else FAILED_EXIT
+
+
+def _import(arguments: argparse.Namespace) -> int:
+    from fsw.config import load
+
+    config = _checked(load(arguments.config))
+    from fsw.commands.importing import import_recording  # only now what reads other tools' files
+
+    print("\n".join(import_recording(arguments, config)))
+    return 0
 
 
 def _excite(arguments: argparse.Namespace) -> int:

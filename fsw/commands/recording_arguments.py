@@ -1,4 +1,4 @@
-"""Arguments of the commands that read a recording: replay, identify, report."""
+"""Arguments of the commands that read or make a recording: replay, identify, report, import."""
 
 from __future__ import annotations
 
@@ -44,6 +44,41 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     )
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=command)
+
+
+def import_arguments(commands: Commands, command: Command) -> None:
+    """Describe `fsw import`."""
+    parser = commands.add_parser(
+        "import",
+        help="what other tools have recorded becomes a recording",
+        description="Write a recording from logs of other tools; docs/import.md.",
+        epilog="example: fsw import --can arm=candump.log --serial imu=imu.csv "
+        "--config robot.yaml --out recording.mcap",
+    )
+    parser.add_argument("--config", type=Path, metavar="CONFIG", required=True)
+    parser.add_argument("--out", type=Path, metavar="RECORDING", required=True, help="new MCAP")
+    parser.add_argument(
+        "--can",
+        action="append",
+        default=[],
+        metavar="BUS=FILE[:CHANNEL]",
+        help="of a bus: candump .log, .blf, .asc",
+    )
+    parser.add_argument(
+        "--serial",
+        action="append",
+        default=[],
+        metavar="DEVICE=FILE",
+        help="of imu or star_tracker: CSV or JSON lines of stamp_s and hex",
+    )
+    parser.add_argument(
+        "--shift",
+        action="append",
+        default=[],
+        metavar="NAME=S",
+        help="added to the stamps of a bus or device",
+    )
+    parser.set_defaults(command=command)
 
 
 def report_arguments(commands: Commands, command: Command) -> None:

@@ -297,7 +297,8 @@ def replay(
 
 
 def _topics(config: Config) -> list[str]:
-    topics = [f"/can/{bus.name}" for bus in config.buses] + [f"/serial/{IMU}"]
+    topics = [f"/can/{bus.name}" for bus in config.buses]
+    topics += [f"/serial/{IMU}"] if config.imu.present else []
     return topics + ([f"/serial/{STAR_TRACKER}"] if config.star_tracker is not None else [])
 
 

@@ -15,19 +15,15 @@ import numpy as np
 from fsw.clock import Clock
 from fsw.config import BusConfig
 from fsw.drivers.ports import linux_can
+from fsw.drivers.ports.can_log import message_row
 from fsw.drivers.ports.packed_frames import PACKED_BYTES, Unpacker, packed
 from fsw.drivers.ports.stamps import KernelStamps
 from fsw.drivers.wire import (
-    EFF_FLAG,
-    ERR_FLAG,
     NO_FRAMES,
-    RTR_FLAG,
     CanFrame,
     FrameArray,
     FramePort,
-    flags_of,
     frames_from,
-    row_of,
     rows_of,
 )
 from fsw.messages.errors import PortError
@@ -109,14 +105,7 @@ class CanPort:
     def read(self) -> FrameArray:
         """Return every frame drained since the last call."""
         messages, self._messages = self._messages, []
-        rows = []
-        for t_ns, message in messages:
-            word = message.arbitration_id
-            word |= EFF_FLAG * message.is_extended_id | RTR_FLAG * message.is_remote_frame
-            word |= ERR_FLAG * message.is_error_frame
-            flags = flags_of(is_fd=message.is_fd, bitrate_switch=message.bitrate_switch)
-            rows.append(row_of(t_ns, word, bytes(message.data), flags))
-        return rows_of(b"".join(rows)).copy()
+        return rows_of(b"".join(message_row(*item) for item in messages)).copy()
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
         """Send a classic frame and stamp it."""

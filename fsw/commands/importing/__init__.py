@@ -1,0 +1,122 @@
+"""`fsw import`: what other tools have recorded becomes a recording of this project."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fsw.commands.importing.captures import Channel, can_capture, serial_capture
+from fsw.config import Config
+from fsw.loop.ports import IMU, STAR_TRACKER
+from fsw.messages.errors import ConfigError
+from fsw.service.recorder import open_recording
+
+
+def import_recording(arguments: Namespace, config: Config) -> list[str]:
+    """Write the recording that the arguments of `fsw import` describe; return what it holds.
+
+    Raises
+    ------
+    ConfigError when the files do not fit the configuration or one another; nothing is written.
+    """
+    out: Path = arguments.out
+    if out.exists():
+        raise ConfigError(f"--out: {out} exists already")
+    channels = list(_captures(arguments, config))
+    _refuse_gaps(config, channels)
+    _refuse_two_clocks(channels)
+    write(config, channels, out)
+    return [f"{c.topic}: {c.text}, from {c.source}" for c in channels]
+
+
+def write(config: Config, channels: Sequence[Channel], out: Path) -> None:
+    """Write a recording with configuration and robot attached.
+
+    Raises
+    ------
+    ConfigError when it cannot be written; what was begun is removed.
+    """
+    try:
+        writer = open_recording(config, out)
+        try:
+            writer.metadata("import", {c.topic: c.source.name for c in channels})
+            for channel in channels:
+                channel.write(writer)
+            writer.close()
+        except BaseException:
+            writer.abandon()
+            out.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise ConfigError(f"--out: {out} cannot be written: {error.strerror}") from error
+
+
+def _captures(arguments: Namespace, config: Config) -> Iterator[Channel]:
+    shifts = {name: _seconds(name, text) for name, text in map(_pair, arguments.shift)}
+    buses = [bus.name for bus in config.buses]
+    for name, file in map(_pair, arguments.can):
+        _refuse_unknown("--can", name, buses)
+        path, channel = _path_and_channel(file)
+        yield can_capture(config, name, path, channel, shifts.pop(name, 0))
+    for name, file in map(_pair, arguments.serial):
+        _refuse_unknown("--serial", name, _lines(config))
+        yield serial_capture(name, Path(file), shifts.pop(name, 0))
+    if shifts:
+        raise ConfigError(f"--shift: {', '.join(shifts)}: nothing of this name is imported")
+
+
+def _lines(config: Config) -> list[str]:
+    tracker = [STAR_TRACKER] if config.star_tracker is not None else []
+    return ([IMU] if config.imu.present else []) + tracker
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, _, value = text.partition("=")
+    if not value:
+        raise ConfigError(f"{text!r}: must be NAME=VALUE")
+    return name, value
+
+
+def _seconds(name: str, text: str) -> int:
+    """Return seconds as nanoseconds."""
+    try:
+        return round(float(text) * 1e9)
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(f"--shift: {name}={text}: must be seconds") from error
+
+
+def _path_and_channel(file: str) -> tuple[Path, str | None]:
+    name, colon, channel = file.rpartition(":")
+    return (Path(name), channel) if colon and not Path(file).exists() else (Path(file), None)
+
+
+def _refuse_unknown(key: str, name: str, known: Sequence[str]) -> None:
+    if name not in known:
+        words = ", ".join(known) or "none"
+        raise ConfigError(f"{key}: {name!r} is not in the configuration, which has: {words}")
+
+
+def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
+    """Refuse a recording that lacks a sensor of the configuration, or has one twice."""
+    topics = [channel.topic for channel in channels]
+    twice = {topic for topic in topics if topics.count(topic) > 1}
+    if twice:
+        raise ConfigError(f"{', '.join(sorted(twice))}: given twice")
+    needed = {f"/can/{bus.name}": f"--can {bus.name}=FILE" for bus in config.buses}
+    needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in _lines(config)}
+    missing = [key for topic, key in needed.items() if topic not in topics]
+    if missing:
+        raise ConfigError(f"{config.name} has sensors without a file: add {', '.join(missing)}")
+
+
+def _refuse_two_clocks(channels: Sequence[Channel]) -> None:
+    """Refuse files that have no time in common."""
+    last = max(channels, key=lambda channel: int(channel.t_ns.min()))
+    first = min(channels, key=lambda channel: int(channel.t_ns.max()))
+    starts, ends = last.t_ns.min() * 1e-9, first.t_ns.max() * 1e-9
+    if starts > ends:
+        raise ConfigError(
+            f"{last.source} begins at {starts:.3f} s, {first.source} ends at {ends:.3f} s: all "
+            f"files must have one clock; see --shift"
+        )

@@ -1,0 +1,167 @@
+"""Captures of the wire: logs of CAN buses, bytes of serial lines with their stamps."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
+from fsw.drivers.ports.can_log import read_can_log
+from fsw.drivers.wire import ByteChunk, FrameArray
+from fsw.exchange.recording import END_NS
+from fsw.exchange.recording_writer import RecordingWriter
+from fsw.exchange.sinks import CanTraffic, SerialTraffic
+from fsw.messages import IntArray
+from fsw.messages.errors import ConfigError, brief
+
+DISORDER_NS = 10_000_000  # stamps of two processors may cross by less; more is a clock that was set
+STAMP, DATA = "stamp_s", "hex"
+_Row = tuple[int, Any, Any]  # line, stamp, bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Channel:
+    """What becomes one channel of a recording."""
+
+    topic: str
+    source: Path
+    t_ns: IntArray  # (k,), k > 0
+    text: str  # what was found
+    write: Callable[[RecordingWriter], None]
+
+
+def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift: int) -> Channel:
+    """Return the capture of a bus; `shift` [ns] is added to its stamps.
+
+    Raises
+    ------
+    ConfigError when it cannot be used, or is that of another robot.
+    """
+    frames = read_can_log(path, channel)
+    frames["t_ns"] += shift
+    t_ns = frames["t_ns"].astype(np.int64)
+    refuse_disorder(path, t_ns)
+    _refuse_strangers(config, bus, frames, path)
+    return Channel(
+        topic=f"/can/{bus}",
+        source=path,
+        t_ns=t_ns,
+        text=f"{len(frames)} frames in {(t_ns[-1] - t_ns[0]) * 1e-9:.1f} s",
+        write=lambda writer: writer.traffic(CanTraffic(bus, frames)),
+    )
+
+
+def serial_capture(device: str, path: Path, shift: int) -> Channel:
+    """Return the capture of a serial line: rows of `stamp_s` and `hex`, as CSV or JSON lines.
+
+    A row holds the bytes of one read; the stamp is when the last of them was read [s]. `shift`
+    [ns] is added to it.
+
+    Raises
+    ------
+    ConfigError when it cannot be used.
+    """
+    text = read_text(path)
+    rows = _of_json(path, text) if text.lstrip().startswith("{") else _of_csv(path, text)
+    chunks = []
+    for line, stamp, data in rows:
+        try:
+            t_ns = int((Decimal(stamp) * 10**9).to_integral_value()) + shift
+            chunks.append(ByteChunk(t_ns, bytes.fromhex(data)))
+        except (ValueError, TypeError, InvalidOperation, OverflowError) as error:
+            words = f"{STAMP} {brief(str(stamp))}, {DATA} {brief(data)}"
+            raise ConfigError(
+                f"{path}: line {line}: {words}; must be seconds and hexadecimal bytes"
+            ) from error
+    if not chunks:
+        raise ConfigError(f"{path}: holds no bytes")
+    times_ns = np.array([min(max(c.t_ns, -1), END_NS - 1) for c in chunks], np.int64)
+    refuse_disorder(path, times_ns)
+    count = sum(len(chunk.data) for chunk in chunks)
+    return Channel(
+        topic=f"/serial/{device}",
+        source=path,
+        t_ns=times_ns,
+        text=f"{count} bytes in {(times_ns[-1] - times_ns[0]) * 1e-9:.1f} s",
+        write=lambda writer: writer.traffic(SerialTraffic(device, chunks)),
+    )
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file whose last line has its end.
+
+    Raises
+    ------
+    ConfigError when it cannot be read, is empty or cut off.
+    """
+    try:
+        text = path.read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        words = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise ConfigError(f"{path}: cannot be read: {words}") from error
+    if not text.strip():
+        raise ConfigError(f"{path}: is empty")
+    if not text.endswith("\n"):
+        raise ConfigError(f"{path}: its last line is cut off; end it with a newline, or remove it")
+    return text
+
+
+def refuse_disorder(path: Path, t_ns: IntArray) -> None:
+    """Refuse stamps that run backwards, or are no times at all.
+
+    Raises
+    ------
+    ConfigError naming the first.
+    """
+    back = np.flatnonzero(np.diff(t_ns) < -DISORDER_NS)
+    if back.size:
+        first = int(back[0])
+        before, after = t_ns[first] * 1e-9, t_ns[first + 1] * 1e-9
+        raise ConfigError(
+            f"{path}: time runs backwards {back.size} times, first at sample {first + 2}: "
+            f"{after:.6f} s after {before:.6f} s; cut it there, or correct the clock"
+        )
+    if t_ns.min() < 0 or t_ns.max() >= END_NS - 1:
+        raise ConfigError(f"{path}: a stamp at {t_ns.min() * 1e-9:g} s; must be at least 0")
+
+
+def _refuse_strangers(config: Config, bus: str, frames: FrameArray, path: Path) -> None:
+    """Refuse a log in which configured nodes are silent, or nobody sends SYNC."""
+    words = {int(word) for word in np.unique(frames["word"])}
+    if COB_SYNC not in words:
+        raise ConfigError(f"{path}: no SYNC frame (0x{COB_SYNC:03x}); samples have no time")
+    found = {word & NODE_MASK for word in words if COB_TPDO1 < word <= COB_TPDO1 | NODE_MASK}
+    silent = [n for n in config.can_nodes if n.bus == bus and n.node_id not in found]
+    if silent:
+        names = ", ".join(f"{node.name} (node 0x{node.node_id:02x})" for node in silent)
+        others = ", ".join(f"0x{node:02x}" for node in sorted(found)) or "no node"
+        raise ConfigError(
+            f"{path}: nothing of {names}; {others} send: the recording of another robot or bus"
+        )
+
+
+def _of_csv(path: Path, text: str) -> Iterator[_Row]:
+    reader = csv.DictReader(io.StringIO(text))
+    missing = {STAMP, DATA} - set(reader.fieldnames or ())
+    if missing:
+        raise ConfigError(f"{path}: no column {', '.join(sorted(missing))} in its first line")
+    for row in reader:
+        yield reader.line_num, row[STAMP], row[DATA]
+
+
+def _of_json(path: Path, text: str) -> Iterator[_Row]:
+    for number, line in enumerate(text.splitlines(), 1):
+        try:
+            row = json.loads(line, parse_float=Decimal)
+            yield number, row[STAMP], row[DATA]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError(f"{path}: line {number}: no JSON with {STAMP} and {DATA}") from error
