@@ -205,12 +205,21 @@ def _report(arguments: argparse.Namespace) -> int:
 
     given = None if arguments.config is None else Robot(arguments.config)
     from fsw.commands.api import load, report  # only now anything that can open a recording
+    from fsw.commands.report import LIVE
 
-    recording = load(arguments.recording)
-    robot = (recording.robot if given is None else given).with_overlays(*arguments.overlay)
-    robot = _warned(robot.with_choices(method=arguments.method, weighting=arguments.weighting))
+    recording = str(arguments.recording)
+    is_own = given is None and recording != LIVE
+    robot = load(recording).robot if is_own else given
+    if robot is not None:
+        robot = robot.with_overlays(*arguments.overlay)
+        chosen = robot.with_choices(method=arguments.method, weighting=arguments.weighting)
+        robot = _warned(chosen)
     out = arguments.out or Path(arguments.recording.stem).with_suffix(".html")
-    print(f"fsw: report: replaying {arguments.recording}", file=sys.stderr)
+
+    def progress(text: str) -> None:
+        print(f"fsw: report: {text}", file=sys.stderr)
+
+    progress(f"replaying {recording}")
     written = report(
         recording,
         robot,
@@ -221,6 +230,7 @@ def _report(arguments: argparse.Namespace) -> int:
         with_mcap=arguments.mcap,
         from_s=arguments.from_s,
         to_s=arguments.to_s,
+        progress=progress,
     )
     print("\n".join([written.verdict, *map(str, written.paths)]))
     return 0 if written.valid else FAILED_EXIT

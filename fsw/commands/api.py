@@ -22,10 +22,12 @@ from fsw.commands.identify import to_text
 from fsw.commands.replay import replay as replay_recording
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.report import Written, write_report
+from fsw.commands.report.live import LIVE, in_the_background, recording_of, status_of
 from fsw.commands.robot import Criterion, Folder, Method, Robot, Weighting, one_of
 from fsw.commands.span import Span
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
 from fsw.service.recorder import recorded_config
 
 if TYPE_CHECKING:
@@ -197,11 +199,13 @@ def report(
     with_mcap: bool = False,
     from_s: float = 0.0,
     to_s: float = inf,
+    progress: Callable[[str], None] = lambda _text: None,
 ) -> Written:
     """Replay a recording and write one HTML page of it that needs nothing but itself.
 
     Parameters
     ----------
+    recording : or "live", what the running daemon of `robot` has recorded so far
     robot : None: the configuration within the recording
     with_csv, with_png, with_parquet : tables and a picture beside the page, by its name
     with_mcap : the estimate over time for Foxglove and PlotJuggler, with a layout for each
@@ -209,8 +213,16 @@ def report(
 
     Raises
     ------
-    ConfigError if recording and configuration do not fit, or nothing can be written.
+    ConfigError if recording and configuration do not fit, or nothing can be written; PortError
+    without a running daemon.
     """
+    daemon = None
+    if str(recording) == LIVE:
+        if robot is None:
+            raise ConfigError("--config: a report of a running daemon needs its configuration")
+        daemon = status_of(robot.config)
+        recording = recording_of(daemon)
+        in_the_background()
     held, robot = _pair(recording, robot)
     return write_report(
         held.path,
@@ -221,6 +233,8 @@ def report(
         with_png=with_png,
         with_parquet=with_parquet,
         with_mcap=with_mcap,
+        daemon=daemon,
+        progress=progress,
     )
 
 

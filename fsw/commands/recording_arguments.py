@@ -83,8 +83,12 @@ def import_arguments(commands: Commands, command: Command) -> None:
 
 def report_arguments(commands: Commands, command: Command) -> None:
     """Describe `fsw report`."""
-    report = commands.add_parser("report", help="replay a recording into one HTML page")
-    _recorded_arguments(report)
+    report = commands.add_parser(
+        "report",
+        help="a recording, or what a running daemon has recorded so far, as one HTML page",
+        epilog="examples: fsw report recording.mcap --png; fsw report live --config robot.yaml",
+    )
+    _recorded_arguments(report, "RECORDING|live")
     report.add_argument("--out", type=Path, metavar="HTML", help="RECORDING's name with .html")
     report.add_argument("--csv", action="store_true", help="tables beside it")
     report.add_argument("--png", action="store_true", help="a picture beside it")
@@ -96,8 +100,8 @@ def report_arguments(commands: Commands, command: Command) -> None:
     report.set_defaults(command=command)
 
 
-def _recorded_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", type=Path, metavar="RECORDING")
+def _recorded_arguments(parser: argparse.ArgumentParser, metavar: str = "RECORDING") -> None:
+    parser.add_argument("recording", type=Path, metavar=metavar)
     parser.add_argument(
         "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
     )

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fsw.commands.report import channel_sections as channels
 from fsw.commands.report import estimate_sections as estimates
 from fsw.commands.report.collect import Collected
+from fsw.commands.report.live import now
 from fsw.commands.report.view import Section, View
 
 SECTIONS: tuple[Callable[[Collected], Section], ...] = (
@@ -23,14 +24,23 @@ SECTIONS: tuple[Callable[[Collected], Section], ...] = (
 
 def view(collected: Collected) -> View:
     """Return the report of a collected replay."""
-    result = collected.result
-    estimate = result.estimate
-    valid = estimate is not None and estimate.valid
-    reason = "no window could be used" if estimate is None else estimate.reason
+    result, status = collected.result, collected.daemon
+    sections = [make(collected) for make in SECTIONS]
     unknown = " and ".join(result.unknown)
+    if status is None:
+        estimate = result.estimate
+        valid = estimate is not None and estimate.valid
+        reason = "no window could be used" if estimate is None else estimate.reason
+        title, until = collected.recording.name, ""
+    else:
+        newest = status.get("estimate") or {"valid": False, "reason": "no window yet"}
+        valid, reason = bool(newest["valid"]), str(newest["reason"])
+        elapsed_s = (int(status["t_ns"]) - result.start_ns) * 1e-9
+        title, until = f"{collected.config.name}, live", f" after {elapsed_s:.0f} s"
+        sections.insert(0, now(status, closed=not result.truncated))
     return View(
-        title=f"{collected.recording.name}: {unknown} by {result.method}",
-        verdict="VALID" if valid else f"NOT VALID: {reason}",
+        title=f"{title}: {unknown} by {result.method}",
+        verdict=("VALID" if valid else f"NOT VALID: {reason}") + until,
         valid=valid,
-        sections=[make(collected) for make in SECTIONS],
+        sections=sections,
     )

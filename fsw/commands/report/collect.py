@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -28,6 +28,8 @@ from fsw.messages import Block, Estimate, FloatArray
 
 PACKAGES = ("inertia-daemon", "numpy", "scipy", "pin", "mcap", "pydantic")
 STATUS = "/tm"
+PROGRESS_NS = 10 * 10**9
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,31 +47,46 @@ class Collected:
     flown: Sequence[Mapping[str, Any]]  # status records of the run that was recorded
     metadata: Mapping[str, Mapping[str, str]]
     versions: Mapping[str, str]
+    daemon: Mapping[str, Any] | None = None  # status of the one that still writes the recording
 
 
 class _Collector(NullSink):
-    """Keeps what a report shows."""
+    """Keeps what a report shows; `progress` is called after every 10 s of the recording."""
 
-    def __init__(self) -> None:
+    def __init__(self, progress: Progress) -> None:
         self.blocks: list[Block] = []
         self.estimates: list[Estimate] = []
+        self._progress = progress
 
     def put(self, message: Message) -> None:
         """Keep blocks and estimates."""
         if isinstance(message, Block):
             self.blocks.append(message)
         elif isinstance(message, Estimate):
+            if self.estimates:
+                start_ns, last_ns = self.estimates[0].t_ns, self.estimates[-1].t_ns
+                elapsed = (message.t_ns - start_ns) // PROGRESS_NS
+                if elapsed > (last_ns - start_ns) // PROGRESS_NS:
+                    self._progress(f"{elapsed * PROGRESS_NS // 10**9} s replayed")
             self.estimates.append(message)
 
 
-def collect(recording: Path, config: Config, span: Span = WHOLE) -> Collected:
+def collect(
+    recording: Path,
+    config: Config,
+    span: Span = WHOLE,
+    daemon: Mapping[str, Any] | None = None,
+    progress: Progress = lambda _text: None,
+) -> Collected:
     """Replay a recording and keep what a report shows.
+
+    `daemon` is the status of the one that still writes the recording; None: it is closed.
 
     Raises
     ------
     ConfigError when recording and configuration do not fit.
     """
-    sink, pipeline = _Collector(), default_pipeline(config)
+    sink, pipeline = _Collector(progress), default_pipeline(config)
     result = replay(recording, config, sink=sink, pipeline=pipeline, span=span)
     parts = parts_of(recording)
     held = contents_of(parts)
@@ -94,6 +111,7 @@ def collect(recording: Path, config: Config, span: Span = WHOLE) -> Collected:
         flown=[json.loads(message.data) for message in flown],
         metadata=held.metadata,
         versions=_versions(),
+        daemon=daemon,
     )
 
 

@@ -32,7 +32,7 @@ def result(c: Collected) -> Section:
                 rows.append((name, quantity, f"{value:.6g}", f"{one:.2g}", unit))
     verdicts = (result.diagnosis or {}).get("verdict", {})
     text = [*verdicts.values()]
-    if result.truncated:
+    if result.truncated and c.daemon is None:
         text.append("The recording is cut off at its end.")
     text += [
         f"{source}: nothing usable; {counts['received']} samples received."

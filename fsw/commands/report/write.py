@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from fsw.commands.parquet import require_pyarrow
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.report.build import view
-from fsw.commands.report.collect import Collected, collect
+from fsw.commands.report.collect import Collected, Progress, collect
 from fsw.commands.report.layouts import foxglove, plotjuggler
 from fsw.commands.report.page import page
 from fsw.commands.report.series import write_series
@@ -24,12 +26,8 @@ class Written:
 
     paths: tuple[Path, ...]
     verdict: str
+    valid: bool  # whether the estimate may be used
     result: ReplayResult
-
-    @property
-    def valid(self) -> bool:
-        """Whether the estimate may be used."""
-        return self.result.estimate is not None and self.result.estimate.valid
 
 
 def write_report(
@@ -42,8 +40,10 @@ def write_report(
     with_png: bool = False,
     with_parquet: bool = False,
     with_mcap: bool = False,
+    daemon: Mapping[str, Any] | None = None,
+    progress: Progress = lambda _text: None,
 ) -> Written:
-    """Replay a recording and write its report.
+    """Replay a recording and write its report; `daemon`: status of the one that still writes it.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def write_report(
     """
     if with_parquet:
         require_pyarrow()  # before the replay, which takes long
-    collected = collect(recording, config, span)
+    collected = collect(recording, config, span, daemon, progress)
     shown = view(collected)
     paths = [out]
     try:
@@ -66,7 +66,9 @@ def write_report(
             write_png(shown, paths[-1])
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written: {error.strerror}") from error
-    return Written(paths=tuple(paths), verdict=shown.verdict, result=collected.result)
+    return Written(
+        paths=tuple(paths), verdict=shown.verdict, valid=shown.valid, result=collected.result
+    )
 
 
 def _write_mcap(collected: Collected, stem: Path) -> list[Path]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import threading
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from fsw.__main__ import main
 from fsw.commands.report.build import SECTIONS
 from fsw.commands.report.collect import collect
 from fsw.config import load
+from fsw.exchange.recording import messages
+from fsw.service.control import SOCKET_NAME, ControlServer
 
 MOST_BYTES = 5_000_000
 
@@ -104,3 +108,72 @@ def test_a_cause_is_named_and_too_little_noise_stands_out(flown, tmp_path):
     assert collected.residuals is not None
     force = collected.residuals.names.index("specific_force.x")
     assert np.sqrt(np.nanmean(collected.residuals.normalised[:, force] ** 2)) > 2.0
+
+
+@contextmanager
+def daemon_with(folder, status):
+    """Answer at the control socket of a state folder as the service does, for a block."""
+    folder.mkdir()
+    server = ControlServer(folder / SOCKET_NAME, lambda: status, lambda _command: False)
+    over = threading.Event()
+
+    def serve() -> None:
+        while not over.is_set():
+            server.serve(0.02, 0)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        server.close()
+
+
+def test_a_running_daemon_is_reported_from_its_status_and_its_recording_so_far(
+    flown, tmp_path, capsys
+):
+    whole = (flown / "recording.mcap").read_bytes()
+    growing = tmp_path / "recording_0001.mcap"
+    growing.write_bytes(whole[: len(whole) * 3 // 4])
+    (tmp_path / "robot.urdf").write_bytes((flown / "robot.urdf").read_bytes())
+    config = tmp_path / "flight.yaml"
+    config.write_bytes((flown / "flight.yaml").read_bytes())
+    *_, newest = messages(growing, ["/tm"])
+    status = json.loads(newest.data)
+    state = load(config).resolve(load(config).service.state_directory)
+    out = tmp_path / "live.html"
+    told = ["report", "live", "--config", str(config), "--out", str(out)]
+    assert main(told) == 1
+    assert "no daemon answers" in capsys.readouterr().err
+    with daemon_with(state, status | {"recorder": {"path": str(growing)}}):
+        code = main(told)
+    printed = capsys.readouterr()
+    assert "10 s replayed" in printed.err
+    estimate = status["estimate"]
+    verdict = "VALID" if estimate["valid"] else f"NOT VALID: {estimate['reason']}"
+    assert code == (0 if estimate["valid"] else 1)
+    assert re.match(rf"{verdict} after \d+ s\n", printed.out)
+    text = out.read_text(encoding="utf-8")
+    assert text.count("<h2>") == len(SECTIONS) + 1
+    now = text[text.index("<h2>Now") : text.index("<h2>Result")]
+    assert f"<td>{estimate['estimate']['target']['mass_kg']:.6g}</td>" in now
+    assert "the daemon continues it" in now
+    assert "cut off" not in text
+
+
+def test_a_daemon_that_records_nothing_and_one_without_configuration_end_in_one_line(
+    flown, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", "live"]) == 2
+    assert "--config" in capsys.readouterr().err
+    (tmp_path / "robot.urdf").write_bytes((flown / "robot.urdf").read_bytes())
+    (tmp_path / "flight.yaml").write_bytes((flown / "flight.yaml").read_bytes())
+    config = load(tmp_path / "flight.yaml")
+    with daemon_with(config.resolve(config.service.state_directory), {"t_ns": 1}):
+        assert main(["report", "live", "--config", "flight.yaml"]) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("fsw: recorder.directory: ")
+    assert not list(tmp_path.glob("*.html"))

@@ -1,0 +1,88 @@
+"""What a running daemon knows until now: its status, and its recording so far."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.commands.report.estimate_sections import QUANTITIES
+from fsw.commands.report.view import Section, Table
+from fsw.config import Config
+from fsw.exchange.recording import first_metadata
+from fsw.exchange.recording_parts import PART
+from fsw.messages.errors import ConfigError, PortError
+from fsw.service.control import control
+
+LIVE = "live"  # stands for a running daemon in the place of a recording
+LEAST_URGENT = 19
+
+
+def status_of(config: Config) -> Mapping[str, Any]:
+    """Return the status of the daemon that runs with a configuration.
+
+    Raises
+    ------
+    PortError when none answers.
+    """
+    reply = control(config.resolve(config.service.state_directory), {"command": "status"})
+    if not reply["data"]:
+        raise PortError(f"{config.name}: the daemon has no status yet; try again in a second")
+    data: Mapping[str, Any] = reply["data"]
+    return data
+
+
+def recording_of(status: Mapping[str, Any]) -> Path:
+    """Return the first file of the recording that a daemon writes, or wrote last.
+
+    Raises
+    ------
+    ConfigError when it has written none.
+    """
+    path = status.get("recorder", {}).get("path")
+    if path is None:
+        raise ConfigError(
+            "recorder.directory: the daemon records nothing, so there is nothing to replay; "
+            "`fsw ctl CONFIG report` prints what it knows"
+        )
+    part = Path(path)
+    return part.with_name(first_metadata(part, PART).get("first", part.name))
+
+
+def in_the_background() -> None:
+    """Give the processor to everything else first."""
+    os.nice(LEAST_URGENT)
+
+
+def now(status: Mapping[str, Any], closed: bool) -> Section:
+    """Return the daemon's own words: its newest estimate, what is open, and what it received."""
+    estimate = status.get("estimate") or {}
+    rows = [
+        (name, words if part == words else f"{words} {part}", f"{v:.6g}", f"{s:.2g}", unit)
+        for name, values in estimate.get("estimate", {}).items()
+        for key, words, unit, parts in QUANTITIES
+        for part, v, s in zip(
+            parts,
+            np.atleast_1d(values[key]),
+            np.atleast_1d(estimate["sigma"][name][key]),
+            strict=True,
+        )
+    ]
+    health = status["health"]
+    faults = ", ".join(health.get("faulty") or ()) or "none"
+    text = [
+        f"{'identifying' if status['identifying'] else 'not identifying'}; "
+        f"{estimate.get('blocks', 0)} windows used, {estimate.get('gated', 0)} rejected; "
+        f"open faults: {faults}; {status['slips']} slips in {status['ticks']} ticks.",
+        "The rest of the page replays "
+        + (
+            "the last recording; nothing is being recorded now."
+            if closed
+            else "the recording up to its last finished chunk; the daemon continues it."
+        ),
+    ]
+    head = ("body", "quantity", "estimate", "1 sigma", "unit")
+    return Section(title="Now", text=text, tables=[Table(head=head, rows=rows)])
