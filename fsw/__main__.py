@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from fsw.commands.excite_arguments import add_arguments as excite_arguments
 from fsw.commands.init_arguments import add_arguments as init_arguments
 from fsw.commands.recording_arguments import (
+    calibrate_arguments,
     identify_arguments,
     import_arguments,
     overlay_argument,
@@ -70,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     identify_arguments(commands, _identify)
     report_arguments(commands, _report)
     import_arguments(commands, _import)
+    calibrate_arguments(commands, _calibrate)
 
     excite = commands.add_parser("excite", help="plan or judge a motion that identifies well")
     excite_arguments(excite)
@@ -270,6 +272,19 @@ def _import(arguments: argparse.Namespace) -> int:
 
     print("\n".join(import_recording(arguments, config)))
     return 0
+
+
+def _calibrate(arguments: argparse.Namespace) -> int:
+    from fsw.commands.calibrate.command import calibrate
+
+    def tell(text: str) -> None:
+        print(f"fsw: calibrate: {text}", file=sys.stderr)
+
+    text, shown = calibrate(arguments, tell)
+    print(text)
+    if not shown:
+        tell("the data show no figure better than the configuration does; nothing is written")
+    return 0 if shown else FAILED_EXIT
 
 
 def _excite(arguments: argparse.Namespace) -> int:

@@ -114,8 +114,8 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="KEY=VALUE",
         dest="settings",
-        help="a setting of the scenario's sensors or flight software, such as"
-        " sensors.joints.torque_noise_correlation_s=0.02; may be repeated",
+        help="a setting of the scenario's sensors, flight software or rests, such as"
+        " sensors.joints.torque_noise_correlation_s=0.02 or timing.before_s=60; may be repeated",
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,33 +11,15 @@ from fsw.checks.mistakes import LARGE, explain_residuals
 from fsw.checks.recorded import noise_findings, rate_findings, tracker_findings
 from fsw.commands.replay import replay
 from fsw.commands.span import WHOLE, Span
+from fsw.commands.watching import Watching
 from fsw.config import Config
-from fsw.estimators.conditioning import Conditioner
 from fsw.estimators.model.problem import Problem, joint_order
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
 from fsw.exchange.sinks import CanTraffic, Message, NullSink
-from fsw.messages import Block, Window
 
 FEW_BLOCKS = 3
 TPDO1, HEARTBEAT = 0x180, 0x700
-
-
-class _Watching(Conditioner):
-    """Conditioning that keeps what it is given and what it makes of it."""
-
-    def __init__(self, config: Config, order: tuple[int, ...]) -> None:
-        super().__init__(config, order)
-        self.windows: list[Window] = []
-        self.blocks: list[Block] = []
-
-    def stages(self, window: Window) -> Generator[None, None, Block | None]:
-        """Keep the window and its block."""
-        self.windows.append(window)
-        block = yield from super().stages(window)
-        if block is not None:
-            self.blocks.append(block)
-        return block
 
 
 class _Nodes(NullSink):
@@ -76,7 +58,7 @@ def check_recording(
     ------
     ConfigError when the recording does not fit the configuration at all.
     """
-    watching = _Watching(config, joint_order(config, problem.model))
+    watching = Watching(config, joint_order(config, problem.model))
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     progress("replaying")
     nodes = _Nodes(config)

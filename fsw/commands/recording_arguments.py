@@ -100,6 +100,26 @@ def report_arguments(commands: Commands, command: Command) -> None:
     report.set_defaults(command=command)
 
 
+def calibrate_arguments(commands: Commands, command: Command) -> None:
+    """Describe `fsw calibrate`."""
+    calibrate = commands.add_parser(
+        "calibrate",
+        help="offsets, biases and mounting from a recording, as a configuration overlay",
+        description="rest: torque offsets and biases of the inertial unit while nothing moves.",
+        epilog="example: fsw calibrate rest recording.mcap --config robot.yaml --to 60 "
+        "--out calibration.yaml; then fsw identify other.mcap --config robot.yaml "
+        "--overlay calibration.yaml",
+    )
+    calibrate.add_argument("mode", choices=("rest",))
+    calibrate.add_argument("recording", type=Path, metavar="RECORDING")
+    calibrate.add_argument("--config", type=Path, metavar="CONFIG", required=True)
+    overlay_argument(calibrate)
+    _span_arguments(calibrate)
+    calibrate.add_argument("--out", type=Path, metavar="FILE", help="write the overlay there")
+    calibrate.add_argument("--json", action="store_true", help="print the figures as JSON")
+    calibrate.set_defaults(command=command)
+
+
 def _recorded_arguments(parser: argparse.ArgumentParser, metavar: str = "RECORDING") -> None:
     parser.add_argument("recording", type=Path, metavar=metavar)
     parser.add_argument(
@@ -126,6 +146,11 @@ def _part_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--weighting", choices=("ols", "wls", "bc", "eiv"), help=f"{INSTEAD}; mrnea"
     )
+    _span_arguments(parser)
+
+
+def _span_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add which part of a recording is used."""
     parser.add_argument(
         "--from", dest="from_s", type=float, default=0.0, metavar="S", help="from the start, 0"
     )

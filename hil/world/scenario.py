@@ -298,13 +298,18 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
 
     Parameters
     ----------
-    settings : KEY=VALUE each; KEY as `sensors.joints.torque_noise_nm`, VALUE as YAML
+    settings : KEY=VALUE each; KEY as `sensors.joints.torque_noise_nm`, VALUE as YAML; the rests
+        are `timing.before_s` and `timing.after_s`
 
     Raises
     ------
     ScenarioError for what is no such setting; whether a key is known is found when it is used.
     """
-    sections = {"sensors": deepcopy(scenario.sensors), "flight": deepcopy(scenario.flight)}
+    sections: dict[str, Any] = {
+        "sensors": deepcopy(scenario.sensors),
+        "flight": deepcopy(scenario.flight),
+        "timing": {"before_s": scenario.before_s, "after_s": scenario.after_s},
+    }
     for setting in settings:
         key, is_set, value = setting.partition("=")
         *path, last = key.split(".")
@@ -312,13 +317,19 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         for name in path:
             place = place.get(name) if isinstance(place, dict) else None
         if not is_set or not path or not isinstance(place, dict):
-            raise ScenarioError(f"--set {setting}: must be sensors.KEY=VALUE or flight.KEY=VALUE")
+            raise ScenarioError(
+                f"--set {setting}: must be sensors.KEY=VALUE, flight.KEY=VALUE or timing.KEY=VALUE"
+            )
         try:
             place[last] = yaml.safe_load(value)
         except yaml.YAMLError as error:
             words = " ".join(str(error).split())
             raise ScenarioError(f"--set {setting}: {words}") from error
-    return replace(scenario, sensors=sections["sensors"], flight=sections["flight"])
+    try:
+        timing = TimingSection.model_validate(sections.pop("timing"))
+    except ValidationError as error:
+        raise ScenarioError(f"--set timing: {faults(error)}") from error
+    return replace(scenario, **sections, **timing.model_dump())
 
 
 def at_rates(scenario: Scenario, rate_hz: float, imu_rate_hz: int) -> Scenario:

@@ -1,0 +1,1 @@
+"""`fsw calibrate`: what a recording shows of sensors and mounting, as a configuration overlay."""

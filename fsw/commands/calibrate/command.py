@@ -1,0 +1,83 @@
+"""`fsw calibrate rest|motion RECORDING --config CONFIG`: replay, figures, table, overlay."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from fsw.commands.calibrate.figures import overlay_text, overlay_values, table, to_json
+from fsw.commands.calibrate.rest import rest_figures
+from fsw.commands.replay import replay
+from fsw.commands.robot import Robot
+from fsw.commands.span import Span
+from fsw.commands.watching import Watching
+from fsw.config import Config
+from fsw.config.overlay_file import with_overlays
+from fsw.estimators.model.problem import Problem, build_problem, joint_order
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.pipeline import Pipeline
+from fsw.estimators.recursive.online import build_online
+from fsw.messages.errors import ConfigError
+
+Tell = Callable[[str], None]
+
+
+def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
+    """Calibrate from a recording; return what is to be printed, and whether an overlay was made.
+
+    Raises
+    ------
+    ConfigError if recording, configuration or choices do not fit, or nothing can be written;
+    EstimatorError if the robot moves, or there are too few data.
+    """
+    for path in (arguments.config, arguments.recording, *arguments.overlay):
+        if arguments.out is not None and path.resolve() == arguments.out.resolve():
+            raise ConfigError(f"--out {arguments.out}: is read by this command; must be another")
+    robot = Robot(arguments.config).with_overlays(*arguments.overlay)
+    config, span = robot.config, Span(arguments.from_s, arguments.to_s)
+    for warning in robot.warnings:
+        tell(f"warning: {config.name}: {warning}")
+    tell(f"reading {arguments.recording}")
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    problem = build_problem(config, model)
+    seen = _replayed(arguments.recording, config, problem, span)
+    figures = rest_figures(config, problem, seen.windows, seen.blocks)
+    values = overlay_values(config, figures)
+    lines = table(figures)
+    recorded = datetime.fromtimestamp(arguments.recording.stat().st_mtime, UTC)
+    comments = [
+        f"fsw calibrate {arguments.mode} {arguments.recording}{span.words()}",
+        f"recorded until {recorded:%Y-%m-%d %H:%M:%S} UTC; configuration {config.name}",
+        "changes of what is configured, 1 sigma:",
+        *lines,
+    ]
+    if arguments.out is not None and values:
+        _write(arguments.out, overlay_text(values, comments), config, tell)
+    if arguments.json:
+        return json.dumps({"figures": to_json(figures), "overlay": values}), bool(values)
+    return "\n".join(lines), bool(values)
+
+
+def _replayed(recording: Path, config: Config, problem: Problem, span: Span) -> Watching:
+    """Return windows and blocks of a recording; no estimator works on them."""
+    seen = Watching(config, joint_order(config, problem.model), alone=True)
+    pipeline = Pipeline(conditioner=seen, estimator=build_online(config, problem.model))
+    replay(recording, config, pipeline=pipeline, span=span)
+    return seen
+
+
+def _write(path: Path, text: str, config: Config, tell: Tell) -> None:
+    """Write an overlay that the configuration accepts, or nothing."""
+    aside = path.with_name(f"{path.name}.tmp")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        Robot(with_overlays(config, [aside]))
+        aside.replace(path)
+    except OSError as error:
+        raise ConfigError(f"--out {path}: cannot be written: {error.strerror}") from error
+    finally:
+        aside.unlink(missing_ok=True)
+    tell(f"wrote {path}; use it with --overlay {path}")

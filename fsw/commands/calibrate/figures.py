@@ -1,0 +1,179 @@
+"""Figures of a calibration: value, 1 sigma, verdict; their table and the overlay that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from fsw.config import Config
+from fsw.estimators.conditioning import rotation_from_xyzw
+from fsw.estimators.parameter_verdicts import DATA_GAIN, MEASURED, PRIOR
+from fsw.messages import FloatArray
+
+AXES = "xyz"
+UNITS = {
+    "torque_offset": "N m",
+    "torque_scale": "1",
+    "gyro_bias": "rad/s",
+    "acc_bias": "m/s^2",
+    "imu_angle": "rad",
+    "imu_place": "m",
+    "delay": "s",
+}
+SIGMA_KEYS = {  # of the inertial unit
+    "gyro_bias": "gyro_bias_sigma_rad_s",
+    "acc_bias": "acc_bias_sigma_m_s2",
+    "imu_angle": "mounting_angle_sigma_rad",
+    "imu_place": "mounting_position_sigma_m",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """One value less what is configured: biases in the unit's axes S, mounting in base axes B."""
+
+    kind: str  # a key of UNITS
+    which: str  # joint, axis or sensor
+    value: float
+    sigma: float
+    known: float  # 1 sigma that the configuration states, to be beaten; inf: none is stated
+    refused: str = ""  # why it is not to be used though its sigma is small
+
+    @property
+    def name(self) -> str:
+        """Kind and place."""
+        return f"{self.kind}.{self.which}"
+
+    @property
+    def verdict(self) -> str:
+        """Whether the data say more than the configuration did."""
+        if self.refused:
+            return self.refused
+        shown = self.sigma**2 * (1.0 + DATA_GAIN) < self.known**2
+        return MEASURED if shown else PRIOR
+
+    @property
+    def measured(self) -> bool:
+        """Whether it goes into the overlay."""
+        return self.verdict == MEASURED
+
+
+def stated(sigma: float) -> float:
+    """Return the sigma to be beaten for one that is configured: 0 states nothing of an error."""
+    return sigma if sigma > 0.0 else inf
+
+
+def in_axes(
+    kind: str, mean: FloatArray, covariance: FloatArray, R: FloatArray, known: float
+) -> list[Figure]:
+    """Return three figures of a vector (3,) turned by R (3, 3), with its covariance (3, 3)."""
+    values, sigmas = R @ mean, np.sqrt(np.diag(R @ covariance @ R.T))
+    return [
+        Figure(kind=kind, which=axis, value=float(v), sigma=float(s), known=known)
+        for axis, v, s in zip(AXES, values, sigmas, strict=True)
+    ]
+
+
+def table(figures: Sequence[Figure]) -> list[str]:
+    """Return the figures as aligned lines."""
+    width = max(len(figure.name) for figure in figures)
+    return [
+        f"{figure.name:<{width}} {figure.value:>+12.5g} +- {figure.sigma:<8.2g} "
+        f"{UNITS[figure.kind]:<5} {figure.verdict}{_words(figure)}"
+        for figure in figures
+    ]
+
+
+def _words(figure: Figure) -> str:
+    if figure.verdict != PRIOR:
+        return ""
+    return f", not used: +- {figure.known:.2g} is configured"
+
+
+def to_json(figures: Iterable[Figure]) -> list[dict[str, Any]]:
+    """Return the figures as plain values."""
+    return [
+        {
+            "name": figure.name,
+            "value": figure.value,
+            "sigma": figure.sigma,
+            "unit": UNITS[figure.kind],
+            "verdict": figure.verdict,
+        }
+        for figure in figures
+    ]
+
+
+def overlay_values(config: Config, figures: Sequence[Figure]) -> dict[str, Any]:
+    """Return the sections and keys that the measured figures change; none if none is measured."""
+    used = {figure.name: figure for figure in figures if figure.measured}
+    sections = {"joints": _joints(config, used), "imu": _imu(config, used)}
+    return {key: values for key, values in sections.items() if values}
+
+
+def overlay_text(values: dict[str, Any], comments: Sequence[str]) -> str:
+    """Return an overlay file."""
+    head = "".join(f"# {line}".rstrip() + "\n" for line in comments)
+    return head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=100)
+
+
+def _joints(config: Config, used: dict[str, Figure]) -> list[dict[str, Any]]:
+    """Return the joints that change: measured torque = (dynamics) (1 + scale) + offset."""
+    found = []
+    for joint in config.joints:
+        offset = used.get(f"torque_offset.{joint.name}")
+        scale = used.get(f"torque_scale.{joint.name}")
+        if offset is None and scale is None:
+            continue
+        values: dict[str, Any] = {"name": joint.name}
+        ratio = 1.0 + (scale.value if scale else 0.0)
+        if scale is not None:
+            values["torque_gain"] = joint.torque_gain / ratio
+            values["torque_scale_sigma_ratio"] = scale.sigma
+        total = joint.torque_offset_nm + (offset.value if offset else 0.0)
+        values["torque_offset_nm"] = total / ratio
+        if offset is not None:
+            values["torque_offset_sigma_nm"] = offset.sigma
+        found.append(values)
+    return found
+
+
+def _imu(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
+    imu, values = config.imu, dict[str, Any]()
+    biases = (("gyro_bias", imu.gyro_bias_S_rad_s), ("acc_bias", imu.acc_bias_S_m_s2))
+    for (kind, before), key in zip(biases, ("gyro_bias_S_rad_s", "acc_bias_S_m_s2"), strict=True):
+        if (change := _vector(kind, used)) is not None:
+            values[key] = (np.array(before) + change).tolist()
+            values |= _sigma(kind, used)
+    mounting = {}
+    if (change := _vector("imu_place", used)) is not None:
+        mounting["p_BS_m"] = (np.array(imu.mounting.p_BS_m) + change).tolist()
+        values |= _sigma("imu_place", used)
+    if (change := _vector("imu_angle", used)) is not None:
+        turned = Rotation.from_rotvec(change) * Rotation.from_quat(imu.mounting.q_BS_xyzw)
+        mounting["q_BS_xyzw"] = turned.as_quat().tolist()
+        values |= _sigma("imu_angle", used)
+    return values | ({"mounting": mounting} if mounting else {})
+
+
+def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:
+    """Return the change (3,) along the measured axes; None where there is none."""
+    own = [used.get(f"{kind}.{axis}") for axis in AXES]
+    return np.array([f.value if f else 0.0 for f in own]) if any(own) else None
+
+
+def _sigma(kind: str, used: dict[str, Figure]) -> dict[str, float]:
+    """Return the key of one sigma for all axes; nothing while one of them is as it was."""
+    own = [used.get(f"{kind}.{axis}") for axis in AXES]
+    return {SIGMA_KEYS[kind]: max(f.sigma for f in own if f)} if all(own) else {}
+
+
+def sensor_axes(config: Config) -> FloatArray:
+    """Return R_SB (3, 3): base to sensor axes of the inertial unit."""
+    return rotation_from_xyzw(np.array(config.imu.mounting.q_BS_xyzw)).T

@@ -1,0 +1,102 @@
+"""`fsw calibrate` on simulated recordings: figures against the truth's errors, and refusals."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from fsw.__main__ import main
+from hil.run.bench import prepare, run_virtual
+from hil.world.sensors import ImuErrors, JointErrors, SensorConfig
+from tests.support.short_cases import NoMeter, short
+
+SEED, REST_S = 1, 12.0
+SIGMAS = 3.0
+
+
+@pytest.fixture(scope="module")
+def rested(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with a long rest before a short motion."""
+    folder = tmp_path_factory.mktemp("rested")
+    scenario = replace(short(folder, hurry=2.0), before_s=REST_S)
+    run_virtual(prepare(scenario, SEED, folder), NoMeter(), record=True)
+    return folder
+
+
+def calibrated(folder: Path, mode: str, *options: str) -> int:
+    recording, config = folder / "recording.mcap", folder / "flight.yaml"
+    return main(["calibrate", mode, str(recording), "--config", str(config), *options])
+
+
+def true_errors(folder: Path) -> dict[str, float]:
+    """The errors that the devices were given, by the names of the figures."""
+    sensors = SensorConfig.from_dict(short(folder).sensors)
+    n = len(sensors.joints.nodes)
+    offsets = JointErrors(sensors.joints, n, SEED).torque_offset_nm
+    imu = ImuErrors(sensors.imu, SEED)
+    return {
+        **{f"torque_offset.joint{k + 1}": offset for k, offset in enumerate(offsets.tolist())},
+        **dict(zip([f"gyro_bias.{a}" for a in "xyz"], imu.gyro_bias_rad_s, strict=True)),
+        **dict(zip([f"acc_bias.{a}" for a in "xyz"], imu.acc_bias_m_s2, strict=True)),
+    }
+
+
+def test_at_rest_every_figure_is_within_three_sigma_and_the_overlay_holds_them(
+    rested, tmp_path, capsys
+):
+    out = tmp_path / "calibration.yaml"
+    code = calibrated(rested, "rest", "--to", str(REST_S), "--out", str(out), "--json")
+    result = json.loads(capsys.readouterr().out)
+    assert code == 0
+    truth = true_errors(rested)
+    figures = {figure["name"]: figure for figure in result["figures"]}
+    assert set(figures) == set(truth)
+    for name, figure in figures.items():
+        assert abs(figure["value"] - truth[name]) < SIGMAS * figure["sigma"], name
+    shown = [name for name, figure in figures.items() if figure["verdict"] == "measured"]
+    assert {name for name in truth if "gyro" not in name} <= set(shown)
+    text = out.read_text()
+    assert yaml.safe_load(text) == result["overlay"]
+    assert f"# fsw calibrate rest {rested / 'recording.mcap'}" in text
+    assert main(["check", str(rested / "flight.yaml"), "--overlay", str(out)]) == 0
+    capsys.readouterr()
+    again = calibrated(rested, "rest", "--to", str(REST_S), "--overlay", str(out), "--json")
+    left = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
+    assert again == 1  # it shows nothing that its own overlay does not state
+    assert all(abs(left[name]["value"]) < 1e-2 * left[name]["sigma"] for name in shown)
+
+
+def test_a_robot_that_moves_is_refused_in_words(rested, tmp_path, capsys):
+    out = tmp_path / "calibration.yaml"
+    assert calibrated(rested, "rest", "--out", str(out)) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "the robot moves: joint" in error
+    assert "after 12." in error
+    assert not out.exists()
+
+
+def test_too_short_a_rest_is_refused(rested, capsys):
+    assert calibrated(rested, "rest", "--to", "2") == 1
+    assert "usable windows at rest; must be 8 or more" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["flight.yaml", "recording.mcap", "none/out.yaml"])
+def test_a_wrong_output_is_one_line(rested, name, capsys):
+    before = (rested / "flight.yaml").read_bytes()
+    code = calibrated(rested, "rest", "--to", str(REST_S), "--out", str(rested / name))
+    assert code == 2
+    assert "--out" in capsys.readouterr().err.splitlines()[-1]
+    assert (rested / "flight.yaml").read_bytes() == before
+
+
+def test_the_sigma_counts_noise_as_it_is_found(rested, capsys):
+    calibrated(rested, "rest", "--to", str(REST_S), "--json")
+    figures = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
+    config = yaml.safe_load((rested / "flight.yaml").read_text())
+    white = config["imu"]["velocity_random_walk_m_s_sqrt_s"] / np.sqrt(REST_S)
+    assert white < figures["acc_bias.x"]["sigma"] < 5.0 * white
