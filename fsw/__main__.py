@@ -14,10 +14,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fsw.commands.examples import EXAMPLES
 from fsw.commands.excite_arguments import add_arguments as excite_arguments
 from fsw.commands.init_arguments import add_arguments as init_arguments
 from fsw.commands.recording_arguments import (
     calibrate_arguments,
+    export_arguments,
     identify_arguments,
     import_arguments,
     overlay_argument,
@@ -38,7 +40,7 @@ FAILED_EXIT = 1
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
@@ -53,11 +55,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED_EXIT
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="fsw", description=__doc__)
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of every command, for completion and documentation too."""
+    program = argparse.ArgumentParser(prog="fsw", description=__doc__)
     release = f"%(prog)s {version('inertia-daemon')}"
-    parser.add_argument("--version", action="version", version=release)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    program.add_argument("--version", action="version", version=release)
+    commands = program.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="identify from live devices until SIGTERM")
     run.add_argument("config", type=Path, metavar="CONFIG")
@@ -102,7 +105,9 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--priority", type=int, default=0, help="SCHED_FIFO of the timer's part")
     bench.add_argument("--json", action="store_true", help="print the result as one JSON object")
     bench.set_defaults(command=_bench)
-    return parser
+    for name, example in EXAMPLES.items():
+        commands.choices[name].epilog = f"example: {example}"
+    return program
 
 
 def _bench(arguments: argparse.Namespace) -> int:
@@ -132,16 +137,7 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     )
     schema.set_defaults(command=_schema)
 
-    export = commands.add_parser(
-        "export", help="an identified body for other tools; `export ros2`: the message package"
-    )
-    export.add_argument("result", type=Path, metavar="RESULT", help="of fsw identify --json")
-    kinds = ("urdf", "sdf", "mjcf", "json", "csv", "parquet", "ros2")
-    export.add_argument("--format", choices=kinds, default="json", help="json")
-    export.add_argument("--body", metavar="NAME", help="needed where there are two")
-    export.add_argument("--frame", metavar="NAME", help="what the body's frame is called elsewhere")
-    export.add_argument("--out", type=Path, metavar="PATH", help="instead of standard output")
-    export.set_defaults(command=_export)
+    export_arguments(commands, _export)
 
     check = commands.add_parser("check", help="validate everything; touch no device")
     check.add_argument("config", type=Path, metavar="CONFIG")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from ground.downlink import ClearStream, FrameStream
 from ground.errors import LINK, USAGE, GroundError
+from ground.examples import EXAMPLES, FILES
 from ground.sdls import Sealer
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ MET_END_S = float((1 << 32) - 1)  # the last mission elapsed time that a packet 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
@@ -41,13 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return LINK
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="ground", description=__doc__)
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of every command, for completion and documentation too."""
+    program = argparse.ArgumentParser(prog="ground", description=__doc__)
     release = f"%(prog)s {version('inertia-daemon')}"
-    parser.add_argument("--version", action="version", version=release)
-    parser.add_argument("--host", default="127.0.0.1", help="of the daemon, 127.0.0.1")
-    parser.add_argument("--port", type=_port, default=PORT, help=f"of its link, {PORT}")
-    sealing = parser.add_argument_group("authenticated telecommands (tc_security: sdls)")
+    program.add_argument("--version", action="version", version=release)
+    program.add_argument("--host", default="127.0.0.1", help="of the daemon, 127.0.0.1")
+    program.add_argument("--port", type=_port, default=PORT, help=f"of its link, {PORT}")
+    sealing = program.add_argument_group("authenticated telecommands (tc_security: sdls)")
     sealing.add_argument("--key", type=Path, metavar="FILE", help="32 bytes, mode 0600")
     sealing.add_argument(
         "--spi", type=int, default=1, help="security parameter index of the key, 1"
@@ -61,7 +63,7 @@ def _parser() -> argparse.ArgumentParser:
     sealing.add_argument(
         "--state", type=Path, default=STATE, metavar="DIR", help="numbers used so far"
     )
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands = program.add_subparsers(required=True, metavar="COMMAND")
     _tc_parser(commands)
     number = commands.add_parser("number", help="show or set the next number of --key")
     number.add_argument("number", nargs="?", type=int, metavar="N", help="set it")
@@ -71,7 +73,9 @@ def _parser() -> argparse.ArgumentParser:
     _onboard_parser(commands)
     _file_parser(commands)
     _serve_parser(commands)
-    return parser
+    for name, example in EXAMPLES.items():
+        commands.choices[name].epilog = f"example: {example}"
+    return program
 
 
 def _seconds(text: str) -> float:
@@ -191,6 +195,8 @@ def _file_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     action("mkdir", "make_folder", "create a folder", "remote")
     action("rm", "remove", "remove a file or an empty folder", "remote")
     action("free", "free", "show the free space of each folder")
+    for name, example in FILES.items():
+        actions.choices[name].epilog = f"example: {example}"
 
 
 def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

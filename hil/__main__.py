@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.evidence import commands as evidence
+from hil.examples import EXAMPLES, STUDIES
 from hil.options import count
 
 if TYPE_CHECKING:
@@ -31,18 +32,19 @@ PLAIN_WIDTH = 120  # of output that goes to a file or a pipe
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     from hil.errors import explained
 
     return explained(lambda: command(arguments), WRONG_EXIT, FAILED_EXIT)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="hil", description=__doc__)
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of every command, for completion and documentation too."""
+    program = argparse.ArgumentParser(prog="hil", description=__doc__)
     release = f"%(prog)s {version('inertia-daemon')}"
-    parser.add_argument("--version", action="version", version=release)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    program.add_argument("--version", action="version", version=release)
+    commands = program.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser("run", help="run a scenario against the daemon and judge the result")
     run.add_argument("scenario", metavar="SCENARIO", help="a name from `hil list`, or a YAML file")
     run.add_argument("--fast", action="store_true", help="virtual time, one thread, deterministic")
@@ -104,7 +106,9 @@ def _parser() -> argparse.ArgumentParser:
     _campaign_parser(commands)
     _vcan_parser(commands)
     evidence.add_parsers(commands)
-    return parser
+    for name, example in EXAMPLES.items():
+        commands.choices[name].epilog = f"example: {example}"
+    return program
 
 
 def _add_settings(parser: argparse.ArgumentParser) -> None:
@@ -176,6 +180,8 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     paper.set_defaults(command=_study_paper)
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
     energy.set_defaults(command=_study_energy)
+    for name, example in STUDIES.items():
+        kinds.choices[name].epilog = f"example: {example}"
 
 
 def _faults(arguments: argparse.Namespace) -> int:

@@ -120,6 +120,20 @@ def calibrate_arguments(commands: Commands, command: Command) -> None:
     calibrate.set_defaults(command=command)
 
 
+def export_arguments(commands: Commands, command: Command) -> None:
+    """Describe `fsw export`."""
+    export = commands.add_parser(
+        "export", help="an identified body for other tools; `export ros2`: the message package"
+    )
+    export.add_argument("result", type=Path, metavar="RESULT", help="of fsw identify --json")
+    kinds = ("urdf", "sdf", "mjcf", "json", "csv", "parquet", "ros2")
+    export.add_argument("--format", choices=kinds, default="json", help="json")
+    export.add_argument("--body", metavar="NAME", help="needed where there are two")
+    export.add_argument("--frame", metavar="NAME", help="what the body's frame is called elsewhere")
+    export.add_argument("--out", type=Path, metavar="PATH", help="instead of standard output")
+    export.set_defaults(command=command)
+
+
 def _recorded_arguments(parser: argparse.ArgumentParser, metavar: str = "RECORDING") -> None:
     parser.add_argument("recording", type=Path, metavar=metavar)
     parser.add_argument(

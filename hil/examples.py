@@ -1,0 +1,21 @@
+"""One example for the help of every command; a test parses each."""
+
+EXAMPLES = {
+    "run": "hil run target_leo --fast --seed 1 --out runs/first",
+    "seeds": "hil seeds target_leo --first 100 --count 10",
+    "faults": "hil faults --only torque_drift --lane virtual",
+    "list": "hil list",
+    "campaign": "hil campaign hil/evidence/campaign/examples/target.yaml --out runs/campaign",
+    "vcan": "hil vcan -- ip -br link",
+    "fuzz": "hil fuzz --inputs 1e6 --only stim300 --out runs/fuzz",
+    "kills": "hil kills --count 20 --out runs/kills",
+    "transfers": "hil transfers --count 20 --out runs/transfers",
+    "mistakes": "hil mistakes --case target --only 'prior wrong and tight'",
+    "soak": "hil soak --hours 2 --rate 50 --imu-rate 125 --out runs/soak",
+    "bench": "hil bench target_leo --rounds 3 --only alone",
+}
+STUDIES = {
+    "methods": "hil study methods --quick --out runs/methods",
+    "paper": "hil study paper --quick",
+    "trivial-energy": "hil study trivial-energy",
+}
