@@ -25,6 +25,7 @@ from fsw.commands.recording_arguments import (
     overlay_argument,
     replay_arguments,
     report_arguments,
+    view_arguments,
 )
 from fsw.messages.errors import ConfigError, FswError
 
@@ -73,6 +74,7 @@ def parser() -> argparse.ArgumentParser:
     replay_arguments(commands, _replay)
     identify_arguments(commands, _identify)
     report_arguments(commands, _report)
+    view_arguments(commands, _view)
     import_arguments(commands, _import)
     calibrate_arguments(commands, _calibrate)
 
@@ -113,11 +115,9 @@ def parser() -> argparse.ArgumentParser:
 def _bench(arguments: argparse.Namespace) -> int:
     from fsw.commands.bench import bench
 
-    def tell(text: str) -> None:
-        print(f"fsw: bench: {text}", file=sys.stderr)
-
+    progress = _progress("bench")
     report = bench(
-        arguments.rounds, arguments.seconds, arguments.priority, arguments.frame_rate, tell
+        arguments.rounds, arguments.seconds, arguments.priority, arguments.frame_rate, progress
     )
     print(json.dumps(report.to_json()) if arguments.json else report.to_text())
     for text in report.missing:
@@ -146,6 +146,15 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
         "recording", type=Path, nargs="?", metavar="RECORDING", help="judge the one by the other"
     )
     check.set_defaults(command=_check)
+
+
+def _progress(command: str) -> Callable[[str], None]:
+    """Return what says on stderr how far a command has come."""
+
+    def say(text: str) -> None:
+        print(f"fsw: {command}: {text}", file=sys.stderr)
+
+    return say
 
 
 def _warned(robot: Robot) -> Robot:
@@ -213,10 +222,7 @@ def _report(arguments: argparse.Namespace) -> int:
         chosen = robot.with_choices(method=arguments.method, weighting=arguments.weighting)
         robot = _warned(chosen)
     out = arguments.out or Path(arguments.recording.stem).with_suffix(".html")
-
-    def progress(text: str) -> None:
-        print(f"fsw: report: {text}", file=sys.stderr)
-
+    progress = _progress("report")
     progress(f"replaying {recording}")
     written = report(
         recording,
@@ -232,6 +238,22 @@ def _report(arguments: argparse.Namespace) -> int:
     )
     print("\n".join([written.verdict, *map(str, written.paths)]))
     return 0 if written.valid else FAILED_EXIT
+
+
+def _view(arguments: argparse.Namespace) -> int:
+    from fsw.commands.robot import Robot
+
+    given = None if arguments.config is None else Robot(arguments.config)
+    from fsw.commands.api import load  # only now anything that can open a recording
+    from fsw.commands.view import PLANS, view
+
+    source: Path = arguments.source
+    if given is None and source.suffix in PLANS:
+        raise ConfigError("--config: a plan needs the configuration of its robot")
+    robot = _warned(load(source).robot if given is None else given)
+    out = arguments.out or Path(f"{source.stem}_motion.html")
+    print(view(source, robot.config, out, arguments.truth, _progress("view")))
+    return 0
 
 
 def _identify(arguments: argparse.Namespace) -> int:
@@ -273,9 +295,7 @@ def _import(arguments: argparse.Namespace) -> int:
 def _calibrate(arguments: argparse.Namespace) -> int:
     from fsw.commands.calibrate.command import calibrate
 
-    def tell(text: str) -> None:
-        print(f"fsw: calibrate: {text}", file=sys.stderr)
-
+    tell = _progress("calibrate")
     text, shown = calibrate(arguments, tell)
     print(text)
     if not shown:
@@ -296,26 +316,15 @@ def _excite(arguments: argparse.Namespace) -> int:
 
 
 def _ctl(arguments: argparse.Namespace) -> int:
+    from fsw.commands.ctl import request_of
     from fsw.config import load
     from fsw.service.control import control
 
     config = load(arguments.config)
-    line: dict[str, object] = {"command": arguments.name}
-    for pair in arguments.arguments:
-        key, separator, value = pair.partition("=")
-        if not separator:
-            raise ConfigError(f"{pair!r}: arguments are KEY=VALUE")
-        line[key] = _number(key, value) if key == "last_s" else value
-    reply = control(config.resolve(config.service.state_directory), line)
+    request = request_of(arguments.name, arguments.arguments)
+    reply = control(config.resolve(config.service.state_directory), request)
     print(json.dumps(reply))
     return 0 if reply.get("accepted") else FAILED_EXIT
-
-
-def _number(key: str, value: str) -> float:
-    try:
-        return float(value)
-    except ValueError as error:
-        raise ConfigError(f"{key}: {value!r} must be a number") from error
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -371,9 +380,7 @@ def _schema(_arguments: argparse.Namespace) -> int:
 def _check_recording(recording: Path, config: Config, problem: Problem) -> int:
     from fsw.commands.check_recording import check_recording
 
-    def progress(text: str) -> None:
-        print(f"fsw: check: {text}", file=sys.stderr)
-
+    progress = _progress("check")
     lines, agree = check_recording(recording, config, problem, progress)
     verdict = "agree" if agree else "do not agree; see the lines with WRONG"
     print("\n".join([*lines, f"{recording} and {config.name} {verdict}"]))

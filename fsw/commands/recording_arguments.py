@@ -134,6 +134,24 @@ def export_arguments(commands: Commands, command: Command) -> None:
     export.set_defaults(command=command)
 
 
+def view_arguments(commands: Commands, command: Command) -> None:
+    """Describe `fsw view`."""
+    view = commands.add_parser(
+        "view",
+        help="a recording or a plan in motion, as one HTML page",
+        epilog="examples: fsw view recording.mcap; fsw view plan.yaml --config robot.yaml",
+    )
+    view.add_argument("source", type=Path, metavar="RECORDING|PLAN")
+    view.add_argument(
+        "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
+    )
+    view.add_argument("--out", type=Path, metavar="HTML", help="its name with _motion.html")
+    view.add_argument(
+        "--truth", type=Path, metavar="JSON", help="true bodies, such as result.json of hil run"
+    )
+    view.set_defaults(command=command)
+
+
 def _recorded_arguments(parser: argparse.ArgumentParser, metavar: str = "RECORDING") -> None:
     parser.add_argument("recording", type=Path, metavar=metavar)
     parser.add_argument(

@@ -16,8 +16,8 @@ from fsw.estimators.model.inertia import skew
 from fsw.messages import FloatArray
 
 
-def attitudes(w_B: FloatArray, step_s: float) -> FloatArray:
-    """Return R_k+1 (m, 3, 3) from body rates (m, 3) at the middle of steps."""
+def attitudes(w_B: FloatArray, step_s: float | FloatArray) -> FloatArray:
+    """Return R_k+1 (m, 3, 3) from body rates (m, 3) at the middle of steps, one or (m, 1) [s]."""
     steps = Rotation.from_rotvec(step_s * w_B).as_matrix()
     R, result = np.eye(3), np.empty_like(steps)
     for k, step in enumerate(steps):

@@ -72,6 +72,20 @@ class Collisions:
         return np.asarray(J[:3] - pin.skew(arm) @ J[3:])
 
 
+def read_geometry(model: RobotModel, urdf: Path, kind: pin.GeometryType) -> pin.GeometryModel:
+    """Return the URDF's shapes of a kind, COLLISION or VISUAL.
+
+    Raises
+    ------
+    ConfigError if a mesh cannot be read.
+    """
+    try:
+        return pin.buildGeomFromUrdf(model.model, str(urdf), kind, package_dirs=[str(urdf.parent)])
+    except (ValueError, RuntimeError) as error:
+        words = " ".join(str(error).rpartition("message: ")[2].split())
+        raise ConfigError(f"robot.urdf: {urdf}: {kind.name.lower()} geometry: {words}") from error
+
+
 def build_collisions(
     model: RobotModel, urdf: Path, tool_frame: str, target: TargetBox | None
 ) -> Collisions | None:
@@ -81,12 +95,7 @@ def build_collisions(
     ------
     ConfigError if a mesh cannot be read.
     """
-    try:
-        geometry = pin.buildGeomFromUrdf(
-            model.model, str(urdf), pin.GeometryType.COLLISION, package_dirs=[str(urdf.parent)]
-        )
-    except (ValueError, RuntimeError) as error:
-        raise ConfigError(f"robot.urdf: {urdf}: collision geometry: {error}") from error
+    geometry = read_geometry(model, urdf, pin.GeometryType.COLLISION)
     if target is not None:
         frame = model.model.frames[model.model.getFrameId(tool_frame)]
         place = frame.placement * pin.SE3(np.eye(3), np.array(target.center_m))

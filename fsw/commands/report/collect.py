@@ -50,7 +50,7 @@ class Collected:
     daemon: Mapping[str, Any] | None = None  # status of the one that still writes the recording
 
 
-class _Collector(NullSink):
+class Collector(NullSink):
     """Keeps what a report shows; `progress` is called after every 10 s of the recording."""
 
     def __init__(self, progress: Progress) -> None:
@@ -86,7 +86,7 @@ def collect(
     ------
     ConfigError when recording and configuration do not fit.
     """
-    sink, pipeline = _Collector(progress), default_pipeline(config)
+    sink, pipeline = Collector(progress), default_pipeline(config)
     result = replay(recording, config, sink=sink, pipeline=pipeline, span=span)
     parts = parts_of(recording)
     held = contents_of(parts)
