@@ -1,25 +1,18 @@
-"""A collected replay as tables (CSV, Parquet) and a picture, beside the page."""
+"""A collected replay as tables (CSV, Parquet) beside the page."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fsw.commands.identified_body import QUANTITIES
 from fsw.commands.parquet import write_parquet
 from fsw.commands.report.collect import Collected
-from fsw.commands.report.view import Chart, View
 from fsw.exchange.status import body_sigma, body_values
-from fsw.messages.errors import ConfigError
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-ESTIMATE = "Estimate over time"
 
 
 class Table(NamedTuple):
@@ -75,58 +68,16 @@ def write_tables(collected: Collected, stem: Path, kinds: Collection[str]) -> li
         for kind in kinds:
             written.append(stem.with_name(f"{stem.name}_{name}.{kind}"))
             if kind == "csv":
-                _write_csv(table, written[-1])
+                write_csv(table, written[-1])
             else:
                 columns = zip(*table.rows, strict=True) if table.rows else ([] for _ in table.head)
                 write_parquet(written[-1], dict(zip(table.head, columns, strict=True)))
     return written
 
 
-def _write_csv(table: Table, path: Path) -> None:
+def write_csv(table: Table, path: Path) -> None:
+    """Write a table with its head. Raises OSError."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(table.head)
         writer.writerows(table.rows)
-
-
-def write_png(view: View, path: Path) -> None:
-    """Draw the charts of the estimate over time.
-
-    Raises
-    ------
-    ConfigError without matplotlib.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        words = "--png needs matplotlib: pip install 'inertia-daemon[excite]'"
-        raise ConfigError(words) from error
-    charts = next(section.charts for section in view.sections if section.title == ESTIMATE)
-    rows = max(1, -(-len(charts) // 2))
-    figure = Figure(figsize=(14, 4 * rows), layout="constrained")
-    figure.suptitle(f"{view.title}: {view.verdict}")
-    axes = np.atleast_1d(figure.subplots(rows, 2, squeeze=False)).ravel()
-    for axis, chart in zip(axes, charts, strict=False):
-        _draw(axis, chart)
-    for axis in axes[len(charts) :]:
-        axis.set_visible(False)
-    figure.savefig(path, dpi=100)
-
-
-def _draw(axis: Axes, chart: Chart) -> None:
-    for line in chart.lines:
-        (drawn,) = axis.plot(chart.x, _array(line.y), label=line.label, linewidth=1)
-        if line.low is not None and line.high is not None:
-            low, high = _array(line.low), _array(line.high)
-            axis.fill_between(chart.x, low, high, color=drawn.get_color(), alpha=0.2, linewidth=0)
-    axis.set(title=chart.title, xlabel=chart.x_label, ylabel=chart.y_label)
-    if chart.log:
-        axis.set_yscale("log")
-    elif chart.y_range is not None:
-        axis.set_ylim(*chart.y_range)
-    axis.grid(alpha=0.3)
-    axis.legend(fontsize="small")
-
-
-def _array(values: Sequence[float | None]) -> np.ndarray:
-    return np.array([np.nan if x is None else x for x in values])

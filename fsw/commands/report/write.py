@@ -13,11 +13,14 @@ from fsw.commands.report.build import view
 from fsw.commands.report.collect import Collected, Progress, collect
 from fsw.commands.report.layouts import foxglove, plotjuggler
 from fsw.commands.report.page import page
+from fsw.commands.report.picture import write_png
 from fsw.commands.report.series import write_series
-from fsw.commands.report.tables import write_png, write_tables
+from fsw.commands.report.tables import write_tables
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.messages.errors import ConfigError
+
+ESTIMATE = "Estimate over time"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +66,8 @@ def write_report(
             paths += _write_mcap(collected, out.with_suffix(""))
         if with_png:
             paths.append(out.with_suffix(".png"))
-            write_png(shown, paths[-1])
+            section = next(one for one in shown.sections if one.title == ESTIMATE)
+            write_png(shown, section.charts, paths[-1])
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written: {error.strerror}") from error
     return Written(

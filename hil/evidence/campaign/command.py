@@ -10,6 +10,7 @@ from rich.console import Console
 
 from hil.evidence import pool, runner
 from hil.evidence.campaign.config import read
+from hil.evidence.campaign.page import write_page
 from hil.evidence.campaign.summary import summary, write_table
 from hil.evidence.campaign.work import rows_of, rows_of_lost
 from hil.evidence.store import Store
@@ -18,7 +19,7 @@ FAILED_EXIT = 1
 
 
 def campaign(path: Path, out: Path | None, workers: int, scheduler: str | None) -> int:
-    """Run or resume a campaign, write its table and summary; 1 if a run failed."""
+    """Run or resume a campaign, write its table, summary and page; 1 if a run failed."""
     wanted = read(path)
     folder = out if out is not None else Path("runs") / path.stem
     store = Store(folder, wanted.model_dump(mode="json"))
@@ -50,4 +51,6 @@ def campaign(path: Path, out: Path | None, workers: int, scheduler: str | None) 
             )
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"table: {table}", soft_wrap=True)
+    paths = write_page(ordered, entries, wanted, folder / "campaign.html")
+    console.print(f"page: {', '.join(map(str, paths))}", soft_wrap=True)
     return FAILED_EXIT if any(entry["failed"] for entry in entries) else 0

@@ -225,6 +225,7 @@ def test_killing_a_worker_and_the_driver_loses_and_doubles_nothing(path: Path, t
     assert lines(out) >= 3
     subprocess.run(command(path, out), env=environment(), check=True, capture_output=True)
     assert digests(out) == digests(whole)
+    assert "<h2>Bad runs" in (out / "campaign.html").read_text(encoding="utf-8")
     keys = [json.loads(row)[0] for row in (out / JOURNAL).read_text().splitlines()]
     assert len(keys) == len(set(keys)) == 6
 

@@ -1,0 +1,61 @@
+"""Charts of a page as one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fsw.commands.report.view import Chart, View
+from fsw.messages.errors import ConfigError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def write_png(view: View, charts: Sequence[Chart], path: Path) -> None:
+    """Draw some charts of a page under its title and verdict.
+
+    Raises
+    ------
+    ConfigError without matplotlib.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        words = "--png needs matplotlib: pip install 'inertia-daemon[excite]'"
+        raise ConfigError(words) from error
+    rows = max(1, -(-len(charts) // 2))
+    figure = Figure(figsize=(14, 4 * rows), layout="constrained")
+    figure.suptitle(f"{view.title}: {view.verdict}")
+    axes = np.atleast_1d(figure.subplots(rows, 2, squeeze=False)).ravel()
+    for axis, chart in zip(axes, charts, strict=False):
+        _draw(axis, chart)
+    for axis in axes[len(charts) :]:
+        axis.set_visible(False)
+    figure.savefig(path, dpi=100)
+
+
+def _draw(axis: Axes, chart: Chart) -> None:
+    for k, line in enumerate(chart.lines):
+        style: dict[str, Any] = {"marker": ".", "linestyle": "none"} if line.points else {}
+        if chart.bars and k == 0:
+            axis.bar(chart.x, _array(line.y), width=0.95 * np.diff(chart.x).mean(), alpha=0.4)
+            continue
+        (drawn,) = axis.plot(chart.x, _array(line.y), label=line.label, linewidth=1, **style)
+        if line.low is not None and line.high is not None:
+            low, high = _array(line.low), _array(line.high)
+            axis.fill_between(chart.x, low, high, color=drawn.get_color(), alpha=0.2, linewidth=0)
+    axis.set(title=chart.title, xlabel=chart.x_label, ylabel=chart.y_label)
+    if chart.log:
+        axis.set_yscale("log")
+    elif chart.y_range is not None:
+        axis.set_ylim(*chart.y_range)
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize="small")
+
+
+def _array(values: Sequence[float | None]) -> np.ndarray:
+    return np.array([np.nan if x is None else x for x in values])
