@@ -203,6 +203,9 @@ def _off(config: Config) -> list[str]:
         "viscous friction (joints[].friction_viscous_sigma_nms_rad)": [
             joint.friction_viscous_sigma_nms_rad for joint in joints
         ],
+        "torque that no model has (joints[].torque_model_sigma_nm)": [
+            joint.torque_model_sigma_nm for joint in joints
+        ],
         "torque offsets (joints[].torque_offset_sigma_nm)": [
             joint.torque_offset_sigma_nm for joint in joints
         ],

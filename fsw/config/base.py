@@ -31,6 +31,7 @@ Turn = Annotated[float, Field(ge=-6.3, le=6.3, allow_inf_nan=False)]  # rad: one
 AngleSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]  # 0: exact
 ScaleSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
 SlowRate = Annotated[float, Field(ge=1e-4, le=1.0, allow_inf_nan=False)]  # rad/s
+CorrelationTime = Annotated[float, Field(ge=1e-3, le=10.0, allow_inf_nan=False)]  # s
 RateSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
 AccelerationSigma = Annotated[float, Field(ge=0, le=100.0, allow_inf_nan=False)]
 Delay = Annotated[float, Field(ge=0, le=10.0, allow_inf_nan=False)]

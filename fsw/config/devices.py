@@ -12,6 +12,7 @@ from fsw.config.base import (
     AccelerationSigma,
     AngleNoise,
     AngleSigma,
+    CorrelationTime,
     Delay,
     Duration,
     Finite,
@@ -74,6 +75,7 @@ WITHOUT_TORQUE = {  # stands where a joint has no torque sensor: nothing is meas
     "torque_scale_sigma_ratio": 0.0,
     "friction_coulomb_sigma_nm": 0.0,
     "friction_viscous_sigma_nms_rad": 0.0,
+    "torque_model_sigma_nm": 0.0,
 }
 
 
@@ -108,6 +110,8 @@ class JointConfig(Section):
     friction_coulomb_sigma_nm: TorqueSigma = 0.0  # of what remains behind the sensor; 0: none
     friction_viscous_sigma_nms_rad: TorqueSigma = 0.0
     friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / this)
+    torque_model_sigma_nm: TorqueSigma = 0.0  # of what the model leaves out of the torque; 0: none
+    torque_model_correlation_s: CorrelationTime = 0.1  # in which that fades by e
     position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
     zero_sigma_rad: AngleSigma = 2e-3  # of zero_offset_rad; 0: it is exact
     link_sigma_ratio: ScaleSigma | None = None  # of the link it moves; None: as robot has it

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fsw.config import Config
-from fsw.estimators.model.problem import joint_order, torque_samples
+from fsw.estimators.model.problem import joint_order, torque_model_covariance, torque_samples
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
@@ -31,7 +31,8 @@ STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
 ANGLE_NOISE_RAD = 1e-5  # of a sample: beyond it the angles' own errors are told beside the rates'
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
-WHOLE_RATIO = 0.01  # of its samples that a window may lack to count for the noise
+SURPLUS_RATIO = 0.01  # of its samples that a window may have too many to count for the noise
+LACKING_RATIO = 0.25  # that it may lack
 MOTION = (0, 1, 2)  # derivatives of a joint's position
 GYRO_FAULTS = ("gyro", Fault.GYRO_SPIKE, Fault.GYRO_INCONSISTENT)
 ACC_FAULTS = ("accelerometer", Fault.ACC_SPIKE, Fault.ACC_INCONSISTENT)
@@ -66,9 +67,11 @@ class Conditioner:
         self._torque_sigma = np.array([joint.torque_noise_nm for joint in self._joints])
         self._coulomb_nm = np.array([joint.friction_coulomb_sigma_nm for joint in self._joints])
         self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in self._joints])
-        # friction that reverses is up to its size off the polynomial: no outlier up to 3 sigma
-        self._torque_gate = np.hypot(self._torque_sigma, 0.5 * self._coulomb_nm)
         self._samples = torque_samples(config, order)
+        self._cov_model = torque_model_covariance(config, order)
+        # friction that reverses is up to its size off the polynomial: no outlier up to 3 sigma
+        left_out = np.array([joint.torque_model_sigma_nm for joint in self._joints])
+        self._torque_gate = np.hypot(np.hypot(self._torque_sigma, 0.5 * self._coulomb_nm), left_out)
         imu = config.imu
         self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
@@ -159,7 +162,7 @@ class Conditioner:
             forces = yield from instants.fitted(
                 values[:, 1::2], self._torque_gate[own], low, (0,), min_fill=self._min_fill
             )
-            products[:, own] = instants.products(values[:, 1::2])
+            products[:, own] = instants.products(values[:, 1::2], int(self._samples[own[0]]))
             for k, angle, force in zip(own, angles, forces, strict=True):
                 positions[k], torques[k] = angle, force
         for k, joint in enumerate(self._joints):
@@ -170,9 +173,9 @@ class Conditioner:
                 self._note(torques[k].removed, Fault.TORQUE_INCONSISTENT, joint.name, window)
                 torques[k] = NO_FIT
             self._note(torques[k].removed, Fault.TORQUE_SPIKE, joint.name, window)
-            missing = abs(len(channels[k].t_ns) - int(self._samples[k]))
-            is_whole = missing <= WHOLE_RATIO * self._samples[k]
-            if torques[k].fit is None or torques[k].removed or not is_whole:
+            fill = len(channels[k].t_ns) / self._samples[k]
+            counts = 1.0 - LACKING_RATIO <= fill <= 1.0 + SURPLUS_RATIO
+            if torques[k].fit is None or torques[k].removed or not counts:
                 products[:, k] = 0.0
         return self._joined(positions, torques, products)
 
@@ -219,6 +222,8 @@ class Conditioner:
         if self._coulomb_nm.any():
             ways = self._coulomb_nm * doubt(motion[1], self._speed_rad_s)
             cov_tau += np.einsum("win,wjn->nij", ways, ways)
+        if self._cov_model.any():
+            cov_tau += self._cov_model
         return _Arm(
             motion=motion,
             tau_nm=tau,

@@ -20,7 +20,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
+from fsw.estimators.fading_noise import covariance_at_nodes, instants
+from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import Block, FloatArray
 
@@ -29,7 +30,6 @@ TIMES = 16  # correlation times that are compared, from one sample to a quarter 
 SIGNIFICANT = 50.0  # fall of the misfit, times samples, that white noise makes once in 1e10 sets
 LEAST_INFLATION = 1.1  # of the variance; less is not worth a change
 MOVED = 0.1  # relative change of a variance at the nodes that is worth a pass
-NEIGHBOURS = 4  # windows on either side whose nodes are correlated with a window's
 _STATE = ("_sums", "_windows", "_excess")
 
 Found = tuple[float, float, int]  # variance of the white and of the fading part, number of its time
@@ -82,10 +82,7 @@ class _Shapes:
 @lru_cache(maxsize=8)
 def _shapes(samples: int, nodes: int) -> _Shapes:
     """Return the shapes for windows of so many samples and blocks of so many nodes."""
-    t = (np.arange(samples) + 0.5) * (2.0 / samples) - 1.0
-    removed = np.linalg.qr(legendre.legvander(t, nodes - 1 + EXTRA_DEGREE))[0]
-    Q, R = np.linalg.qr(legendre.legvander(t, nodes - 1))
-    E = legendre.legvander(gauss_nodes(nodes), nodes - 1) @ np.linalg.solve(R, Q.T)
+    removed = np.linalg.qr(legendre.legvander(instants(samples), nodes - 1 + EXTRA_DEGREE))[0]
     place = np.arange(samples)
     fading = np.exp(-1.0 / np.geomspace(1.0, samples / 4.0, TIMES))
     products, at_nodes = [], []
@@ -94,10 +91,7 @@ def _shapes(samples: int, nodes: int) -> _Shapes:
         left = C - removed @ (removed.T @ C)
         left -= (left @ removed) @ removed.T
         products.append([np.trace(left, lag) / samples for lag in LAGS])
-        # a sample and one of the next window are a^(samples + i - j) alike: a product of two
-        further = sum(a ** (samples * k) for k in range(NEIGHBOURS))
-        across = further * np.outer(E @ a**place, E @ a ** (samples - place))
-        at_nodes.append(E @ C @ E.T + across + across.T)
+        at_nodes.append(covariance_at_nodes(samples, nodes, a))
     white, faded = np.array(products[0]), np.array(products[1:])
     return _Shapes(fading, white, faded, np.array(at_nodes))
 
@@ -107,6 +101,24 @@ def mean_products(residuals: FloatArray) -> FloatArray:
     k = len(residuals)
     pairs = [(residuals[lag:], residuals[: max(0, k - lag)]) for lag in LAGS]
     return np.array([np.einsum("ij,ij->j", late, early) for late, early in pairs]) / k
+
+
+def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArray:
+    """Return what `mean_products` would have of samples of which some are lost.
+
+    Parameters
+    ----------
+    residuals : (k, n)
+    place : (k,) numbers of the samples' periods, ascending
+    """
+    k = int(place[-1] - place[0]) + 1
+    whole, known = np.zeros((k, residuals.shape[1])), np.zeros(k, np.bool_)
+    whole[place - place[0]], known[place - place[0]] = residuals, True
+    share = np.zeros(len(LAGS))
+    for row, lag in enumerate(LAGS):
+        pairs = np.count_nonzero(known[lag:] & known[: max(0, k - lag)])
+        share[row] = (k - lag) / pairs if pairs else 0.0
+    return np.asarray(mean_products(whole) * share[:, None])
 
 
 def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) -> Found | None:
@@ -146,6 +158,7 @@ class TorqueNoise:
     samples : (n,) of a window
     window_s : length of a window
     nodes : of a block
+    model_nm2 : (n, m, m) what the blocks count already of what the model leaves out; None: nothing
 
     Attributes
     ----------
@@ -153,10 +166,17 @@ class TorqueNoise:
     """
 
     def __init__(
-        self, declared_nm: FloatArray, samples: NDArray[np.int64], window_s: float, nodes: int
+        self,
+        declared_nm: FloatArray,
+        samples: NDArray[np.int64],
+        window_s: float,
+        nodes: int,
+        model_nm2: FloatArray | None = None,
     ) -> None:
         self._declared_nm, self._samples = declared_nm, samples
         self._window_s, self._nodes = window_s, nodes
+        none = np.zeros((len(declared_nm), nodes, nodes))
+        self._model_nm2 = none if model_nm2 is None else model_nm2
         self._sums = np.zeros((len(LAGS), len(declared_nm)))
         self._windows = np.zeros(len(declared_nm), np.int64)
         self._excess: FloatArray | None = None  # (n, m, m) added to the declared covariance
@@ -259,6 +279,8 @@ class TorqueNoise:
         """Return what the found noise adds to the declared covariance at the nodes (m, m).
 
         Noise smaller than declared keeps the declared size: a sensor at rest may show less of it.
+        What the model leaves out is in the samples too and is not counted twice: the larger of what
+        is found and what is declared of it holds.
         """
         if found is None:
             return np.zeros((self._nodes, self._nodes))
@@ -266,7 +288,11 @@ class TorqueNoise:
         at_nodes = _shapes(int(self._samples[j]), self._nodes).at_nodes
         declared = float(self._declared_nm[j]) ** 2
         size = max(1.0, declared / (white + fading))
-        return np.asarray((size * white - declared) * at_nodes[0] + size * fading * at_nodes[k + 1])
+        excess = (size * white - declared) * at_nodes[0] + size * fading * at_nodes[k + 1]
+        counted = self._model_nm2[j]
+        if np.trace(excess) <= np.trace(counted):
+            return np.zeros_like(counted)
+        return np.asarray(excess - counted)
 
 
 def _variances(matrices: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw.estimators.polynomial import NodeFit, lower_fit, node_fit
-from fsw.estimators.torque_noise import mean_products
+from fsw.estimators.torque_noise import LAGS, gapped_products, mean_products
 from fsw.messages import FloatArray
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
@@ -80,15 +80,21 @@ class Instants:
                 yield
         return found
 
-    def products(self, values: FloatArray) -> FloatArray:
+    def products(self, values: FloatArray, samples: int) -> FloatArray:
         """Return the mean products (L, k) of what the highest polynomial leaves of channels.
 
-        Zero where a sample is not finite.
+        Zero where a sample is not finite, or two lie in the same of the window's `samples` periods.
         """
         fit = self._fit(self.degree)
         with np.errstate(invalid="ignore", over="ignore"):
             left = fit.residuals(values, fit.coefficients(values))
-            products = mean_products(left)
+            period_ns = 2e9 * self.half_s / samples
+            offsets_ns = np.frombuffer(self.offsets_ns, np.int64)
+            place = np.rint((offsets_ns - offsets_ns[0]) / period_ns).astype(np.int64)
+            steps = np.diff(place)
+            if (steps < 1).any():
+                return np.zeros((len(LAGS), left.shape[1]))
+            products = mean_products(left) if (steps == 1).all() else gapped_products(left, place)
         return np.nan_to_num(products, nan=0.0, posinf=0.0, neginf=0.0)
 
     def _fit(self, degree: int) -> NodeFit:

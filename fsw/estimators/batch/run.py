@@ -196,7 +196,11 @@ def _sound(blocks: Sequence[Block]) -> list[Block]:
 def _with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], TorqueNoise]:
     """Return the blocks with the torque noise that is found in them, and that noise."""
     noise = TorqueNoise(
-        problem.torque_noise_nm, problem.torque_samples, problem.window_s, problem.nodes
+        problem.torque_noise_nm,
+        problem.torque_samples,
+        problem.window_s,
+        problem.nodes,
+        problem.torque_model_nm2,
     )
     for block in blocks:
         noise.note(block)

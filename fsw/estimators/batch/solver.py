@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
+from scipy.special import chdtri
 
 from fsw.estimators.batch.curvature import WEAK, Widening, constrained_prior, widen
 from fsw.estimators.measurement.row_functions import Linearisation, RowsFunction
@@ -31,6 +32,7 @@ MAX_ITERATIONS = 60
 MAX_PLAIN_STEPS = 40  # from 30-50 % wrong starts up to 18 were seen
 PROFILE_ITERATIONS = 4  # of every point of a profile
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
+NOISE_PROBABILITY = 1e-3  # of so large a step to the nearest consistent body by noise alone
 WEAKEST_GAIN = (
     0.5  # prior variance over posterior variance, minus one, of the least known direction
 )
@@ -95,14 +97,19 @@ def minimise(
     """Minimise prior plus whitened residuals.
 
     With `plain`, re-weighted Gauss-Newton first; then, from where it settles or else the start,
-    Levenberg-Marquardt over the consistent bodies.
+    Levenberg-Marquardt over the consistent bodies. A light body, as a gripper that holds nothing,
+    is often best explained by values just outside the consistent ones: where noise alone may have
+    put them there, these are the solution, and the body's flag says so.
 
     `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
     """
     prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
     x = problem.prior_mean if start is None else start
     if plain:
-        x = _gauss_newton(problem, target, prior, x)
+        x, settled = _gauss_newton(problem, target, prior, x)
+        light = _light(problem, target, prior, x) if settled else None
+        if light is not None:
+            return light
     theta = _to_theta(problem, x)
     x = _to_x(problem, theta)
     damping, iterations, status = 1e-3, 0, "NOT_CONVERGED"
@@ -120,8 +127,11 @@ def minimise(
             step = np.linalg.solve(N + damping * np.diag(np.diag(N)), g)
             trial_theta = theta + _bounded(problem, step)
             trial = _to_x(problem, trial_theta)
-            trial_stacked, trial_b = target(trial)
-            trial_cost = _cost(prior, trial, trial_b)
+            try:
+                trial_stacked, trial_b = target(trial)
+                trial_cost = _cost(prior, trial, trial_b)
+            except np.linalg.LinAlgError:  # so far off that nothing can be predicted
+                trial_cost = np.inf
             accepted = trial_cost <= cost * (1 + 1e-9)
             damping = max(damping / 10, 1e-12) if accepted else damping * 10
         if not accepted:
@@ -178,25 +188,73 @@ def regress(problem: Problem, target: Target) -> BatchSolution:
 
 def _gauss_newton(
     problem: Problem, target: Target, prior: SquareRootInformation, start: FloatArray
-) -> FloatArray:
+) -> tuple[FloatArray, bool]:
     """Return where undamped steps in the linear parameters settle, or the start if they do not.
 
     Far from the solution the weights of errors-in-variables rows grow with the parameters, and a
-    search by cost can prefer too heavy bodies; plain steps with re-weighting do not.
+    search by cost can prefer too heavy bodies; plain steps with re-weighting do not. Rows are taken
+    at the nearest consistent bodies.
     """
     x = start
     for _ in range(MAX_PLAIN_STEPS):
         at = _to_x(problem, _to_theta(problem, x))
         try:
-            A, b = target(at)
-            information = prior.update(A, b + A @ at)
-            x = information.mean()
+            x, moved, _ = _plain_step(target, prior, x, at)
         except (EstimatorError, np.linalg.LinAlgError):
-            return start
-        step = information.R @ (x - at)
-        if step @ step < CONVERGED**2 * len(x):
-            return x
-    return start
+            return start, False
+        if moved < CONVERGED:
+            return x, True
+    return start, False
+
+
+def _plain_step(
+    target: Target, prior: SquareRootInformation, x: FloatArray, at: FloatArray
+) -> tuple[FloatArray, float, SquareRootInformation]:
+    """Return the minimum of the rows linearised at a state, its whitened rms distance from x."""
+    A, b = target(at)
+    information = prior.update(A, b + A @ at)
+    mean = information.mean()
+    step = information.R @ (mean - x)
+    return mean, float(np.sqrt(step @ step / len(x))), information
+
+
+def _light(
+    problem: Problem, target: Target, prior: SquareRootInformation, x: FloatArray
+) -> BatchSolution | None:
+    """Return the solution where a body's best values are inconsistent by no more than noise makes.
+
+    None: the bodies are consistent, or the base is not, or one is so far off that no noise did it.
+    """
+    if all(is_consistent(x[problem.body(name)]) for name in problem.unknown):
+        return None
+    iterations, moved = 0, np.inf
+    while moved >= CONVERGED and iterations < MAX_PLAIN_STEPS:
+        iterations += 1
+        try:
+            x, moved, information = _plain_step(target, prior, x, x)
+        except (EstimatorError, np.linalg.LinAlgError):
+            return None
+    if moved >= CONVERGED:
+        return None
+    covariance = information.covariance()
+    for name in problem.unknown:
+        k = problem.body(name)
+        if is_consistent(x[k]):
+            continue
+        off = x[k] - nearest_consistent(x[k], covariance[k, k])
+        far = off @ np.linalg.solve(covariance[k, k], off)
+        if name == "base" or far > chdtri(len(off), NOISE_PROBABILITY):
+            return None
+    A, b = target(x)
+    gain = _weakest_gain(problem, A)
+    return BatchSolution(
+        status="OK" if gain >= WEAKEST_GAIN else "INSUFFICIENT_EXCITATION",
+        mean=x,
+        information=information,
+        iterations=iterations,
+        cost=_cost(prior, x, b),
+        rows=len(b),
+    )
 
 
 def linear_covariance(

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BaseConfig, BodyConfig, Config
+from fsw.estimators.fading_noise import covariance_at_nodes
 from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
     NAMES,
@@ -80,6 +81,7 @@ class Problem:
     nodes: int  # of a block
     torque_noise_nm: FloatArray  # (n,) declared 1 sigma of a sample
     torque_samples: NDArray[np.int64]  # (n,) of a window
+    torque_model_nm2: FloatArray  # (n, m, m) covariance of what the model leaves out, at the nodes
     wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
     freedom: FloatArray  # (6, k) motions [v_b, w_b] that nothing holds the base from, orthonormal
     support_m_s2: FloatArray  # (3,) acceleration by which what holds the base keeps it from falling
@@ -208,6 +210,22 @@ def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:
     buses = [config.joints[k].bus for k in order]
     samples = [round(config.estimator.window_s * rates_hz[bus]) for bus in buses]
     return np.array(samples, np.int64)
+
+
+def torque_model_covariance(config: Config, order: Sequence[int]) -> FloatArray:
+    """Return the covariance (n, m, m) at nodes of what the model leaves out of torques [N^2 m^2].
+
+    In the model's order; zero where a joint's torque_model_sigma_nm is.
+    """
+    window_s, m = config.estimator.window_s, config.estimator.nodes
+    covariance = np.zeros((len(order), m, m))
+    for k, samples in enumerate(torque_samples(config, order).tolist()):
+        joint = config.joints[order[k]]
+        if joint.torque_model_sigma_nm > 0.0:
+            fading = float(np.exp(-window_s / samples / joint.torque_model_correlation_s))
+            at_nodes = covariance_at_nodes(samples, m, fading)
+            covariance[k] = joint.torque_model_sigma_nm**2 * at_nodes
+    return covariance
 
 
 def ordered(bodies: Sequence[str]) -> tuple[str, ...]:
@@ -365,6 +383,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         nodes=estimator.nodes,
         torque_noise_nm=np.array([j.torque_noise_nm for j in joints]),
         torque_samples=torque_samples(config, joint_order(config, model)),
+        torque_model_nm2=torque_model_covariance(config, joint_order(config, model)),
         wrench_sigma=np.repeat(
             [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3
         ),

@@ -85,7 +85,11 @@ class Recursion:
         self.blocks = self.gated = self.changes = 0
         self.monitor = InnovationMonitor(settings.gate_probability)
         self.noise = TorqueNoise(
-            problem.torque_noise_nm, problem.torque_samples, problem.window_s, problem.nodes
+            problem.torque_noise_nm,
+            problem.torque_samples,
+            problem.window_s,
+            problem.nodes,
+            problem.torque_model_nm2,
         )
         self.q_rad: FloatArray | None = None
         self.used: Block | None = None

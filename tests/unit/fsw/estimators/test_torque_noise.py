@@ -9,7 +9,15 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.signal import lfilter
 
-from fsw.estimators.torque_noise import LAGS, ChannelNoise, TorqueNoise, found_noise, mean_products
+from fsw.estimators.fading_noise import covariance_at_nodes
+from fsw.estimators.torque_noise import (
+    LAGS,
+    ChannelNoise,
+    TorqueNoise,
+    found_noise,
+    gapped_products,
+    mean_products,
+)
 from fsw.messages import Block, FloatArray
 from tests.support.loop_cases import make_block
 
@@ -51,6 +59,39 @@ def test_mean_products_are_those_of_a_plain_sum():
     for row, lag in enumerate(LAGS):
         plain = sum(left[k + lag] * left[k] for k in range(SAMPLES - lag)) / SAMPLES
         assert np.allclose(products[row], plain, rtol=1e-12)
+
+
+def test_products_of_samples_of_which_some_are_lost_are_those_of_the_known_pairs():
+    rng = np.random.default_rng(4)
+    left = rng.standard_normal((SAMPLES, 2))
+    known = rng.random(SAMPLES) > 0.2
+    known[[0, -1]] = True
+    products = gapped_products(left[known], np.flatnonzero(known))
+    for row, lag in enumerate(LAGS):
+        pairs = [left[k + lag] * left[k] for k in range(SAMPLES - lag) if known[k] & known[k + lag]]
+        share = (SAMPLES - lag) / SAMPLES
+        assert np.allclose(products[row], share * np.mean(pairs, axis=0), rtol=1e-12)
+    assert np.allclose(gapped_products(left, np.arange(SAMPLES)), mean_products(left), rtol=1e-12)
+
+
+def test_what_the_model_leaves_out_is_not_counted_twice():
+    """Declared larger than found: the blocks hold it already. Smaller: the found one holds."""
+    values = 0.3 * noise(np.random.default_rng(5), 400, 0.05)
+    fading = float(np.exp(-STEP_S / 0.05))
+    at_nodes = covariance_at_nodes(SAMPLES, NODES, fading)
+    totals = []
+    for sigma in (0.0, 0.1, 0.6):
+        counted = sigma**2 * at_nodes[None]
+        found = TorqueNoise(np.full(1, 0.01), np.full(1, SAMPLES), WINDOW_S, NODES, counted)
+        for k, window in enumerate(values):
+            found.note(block_of(window, k))
+        found.learn()
+        block = make_block(3, joints=1, nodes=NODES)
+        own = replace(block, cov_tau=counted.copy(), has_joint=np.array([True]))
+        totals.append(found.applied(own).cov_tau[0])
+    assert np.allclose(totals[1], totals[0], rtol=1e-9)
+    assert np.allclose(totals[2], 0.6**2 * at_nodes, rtol=1e-9)
+    assert np.trace(totals[0]) > 0.1**2 * np.trace(at_nodes)
 
 
 @pytest.mark.parametrize("windows", [4, 40, 160])

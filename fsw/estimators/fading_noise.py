@@ -1,0 +1,48 @@
+"""Noise that fades exponentially, and its covariance at the nodes of a window.
+
+An autoregression of first order (Box, Jenkins, Time Series Analysis, 1976, sec. 3.2), read through
+the polynomial that takes a window's samples to its nodes.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.linalg import toeplitz
+
+from fsw.estimators.polynomial import gauss_nodes
+from fsw.messages import FloatArray
+
+NEIGHBOURS = 4  # windows on either side whose nodes are correlated with a window's
+
+
+def instants(samples: int) -> FloatArray:
+    """Return when the samples of a window lie in it, (samples,) in (-1, 1)."""
+    return np.asarray((np.arange(samples) + 0.5) * (2.0 / samples) - 1.0, np.float64)
+
+
+@lru_cache(maxsize=8)
+def _to_nodes(samples: int, nodes: int) -> FloatArray:
+    """Return (nodes, samples) what takes a window's samples to the values at its nodes."""
+    Q, R = np.linalg.qr(legendre.legvander(instants(samples), nodes - 1))
+    at_nodes = legendre.legvander(gauss_nodes(nodes), nodes - 1)
+    return np.asarray(at_nodes @ np.linalg.solve(R, Q.T), np.float64)
+
+
+def covariance_at_nodes(samples: int, nodes: int, fading: float) -> FloatArray:
+    """Return the covariance (m, m) at the nodes of noise of unit variance.
+
+    It includes that with the nodes of neighbouring windows, so that all windows together know a
+    constant as well as their samples do.
+
+    Parameters
+    ----------
+    fading : correlation from one sample to the next, 0 to below 1
+    """
+    E, place = _to_nodes(samples, nodes), np.arange(samples)
+    # a sample and one of the next window are a^(samples + i - j) alike: a product of two
+    further = sum(fading ** (samples * k) for k in range(NEIGHBOURS))
+    across = further * np.outer(E @ fading**place, E @ fading ** (samples - place))
+    return np.asarray(E @ toeplitz(fading**place) @ E.T + across + across.T)
