@@ -105,12 +105,14 @@ def calibrate_arguments(commands: Commands, command: Command) -> None:
     calibrate = commands.add_parser(
         "calibrate",
         help="offsets, biases and mounting from a recording, as a configuration overlay",
-        description="rest: torque offsets and biases of the inertial unit while nothing moves.",
+        description="rest: torque offsets and biases of the inertial unit while nothing moves. "
+        "motion: the same with torque scales, mounting and lever arm of the inertial unit, and the "
+        "delays of gyro, accelerometer and star tracker against the joints.",
         epilog="example: fsw calibrate rest recording.mcap --config robot.yaml --to 60 "
         "--out calibration.yaml; then fsw identify other.mcap --config robot.yaml "
         "--overlay calibration.yaml",
     )
-    calibrate.add_argument("mode", choices=("rest",))
+    calibrate.add_argument("mode", choices=("rest", "motion"))
     calibrate.add_argument("recording", type=Path, metavar="RECORDING")
     calibrate.add_argument("--config", type=Path, metavar="CONFIG", required=True)
     overlay_argument(calibrate)

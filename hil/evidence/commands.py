@@ -50,6 +50,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
     wrong.add_argument("--json", action="store_true", help="print one JSON list")
     wrong.set_defaults(command=_mistakes)
+    _add_calibration(commands)
     soak = commands.add_parser("soak", help="hours in virtual time under random faults")
     soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
@@ -72,6 +73,19 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     bench.add_argument("--out", type=Path, metavar="DIR", help="keep the runs and resume")
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     bench.set_defaults(command=_bench)
+
+
+def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    calibration = commands.add_parser("calibration", help="fsw calibrate against wrong sensors")
+    calibration.add_argument(
+        "--scenario", action="append", default=[], metavar="NAME", help="this one; all three"
+    )
+    calibration.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
+    calibration.add_argument("--count", type=count, default=20, metavar="N", help="seeds, 20")
+    calibration.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
+    calibration.add_argument("--out", type=Path, metavar="DIR", help="keep figures and resume")
+    calibration.add_argument("--json", action="store_true", help="print one JSON object")
+    calibration.set_defaults(command=_calibration)
 
 
 def bar() -> Progress:
@@ -140,6 +154,18 @@ def _many(cases: int, folder: Path, seed: int) -> int:
                 failed = True
     print(json.dumps(summary(store)))
     return FAILED_EXIT if failed else 0
+
+
+def _calibration(arguments: argparse.Namespace) -> int:
+    from hil.evidence.calibration.command import calibration, show
+
+    seeds = range(arguments.first, arguments.first + arguments.count)
+    rows = calibration(arguments.scenario, seeds, arguments.jobs, arguments.out)
+    if arguments.json:
+        print(json.dumps(rows))
+    else:
+        show(rows, arguments.count)
+    return FAILED_EXIT if any(row["beyond"] for row in rows) else 0
 
 
 def _mistakes(arguments: argparse.Namespace) -> int:

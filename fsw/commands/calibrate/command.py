@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from fsw.commands.calibrate.figures import overlay_text, overlay_values, table, to_json
+from fsw.commands.calibrate.motion import motion_figures
 from fsw.commands.calibrate.rest import rest_figures
 from fsw.commands.replay import replay
 from fsw.commands.robot import Robot
@@ -40,11 +41,22 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
     config, span = robot.config, Span(arguments.from_s, arguments.to_s)
     for warning in robot.warnings:
         tell(f"warning: {config.name}: {warning}")
-    tell(f"reading {arguments.recording}")
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem = build_problem(config, model)
-    seen = _replayed(arguments.recording, config, problem, span)
-    figures = rest_figures(config, problem, seen.windows, seen.blocks)
+
+    def read(stamped: Config) -> Watching:
+        tell(f"reading {arguments.recording}")
+        return _replayed(arguments.recording, stamped, problem, span)
+
+    def progress(_ratio: float, text: str) -> bool:
+        tell(text)
+        return True
+
+    if arguments.mode == "rest":
+        seen = read(config)
+        figures = rest_figures(config, problem, seen.windows, seen.blocks)
+    else:
+        figures = motion_figures(config, read, progress)
     values = overlay_values(config, figures)
     lines = table(figures)
     recorded = datetime.fromtimestamp(arguments.recording.stat().st_mtime, UTC)

@@ -33,6 +33,8 @@ SIGMA_KEYS = {  # of the inertial unit
     "imu_place": "mounting_position_sigma_m",
 }
 
+DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
@@ -113,7 +115,11 @@ def to_json(figures: Iterable[Figure]) -> list[dict[str, Any]]:
 def overlay_values(config: Config, figures: Sequence[Figure]) -> dict[str, Any]:
     """Return the sections and keys that the measured figures change; none if none is measured."""
     used = {figure.name: figure for figure in figures if figure.measured}
-    sections = {"joints": _joints(config, used), "imu": _imu(config, used)}
+    sections = {
+        "joints": _joints(config, used),
+        "imu": _imu(config, used),
+        "star_tracker": _star_tracker(config, used),
+    }
     return {key: values for key, values in sections.items() if values}
 
 
@@ -159,7 +165,17 @@ def _imu(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
         turned = Rotation.from_rotvec(change) * Rotation.from_quat(imu.mounting.q_BS_xyzw)
         mounting["q_BS_xyzw"] = turned.as_quat().tolist()
         values |= _sigma("imu_angle", used)
+    for sensor, key in DELAY_KEYS.items():
+        if (delay := used.get(f"delay.{sensor}")) is not None:
+            values[key] = getattr(imu, key) + delay.value
     return values | ({"mounting": mounting} if mounting else {})
+
+
+def _star_tracker(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
+    delay = used.get("delay.star_tracker")
+    if config.star_tracker is None or delay is None:
+        return {}
+    return {"latency_s": config.star_tracker.latency_s + delay.value}
 
 
 def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:

@@ -109,7 +109,7 @@ def _run(
     keep: Keep | None,
     reference: Sequence[Block],
 ) -> dict[str, Any]:
-    sound = _sound(blocks)
+    sound = sound_blocks(blocks)
     if not sound:
         raise EstimatorError("no usable block recorded in this window")
     held = METHODS_HELD.get(config.base.motion, (method,))
@@ -134,9 +134,9 @@ def _run(
             "which a reference is to show: fused, rda, cm or mrnea eiv"
         )
     problem = build_problem(chosen, model, exact=exact)
-    sound, noise = _with_noise_found(problem, sound)
+    sound, noise = with_noise_found(problem, sound)
     if reference:
-        empty = _with_noise_found(problem, _sound(reference))[0]
+        empty = with_noise_found(problem, sound_blocks(reference))[0]
         problem = with_reference(problem, method, empty, settings.gate_probability)
     if weighting == "eiv":
         found = _likelihood(problem, method, sound, settings.gate_probability, progress)
@@ -184,7 +184,7 @@ def _run(
     }
 
 
-def _sound(blocks: Sequence[Block]) -> list[Block]:
+def sound_blocks(blocks: Sequence[Block]) -> list[Block]:
     """Return the plausible blocks in order, each once."""
     by_index: dict[int, Block] = {}
     for block in blocks:
@@ -193,7 +193,7 @@ def _sound(blocks: Sequence[Block]) -> list[Block]:
     return [by_index[index] for index in sorted(by_index)]
 
 
-def _with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], TorqueNoise]:
+def with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], TorqueNoise]:
     """Return the blocks with the torque noise that is found in them, and that noise."""
     noise = TorqueNoise(
         problem.torque_noise_nm,

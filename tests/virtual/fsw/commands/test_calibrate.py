@@ -100,3 +100,67 @@ def test_the_sigma_counts_noise_as_it_is_found(rested, capsys):
     config = yaml.safe_load((rested / "flight.yaml").read_text())
     white = config["imu"]["velocity_random_walk_m_s_sqrt_s"] / np.sqrt(REST_S)
     assert white < figures["acc_bias.x"]["sigma"] < 5.0 * white
+
+
+WRONG = {
+    "imu": {
+        "mounting": {"p_BS_m": [-0.27, 0.16, -0.48], "q_BS_xyzw": [0.5, -0.5, 0.5, 0.5]},
+        "mounting_position_sigma_m": 0.05,
+        "gyro_group_delay_s": 0.012,
+    },
+    "star_tracker": {"latency_s": 0.12},
+}
+
+
+@pytest.fixture(scope="module")
+def wrong(rested: Path) -> Path:
+    """An overlay with a wrong lever arm and wrong delays."""
+    path = rested / "wrong.yaml"
+    path.write_text(yaml.safe_dump(WRONG))
+    return path
+
+
+def test_in_motion_errors_of_the_configuration_are_found_and_then_identified_without(
+    rested, wrong, tmp_path, capsys
+):
+    out, laid = tmp_path / "calibration.yaml", ["--overlay", str(wrong)]
+    assert calibrated(rested, "motion", *laid, "--out", str(out), "--json") == 0
+    figures = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
+    truth = true_errors(rested) | {
+        **{f"torque_scale.joint{k}": 0.0 for k in range(1, 8)},
+        **{f"imu_angle.{axis}": 0.0 for axis in "xyz"},
+        "imu_place.x": -0.03,
+        "imu_place.y": 0.04,
+        "imu_place.z": 0.03,
+        "delay.gyro": -0.0098,
+        "delay.accelerometer": 0.0,
+        "delay.star_tracker": -0.02,
+    }
+    assert set(figures) == set(truth)
+    shown = [name for name, figure in figures.items() if figure["verdict"] == "measured"]
+    for name in shown:
+        off = abs(figures[name]["value"] - truth[name])
+        assert off < SIGMAS * figures[name]["sigma"], name
+    assert {"delay.gyro", "delay.star_tracker", "imu_angle.x", "torque_scale.joint1"} <= set(shown)
+
+    def masses(*overlays: Path) -> tuple[str, float]:
+        options = [word for path in overlays for word in ("--overlay", str(path))]
+        recording, config = rested / "recording.mcap", rested / "flight.yaml"
+        main(["identify", str(recording), "--config", str(config), *options, "--json"])
+        result = json.loads(capsys.readouterr().out)
+        mass = result["estimate"]["target"]["mass_kg"] - 400.0
+        return result["status"], mass / result["sigma"]["target"]["mass_kg"]
+
+    before, after = masses(wrong), masses(wrong, out)
+    assert before[0] != "OK" or abs(before[1]) > SIGMAS
+    assert after[0] == "OK"
+    assert abs(after[1]) < SIGMAS
+
+
+def test_data_that_no_calibration_explains_are_refused(rested, tmp_path, capsys):
+    path, out = tmp_path / "swapped.yaml", tmp_path / "out.yaml"
+    path.write_text(yaml.safe_dump({"joints": [{"name": "joint2", "sign": 1}]}))
+    code = calibrated(rested, "motion", "--overlay", str(path), "--out", str(out))
+    assert code == 1
+    assert "no figures" in capsys.readouterr().err.splitlines()[-1]
+    assert not out.exists()

@@ -1,0 +1,226 @@
+"""Calibration in motion: every error of sensors and mounting in one batch with wide priors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fsw.commands.calibrate.figures import DELAY_KEYS, Figure, in_axes, sensor_axes, stated
+from fsw.commands.watching import Watching
+from fsw.config import Config, ImuConfig, JointConfig
+from fsw.estimators.batch.delays import NAMES, DelayedRows, with_delays
+from fsw.estimators.batch.run import sound_blocks, with_noise_found
+from fsw.estimators.batch.settle import settle
+from fsw.estimators.batch.solver import Progress
+from fsw.estimators.conditioning import rotation_from_xyzw
+from fsw.estimators.measurement.mounting import turn
+from fsw.estimators.measurement.row_functions import Linearisation
+from fsw.estimators.model.problem import Problem, build_problem, present
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.time_offset import MOST_S, tracker_offset
+from fsw.messages import Block, FloatArray, Window
+from fsw.messages.errors import EstimatorError
+
+# priors of a sensor of which nothing is known; a configured one that is wider stands
+WIDE_JOINT = {"torque_offset_sigma_nm": 2.0, "torque_scale_sigma_ratio": 0.2}
+WIDE_IMU = {
+    "gyro_bias_sigma_rad_s": 1e-3,
+    "acc_bias_sigma_m_s2": 0.3,
+    "mounting_angle_sigma_rad": 0.1,
+    "mounting_position_sigma_m": 0.3,
+}
+WIDE_DELAY_S = 0.02
+STATED_DELAY_S = 2e-3  # how well a configured delay is taken to be known: no key says it
+WORTH_S = 5e-4  # a delay that is off by more is put in and the samples are stamped again
+ROUNDS = 4
+MOST_DELAY_S = {"gyro": 0.1, "accelerometer": 0.1, "star_tracker": 10.0}  # of the checks
+
+Read = Callable[[Config], Watching]
+
+
+def motion_figures(config: Config, read: Read, progress: Progress | None) -> list[Figure]:
+    """Return offsets, scales, biases, mounting and delays from a recording in motion.
+
+    The fused likelihood with wide priors on all of them, the bodies unknown or known as configured.
+
+    Parameters
+    ----------
+    read : replays the recording with a configuration
+
+    Raises
+    ------
+    EstimatorError if the data do not suit: no usable window, no convergence, residuals that are not
+    noise whatever the figures are.
+    """
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    stamped = config
+    for last in reversed(range(ROUNDS)):
+        problem = build_problem(_widened(stamped), model)
+        if config.imu.present:
+            problem = with_delays(problem, WIDE_DELAY_S)
+        seen = read(stamped)
+        blocks = sound_blocks(seen.blocks)
+        if not blocks:
+            raise EstimatorError("no usable window in this recording")
+        mean, covariance = _solved(problem, blocks, config.estimator.gate_probability, progress)
+        later = _later(stamped, problem, mean, covariance)
+        if later is stamped or not last:
+            break
+        stamped = later
+    found = _figures(config, stamped, problem, mean, covariance)
+    return [*found, *_tracker(config, stamped, problem, mean, seen.windows, found)]
+
+
+def _widened(config: Config) -> Config:
+    """Return the configuration with priors as wide as if nothing were known of the sensors."""
+    joints = [
+        {**joint.model_dump(), **_wider(joint.model_dump(), WIDE_JOINT)}
+        if joint.torque != "none"
+        else joint.model_dump()
+        for joint in config.joints
+    ]
+    if not config.imu.present:
+        return config.with_sections(joints=joints)
+    imu = config.imu.model_dump()
+    return config.with_sections(joints=joints, imu=imu | _wider(imu, WIDE_IMU))
+
+
+def _wider(section: dict[str, Any], wide: dict[str, float]) -> dict[str, float]:
+    return {key: max(section[key], sigma) for key, sigma in wide.items()}
+
+
+def _solved(
+    problem: Problem, blocks: Sequence[Block], gate_probability: float, progress: Progress | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean (p,) and covariance (p, p) of the whole state."""
+    noisy, _ = with_noise_found(problem, blocks)
+    rows = DelayedRows(problem)
+    settled = settle(problem, Linearisation(rows, noisy), noisy, gate_probability, progress, None)
+    solution = settled.solution
+    if solution.status == "NOT_CONVERGED":
+        raise EstimatorError("no figures: the fit does not converge on these data")
+    if settled.mismatch:
+        raise EstimatorError(
+            "no figures: no offset, scale, bias, mounting or delay explains these residuals; "
+            "`fsw check CONFIG RECORDING` looks for other mistakes"
+        )
+    return solution.mean, solution.information.covariance()
+
+
+def _later(config: Config, problem: Problem, mean: FloatArray, covariance: FloatArray) -> Config:
+    """Return the configuration with the delays that show; the same one where they are small."""
+    changes = {}
+    for sensor, key in DELAY_KEYS.items():
+        if f"delay.{sensor}" in problem.names:
+            k = problem.names.index(f"delay.{sensor}")
+            found, before = float(mean[k]), getattr(config.imu, key)
+            now = min(max(before + found, 0.0), MOST_DELAY_S[sensor])
+            if abs(found) > max(WORTH_S, 2.0 * covariance[k, k] ** 0.5) and now != before:
+                changes[key] = now
+    return config.with_sections(imu=config.imu.model_dump() | changes) if changes else config
+
+
+def _figures(
+    config: Config, stamped: Config, problem: Problem, mean: FloatArray, covariance: FloatArray
+) -> list[Figure]:
+    joints = {joint.name: joint for joint in config.joints}
+    sigma = np.sqrt(np.diag(covariance))
+    found = []
+    for kind, states, key in (
+        ("torque_offset", problem.torque_offset, "torque_offset_sigma_nm"),
+        ("torque_scale", problem.torque_scale, "torque_scale_sigma_ratio"),
+    ):
+        for k, name in zip(
+            range(states.start, states.stop), problem.model.joint_names, strict=True
+        ):
+            if joints[name].torque != "none":
+                known = _known(joints[name], key)
+                value, own = float(mean[k]), float(sigma[k])
+                found.append(Figure(kind=kind, which=name, value=value, sigma=own, known=known))
+    for kind, states, key in (
+        ("gyro_bias", problem.gyro_bias, "gyro_bias_sigma_rad_s"),
+        ("acc_bias", problem.acc_bias, "acc_bias_sigma_m_s2"),
+        ("imu_angle", problem.imu_angle, "mounting_angle_sigma_rad"),
+        ("imu_place", problem.imu_place, "mounting_position_sigma_m"),
+    ):
+        if present(states):
+            R = sensor_axes(config) if "bias" in kind else np.eye(3)
+            known = _known(config.imu, key)
+            found += in_axes(kind, mean[states], covariance[states, states], R, known)
+    for name in NAMES:
+        if name in problem.names:
+            k, sensor = problem.names.index(name), name.partition(".")[2]
+            before, now = (getattr(c.imu, DELAY_KEYS[sensor]) for c in (config, stamped))
+            found.append(_delay(sensor, before, now - before + float(mean[k]), float(sigma[k])))
+    return found
+
+
+def _delay(sensor: str, configured_s: float, change_s: float, sigma_s: float) -> Figure:
+    refused = ""
+    if not 0.0 <= configured_s + change_s <= MOST_DELAY_S[sensor]:
+        refused = "not possible as a delay of this sensor: look at buses[].latch_offset_s"
+    return Figure(
+        kind="delay",
+        which=sensor,
+        value=change_s,
+        sigma=sigma_s,
+        known=STATED_DELAY_S,
+        refused=refused,
+    )
+
+
+def _known(section: JointConfig | ImuConfig, key: str) -> float:
+    """Return the sigma to be beaten: the configured one, or the key's default where it is 0."""
+    default = type(section).model_fields[key].default
+    return stated(getattr(section, key) or (default if isinstance(default, float) else 0.0))
+
+
+def _tracker(
+    config: Config,
+    stamped: Config,
+    problem: Problem,
+    mean: FloatArray,
+    windows: Sequence[Window],
+    found: Sequence[Figure],
+) -> list[Figure]:
+    """Return the star tracker's delay on the scale of the other figures; nothing without one.
+
+    It is measured against the gyro, by the delay that the overlay gives that.
+    """
+    tracker = config.star_tracker
+    if tracker is None or not config.imu.present:
+        return []
+    R_BT = rotation_from_xyzw(np.array(tracker.mounting.q_BS_xyzw))
+    R_BS = rotation_from_xyzw(np.array(config.imu.mounting.q_BS_xyzw))
+    gyro = [window.gyro for window in windows]
+    rates = np.concatenate([channel.values for channel in gyro]) @ R_BS.T
+    gyro_ns = np.concatenate([channel.t_ns for channel in gyro])
+    good = np.isfinite(rates).all(axis=1)
+    solutions = [window.attitude for window in windows if len(window.attitude.t_ns)]
+    if not solutions or not good.any():
+        return [_delay("star_tracker", tracker.latency_s, 0.0, MOST_S)]
+    t_ns = np.concatenate([channel.t_ns for channel in solutions])
+    R_NB = Rotation.from_quat(np.concatenate([channel.values for channel in solutions]))
+    across, about = tracker.noise_across_rad, tracker.noise_about_rad
+    offset_s, sigma_s = tracker_offset(
+        (t_ns - gyro_ns[0]) * 1e-9,
+        R_NB * Rotation.from_matrix(R_BT),
+        (gyro_ns[good] - gyro_ns[0]) * 1e-9,
+        rates[good] @ turn(mean, problem)[0].T @ R_BT,
+        np.array([across, across, about]),
+        config.imu.angle_random_walk_rad_sqrt_s,
+    )
+    if not np.isfinite(sigma_s):
+        return [_delay("star_tracker", tracker.latency_s, 0.0, MOST_S)]
+    by_name = {figure.name: figure for figure in found}
+    gyro_delay = by_name["delay.gyro"]
+    if gyro_delay.measured:  # what is left of it beyond the stamps in use
+        changed_s = stamped.imu.gyro_group_delay_s - config.imu.gyro_group_delay_s
+        offset_s += gyro_delay.value - changed_s
+        sigma_s = float(np.hypot(sigma_s, gyro_delay.sigma))
+    else:
+        offset_s -= stamped.imu.gyro_group_delay_s - config.imu.gyro_group_delay_s
+    return [_delay("star_tracker", tracker.latency_s, offset_s, sigma_s)]

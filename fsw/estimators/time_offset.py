@@ -1,0 +1,103 @@
+"""Time offset between star tracker and gyro, by the correlation of the turns that both measure.
+
+The turn between two solutions is compared with the gyro's integral over the same time, moved by a
+trial offset. The likelihood of the difference is highest where the two correlate best; a parabola
+through the points about the peak gives the offset between the points of the grid, and its curvature
+the sigma. Gyro bias and a small difference of the two mountings are estimated along everywhere.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.linalg import cholesky_banded, solve_banded
+from scipy.spatial.transform import Rotation
+
+from fsw.estimators.model.inertia import skew
+from fsw.messages import FloatArray
+
+MOST_S, STEP_S = 0.3, 0.01  # offsets that are tried
+HALF_PEAK = 6  # steps to either side of the best one that the parabola goes through: noise averages
+GAP_STEPS = 3.0  # gyro periods without a sample, from which on its integral is not known
+LEAST_TURNS = 10
+LEAST_GAIN = 100.0  # squared sigmas of turns that the gyro must explain: beyond any peak of noise
+NOTHING_RAD2 = 1.0  # variance of a turn that is not known
+
+
+def tracker_offset(
+    t_s: FloatArray,
+    R_NB: Rotation,
+    gyro_s: FloatArray,
+    w_rad_s: FloatArray,
+    sigma_rad: FloatArray,
+    walk_rad_sqrt_s: float,
+) -> tuple[float, float]:
+    """Return by how much solutions are older than their stamps say, and 1 sigma [s].
+
+    Both are not finite where the correlation has no peak within MOST_S, or the robot turns too
+    little for one.
+
+    Parameters
+    ----------
+    t_s : (n,) stamps of the solutions R_NB, which take components in the tracker's axes to N
+    gyro_s : (k,) stamps, at least one, of the rates w_rad_s (k, 3), in the tracker's axes
+    sigma_rad : (3,) 1 sigma of a solution about its axes
+    walk_rad_sqrt_s : angle random walk of the gyro
+    """
+    inside = (t_s > gyro_s[0] + MOST_S) & (t_s < gyro_s[-1] - MOST_S)
+    if np.count_nonzero(inside) <= LEAST_TURNS:
+        return np.nan, np.inf
+    t_s, R_NB = t_s[inside], R_NB[inside]
+    turned = (R_NB[:-1].inv() * R_NB[1:]).as_rotvec()
+    angle = cumulative_trapezoid(w_rad_s, gyro_s, axis=0, initial=0)
+
+    def integral(offset_s: float) -> FloatArray:
+        at = [np.interp(t_s - offset_s, gyro_s, angle[:, axis]) for axis in range(3)]
+        return np.diff(np.array(at).T, axis=0)
+
+    steps = np.diff(t_s)
+    variance = walk_rad_sqrt_s**2 * steps + np.where(_broken(t_s, gyro_s), NOTHING_RAD2, 0.0)
+    roots = [_root(variance, sigma) for sigma in sigma_rad.tolist()]
+    nuisance = np.concatenate([steps[:, None, None] * np.eye(3), skew(integral(0.0))], axis=2)
+    basis = np.linalg.qr(_white(roots, nuisance).reshape(-1, 6))[0]
+
+    def unexplained(turns: FloatArray) -> float:
+        left = _white(roots, turns[:, :, None]).ravel()
+        return float(left @ left - np.sum((basis.T @ left) ** 2))
+
+    steps_back = round(MOST_S / STEP_S)
+    grid = STEP_S * np.arange(-steps_back, steps_back + 1)
+    costs = np.array([unexplained(turned - integral(offset_s)) for offset_s in grid])
+    best = int(np.argmin(costs))
+    near = slice(best - HALF_PEAK, best + HALF_PEAK + 1)
+    is_peak = HALF_PEAK <= best < len(grid) - HALF_PEAK
+    if not is_peak or unexplained(turned) - costs[best] < LEAST_GAIN:
+        return np.nan, np.inf
+    bend, slope, _ = np.polyfit(grid[near] - grid[best], costs[near], 2)
+    if bend <= 0.0:
+        return np.nan, np.inf
+    noise = max(1.0, costs[best] / (3 * len(steps) - 7))  # above the declared
+    return float(grid[best] - 0.5 * slope / bend), float(np.sqrt(noise / bend))
+
+
+def _broken(t_s: FloatArray, gyro_s: FloatArray) -> FloatArray:
+    """Return (n - 1,) whether the gyro has a gap between two solutions, or near them."""
+    steps = np.diff(gyro_s)
+    gaps = steps > GAP_STEPS * np.median(steps)
+    begun = np.searchsorted(gyro_s[:-1][gaps], t_s[1:] + MOST_S)
+    return np.asarray(begun > np.searchsorted(gyro_s[1:][gaps], t_s[:-1] - MOST_S))
+
+
+def _root(variance: FloatArray, sigma: float) -> FloatArray:
+    """Return the banded lower root of the turns' covariance about one axis.
+
+    Neighbouring turns share a solution: tridiag(-sigma^2, 2 sigma^2 + variance, -sigma^2).
+    """
+    bands = np.stack([2.0 * sigma**2 + variance, np.full(len(variance), -(sigma**2))])
+    return np.asarray(cholesky_banded(bands, lower=True), np.float64)
+
+
+def _white(roots: list[FloatArray], values: FloatArray) -> FloatArray:
+    """Return values (n, 3, k) with the noise about each axis whitened."""
+    white = [solve_banded((1, 0), root, values[:, axis]) for axis, root in enumerate(roots)]
+    return np.stack(white, axis=1)

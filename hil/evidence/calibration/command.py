@@ -1,0 +1,79 @@
+"""`hil calibration`: many seeds of every scenario, and what their figures say together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hil.evidence import pool, runner
+from hil.evidence.calibration.case import BOUND_SIGMAS, MODES, SCENARIOS, Case, work
+from hil.evidence.store import Row, Store
+
+
+def calibration(
+    scenarios: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
+) -> list[dict[str, Any]]:
+    """Run what the folder lacks; return the rows of the summary.
+
+    Raises
+    ------
+    ScenarioError for a folder of other results.
+    """
+    chosen = scenarios or SCENARIOS
+    cases = [Case(name, mode, seed) for name in chosen for mode in MODES for seed in seeds]
+    store = Store(out, {"calibration": "wrong sensors"})
+    rest = runner.missing(cases, str, store)
+    ran = pool.run(work, rest, jobs)
+    runner.complete("calibration", len(cases), ran, rest, store, Console(stderr=True))
+    return summary({case: store.rows[str(case)] for case in cases})
+
+
+def summary(found: Mapping[Case, Row]) -> list[dict[str, Any]]:
+    """Return, per scenario, mode and kind of figure, how far all seeds are from the truth."""
+    groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
+    for case, row in found.items():
+        for figure in row["figures"]:
+            kind = figure["name"].partition(".")[0]
+            kind = figure["name"] if kind == "delay" else kind
+            groups.setdefault((case.scenario, case.mode, kind), []).append(figure)
+    return [{"scenario": s, "mode": m, "kind": k, **_row(own)} for (s, m, k), own in groups.items()]
+
+
+def _row(figures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the row of one kind; figures that are refused count in their number alone."""
+    shown = [figure for figure in figures if figure["verdict"] == "measured"]
+    off = np.abs([figure["off_sigmas"] for figure in shown])
+    return {
+        "unit": figures[0]["unit"],
+        "measured": len(shown),
+        "refused": len(figures) - len(shown),
+        "median_sigma": float(np.median([f["sigma"] for f in shown])) if shown else None,
+        "rms_sigmas": float(np.sqrt(np.mean(off**2))) if shown else None,
+        "worst_sigmas": float(off.max()) if shown else None,
+        "beyond": int(np.count_nonzero(off > BOUND_SIGMAS)),
+    }
+
+
+def show(rows: Sequence[Mapping[str, Any]], seeds: int) -> None:
+    """Print the table."""
+    table = Table(title=f"fsw calibrate, {seeds} seeds, bound {BOUND_SIGMAS:g} sigma")
+    titles = ("scenario", "mode", "figure", "unit", "measured", "refused", "median sigma")
+    for title in (*titles, "rms [sigma]", "worst [sigma]", "beyond"):
+        table.add_column(title)
+    for row in rows:
+        numbers = [row[key] for key in ("median_sigma", "rms_sigmas", "worst_sigmas")]
+        table.add_row(
+            *(str(row[key]) for key in ("scenario", "mode", "kind", "unit", "measured", "refused")),
+            *("" if number is None else f"{number:.3g}" for number in numbers),
+            str(row["beyond"]),
+        )
+    console = Console()
+    console.width = max(console.width, 120)
+    console.print(table)
+    measured, beyond = (sum(row[key] for row in rows) for key in ("measured", "beyond"))
+    console.print(f"{measured} figures measured, {beyond} of them beyond {BOUND_SIGMAS:g} sigma")
