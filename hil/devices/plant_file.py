@@ -19,6 +19,7 @@ from hil.world.stand import Stand
 from hil.world.wheels import WheelSystem
 
 TAIL_S = 0.1
+TUMBLING_TAIL_S = 20.0  # longer than any run goes on after the arm's motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +110,7 @@ class PlantFile:
     slosh: tuple[SloshMass, ...] = ()
     stand: Stand | None = None
     wheels: WheelSystem | None = None
+    start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start_delay_s: float = 4.0
     seed: int = 0
     realtime: Realtime = Realtime()
@@ -134,8 +136,16 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
         file.wheels,
     )
     spline = JointSpline.load(folder / file.trajectory)
-    rests = file.environment is None and file.wheels is None
+    tumbles = any(file.start_rate_rad_s)
+    rests = file.environment is None and file.wheels is None and not tumbles
     before_s = TAIL_S if rests else max(TAIL_S, file.start_delay_s)
-    end_s = spline.duration_s + TAIL_S
-    history = simulate_in(file.environment, robot, spline, -before_s, end_s, stand=file.stand)
+    history = simulate_in(
+        file.environment,
+        robot,
+        spline,
+        -before_s,
+        spline.duration_s + (TUMBLING_TAIL_S if tumbles else TAIL_S),
+        stand=file.stand,
+        w_NB_B_rad_s=file.start_rate_rad_s,
+    )
     return Plant(history, file.sensors, file.seed, start_delay_s=file.start_delay_s, t0_ns=t0_ns)

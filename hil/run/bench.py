@@ -183,12 +183,19 @@ def prepare(
 
 
 def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
-    """Simulate the truth; where something acts from outside, over the rests too."""
+    """Simulate the truth; where it tumbles or something acts, over the arm's rests too."""
     before_s, after_s = EDGE_S, EDGE_S
-    if scenario.environment is not None or scenario.wheels is not None:
+    if not scenario.rests:
         before_s, after_s = max(EDGE_S, scenario.before_s), max(EDGE_S, scenario.after_s)
-    end_s = spline.duration_s + after_s
-    return simulate_in(scenario.environment, robot, spline, -before_s, end_s, stand=scenario.stand)
+    return simulate_in(
+        scenario.environment,
+        robot,
+        spline,
+        -before_s,
+        spline.duration_s + after_s,
+        stand=scenario.stand,
+        w_NB_B_rad_s=scenario.start_rate_rad_s,
+    )
 
 
 class VirtualRun:

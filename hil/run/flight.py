@@ -308,6 +308,7 @@ def plant_document(
         "slosh": [asdict(part) for part in scenario.slosh],
         "stand": None if scenario.stand is None else asdict(scenario.stand),
         "wheels": None if scenario.wheels is None else asdict(scenario.wheels),
+        "start_rate_rad_s": list(scenario.start_rate_rad_s),
         "start_delay_s": scenario.before_s,
         "seed": seed,
         "realtime": {"priority": 40},

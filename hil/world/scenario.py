@@ -98,6 +98,8 @@ class Document(_Section):
     slosh: tuple[SloshMass, ...] = ()  # liquid in the base
     stand: Stand | None = None  # null: the base floats freely
     wheels: WheelSystem | None = None  # reaction wheels that hold the base's attitude
+    # of the base at power-on, in its axes: base, arm and target tumble; the arm itself is at rest
+    start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -122,6 +124,12 @@ class Scenario:
     slosh: tuple[SloshMass, ...] = ()
     stand: Stand | None = None
     wheels: WheelSystem | None = None
+    start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def rests(self) -> bool:
+        """Whether nothing moves before and after the arm's motion."""
+        return self.environment is None and self.wheels is None and not any(self.start_rate_rad_s)
 
     @property
     def buses(self) -> dict[str, dict[str, Any]]:
@@ -197,6 +205,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         slosh=document.slosh,
         stand=document.stand,
         wheels=document.wheels,
+        start_rate_rad_s=document.start_rate_rad_s,
     )
 
 

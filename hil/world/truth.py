@@ -1,8 +1,8 @@
 """The plant's dynamics: MuJoCo multibody truth, an engine the estimator does not use.
 
-Free floating, without gravity, contacts or friction, at zero momentum unless a wrench acts; or on a
-stand in a laboratory. The joint
-controller sits inside the integration (every stage of every step), so it has no sampling delay.
+Free floating, without gravity, contacts or friction, at zero momentum unless it tumbles from the
+start or a wrench acts; or on a stand in a laboratory. The joint controller sits inside the
+integration (every stage of every step), so it has no sampling delay.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ Wrench = Callable[[float, Any], None]
 
 POSITION_GAIN_1_S2 = 100.0
 SPEED_GAIN_1_S = 20.0
+STILL = (0.0, 0.0, 0.0)
 WALL_HZ = 1.0  # of a liquid's mass against its tank: soft enough for the step
 
 
@@ -109,6 +110,15 @@ class _Plant:
             rate[nq:] += self._disturbance(t_s, self.wrench)
         return rate
 
+    def turning(self, places: Sequence[FloatArray], w_NB_B_rad_s: Sequence[float]) -> FloatArray:
+        """Return the base's velocity (6,): this rate, about the centre of mass of the whole."""
+        self.qpos[:] = np.concatenate(places)
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        lever_N = self.data.xpos[1] - self.data.subtree_com[0]
+        w_N = self.data.xmat[1].reshape(3, 3) @ np.array(w_NB_B_rad_s)
+        return np.concatenate([np.cross(w_N, lever_N), w_NB_B_rad_s])
+
     def _disturbance(self, t_s: float, wrench: Wrench) -> FloatArray:
         """Acceleration H^-1 J^T f that the external wrench adds to the commanded one."""
         data = self.data
@@ -175,8 +185,9 @@ def simulate(
     field: Field | None = None,
     stand: Stand | None = None,
     q_NB_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+    w_NB_B_rad_s: tuple[float, float, float] = STILL,
 ) -> TruthHistory:
-    """Simulate the robot following a joint trajectory from rest, base origin at N's origin.
+    """Simulate the robot following a joint trajectory, base origin at N's origin at first.
 
     Classical Runge-Kutta of order four over the MuJoCo state, quaternion normalised each step.
 
@@ -190,7 +201,14 @@ def simulate(
         motion only through `wrench`
     stand : holds the base, under gravity; None: it floats freely
     q_NB_xyzw : base attitude at the start
+    w_NB_B_rad_s : rate of the base at the start; the centre of mass of the whole rests
+
+    Raises
+    ------
+    ValueError if the spline is another robot's, there is no time, or a base on a stand is to turn.
     """
+    if stand is not None and any(w_NB_B_rad_s):
+        raise ValueError("a base on a stand does not tumble")
     field = stand if stand is not None else field
     if spline.n != robot.n:
         raise ValueError(f"spline has {spline.n} joints, robot {robot.n}")
@@ -207,7 +225,7 @@ def simulate(
     speeds = np.array([rotor.speed_rad_s for rotor in rotors])
     plant.held_wxyz = np.array([w, x, y_, z])
     places = [np.zeros(3), plant.held_wxyz, liquid, 0.0 * speeds, q[0]]
-    y = np.concatenate([*places, np.zeros(BASE_NV), liquid, speeds, qd[0]])
+    y = np.concatenate([*places, plant.turning(places, w_NB_B_rad_s), liquid, speeds, qd[0]])
     states = np.empty((steps + 1, len(y)))
     rates = np.empty((steps + 1, len(y)))
     torques = np.empty((steps + 1, robot.n))

@@ -30,6 +30,7 @@ from fsw.estimators.batch.solver import (
     regress,
     straighten,
 )
+from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
@@ -219,7 +220,11 @@ def _likelihood(
     stated, contradicted = problem, False
     conflicts: list[Widened] = []
     linear = Linearisation(row_function(method, "eiv", problem), blocks)
-    start = _warm_start(problem, blocks, gate_probability) if method in WARM else None
+    start = problem.prior_mean
+    if method in WARM:
+        start = _warm_start(problem, blocks, gate_probability)
+    first = next((block for block in blocks if block.has_gyro and block.has_attitude), blocks[0])
+    start = at_first_rate(first, start, problem)
     for more in reversed(range(WIDENINGS)):
         settled = settle(problem, linear, blocks, gate_probability, progress, start)
         solution = settled.solution

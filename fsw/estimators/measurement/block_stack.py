@@ -58,6 +58,7 @@ class BlockStack:
         self.has_joint: NDArray[np.bool_] = first.has_joint
         self.has_gyro = first.has_gyro
         self.has_accelerometer = first.has_accelerometer
+        self.has_attitude = first.has_attitude
         self.is_complete = first.is_complete
         self.q_rad = _joined([block.q_rad for block in blocks])
         self.qd_rad_s = _joined([block.qd_rad_s for block in blocks])

@@ -84,9 +84,9 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
         P, J_P[:, k] = by_pi @ pi, by_pi @ problem.U
     moved = np.zeros((B * m, n))  # torque that the wheels' moment stands for at the joints
     if turned is not None:
-        T, P = T + turned.energy_j, P - np.einsum("ij,ij->i", nu[:, 3:6], turned.wheels.hd_nm)
+        T, P = T + turned.energy_j, P - np.einsum("ij,ij->i", nu[:, 3:6], turned.hd_nm)
         turned.fill_columns(J_T, J_P, nu, Y[:, :6] @ problem.U, k)
-        moved = (N[:, 3:].transpose(0, 2, 1) @ turned.wheels.hd_nm[:, :, None])[:, :, 0]
+        moved = (N[:, 3:].transpose(0, 2, 1) @ turned.hd_nm[:, :, None])[:, :, 0]
     work, tau = half_s[:, None, None] * value, s.tau_nm
     J = -slope @ s.by_block(J_T) - work @ s.by_block(J_P)
     if present(problem.torque_offset):
@@ -99,8 +99,8 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     power = np.einsum("ij,ij->i", tau, s.qd_rad_s) + P
     residual = (work @ s.by_block(power)[:, :, None])[:, :, 0] + s.by_block(T) @ slope.T
     S = _covariance(s, work, slope, tau - moved, p_qd)
-    if turned is not None:
-        S += turned.covariance(s, work, slope, nu)
+    if turned is not None and turned.wheels is not None:
+        S += turned.covariance(s, work, slope, nu, turned.wheels)
     L = np.linalg.cholesky(S)
     return [Rows(*whitened(*parts)) for parts in zip(L, J, residual, strict=True)]
 
@@ -113,7 +113,8 @@ class _Turned:
     wheels take the power w^T d/dt h from them.
     """
 
-    wheels: Wheels
+    wheels: Wheels | None
+    hd_nm: FloatArray  # (N, 3) d/dt h; zero without wheels
     inverse: FloatArray  # (N, 6, 6) of H_bb
     by_momentum: FloatArray  # (N, 6) base velocity H_bb^-1 [0; p]
     energy_j: FloatArray  # (N,)
@@ -123,20 +124,21 @@ class _Turned:
         self, J_T: FloatArray, J_P: FloatArray, nu: FloatArray, Y_h: FloatArray, k: slice
     ) -> None:
         """Add the derivatives of energy J_T and power J_P (N, p); `Y_h` (N, 6, k) as in fused."""
-        v, hd, w = self.by_momentum, self.wheels.hd_nm, nu[:, 3:6]
+        v, hd, w = self.by_momentum, self.hd_nm, nu[:, 3:6]
         J_T[:, k] -= np.einsum("ij,ijk->ik", v, Y_h)
         J_T += np.einsum("ij,ijk->ik", v[:, 3:], self.J_p)
         back = np.einsum("ij,ijk->ik", hd, self.inverse[:, 3:])  # d(w hd)/d(base momentum)
         J_P[:, k] += np.einsum("ij,ijk->ik", back, Y_h)
         J_P -= np.einsum("ij,ijk->ik", back[:, 3:], self.J_p)
-        J_P -= np.einsum("ij,ijk->ik", w, self.wheels.J_hd)
+        if self.wheels is not None:
+            J_P -= np.einsum("ij,ijk->ik", w, self.wheels.J_hd)
 
     def covariance(
-        self, s: BlockStack, work: FloatArray, slope: FloatArray, nu: FloatArray
+        self, s: BlockStack, work: FloatArray, slope: FloatArray, nu: FloatArray, wheels: Wheels
     ) -> FloatArray:
         """Return what noise of the wheels' momenta makes of the balances (B, m - 2, m - 2)."""
-        back = np.einsum("ij,ijk->ik", self.wheels.hd_nm, self.inverse[:, 3:, 3:])
-        axes = self.wheels.axes
+        back = np.einsum("ij,ijk->ik", self.hd_nm, self.inverse[:, 3:, 3:])
+        axes = wheels.axes
         by_h = np.einsum("brm,bmj->bjrm", work, s.by_block(back @ axes))
         by_h -= np.einsum("rm,bmj->bjrm", slope, s.by_block(self.by_momentum[:, 3:] @ axes))
         by_hd = -np.einsum("brm,bmj->bjrm", work, s.by_block(nu[:, 3:6] @ axes))
@@ -146,11 +148,13 @@ class _Turned:
 
 
 def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) -> _Turned | None:
-    """Return the wheels' share at the nodes; None without wheels."""
+    """Return the share of wheels and momentum at the nodes; None without either."""
     wheels = turning(s, x, problem)
-    if wheels is None:
+    if wheels is None and not present(problem.momentum):
         return None
-    p, J_p = -wheels.h_nms, -wheels.J_h
+    p, hd_nm, J_p = *np.zeros((2, len(s.q_rad), 3)), np.zeros((len(s.q_rad), 3, len(x)))
+    if wheels is not None:
+        p, hd_nm, J_p = -wheels.h_nms, wheels.hd_nm, -wheels.J_h
     if present(problem.momentum):
         R_BN = s.R_NB.transpose(0, 2, 1)
         p = p + R_BN @ x[problem.momentum]
@@ -158,7 +162,7 @@ def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) ->
     inverse = np.asarray(np.linalg.solve(H_bb, np.eye(6)), np.float64)
     by_momentum = (inverse[:, :, 3:] @ p[:, :, None])[:, :, 0]
     energy_j = 0.5 * np.einsum("ij,ij->i", by_momentum[:, 3:], p)
-    return _Turned(wheels, inverse, by_momentum, energy_j, J_p)
+    return _Turned(wheels, hd_nm, inverse, by_momentum, energy_j, J_p)
 
 
 def _covariance(

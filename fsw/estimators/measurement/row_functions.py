@@ -13,7 +13,7 @@ from fsw.estimators.measurement.fused import stacked_fused_rows
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
 from fsw.estimators.measurement.prediction import CHANNELS, Rate
-from fsw.estimators.model.problem import Problem
+from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
@@ -73,10 +73,18 @@ class _Fused(RowsFunction):
         self._problem, self._channels, self._rate = problem, channels, rate
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows; without a rate of its own the gyro's where there is one."""
-        by_gyro = s.has_gyro and self._problem.is_free
+        """Return the rows; without a rate of its own the gyro's where there is one.
+
+        A momentum that is sought is constant in inertial axes: a block without attitude says
+        nothing of it, and torque and specific force are predicted from the measured rate.
+        """
+        problem, channels = self._problem, self._channels
+        by_gyro = s.has_gyro and problem.is_free
         rate: Rate = self._rate or ("measured" if by_gyro else "momentum")
-        return stacked_fused_rows(s, x, self._problem, self._channels, rate, before)
+        if present(problem.momentum) and not s.has_attitude:
+            rate = "measured"
+            channels = tuple(c for c in channels if c != "gyro" and by_gyro)
+        return stacked_fused_rows(s, x, problem, channels, rate, before)
 
 
 class _Mrnea(RowsFunction):

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
+from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
@@ -208,6 +209,8 @@ class Recursion:
     def fold(self, block: Block) -> Generator[None, None, None]:
         """Linearise a new block, judge it, and fold it in if it fits; in bounded units."""
         at = self.memory.at if self._in_doubt else (yield from self._point())
+        if not self.linear and not len(self.memory) and not self.since:
+            self.memory.at = at = at_first_rate(block, at, self.problem)
         rows = self._usable_rows(block, at, self.memory.gained) if plausible(block) else None
         yield
         if rows is not None and self.armed:

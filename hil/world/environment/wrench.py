@@ -36,7 +36,7 @@ from hil.world.history import TruthHistory
 from hil.world.robot import Robot
 from hil.world.spline import JointSpline
 from hil.world.stand import Stand
-from hil.world.truth import simulate
+from hil.world.truth import STILL, simulate
 
 GRID_S = 5.0  # of what changes along the orbit: 0.3 deg in LEO
 MARGIN_S = 60.0  # tabulated beyond the asked interval
@@ -50,10 +50,11 @@ def simulate_in(
     end_s: float,
     dt_s: float = 0.004,
     stand: Stand | None = None,
+    w_NB_B_rad_s: tuple[float, float, float] = STILL,
 ) -> TruthHistory:
     """Return the truth of a motion in an environment or on a stand; None: nothing from outside."""
     if section is None:
-        return simulate(robot, spline, start_s, end_s, dt_s, stand=stand)
+        return simulate(robot, spline, start_s, end_s, dt_s, stand=stand, w_NB_B_rad_s=w_NB_B_rad_s)
     around = Environment(section, robot, start_s, end_s)
     return simulate(
         robot,
@@ -64,6 +65,7 @@ def simulate_in(
         wrench=around,
         field=around.field,
         q_NB_xyzw=section.attitude_xyzw,
+        w_NB_B_rad_s=w_NB_B_rad_s,
     )
 
 

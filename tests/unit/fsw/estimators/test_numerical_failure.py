@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from fsw.estimators.batch import settle, solver
 from fsw.estimators.batch.run import run_batch
+from fsw.estimators.recursive import recursion
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block
 from fsw.messages.errors import EstimatorError
@@ -139,7 +140,12 @@ def test_degenerate_data_end_a_batch_with_a_status_or_in_words(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so() -> None:
+@pytest.mark.parametrize("resets", [True, False], ids=["from rest", "from the first rate"])
+def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so(
+    resets: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if resets:
+        monkeypatch.setattr(recursion, "at_first_rate", lambda _, x, __: x)
     config = make_config(("base",), target=None, method="fused", momentum_sigma_nms=10.0)
     online = build_online(config, robot_model())
     for block in throw(0.1, 40):
@@ -147,7 +153,7 @@ def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so() -> None:
         assert np.isfinite(estimate.mean).all()
         assert np.isfinite(estimate.covariance).all()
     assert not online.finish().valid
-    assert "ESTIMATOR_RESET" in [code for _, code, _ in online.events()]
+    assert ("ESTIMATOR_RESET" in [code for _, code, _ in online.events()]) == resets
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), ZeroDivisionError()])

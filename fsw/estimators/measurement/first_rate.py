@@ -1,0 +1,33 @@
+"""The angular momentum that a measured rate shows: where to linearise first.
+
+Torque and specific force are quadratic in the base's rate. Linearised at rest they would not see
+it, and blame what it does to them on bodies and sensors; a captured object tumbles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.estimators.measurement.fused import predict
+from fsw.estimators.model.problem import Problem, present
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import NUMERICAL
+
+
+def at_first_rate(block: Block, x: FloatArray, problem: Problem) -> FloatArray:
+    """Return the state with the momentum at which the block's measured rate is predicted.
+
+    The predicted rate is affine in the momentum, so one step is exact. Unchanged where no momentum
+    is sought, where rate or attitude are not known, or where the bodies have no inertia.
+    """
+    if not (present(problem.momentum) and block.has_gyro and block.has_attitude):
+        return x
+    try:
+        at = predict(block, x, problem)
+        J = at.J_w[:, :, problem.momentum].reshape(-1, 3)
+        step = np.linalg.lstsq(J, (block.w_NB_B_rad_s - at.w_rad_s).ravel(), rcond=None)[0]
+    except NUMERICAL:
+        return x
+    found = x.copy()
+    found[problem.momentum] += step
+    return found if np.isfinite(found).all() else x
