@@ -1,0 +1,132 @@
+"""Hook of MkDocs: pages made from the code, and equations as MathML, which needs no script.
+
+Commands come from the argument parsers, configuration keys from the JSON Schema. The dictionary of
+telemetry is a file of its own, written and checked by `python -m fsw.telemetry.export`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+OUTSIDE = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
+CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
+EQUATION = re.compile(r"\$\$(.+?)\$\$|(?<![\w\\$])\$([^\s$](?:[^$\n]*[^\s$])?)\$(?!\w)", re.DOTALL)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the generated pages, and those that stand beside the folder of the documentation."""
+    pages = {"reference/commands.md": commands(), "reference/schema.md": schema()}
+    for name, source in OUTSIDE.items():
+        pages[name] = (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](")
+    for name, content in pages.items():
+        files.append(File.generated(config, name, content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """Give links to files outside their pages, and equations their MathML; code stays."""
+    for name, source in OUTSIDE.items():
+        markdown = markdown.replace(f"](../{source})", f"]({name})")
+    parts = CODE.split(markdown)
+    return "".join(part if k % 2 else EQUATION.sub(_mathml, part) for k, part in enumerate(parts))
+
+
+def on_post_page(output: str, page: Page, **_: object) -> str:
+    """Lead the links of a notebook to pages; MkDocs does so for Markdown only."""
+    if not page.file.src_uri.endswith(".ipynb"):
+        return output
+    return re.sub(r'href="(?!https?:)([^"#]+)\.(?:md|ipynb)(?=["#])', r'href="\1.html', output)
+
+
+def _mathml(found: re.Match[str]) -> str:
+    block, inline = found.groups()
+    if block:
+        return convert(block.strip(), display="block")
+    return f"<span>{convert(inline)}</span>"  # a line may not begin with a block's tag
+
+
+def commands() -> str:
+    """Return the page of every command, from the parsers."""
+    lines = ["# Commands", "", "Generated from the argument parsers, as `--help` prints them.", ""]
+    for program in ("fsw", "hil", "ground"):
+        parser: argparse.ArgumentParser = import_module(f"{program}.__main__").parser()
+        for depth, one in _tree(parser, 2):
+            lines += [f"{'#' * depth} {one.prog}", "", "```text", _help(one), "```", ""]
+    return "\n".join(lines)
+
+
+def _help(parser: argparse.ArgumentParser) -> str:
+    """Return a parser's help, 100 columns wide wherever it is made."""
+    parser.formatter_class = lambda prog: argparse.HelpFormatter(prog, width=100)
+    return parser.format_help().rstrip()
+
+
+def _tree(
+    parser: argparse.ArgumentParser, depth: int
+) -> Iterator[tuple[int, argparse.ArgumentParser]]:
+    yield depth, parser
+    for action in parser._actions:  # noqa: SLF001  # argparse shows them nowhere else
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for inner in action.choices.values():
+                yield from _tree(inner, depth + 1)
+
+
+def schema() -> str:
+    """Return the page of every section of the configuration, from its JSON Schema."""
+    whole = import_module("fsw.config.whole").json_schema()
+    lines = [
+        "# Configuration, JSON Schema",
+        "",
+        "Generated from `fsw schema`. [Configuration](../configuration.md) has each key's meaning.",
+        "",
+    ]
+    for name, section in [("The file", whole), *sorted(whole["$defs"].items())]:
+        if "properties" not in section:
+            continue
+        words = section.get("description", "").split("\n\n")[0].replace("\n", " ")
+        lines += [f"## {name}", "", words, "", "| key | values | default |", "|---|---|---|"]
+        required = set(section.get("required", ()))
+        for key, value in section["properties"].items():
+            given = "required" if key in required else f"`{json.dumps(value.get('default'))}`"
+            lines.append(f"| `{key}` | {_values(value)} | {given} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _values(value: Mapping[str, Any]) -> str:
+    """Return the allowed values of a key in words."""
+    if "$ref" in value:
+        name = value["$ref"].rpartition("/")[2]
+        return f"[{name}](#{name.lower()})"
+    if "anyOf" in value:
+        return " or ".join(_values(option) for option in value["anyOf"])
+    if "enum" in value or "const" in value:
+        return ", ".join(f"`{json.dumps(v)}`" for v in value.get("enum", [value.get("const")]))
+    if "prefixItems" in value:
+        return f"{len(value['prefixItems'])} of: {_values(value['prefixItems'][0])}"
+    kind = value.get("type", "any")
+    inner = value.get("items", value.get("additionalProperties"))
+    if kind in {"array", "object"} and isinstance(inner, dict):
+        return f"{'list of' if kind == 'array' else 'by name:'} {_values(inner)}"
+    words = {
+        "minimum": ">=",
+        "exclusiveMinimum": ">",
+        "maximum": "<=",
+        "exclusiveMaximum": "<",
+        "minLength": "length >=",
+        "pattern": "matching",
+    }
+    bounds = [f"{sign} `{value[key]}`" for key, sign in words.items() if key in value]
+    return " ".join([str(kind), *bounds]).replace("|", "\\|")
