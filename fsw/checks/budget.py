@@ -14,6 +14,7 @@ from fsw.config import (
     StarTrackerConfig,
     WheelConfig,
 )
+from fsw.config.devices import SAMPLES
 
 BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
 ASSUMED_BITRATE = 1_000_000  # of a bus whose interface sets the bit rate elsewhere
@@ -57,6 +58,8 @@ def bus_load(
     bus: BusConfig, joints: tuple[JointConfig, ...], wheels: tuple[WheelConfig, ...] = ()
 ) -> float:
     """Return the worst-case share of a bus that SYNC, TPDO1 and TPDO2 take (1: full)."""
+    if bus.interface == SAMPLES:
+        return 0.0
     bitrate = bus.bitrate or ASSUMED_BITRATE
     data_bitrate = bus.data_bitrate or ASSUMED_DATA_BITRATE
     cycle_s = classic_frame_s(SYNC_BYTES, bitrate)
@@ -76,6 +79,8 @@ def bus_load(
 
 def imu_load(imu: ImuConfig) -> tuple[float, float]:
     """Return the share of the line that the shortest and the longest datagram would take."""
+    if imu.driver == SAMPLES:
+        return 0.0, 0.0
     end = CRLF_BYTES if imu.crlf else 0
     shortest, longest = (
         (size + end) * BITS_PER_BYTE * imu.rate_hz / imu.baud_rate for size in IMU_BYTES

@@ -14,6 +14,7 @@ from fsw.checks import budget
 from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.config import BusConfig, Config
+from fsw.config.devices import SAMPLES
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.polynomial import EXTRA_DEGREE
@@ -97,7 +98,10 @@ def _warnings(config: Config) -> list[str]:
             )
         if all(node.bus != bus.name for node in config.can_nodes):
             found.append(f"buses.{i}.name: no joint uses the bus {bus.name!r}")
+    sampled = [bus.name for bus in config.buses if bus.interface == SAMPLES]
     for i, joint in enumerate(config.joints):
+        if joint.bus in sampled:
+            continue
         steps = {
             "torque_noise_nm": (joint.torque_noise_nm, TORQUE_STEP_NM[joint.format]),
             "position_noise_rad": (joint.position_noise_rad, POSITION_STEP_RAD),
@@ -166,6 +170,11 @@ def validate_ports(config: Config) -> None:
     ------
     ConfigError with one line per fault.
     """
+    sampled = [f"buses.{i}.interface" for i, b in enumerate(config.buses) if b.interface == SAMPLES]
+    sampled += ["imu.driver"] if config.imu.driver == SAMPLES else []
+    if sampled:
+        words = "samples is no device; only recordings of fsw import have them"
+        raise ConfigError("\n".join(f"{config.name}: {key}: {words}" for key in sampled))
     if faults := config.missing_ports():
         lines = [f"{config.name}: {key}: missing; only a replay works without" for key in faults]
         raise ConfigError("\n".join(lines))

@@ -55,6 +55,10 @@ def import_arguments(commands: Commands, command: Command) -> None:
         epilog="example: fsw import --can arm=candump.log --serial imu=imu.csv "
         "--config robot.yaml --out recording.mcap",
     )
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", nargs="?", help="CSV, .npz or ROS 2 bag; with --map"
+    )
+    parser.add_argument("--map", type=Path, metavar="YAML", help="what the columns of FILE are")
     parser.add_argument("--config", type=Path, metavar="CONFIG", required=True)
     parser.add_argument("--out", type=Path, metavar="RECORDING", required=True, help="new MCAP")
     parser.add_argument(

@@ -19,12 +19,21 @@ from fsw.config import Config
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, CanFrame, FrameArray
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
-from fsw.exchange.recording import END_NS, Column, Piece, RecordedMessage, messages_of, pieces_of
+from fsw.exchange.recording import (
+    END_NS,
+    SAMPLED,
+    SAMPLES,
+    Column,
+    Piece,
+    RecordedMessage,
+    messages_of,
+    pieces_of,
+)
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.restart import Mode, Restart
 from fsw.exchange.sinks import Fanout, Message, NullSink, Sink
 from fsw.loop.daemon import Daemon
-from fsw.loop.ports import IMU, STAR_TRACKER, Ports
+from fsw.loop.ports import IMU, JOINTS, STAR_TRACKER, Ports
 from fsw.loop.wiring import build
 from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
@@ -32,6 +41,7 @@ from fsw.messages.errors import ConfigError, PortError
 from fsw.service.recorder import CHECKPOINT
 
 TICK_RATE_HZ = 5.0
+CAN_TOPIC = "/can/"
 REPLAYED = (
     CommandName.RESET,
     CommandName.FINISH,
@@ -102,7 +112,7 @@ class RecordingFeed:
 
     def __init__(self, pieces: Iterator[tuple[Piece, int]], topics: Sequence[str]) -> None:
         self._pieces = pieces
-        self._tracks = {t: _Track(is_bus=t.startswith("/can/")) for t in topics}
+        self._tracks = {t: _Track(is_bus=t.startswith(CAN_TOPIC)) for t in topics}
         self._known_ns = -1  # nothing before this time is missing
         self._more()
         first_ns = min(track.next_ns() for track in self._tracks.values())
@@ -251,13 +261,14 @@ def replay(
     began_ns = wall.now_ns()
     parts = parts_of(recording)
     held = contents_of(parts)
-    topics = _topics(config)
+    topics = _topics(config, held.topics)
     missing = [topic for topic in topics if topic not in held.topics]
     if missing:
         raise ConfigError(
             f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
             f"found: {', '.join(sorted(held.topics)) or 'none'}"
         )
+    _refuse_other_robot(recording, config, held.metadata.get(SAMPLED, {}).get(JOINTS))
     feed = RecordingFeed(span.pieces(pieces_of(parts, topics)), topics)
     if feed.exhausted:
         raise ConfigError(f"{recording}: holds no message of its sensors{span.words()}")
@@ -266,7 +277,7 @@ def replay(
     daemon = build(
         config.model_copy(update={"scheduler": scheduler}),
         ReplayClock(feed),
-        _ports(config, feed),
+        _ports(topics, feed),
         Fanout(collector, *([] if sink is None else [sink])),
         pipeline=pipeline,
     )
@@ -296,18 +307,37 @@ def replay(
     )
 
 
-def _topics(config: Config) -> list[str]:
-    topics = [f"/can/{bus.name}" for bus in config.buses]
-    topics += [f"/serial/{IMU}"] if config.imu.present else []
-    return topics + ([f"/serial/{STAR_TRACKER}"] if config.star_tracker is not None else [])
+def _topics(config: Config, held: Sequence[str]) -> list[str]:
+    """Return the channels to replay: decoded samples of a source where the recording has them."""
+    lines = [IMU] if config.imu.present else []
+    lines += [STAR_TRACKER] if config.star_tracker is not None else []
+    joints = [f"{SAMPLES}{JOINTS}"]
+    topics = joints if joints[0] in held else [f"/can/{bus.name}" for bus in config.buses]
+    for name in lines:
+        sampled = f"{SAMPLES}{name}"
+        topics.append(sampled if sampled in held else f"/serial/{name}")
+    return topics
 
 
-def _ports(config: Config, feed: RecordingFeed) -> Ports:
-    tracker = config.star_tracker is not None
+def _refuse_other_robot(recording: Path, config: Config, sampled: str | None) -> None:
+    """Refuse decoded samples of joints that are not the configuration's; None: there are none."""
+    names = {joint.name for joint in config.joints}
+    if sampled is not None and set(sampled.split()) != names:
+        raise ConfigError(
+            f"{recording}: holds the joints {sampled}; {config.name} has "
+            f"{' '.join(sorted(names))}: the recording of another robot"
+        )
+
+
+def _ports(topics: Sequence[str], feed: RecordingFeed) -> Ports:
+    buses = {t.removeprefix(CAN_TOPIC): t for t in topics if t.startswith(CAN_TOPIC)}
+    sampled = {t.removeprefix(SAMPLES): t for t in topics if t.startswith(SAMPLES)}
+    lines = {t: ReplayBytePort(feed, t) for t in topics if not t.startswith(CAN_TOPIC)}
     return Ports(
-        can={bus.name: ReplayFramePort(feed, f"/can/{bus.name}") for bus in config.buses},
-        imu=ReplayBytePort(feed, f"/serial/{IMU}"),
-        star_tracker=ReplayBytePort(feed, f"/serial/{STAR_TRACKER}") if tracker else None,
+        can={name: ReplayFramePort(feed, topic) for name, topic in buses.items()},
+        imu=lines.get(f"/serial/{IMU}"),
+        star_tracker=lines.get(f"/serial/{STAR_TRACKER}"),
+        samples={name: lines[topic] for name, topic in sampled.items()},
         passive=True,
     )
 

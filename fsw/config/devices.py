@@ -33,6 +33,8 @@ from fsw.config.base import (
 )
 from fsw.messages.errors import brief
 
+SAMPLES = "samples"  # no device: only recordings of fsw import have its values
+
 
 class RedundantBusConfig(Section):
     """The second bus of a pair; the nodes listen on either, one at a time (ECSS-E-ST-50-15C)."""
@@ -47,7 +49,7 @@ class BusConfig(Section):
     """One CAN bus. `name` is also the recording's topic: /can/<name>."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
-    interface: str | None = None  # any python-can interface: socketcan, udp_multicast, slcan ...
+    interface: str | None = None  # of python-can: socketcan, udp_multicast, slcan ...; or samples
     channel: str | None = None  # neither is needed for a replay
     fd: bool = False
     bitrate: int | None = Field(default=None, gt=0)
@@ -178,7 +180,9 @@ def _quaternion(angles: Sequence[float]) -> list[float]:
 class ImuConfig(Section):
     """The inertial unit. Noise is white: angle and velocity random walk (sigma = N sqrt(rate))."""
 
-    driver: Literal["stim300", "mip", "none"] = "stim300"  # none: the section was left out
+    driver: Literal["stim300", "mip", "samples", "none"] = (
+        "stim300"  # none: no section; see SAMPLES
+    )
     port: str | None = None  # not needed for a replay
     baud_rate: int = Field(default=921600, gt=0)
     rate_hz: Rate

@@ -1,7 +1,8 @@
 """MCAP recordings: whole or truncated ones read in log-time order.
 
 `/can/<bus>` holds one Linux struct can_frame (16 bytes) or canfd_frame (72 bytes) per message,
-`/serial/<device>` bytes as read, the rest JSON. `log_time` is the receive stamp [ns].
+`/serial/<device>` bytes as read, `/samples/<source>` decoded samples as JSON, as is the rest.
+`log_time` is the receive stamp [ns].
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ from fsw.drivers.wire import (
 )
 from fsw.messages.errors import ConfigError
 
+SAMPLES = "/samples/"  # before the name of a source; values as the sensor gave them, as JSON
+SAMPLED = "samples"  # metadata of a recording with decoded samples: names of its joints
 END_NS = 1 << 63  # after every time
 _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time

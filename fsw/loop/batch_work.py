@@ -111,7 +111,8 @@ class BatchWork:
                 continue
             if isinstance(member, BusInput):
                 yield
-            align.push(self._health.screen(samples))
+            known_steps = isinstance(member, BusInput) or not member.is_sampled
+            align.push(self._health.screen(samples) if known_steps else samples)
             if self._science is not None:
                 self._science.keep(samples)
         while (deadline_ns := align.deadline_ns) is not None:

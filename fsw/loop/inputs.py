@@ -15,6 +15,7 @@ from fsw.exchange.sinks import Sink
 from fsw.loop.bus_input import BusInput
 from fsw.loop.line_input import LineInput
 from fsw.loop.link import Link
+from fsw.loop.ports import JOINTS
 from fsw.messages import Event
 from fsw.messages.errors import PortError
 
@@ -92,8 +93,9 @@ class Inputs:
             line.accept(self._sink)
 
     def first_sync_ns(self) -> int | None:
-        """Return the stamp of the first SYNC of any bus; None before it."""
+        """Return the stamp of the first SYNC of any bus, or sample of the joints; None before."""
         stamps = [bus.first_sync_ns() for bus in self.buses]
+        stamps += [line.first_ns() for line in self.lines if line.name == JOINTS]
         return min((t_ns for t_ns in stamps if t_ns is not None), default=None)
 
     def retry(self) -> None:

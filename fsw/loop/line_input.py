@@ -8,7 +8,7 @@ from typing import Protocol
 from fsw.drivers.wire import ByteChunk, BytePort
 from fsw.exchange.sinks import SerialTraffic, Sink
 from fsw.loop.link import Link
-from fsw.messages import AttitudeSamples, ImuSamples
+from fsw.messages import Samples
 from fsw.messages.findings import Finding
 
 
@@ -20,7 +20,7 @@ class ChunkSource(Protocol):
         """Counters by name."""
         ...
 
-    def feed(self, chunks: Sequence[ByteChunk]) -> ImuSamples | AttitudeSamples:
+    def feed(self, chunks: Sequence[ByteChunk]) -> Samples:
         """Decode chunks in order."""
         ...
 
@@ -34,15 +34,25 @@ class ChunkSource(Protocol):
 
 
 class LineInput:
-    """One serial device: bytes in, and the bytes that ask it to talk."""
+    """One serial device: bytes in, and the bytes that ask it to talk.
+
+    `is_sampled`: the chunks are samples that another program decoded, no bytes of a line.
+    """
 
     def __init__(
-        self, name: str, link: Link[BytePort], source: ChunkSource, start_bytes: bytes
+        self,
+        name: str,
+        link: Link[BytePort],
+        source: ChunkSource,
+        start_bytes: bytes,
+        *,
+        is_sampled: bool = False,
     ) -> None:
         self.name = name
         self.link = link
         self.links = (link,)
         self.source = source
+        self.is_sampled = is_sampled
         self._start_bytes = start_bytes
         self._read: list[ByteChunk] = []
         self._accepted: list[ByteChunk] = []
@@ -68,7 +78,11 @@ class LineInput:
         if self._accepted:
             sink.put(SerialTraffic(self.name, self._accepted))
 
-    def feed(self) -> ImuSamples | AttitudeSamples | None:
+    def first_ns(self) -> int | None:
+        """Stamp of the first of what was accepted [ns]."""
+        return self._accepted[0].t_ns if self._accepted else None
+
+    def feed(self) -> Samples | None:
         """Decode what was accepted; None where that was nothing."""
         accepted, self._accepted = self._accepted, []
         return self.source.feed(accepted) if accepted else None

@@ -8,7 +8,7 @@ from fsw.config import Config
 from fsw.estimators.pipeline import BlockSource, Gating
 from fsw.exchange.status import source_samples, task_summary, time_values
 from fsw.loop.inputs import Inputs
-from fsw.loop.ports import CAN
+from fsw.loop.ports import CAN, JOINTS
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.tasks import Slips
 
@@ -32,6 +32,7 @@ def sample_status(config: Config, align: Aligner, inputs: Inputs) -> dict[str, A
     late = align.counters().late
     for bus in buses:
         late[bus.name] = sum(late[joint.name] for joint in config.joints if joint.bus == bus.name)
+    late[JOINTS] = sum(late[joint.name] for joint in config.joints)
     return {
         "samples": {m.name: source_samples(m.source.counters, late[m.name]) for m in inputs},
         "links": {link.name.removeprefix(CAN): link.summary() for m in inputs for link in m.links},

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from fsw.drivers.wire import BytePort, FramePort
 
+JOINTS = "joints"  # of all buses together, where their samples come decoded
 IMU = "imu"
 STAR_TRACKER = "star_tracker"
 CAN = "can/"  # before the name of a bus's link
@@ -25,4 +26,5 @@ class Ports:
     star_tracker: BytePort | None = None
     can_openers: Mapping[str, Callable[[], FramePort]] = field(default_factory=dict)
     line_openers: Mapping[str, Callable[[], BytePort]] = field(default_factory=dict)
+    samples: Mapping[str, BytePort] = field(default_factory=dict)  # decoded, in place of a device
     passive: bool = False

@@ -15,7 +15,7 @@ from fsw.loop.bus_input import BusInput
 from fsw.loop.daemon import Daemon
 from fsw.loop.line_input import ChunkSource, LineInput
 from fsw.loop.link import Link
-from fsw.loop.ports import CAN, IMU, SECOND, STAR_TRACKER, Ports
+from fsw.loop.ports import CAN, IMU, JOINTS, SECOND, STAR_TRACKER, Ports
 
 
 def build(
@@ -34,15 +34,19 @@ def build(
     """
     from fsw.drivers.sources import ImuSource, StarTrackerSource
 
-    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses]
+    sampled = ports.samples
+    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses if JOINTS not in sampled]
 
     def line(name: str, port: BytePort | None, source: ChunkSource, start: bytes) -> LineInput:
         return LineInput(name, Link(name, port, ports.line_openers.get(name)), source, start)
 
-    lines = []
-    if config.imu.present:
+    lines = [
+        LineInput(name, Link(name, port, None), _sample_source(name, config), b"", is_sampled=True)
+        for name, port in sampled.items()
+    ]
+    if config.imu.present and IMU not in sampled:
         lines.append(line(IMU, ports.imu, ImuSource(config.imu, None, config.health), b""))
-    if config.star_tracker is not None:
+    if config.star_tracker is not None and STAR_TRACKER not in sampled:
         tracker = StarTrackerSource(config.star_tracker, config.health)
         lines.append(line(STAR_TRACKER, ports.star_tracker, tracker, tracker.start_bytes()))
     return Daemon(
@@ -54,6 +58,17 @@ def build(
         pipeline=pipeline or default_pipeline(config),
         passive=ports.passive,
     )
+
+
+def _sample_source(name: str, config: Config) -> ChunkSource:
+    """Return the source of decoded samples of the joints, the inertial unit or the star tracker."""
+    from fsw.drivers.sources import samples
+
+    if name == JOINTS:
+        return samples.joint_samples(config)
+    if name == STAR_TRACKER and config.star_tracker is not None:
+        return samples.attitude_samples(config.star_tracker)
+    return samples.imu_samples(config.imu)
 
 
 def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:

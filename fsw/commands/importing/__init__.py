@@ -7,8 +7,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fsw.commands.importing.captures import Channel, can_capture, serial_capture
+from fsw.commands.importing.mapping import read_mapping
+from fsw.commands.importing.samples import sampled_channels
 from fsw.config import Config
-from fsw.loop.ports import IMU, STAR_TRACKER
+from fsw.exchange.recording import SAMPLED, SAMPLES
+from fsw.loop.ports import IMU, JOINTS, STAR_TRACKER
 from fsw.messages.errors import ConfigError
 from fsw.service.recorder import open_recording
 
@@ -23,7 +26,7 @@ def import_recording(arguments: Namespace, config: Config) -> list[str]:
     out: Path = arguments.out
     if out.exists():
         raise ConfigError(f"--out: {out} exists already")
-    channels = list(_captures(arguments, config))
+    channels = [*_captures(arguments, config), *_sampled(arguments, config)]
     _refuse_gaps(config, channels)
     _refuse_two_clocks(channels)
     write(config, channels, out)
@@ -41,6 +44,9 @@ def write(config: Config, channels: Sequence[Channel], out: Path) -> None:
         writer = open_recording(config, out)
         try:
             writer.metadata("import", {c.topic: c.source.name for c in channels})
+            if any(c.topic == f"{SAMPLES}{JOINTS}" for c in channels):
+                names = " ".join(joint.name for joint in config.joints)
+                writer.metadata(SAMPLED, {JOINTS: names})
             for channel in channels:
                 channel.write(writer)
             writer.close()
@@ -64,6 +70,14 @@ def _captures(arguments: Namespace, config: Config) -> Iterator[Channel]:
         yield serial_capture(name, Path(file), shifts.pop(name, 0))
     if shifts:
         raise ConfigError(f"--shift: {', '.join(shifts)}: nothing of this name is imported")
+
+
+def _sampled(arguments: Namespace, config: Config) -> Iterator[Channel]:
+    if arguments.map is not None:
+        mapping = read_mapping(arguments.map)
+        yield from sampled_channels(config, mapping, arguments.map.parent, arguments.file)
+    elif arguments.file is not None:
+        raise ConfigError(f"{arguments.file}: needs --map, which says what its columns are")
 
 
 def _lines(config: Config) -> list[str]:
@@ -100,14 +114,20 @@ def _refuse_unknown(key: str, name: str, known: Sequence[str]) -> None:
 def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     """Refuse a recording that lacks a sensor of the configuration, or has one twice."""
     topics = [channel.topic for channel in channels]
+    sampled = {topic.removeprefix(SAMPLES) for topic in topics if topic.startswith(SAMPLES)}
+    for line in sampled - {JOINTS, *_lines(config)}:
+        raise ConfigError(f"--map: {line} is not in {config.name}")
     twice = {topic for topic in topics if topics.count(topic) > 1}
     if twice:
         raise ConfigError(f"{', '.join(sorted(twice))}: given twice")
-    needed = {f"/can/{bus.name}": f"--can {bus.name}=FILE" for bus in config.buses}
-    needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in _lines(config)}
+    buses = [] if JOINTS in sampled else [bus.name for bus in config.buses]
+    needed = {f"/can/{bus}": f"--can {bus}=FILE" for bus in buses}
+    lines = [line for line in _lines(config) if line not in sampled]
+    needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in lines}
     missing = [key for topic, key in needed.items() if topic not in topics]
     if missing:
-        raise ConfigError(f"{config.name} has sensors without a file: add {', '.join(missing)}")
+        words = ", ".join(missing)
+        raise ConfigError(f"{config.name} has sensors without a file: add {words}, or map them")
 
 
 def _refuse_two_clocks(channels: Sequence[Channel]) -> None:

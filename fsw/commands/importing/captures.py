@@ -23,7 +23,7 @@ from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages import IntArray
 from fsw.messages.errors import ConfigError, brief
 
-DISORDER_NS = 10_000_000  # stamps of two processors may cross by less; more is a clock that was set
+DISORDER_NS = 1e7  # stamps of two processors may cross by less; more is a clock that was set
 STAMP, DATA = "stamp_s", "hex"
 _Row = tuple[int, Any, Any]  # line, stamp, bytes
 
@@ -115,14 +115,14 @@ def read_text(path: Path) -> str:
     return text
 
 
-def refuse_disorder(path: Path, t_ns: IntArray) -> None:
-    """Refuse stamps that run backwards, or are no times at all.
+def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) -> None:
+    """Refuse stamps that run backwards by more than a little, or are no times at all.
 
     Raises
     ------
     ConfigError naming the first.
     """
-    back = np.flatnonzero(np.diff(t_ns) < -DISORDER_NS)
+    back = np.flatnonzero(np.diff(t_ns) < -most_ns)
     if back.size:
         first = int(back[0])
         before, after = t_ns[first] * 1e-9, t_ns[first + 1] * 1e-9

@@ -1,0 +1,153 @@
+"""The mapping file of `fsw import`: which columns are which quantity, in which unit."""
+
+from __future__ import annotations
+
+from math import pi
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError, field_validator
+
+from fsw.config import Finite, Section
+from fsw.config.text import TextError, explain, read_yaml
+from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
+from fsw.messages.errors import ConfigError
+
+FACTORS = {
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "rad": 1.0,
+    "deg": pi / 180.0,
+    "N m": 1.0,
+    "mN m": 1e-3,
+    "rad/s": 1.0,
+    "deg/s": pi / 180.0,
+    "m/s2": 1.0,
+    "g": STANDARD_GRAVITY_M_S2,
+    "1": 1.0,
+}
+
+
+class TimeColumn(Section):
+    """The column of stamps: when the samples were taken."""
+
+    column: str
+    unit: Literal["s", "ms", "us", "ns"]
+
+
+class Quantity(Section):
+    """Columns of one quantity; in a single name `{}` stands for the joint or the axis.
+
+    What is no list counts for all columns.
+    """
+
+    columns: tuple[str, ...]
+    unit: str
+    scale: tuple[Finite, ...] = (1.0,)
+    sign: tuple[Literal[-1, 1], ...] = (1,)
+
+    @field_validator("columns", "scale", "sign", mode="before")
+    @classmethod
+    def _listed(cls, value: object) -> object:
+        return value if isinstance(value, list | tuple) else (value,)
+
+
+class Angles(Quantity):
+    """Joint positions."""
+
+    unit: Literal["rad", "deg"]
+
+
+class Torques(Quantity):
+    """Link-side joint torques."""
+
+    unit: Literal["N m", "mN m"]
+
+
+class Rates(Quantity):
+    """Angular velocity in the axes of the inertial unit."""
+
+    unit: Literal["rad/s", "deg/s"]
+
+
+class Forces(Quantity):
+    """Specific force in the axes of the inertial unit: at rest it points up."""
+
+    unit: Literal["m/s2", "g"]
+
+
+class Attitude(Quantity):
+    """Quaternions as the star tracker gives them; `order` is that of the columns."""
+
+    unit: Literal["1"] = "1"
+    order: Literal["xyzw", "wxyz"]
+
+
+class Source(Section):
+    """Where a sensor's columns are; None: the file of the command line, the time of all."""
+
+    file: Path | None = None
+    time: TimeColumn | None = None
+
+
+class Joints(Source):
+    """All joints; `order` names them as the columns come, None: as in the configuration."""
+
+    order: tuple[str, ...] | None = None
+    position: Angles
+    torque: Torques | None = None
+
+
+class Imu(Source):
+    """The inertial unit."""
+
+    rate: Rates
+    specific_force: Forces | None = None
+
+
+class StarTracker(Source):
+    """The star tracker."""
+
+    quaternion: Attitude
+
+
+class Mapping(Section):
+    """A mapping file."""
+
+    time: TimeColumn | None = None
+    joints: Joints | None = None
+    imu: Imu | None = None
+    star_tracker: StarTracker | None = None
+
+    @property
+    def sections(self) -> dict[str, Joints | Imu | StarTracker]:
+        """What is mapped, by source."""
+        every = {"joints": self.joints, "imu": self.imu, "star_tracker": self.star_tracker}
+        return {name: section for name, section in every.items() if section is not None}
+
+    def time_of(self, name: str, section: Source) -> TimeColumn:
+        """Return the column of a source's stamps. Raises ConfigError without one."""
+        found = section.time or self.time
+        if found is None:
+            raise ConfigError(f"{name}.time: missing, and there is no time for all")
+        return found
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping file.
+
+    Raises
+    ------
+    ConfigError with one line per fault: key, value, bound.
+    """
+    try:
+        return Mapping.model_validate(read_yaml(path.read_bytes(), aliases=True))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except TextError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    except ValidationError as error:
+        lines = [f"{path}: {line}" for line in explain(Mapping, error)]
+        raise ConfigError("\n".join(lines)) from error

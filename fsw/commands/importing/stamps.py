@@ -1,0 +1,78 @@
+"""Stamps of sampled data, judged: order, repetitions, gaps, jitter, rate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.commands.importing.captures import refuse_disorder
+from fsw.messages import FloatArray, IntArray
+from fsw.messages.errors import ConfigError
+
+LEAST = 8  # samples of a source
+DISORDER_PERIODS = 2.0  # a sample may come so much late; more is a clock that was set
+GAP_PERIODS = 3.0
+RATE_RATIO = 1.2  # found over declared, or the other way round
+
+
+def judged(
+    path: Path, name: str, t_ns: IntArray, values: FloatArray, rates_hz: Mapping[str, float]
+) -> tuple[NDArray[np.intp], str]:
+    """Return which rows to use, in order of time, and what was found, in words.
+
+    A row that repeats all values of the one before is what a logger held, no sample: it is left
+    out, as is a second one of the same time. Rows that came a little late are put in order.
+
+    Parameters
+    ----------
+    t_ns, values : (k,) stamps [ns], (k, width)
+    rates_hz : declared, by key
+
+    Raises
+    ------
+    ConfigError when time runs backwards, or at another rate than declared.
+    """
+    same = np.nan_to_num(values[1:]) == np.nan_to_num(values[:-1])
+    kept = np.flatnonzero(np.append(True, ~same.all(axis=1)))
+    if len(kept) < LEAST:
+        raise ConfigError(
+            f"{path}: {name}: {len(kept)} different samples of {len(t_ns)}; must be at least "
+            f"{LEAST}"
+        )
+    period_ns = float(np.median(np.abs(np.diff(t_ns[kept]))))
+    refuse_disorder(path, t_ns[kept], DISORDER_PERIODS * period_ns)
+    held, disordered = len(t_ns) - len(kept), int((np.diff(t_ns[kept]) < 0).sum())
+    kept = kept[np.argsort(t_ns[kept], kind="stable")]
+    is_new = np.append(True, np.diff(t_ns[kept]) > 0)
+    kept, doubled = kept[is_new], int((~is_new).sum())
+    steps_s = np.diff(t_ns[kept]) * 1e-9
+    period_s = float(np.median(steps_s)) if len(steps_s) else 0.0
+    gaps = steps_s[steps_s > GAP_PERIODS * period_s]
+    regular = steps_s[steps_s <= GAP_PERIODS * period_s]
+    if len(regular) < LEAST - 1:
+        raise ConfigError(f"{path}: {name}: {len(kept)} times; must be at least {LEAST}")
+    found_hz = 1.0 / float(regular.mean())
+    for key, declared_hz in rates_hz.items():
+        if not 1.0 / RATE_RATIO < found_hz / declared_hz < RATE_RATIO:
+            raise ConfigError(
+                f"{path}: {name} come at {found_hz:.4g} Hz; {key} is {declared_hz:g}: set it to "
+                f"{found_hz:.3g}"
+            )
+    troubles = [
+        f"{words}: {count}"
+        for count, words in (
+            (held, "repeat the row before, left out"),
+            (doubled, "at a time that is taken, left out"),
+            (disordered, "out of order, sorted"),
+        )
+        if count
+    ]
+    if len(gaps):
+        troubles.append(f"gaps: {len(gaps)}, the longest {gaps.max():.3g} s")
+    lasted_s = (t_ns[kept[-1]] - t_ns[kept[0]]) * 1e-9
+    words = f"{len(kept)} samples in {lasted_s:.1f} s, {found_hz:.4g} Hz"
+    jitter = f"{words}, jitter {1e3 * float(regular.std()):.2g} ms rms"
+    return kept, "; ".join([jitter, *troubles])

@@ -1,0 +1,141 @@
+"""Samples that another program decoded: JSON messages of a recording to calibrated samples.
+
+A message holds values as the sensor gave them, in SI units; calibration and delays of the
+configuration are applied as to values from the wire. Its stamp is the time of the sample.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config, ImuConfig, StarTrackerConfig
+from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
+from fsw.drivers.sources.counters import Counters
+from fsw.drivers.sources.joint_track import Calibration
+from fsw.drivers.sources.star_tracker import to_bus
+from fsw.drivers.wire import ByteChunk, Reject
+from fsw.messages import AttitudeSamples, FloatArray, ImuSamples, IntArray, JointSamples
+from fsw.messages.findings import Finding
+
+POSITION, TORQUE = "position_rad", "torque_nm"  # of joints by name
+RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
+QUATERNION = "q_xyzw"
+NORM_TOLERANCE = 1e-2
+NOTHING = (np.nan, np.nan, np.nan)
+Decoded = JointSamples | ImuSamples | AttitudeSamples
+Row = Callable[[Mapping[str, Any]], Sequence[float]]
+Build = Callable[[IntArray, FloatArray], Decoded]
+
+
+class SampleSource:
+    """One kind of decoded samples.
+
+    Parameters
+    ----------
+    row : values of one message as numbers, NaN where one is missing; fails on a wrong message
+    build : stamps (k,) and rows (k, width) to samples; what is out of range is left out
+    per_row : samples that a message holds
+    """
+
+    def __init__(self, row: Row, build: Build, per_row: int = 1) -> None:
+        self._row, self._build, self._per_row = row, build, per_row
+        self._counts = Counters()
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of samples and bytes."""
+        return self._counts.as_dict()
+
+    def findings(self) -> Sequence[Finding]:
+        """Return nothing: what is wrong with the stamps was said at the import."""
+        return ()
+
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Do nothing: a recording is not silent, it has a gap."""
+
+    def feed(self, chunks: Sequence[ByteChunk]) -> Decoded:
+        """Accept messages in order and return their samples."""
+        stamps, rows = [], []
+        for chunk in chunks:
+            self._counts.received_bytes += len(chunk.data)
+            try:
+                rows.append(self._row(json.loads(chunk.data)))
+                stamps.append(chunk.t_ns)
+            except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
+                self._counts.reject(Reject.LENGTH, len(chunk.data))
+        samples = self._build(np.array(stamps, np.int64), np.array(rows, np.float64))
+        refused = len(rows) * self._per_row - len(samples)
+        self._counts.accepted += len(samples)
+        self._counts.rejected += refused
+        self._counts.rejects[Reject.RANGE] += refused
+        return samples
+
+
+def joint_samples(config: Config) -> SampleSource:
+    """Return the source of all joints: positions [rad] and torques [N m] by their names."""
+    joints = config.joints
+    names, n = [joint.name for joint in joints], len(joints)
+    calibration, every = Calibration(joints), np.arange(n)
+    offsets_s = {bus.name: bus.latch_offset_s for bus in config.buses}
+    offsets_ns = np.array([round(offsets_s[joint.bus] * 1e9) for joint in joints], np.int64)
+    limits_nm = np.array([joint.torque_limit_nm for joint in joints])
+    blind = np.array([joint.torque == "none" for joint in joints])
+
+    def row(message: Mapping[str, Any]) -> list[float]:
+        position, torque = message[POSITION], message.get(TORQUE, {})
+        found = [float(position[name]) for name in names]
+        return found + [float(torque.get(name, np.nan)) for name in names]
+
+    def build(t_ns: IntArray, values: FloatArray) -> JointSamples:
+        joint, stamps = np.tile(every, len(t_ns)), np.repeat(t_ns, n)
+        values = values.reshape(len(t_ns), 2, n)
+        angle, force = calibration.apply(joint, values[:, 0].ravel(), values[:, 1].ravel())
+        force[blind[joint]] = np.nan
+        good = np.isfinite(angle) & ~(np.abs(force) > limits_nm[joint])
+        stamps, joint = stamps[good], joint[good]
+        return JointSamples(stamps + offsets_ns[joint], stamps, joint, angle[good], force[good])
+
+    return SampleSource(row, build, n)
+
+
+def imu_samples(config: ImuConfig) -> SampleSource:
+    """Return the source of the inertial unit: rates [rad/s] and specific forces [m/s^2] in S."""
+    force_limit = config.acc_range_g * STANDARD_GRAVITY_M_S2
+    gyro_ns, acc_ns = (
+        round(s * 1e9) for s in (config.gyro_group_delay_s, config.acc_group_delay_s)
+    )
+    bias = np.array([*config.gyro_bias_S_rad_s, *config.acc_bias_S_m_s2])
+
+    def row(message: Mapping[str, Any]) -> list[float]:
+        wx, wy, wz = message.get(RATE, NOTHING)
+        fx, fy, fz = message.get(FORCE, NOTHING)
+        return [float(value) for value in (wx, wy, wz, fx, fy, fz)]
+
+    def build(t_ns: IntArray, values: FloatArray) -> ImuSamples:
+        values = values.reshape(-1, 6)
+        far = (np.abs(values[:, :3]) > config.max_rate_rad_s).any(axis=1)
+        far |= (np.abs(values[:, 3:]) > force_limit).any(axis=1)
+        t_ns, values = t_ns[~far], values[~far] - bias
+        return ImuSamples(t_ns - gyro_ns, t_ns - acc_ns, t_ns, values[:, :3], values[:, 3:])
+
+    return SampleSource(row, build)
+
+
+def attitude_samples(config: StarTrackerConfig) -> SampleSource:
+    """Return the source of the star tracker: quaternions as it gives them, scalar last."""
+    latency_ns = round(config.latency_s * 1e9)
+
+    def row(message: Mapping[str, Any]) -> list[float]:
+        x, y, z, w = (float(value) for value in message[QUATERNION])
+        if not abs((x * x + y * y + z * z + w * w) ** 0.5 - 1.0) <= NORM_TOLERANCE:
+            raise ValueError("no rotation")
+        return list(to_bus((w, x, y, z), config.mounting.q_BS_xyzw, config.rotation))
+
+    def build(t_ns: IntArray, values: FloatArray) -> AttitudeSamples:
+        return AttitudeSamples(t_ns - latency_ns, t_ns, values.reshape(-1, 4))
+
+    return SampleSource(row, build)
