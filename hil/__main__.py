@@ -274,7 +274,7 @@ def _seeds(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hil.judge import judgement, report
+    from hil.judge import judgement, page, report
     from hil.run import bench
     from hil.run.flight import on_socketcan
     from hil.run.progress import meter
@@ -317,6 +317,7 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.out is not None or not arguments.json:
             story = judgement.make_story(setup, case, recorded, outcome)
             picture = report.save(story, folder / "report.png")
+            page.save(story, outcome, setup.config.source, picture.with_suffix(".html"))
         if arguments.json:
             print(json.dumps(outcome))
         else:
@@ -387,7 +388,7 @@ def _print(outcome: Mapping[str, Any], picture: Path | None, console: Console) -
         f"{outcome['slips']} slips; {outcome['simulated_s']:.0f} s in {outcome['wall_s']:.1f} s"
     )
     if picture is not None:
-        console.print(f"picture: {picture}")
+        console.print(f"page: {picture.with_suffix('.html')}\npicture: {picture}")
 
 
 if __name__ == "__main__":

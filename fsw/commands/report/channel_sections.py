@@ -71,7 +71,6 @@ def residuals(c: Collected) -> Section:
 
 def _shapes(name: str, t_s: FloatArray, ratio: FloatArray) -> list[Chart]:
     frequency_hz, power = spectrum(t_s, ratio)
-    centre, density, normal = histogram(ratio)
     return [
         Chart(
             title=f"{name}: spectrum of residual / sigma",
@@ -84,18 +83,24 @@ def _shapes(name: str, t_s: FloatArray, ratio: FloatArray) -> list[Chart]:
                 Line(label="white", y=[1.0] * len(power)),
             ],
         ),
-        Chart(
-            title=f"{name}: histogram of residual / sigma",
-            x_label="residual / sigma [1]",
-            y_label="density [1]",
-            x=centre.tolist(),
-            bars=True,
-            lines=[
-                Line(label="found", y=numbers(density)),
-                Line(label="normal", y=numbers(normal)),
-            ],
-        ),
+        normalised_chart(f"{name}: histogram of residual / sigma", "residual / sigma [1]", ratio),
     ]
+
+
+def normalised_chart(title: str, x_label: str, ratio: FloatArray) -> Chart:
+    """Return the histogram of normalised values beside the normal density."""
+    centre, density, normal = histogram(ratio)
+    return Chart(
+        title=title,
+        x_label=x_label,
+        y_label="density [1]",
+        x=centre.tolist(),
+        bars=True,
+        lines=[
+            Line(label="found", y=numbers(density)),
+            Line(label="normal", y=numbers(normal)),
+        ],
+    )
 
 
 def health(c: Collected) -> Section:

@@ -10,9 +10,9 @@ import numpy as np
 import yaml
 from scipy.stats import chi2
 
+from fsw.commands.report.channel_sections import normalised_chart
 from fsw.commands.report.page import page
 from fsw.commands.report.picture import write_png
-from fsw.commands.report.spectrum import histogram
 from fsw.commands.report.tables import Table as Rows
 from fsw.commands.report.tables import write_csv
 from fsw.commands.report.view import Chart, Line, Section, Table, View, numbers
@@ -141,7 +141,6 @@ def _group(entry: Row, rows: Sequence[Row]) -> Section:
     seeds, ratio, nees = [row["seed"] for row in rows], error / sigma, [r["nees"] for r in rows]
     low, high = (float(chi2.ppf(p, entry["dof"])) for p in SINGLE)
     name, x_label = _name(entry), "seed [1]"
-    centre, density, normal = histogram(ratio.ravel())
     bands = {"expected": entry["dof"], "2.5 %": low, "97.5 %": high}
     charts = [
         Chart(
@@ -167,16 +166,8 @@ def _group(entry: Row, rows: Sequence[Row]) -> Section:
             x_label=x_label,
             x=seeds,
         ),
-        Chart(
-            title=f"{name}: error / sigma of all parameters",
-            x_label="error / sigma [1]",
-            y_label="density [1]",
-            x=centre.tolist(),
-            bars=True,
-            lines=[
-                Line(label="found", y=numbers(density)),
-                Line(label="normal", y=numbers(normal)),
-            ],
+        normalised_chart(
+            f"{name}: error / sigma of all parameters", "error / sigma [1]", ratio.ravel()
         ),
     ]
     rms = np.sqrt(np.mean(error**2, axis=0))

@@ -1,0 +1,166 @@
+"""A run as one page of the report's kind: estimate and truth, errors over time, residuals, tool."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.commands.report.page import page
+from fsw.commands.report.tables import Table as Rows
+from fsw.commands.report.tables import write_csv
+from fsw.commands.report.view import Chart, Line, Section, Table, View, line_of, thinned_axis
+from hil.judge.report import BAND_SIGMAS, Story
+from hil.judge.score import table, table_header
+from hil.world.inertia import LABELS, FloatArray
+
+MOTION = "time from the start of the motion [s]"
+KINDS = (
+    ("mass", "kg", slice(0, 1)),
+    ("centre of mass", "m", slice(1, 4)),
+    ("inertia about the centre of mass", "kg m2", slice(4, 10)),
+)
+SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
+TOOL = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
+
+
+def save(story: Story, outcome: Mapping[str, Any], source: bytes, path: Path) -> None:
+    """Write the page, and beside it the estimates as CSV.
+
+    Parameters
+    ----------
+    source : configuration of the flight
+    """
+    shown = view(story, outcome, source.decode(errors="replace"))
+    path.write_text(page(shown), encoding="utf-8")
+    names = [f"{body}_{label}" for body in story.truth for label in LABELS]
+    head = ["t_s", "valid", *(f"{n}{end}" for end in ("", "_sigma", "_truth") for n in names)]
+    truth = np.concatenate(list(story.truth.values())).tolist()
+    rows = [
+        [point.t_s, int(point.valid), *_joined(point.reports), *_joined(point.sigmas), *truth]
+        for point in story.points
+    ]
+    write_csv(Rows(head, rows), path.with_suffix(".csv"))
+
+
+def _joined(bodies: Mapping[str, FloatArray]) -> list[float]:
+    values: list[float] = np.concatenate(list(bodies.values())).tolist()
+    return values
+
+
+def view(story: Story, outcome: Mapping[str, Any], source: str) -> View:
+    """Return the page of a run."""
+    state = "VALID" if outcome["valid"] else f"NOT VALID: {outcome['reason']}"
+    return View(
+        title=f"{outcome['scenario']}, seed {outcome['seed']}, {outcome['method']}",
+        verdict=f"{state}; NEES {outcome['nees']:.1f} for {outcome['dof']} parameters",
+        valid=bool(outcome["valid"]),
+        sections=[
+            _result(outcome),
+            _errors(story),
+            _tool(story, outcome),
+            _residuals(story),
+            _samples(outcome),
+            Section(title="Configuration", source=source),
+        ],
+    )
+
+
+def _result(outcome: Mapping[str, Any]) -> Section:
+    head = ("body", "quantity", *table_header(outcome)[1:])
+    rows = [(body, *line) for body in outcome["unknown"] for line in table(outcome, body)]
+    text = [
+        f"{body}: sigma of the mass is {ratio:.2f} of its Cramer-Rao bound."
+        for body, ratio in outcome["mass_sigma_to_crb_ratio"].items()
+    ]
+    return Section(title="Result", text=text, tables=[Table(head=head, rows=rows)])
+
+
+def _errors(story: Story) -> Section:
+    t_s = np.array([point.t_s for point in story.points])
+    charts = []
+    for body, truth in story.truth.items() if len(t_s) else ():
+        error = np.array([point.reports[body] for point in story.points]) - truth
+        reach = BAND_SIGMAS * np.array([point.sigmas[body] for point in story.points])
+        late = slice(int(len(t_s) * SETTLED), None)
+        for words, unit, own in KINDS:
+            low, high = error[:, own] - reach[:, own], error[:, own] + reach[:, own]
+            span = float(np.min(low[late])), float(np.max(high[late]))
+            lines = [
+                line_of(label, error[:, own][:, k], low[:, k], high[:, k])
+                for k, label in enumerate(LABELS[own])
+            ]
+            x = thinned_axis(t_s)
+            charts.append(
+                Chart(
+                    title=f"{body}: {words}, estimate less truth, with {BAND_SIGMAS:g} sigma",
+                    x_label=MOTION,
+                    y_label=f"error [{unit}]",
+                    x=x,
+                    lines=[*lines, Line(label="truth", y=[0.0] * len(x))],
+                    y_range=span if np.isfinite(span).all() else None,
+                )
+            )
+    if len(t_s):
+        information = np.array([point.information_nats for point in story.points])
+        charts.append(_chart("Information about the bodies", "gained [nat]", t_s, information))
+    text = ["The range shown first is that of the last two thirds; double-click shows all."]
+    return Section(title="Errors over time", text=text, charts=charts, in_rows_of=2)
+
+
+def _chart(title: str, y_label: str, t_s: FloatArray, y: FloatArray) -> Chart:
+    x, lines = thinned_axis(t_s), [line_of(y_label.split(" [", maxsplit=1)[0], y)]
+    return Chart(title=title, x_label=MOTION, y_label=y_label, x=x, lines=lines)
+
+
+def _tool(story: Story, outcome: Mapping[str, Any]) -> Section:
+    names = {"prior": "ee_error_prior", "estimate": "ee_error", "expected from the covariance":
+             "ee_error_expected"}  # fmt: skip
+    rows = [(name, *(f"{outcome[key][one]:.3g}" for one in TOOL)) for name, key in names.items()]
+    charts = []
+    for kind, unit in (("position_m", "m"), ("angle_rad", "rad")):
+        t_s = next(iter(story.tool_errors.values())).t_s
+        lines = [
+            line_of(name, np.maximum(getattr(error, kind)[0], 1e-9))
+            for name, error in story.tool_errors.items()
+        ]
+        charts.append(
+            Chart(
+                title=f"Tool error in {kind.split('_')[0]}",
+                x_label="time on the verification trajectory [s]",
+                y_label=f"error [{unit}]",
+                x=thinned_axis(t_s),
+                lines=lines,
+                log=True,
+            )
+        )
+    head = ("tool error of", "mean [m]", "largest [m]", "mean [rad]", "largest [rad]")
+    tables = [Table(head=head, rows=rows)]
+    return Section(title="Tool on the verification trajectory", tables=tables, charts=charts,
+                   in_rows_of=2)  # fmt: skip
+
+
+def _residuals(story: Story) -> Section:
+    t_s, torque = story.residuals.t_s, story.residuals.torque_nm
+    charts = [
+        _chart(f"Joint {k + 1}: torque, measured less predicted", "torque [N m]", t_s, torque[:, k])
+        for k in range(torque.shape[1] if len(t_s) else 0)
+    ]
+    return Section(title="Residuals", charts=charts, in_rows_of=3)
+
+
+def _samples(outcome: Mapping[str, Any]) -> Section:
+    words = ("received", "lost", "late", "rejected")
+    rows = [(name, *(str(n[word]) for word in words)) for name, n in outcome["samples"].items()]
+    windows = [(name, str(count)) for name, count in outcome["windows"].items()]
+    text = [
+        f"{outcome['slips']} slips; {outcome['simulated_s']:.0f} s of flight took "
+        f"{outcome['wall_s']:.1f} s; {outcome['blocks']} windows used, {outcome['gated']} rejected."
+    ]
+    tables = [
+        Table(head=("source", *words), rows=rows),
+        Table(head=("windows", "count"), rows=windows),
+    ]
+    return Section(title="Samples and timing", text=text, tables=tables)
