@@ -21,7 +21,7 @@ from fsw.estimators.model.problem import Problem, build_problem, joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
-from fsw.messages.errors import ConfigError
+from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
 Tell = Callable[[str], None]
 
@@ -52,11 +52,16 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
         tell(text)
         return True
 
-    if arguments.mode == "rest":
-        seen = read(config)
-        figures = rest_figures(config, problem, seen.windows, seen.blocks)
-    else:
-        figures = motion_figures(config, read, progress)
+    try:
+        if arguments.mode == "rest":
+            seen = read(config)
+            figures = rest_figures(config, problem, seen.windows, seen.blocks)
+        else:
+            figures = motion_figures(config, read, progress)
+    except (ConfigError, EstimatorError):
+        raise
+    except NUMERICAL as error:
+        raise EstimatorError(f"no figures: arithmetic fails ({unforeseen(error)})") from error
     values = overlay_values(config, figures)
     lines = table(figures)
     recorded = datetime.fromtimestamp(arguments.recording.stat().st_mtime, UTC)

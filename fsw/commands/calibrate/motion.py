@@ -17,7 +17,7 @@ from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import Progress
 from fsw.estimators.conditioning import rotation_from_xyzw
 from fsw.estimators.measurement.mounting import turn
-from fsw.estimators.measurement.row_functions import Linearisation
+from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import Problem, build_problem, present
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.time_offset import MOST_S, tracker_offset
@@ -97,7 +97,8 @@ def _solved(
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean (p,) and covariance (p, p) of the whole state."""
     noisy, _ = with_noise_found(problem, blocks)
-    rows = DelayedRows(problem)
+    is_delayed = problem.names[-len(NAMES) :] == NAMES
+    rows = DelayedRows(problem) if is_delayed else row_function("fused", "eiv", problem)
     settled = settle(problem, Linearisation(rows, noisy), noisy, gate_probability, progress, None)
     solution = settled.solution
     if solution.status == "NOT_CONVERGED":
