@@ -16,6 +16,7 @@ from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.config import BusConfig, Config
 from fsw.config.devices import SAMPLES
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
+from fsw.drivers.codecs.stim300 import GYRO_WIRE_RAD_S
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.messages.errors import ConfigError
@@ -128,6 +129,11 @@ def _warnings(config: Config) -> list[str]:
         found.append(
             "estimator.momentum_sigma_nms: 0 with wheels: their momentum and the base's must be "
             "zero together; must be what the spacecraft may hold"
+        )
+    if estimator.momentum_sigma_nms and config.star_tracker is None:
+        found.append(
+            f"estimator.momentum_sigma_nms: {estimator.momentum_sigma_nms:g} without star_tracker; "
+            "the momentum needs the attitude, only the measured rate is used"
         )
     cpus = os.cpu_count() or 1
     if config.scheduler.cpu is not None and config.scheduler.cpu >= cpus:
@@ -286,6 +292,11 @@ def _serial_faults(config: Config) -> list[str]:
     if imu.driver == "stim300" and imu.rate_hz not in budget.IMU_RATES_HZ:
         rates = ", ".join(f"{rate:g}" for rate in budget.IMU_RATES_HZ)
         faults.append(f"imu.rate_hz: {imu.rate_hz:g} must be one of {rates}")
+    if imu.driver == "stim300" and imu.max_rate_rad_s >= GYRO_WIRE_RAD_S:
+        faults.append(
+            f"imu.max_rate_rad_s: {imu.max_rate_rad_s:g} must be below {GYRO_WIRE_RAD_S:.4g}, the "
+            "most that the wire carries; a saturated reading would count as measured"
+        )
     shortest = budget.imu_load(imu)[0]
     if shortest > FULL_LOAD:
         faults.append(

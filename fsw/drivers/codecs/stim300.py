@@ -25,6 +25,7 @@ STANDARD_GRAVITY_M_S2 = 9.80665  # the data sheet's g
 TICK_S = 1 / 2000  # the counter counts internal samples
 COUNTER_MODULUS = 256
 GYRO_SCALE_RAD_S = math.radians(2.0**-14)
+GYRO_WIRE_RAD_S = 2**23 * GYRO_SCALE_RAD_S  # a faster rate is sent as just below this
 ACC_SCALE_M_S2 = {
     range_g: STANDARD_GRAVITY_M_S2 * 2.0**-bits
     for range_g, bits in ((5, 20), (10, 19), (30, 18), (80, 16))

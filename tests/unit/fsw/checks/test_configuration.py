@@ -243,6 +243,20 @@ def test_an_imu_rate_the_unit_does_not_have_is_refused(arm):
     assert_named(fault(arm), "imu.rate_hz", "400", "125, 250, 500, 1000, 2000")
 
 
+def test_a_rate_that_the_wire_saturates_at_is_refused(arm):
+    arm.data["imu"]["max_rate_rad_s"] = 8.94
+    assert_named(fault(arm), "imu.max_rate_rad_s", "8.94", "below 8.936", "saturated")
+    arm.data["imu"]["max_rate_rad_s"] = 8.93
+    assert validate(load(arm.write()))[1] == []
+
+
+def test_momentum_without_a_star_tracker_is_warned_of(arm):
+    arm.data["estimator"] = {"momentum_sigma_nms": 50.0}
+    arm.data.pop("star_tracker", None)
+    _, warnings = validate(load(arm.write()))
+    assert_named(warnings[0], "estimator.momentum_sigma_nms: 50 without star_tracker")
+
+
 def test_a_line_too_slow_for_the_imu_is_refused(arm):
     arm.data["imu"].update(rate_hz=2000.0, baud_rate=460800)
     assert_named(fault(arm), "imu.baud_rate", "460800", "at least 560000")

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.integrate import simpson
 
+from hil.world.stand import Stand
 from hil.world.truth import TruthHistory, simulate
 from tests.support.truth_cases import Case, pin_state, random_arm, stand_in, two_arms
 
@@ -150,6 +151,40 @@ def test_wrench_changes_the_momentum_by_its_impulse() -> None:
     momentum = pin.computeCentroidalMomentum(model, data, q, v).linear
     assert np.abs(momentum - 4.0 * force).max() <= 1e-6
     assert np.abs(history.q - case.spline.evaluate(history.t_s)[0]).max() > 0.0
+
+
+def test_a_tumbling_robot_keeps_its_momentum_and_another_engine_finds_its_torques() -> None:
+    case = stand_in("target_leo")
+    rate = (0.03, -0.02, 0.05)
+    data = case.model.createData()
+    history = simulate(case.robot, case.spline, -4.0, 21.0, w_NB_B_rad_s=rate)
+    state = history.at(history.t_s[::200])
+    assert np.array_equal(state.w_NB_B[0], rate)
+    momenta, wrenches = [], []
+    for k in range(len(state.t_s)):
+        pose = pin_state(state, k)
+        momenta.append(pin.computeCentroidalMomentum(case.model, data, *pose[:2]).vector.copy())
+        wrenches.append(pin.rnea(case.model, data, *pose))
+    momenta, wrenches = np.array(momenta), np.array(wrenches)
+    assert np.linalg.norm(momenta[0, 3:]) > 30.0
+    assert np.abs(momenta[:, :3]).max() <= 1e-6  # the whole's centre of mass rests
+    assert np.ptp(momenta[:, 3:], axis=0).max() <= 1e-6
+    scale = np.abs(state.tau).max()
+    assert np.abs(wrenches[:, 6:] - state.tau).max() <= 1e-6 * scale
+    assert np.abs(wrenches[:, :6]).max() <= 1e-6 * scale
+
+
+def test_a_base_on_a_stand_does_not_tumble() -> None:
+    case = stand_in(None)
+    with pytest.raises(ValueError, match="does not tumble"):
+        simulate(
+            case.robot,
+            case.spline,
+            0.0,
+            1.0,
+            stand=Stand(motion="clamped"),
+            w_NB_B_rad_s=(0.0, 0.0, 0.1),
+        )
 
 
 def test_wrong_joint_count_is_refused(tmp_path: Path) -> None:
