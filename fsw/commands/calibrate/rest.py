@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
-from fsw.commands.calibrate.figures import Figure, in_axes, sensor_axes, stated
+from fsw.commands.calibrate.figures import AXES, Figure, in_axes, sensor_axes, stated
 from fsw.config import Config
 from fsw.estimators.conditioning import rotation_from_xyzw
 from fsw.estimators.drift import LEAST_WINDOWS, drift
@@ -20,6 +20,7 @@ from fsw.messages.errors import EstimatorError
 
 MOVED_RAD = 1e-4  # a joint that moves by less, as under a controller that holds it, is at rest
 SIGMAS = 6.0  # of noise, that a reading at rest is not off by
+TURNING_RAD_S = 2e-3  # of a base at rest: what it flings a body of 100 kg 1 m off with is 4e-4 N
 LEAST_SOLUTIONS = 10  # of the star tracker
 
 
@@ -33,6 +34,7 @@ class _Expected:
     f_covariance: FloatArray
     w_rad_s: FloatArray  # (3,)
     w_covariance: FloatArray
+    is_tracked: bool  # whether the rate is the star tracker's
 
 
 def rest_figures(
@@ -95,6 +97,7 @@ def _biases(config: Config, blocks: Sequence[Block], expected: _Expected) -> lis
             )
         covariance = level.sigma**2 * np.eye(3) + expected.w_covariance
         known = stated(imu.gyro_bias_sigma_rad_s)
+        _not_turning(level.mean, expected, SIGMAS * np.sqrt(known**2 + np.diag(covariance)))
         found += in_axes("gyro_bias", level.mean - expected.w_rad_s, covariance, R, known)
     pushed = [block for block in blocks if block.has_accelerometer]
     if len(pushed) >= LEAST_WINDOWS:
@@ -103,6 +106,29 @@ def _biases(config: Config, blocks: Sequence[Block], expected: _Expected) -> lis
         known = stated(imu.acc_bias_sigma_m_s2)
         found += in_axes("acc_bias", level.mean - expected.f_m_s2, covariance, R, known)
     return found
+
+
+def _not_turning(reading: FloatArray, expected: _Expected, limits: FloatArray) -> None:
+    """Raise EstimatorError if the base turns: by the tracker, or by more than a bias explains.
+
+    Parameters
+    ----------
+    reading, limits : mean of the gyro, and the most that it may differ from the expected rate (3,)
+    """
+    turning = float(np.linalg.norm(expected.w_rad_s))
+    if expected.is_tracked and turning > TURNING_RAD_S:
+        raise EstimatorError(
+            f"the robot moves: the base turns at {turning:.2g} rad/s by the star tracker, at rest "
+            f"at {TURNING_RAD_S:g} at most"
+        )
+    off = np.abs(reading - expected.w_rad_s)
+    if not expected.is_tracked and np.any(off > limits):
+        axis = int(np.argmax(off / limits))
+        raise EstimatorError(
+            f"the robot moves: the gyro reads {off[axis]:.2g} rad/s about {AXES[axis]} of B, "
+            f"noise and bias are {limits[axis]:.2g} at most; without a star tracker a base that "
+            "turns cannot be told from a bias"
+        )
 
 
 def _at_rest(config: Config, problem: Problem, blocks: Sequence[Block]) -> None:
@@ -145,6 +171,7 @@ def _expected(
         f_covariance=J_f @ P @ J_f.T,
         w_rad_s=w,
         w_covariance=w_covariance,
+        is_tracked=turned is not None,
     )
 
 

@@ -80,6 +80,25 @@ def test_a_robot_that_moves_is_refused_in_words(rested, tmp_path, capsys):
     assert not out.exists()
 
 
+def test_without_a_tracker_a_base_that_turns_is_not_taken_for_a_bias(rested, tmp_path, capsys):
+    data = yaml.safe_load((rested / "flight.yaml").read_text())
+    del data["star_tracker"]
+    data["imu"]["gyro_bias_S_rad_s"] = [1e-3, 0.0, 0.0]  # as if the base turned by as much
+    data["robot"]["urdf"] = str(rested / "robot.urdf")
+    config = tmp_path / "robot.yaml"
+    config.write_text(yaml.safe_dump(data))
+    recording = str(rested / "recording.mcap")
+    code = main(["calibrate", "rest", recording, "--config", str(config), "--to", str(REST_S)])
+    assert code == 1
+    assert "cannot be told from a bias" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_turn_that_the_tracker_sees_is_no_rest(rested, monkeypatch, capsys):
+    monkeypatch.setattr("fsw.commands.calibrate.rest.TURNING_RAD_S", 1e-9)
+    assert calibrated(rested, "rest", "--to", str(REST_S)) == 1
+    assert "by the star tracker, at rest" in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_too_short_a_rest_is_refused(rested, capsys):
     assert calibrated(rested, "rest", "--to", "2") == 1
     assert "usable windows at rest; must be 8 or more" in capsys.readouterr().err
