@@ -86,7 +86,8 @@ def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:
 
 def usual_mistakes(config: Config, problem: Problem) -> list[Mistake]:
     """Return the mistakes that can be told apart by blocks."""
-    return [*_joint_mistakes(config, problem), *_imu_mistakes(config)]
+    of_imu = _imu_mistakes(config) if config.imu.present else []
+    return [*_joint_mistakes(config, problem), *of_imu]
 
 
 def _joint_mistakes(config: Config, problem: Problem) -> list[Mistake]:

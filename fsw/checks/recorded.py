@@ -91,6 +91,8 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
             found.append(_noise_finding(f"{key}.torque_noise_nm", joint.torque_noise_nm, torque))
         found.append(_noise_finding(f"{key}.position_noise_rad", joint.position_noise_rad, angle))
     imu, root = config.imu, config.imu.rate_hz**-0.5
+    if not imu.present:
+        return found
     for key, declared, channels in (
         ("angle_random_walk_rad_sqrt_s", imu.angle_random_walk_rad_sqrt_s, _gyro(windows)),
         (

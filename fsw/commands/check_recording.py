@@ -70,7 +70,7 @@ def check_recording(
             words = f"{counts['received']} samples, {counts['received_bytes']} bytes received"
             lines.append(f"{source}: WRONG: nothing usable; {words}")
             wrong += 1
-    datagrams = result.status["samples"]["imu"]["received"]
+    datagrams = result.status["samples"].get("imu", {"received": 0})["received"]
     findings = rate_findings(config, watching.windows, datagrams) if watching.windows else []
     if len(watching.blocks) >= FEW_BLOCKS:
         findings += noise_findings(config, watching.windows)

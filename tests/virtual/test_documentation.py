@@ -17,6 +17,7 @@ import jsonschema
 import pytest
 import yaml
 
+from fsw.commands.importing.mapping import Mapping
 from fsw.config.whole import json_schema
 from hil.world.scenario import Document
 from tests.support.commands import PROGRAMS, command_line_fault
@@ -28,6 +29,7 @@ PAGES = [*sorted(DOCS.rglob("*.md")), *(ROOT / name for name in BESIDE)]
 BLOCK = re.compile(r"^```(\S*)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 RUN_ELSEWHERE = {"api.md": "tests/virtual/fsw/commands/test_api.py"}
+MAPPINGS = "docs/import.md"  # its blocks are of fsw import, no configuration
 NO_NETWORK = {f"{kind}_proxy": "http://127.0.0.1:9" for kind in ("http", "https", "all")}
 
 
@@ -80,7 +82,12 @@ def test_a_wrong_command_in_a_block_is_found():
     assert all(command_line_fault(line) for line in commands_of(script))
 
 
-@pytest.mark.parametrize("text", [text for _, _, text in blocks("yaml")])
+@pytest.mark.parametrize("text", [t for page, _, t in blocks("yaml") if page == MAPPINGS])
+def test_mappings_are_such_as_their_schema_knows(text):
+    assert Mapping.model_validate(yaml.safe_load(text)).sections
+
+
+@pytest.mark.parametrize("text", [t for page, _, t in blocks("yaml") if page != MAPPINGS])
 def test_settings_are_such_as_the_schema_knows(text):
     settings = yaml.safe_load(text)
     whole, scenario = json_schema(), Document.model_json_schema()

@@ -200,3 +200,5 @@ def test_a_robot_without_inertial_unit_needs_no_file_of_one(flown, tmp_path, cap
     assert main([*arguments[:3], "--config", str(config), "--out", str(out)]) == 0
     main(["replay", str(out), "--json"])
     assert list(json.loads(capsys.readouterr().out.splitlines()[-1])["samples"]) == ["arm"]
+    assert main(["check", str(config), str(out)]) in (0, 1)
+    assert "imu" not in capsys.readouterr().out
