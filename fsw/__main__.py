@@ -215,8 +215,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from fsw.commands.report import LIVE
 
     recording = str(arguments.recording)
-    is_own = given is None and recording != LIVE
-    robot = load(recording).robot if is_own else given
+    robot = load(recording).robot if given is None and recording != LIVE else given
     if robot is not None:
         robot = robot.with_overlays(*arguments.overlay)
         chosen = robot.with_choices(method=arguments.method, weighting=arguments.weighting)
@@ -276,6 +275,7 @@ def _identify(arguments: argparse.Namespace) -> int:
         to_s=arguments.to_s,
         holdout=arguments.holdout,
         reference=arguments.reference,
+        report=arguments.report,
         progress=progress,
     )
     print(json.dumps(result.values) if arguments.json else result)

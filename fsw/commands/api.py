@@ -17,11 +17,12 @@ import numpy as np
 
 from fsw.commands.export_body import FORMATS
 from fsw.commands.identified_body import Body, body_of
+from fsw.commands.identify import Evidence, to_text
 from fsw.commands.identify import identify as identify_recording
-from fsw.commands.identify import to_text
 from fsw.commands.replay import replay as replay_recording
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.report import Written, write_report
+from fsw.commands.report.identified import write_identified
 from fsw.commands.report.live import LIVE, in_the_background, recording_of, status_of
 from fsw.commands.robot import Criterion, Folder, Method, Robot, Weighting, one_of
 from fsw.commands.span import Span
@@ -137,6 +138,7 @@ def identify(
     to_s: float = inf,
     holdout: float | None = None,
     reference: Recording | Path | str | None = None,
+    report: Path | str | None = None,
     progress: Callable[[float, str], bool] | None = None,
 ) -> Identification:
     """Identify bodies from a recording by one batch method.
@@ -150,6 +152,7 @@ def identify(
     holdout : share of the windows that is predicted and not used; None: all are used
     reference : recording of the robot without the unknown bodies, but for the base; None: no
         reference
+    report : one HTML page of the result, with CSV and PNG beside it; None: none is written
     progress : called with the share done and a line of text; False ends the run
 
     Raises
@@ -160,8 +163,14 @@ def identify(
     chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
     span = Span(from_s, to_s)
     empty = None if reference is None else _pair(reference, robot)[0].path
+
+    def show(values: Mapping[str, Any], evidence: Evidence) -> None:
+        if report is not None:
+            out = Path(report)
+            write_identified(values, evidence, held.path, chosen.config, span, out)
+
     values = identify_recording(
-        held.path, chosen.config, method, (), progress, span, holdout, empty
+        held.path, chosen.config, method, (), progress, span, holdout, empty, show
     )
     return Identification(values)
 

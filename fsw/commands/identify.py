@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from fsw.clock import MonotonicClock
 from fsw.commands.holdout import judge, split
 from fsw.commands.holdout import to_text as holdout_text
 from fsw.commands.replay import replay
-from fsw.commands.replay_result import known_by
+from fsw.commands.replay_result import ReplayResult, known_by
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
@@ -23,6 +24,17 @@ from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
 Progress = Callable[[float, str], bool]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """What a batch result was made of."""
+
+    replayed: ReplayResult
+    blocks: Sequence[Block]  # every window of the recording that is plausible
+    problem: Problem
+    x: FloatArray  # (p,) the whole state
+    covariance: FloatArray  # (p, p)
 
 
 class _BlockCollector(NullSink):
@@ -46,11 +58,13 @@ def identify(
     span: Span = WHOLE,
     holdout: float | None = None,
     reference: Path | None = None,
+    show: Callable[[Mapping[str, Any], Evidence], None] | None = None,
 ) -> dict[str, Any]:
     """Identify bodies from a recording by one batch method.
 
     `reference` is a recording of the same robot without the unknown bodies, but for the base.
     `holdout` is the share of the windows that is predicted and not used; None: all are used.
+    `show` is called with the result and what it was made of.
 
     Returns
     -------
@@ -73,41 +87,43 @@ def identify(
         replay(reference, chosen, sink=empty)
         if not empty.blocks:
             raise EstimatorError("--reference: no window in this recording")
-    if holdout is None:
-        values = run_batch(
-            chosen, collector.blocks, method, names, progress, reference=empty.blocks
-        )
-    else:
-        values = _held_out(chosen, collector.blocks, method, holdout, progress, empty.blocks)
-    return {
-        **values,
-        "samples": result.status["samples"],
-        "truncated": result.truncated,
-        "wall_s": (clock.now_ns() - began_ns) * 1e-9,
-    }
-
-
-def _held_out(
-    config: Config,
-    recorded: Sequence[Block],
-    method: str,
-    share: float,
-    progress: Progress | None,
-    reference: Sequence[Block],
-) -> dict[str, Any]:
-    """Estimate from one part of the windows and predict the other."""
-    blocks = list({block.index: block for block in recorded if plausible(block)}.values())
-    used, held = split(blocks, share)
     state: list[tuple[Problem, FloatArray, FloatArray]] = []
 
     def keep(problem: Problem, x: FloatArray, covariance: FloatArray) -> None:
         state.append((problem, x, covariance))
 
-    values = run_batch(config, used, method, tuple(config.unknown), progress, keep, reference)
-    try:
-        return values | {"holdout": judge(blocks, held, *state[0])}
-    except ValueError as error:  # LinAlgError: the base has no inertia at the estimate
-        raise EstimatorError(f"--holdout: nothing can be predicted: {error}") from error
+    if holdout is None:
+        values = run_batch(
+            chosen, collector.blocks, method, names, progress, keep, reference=empty.blocks
+        )
+    else:
+        blocks = _plausible(collector.blocks)
+        used, held = split(blocks, holdout)
+        values = run_batch(chosen, used, method, names, progress, keep, empty.blocks)
+        try:
+            values |= {"holdout": judge(blocks, held, *state[0])}
+        except ValueError as error:  # LinAlgError: the base has no inertia at the estimate
+            raise EstimatorError(f"--holdout: nothing can be predicted: {error}") from error
+    values |= {
+        "samples": result.status["samples"],
+        "truncated": result.truncated,
+        "wall_s": (clock.now_ns() - began_ns) * 1e-9,
+    }
+    if show is not None:
+        problem, x, covariance = state[0]
+        made = Evidence(
+            replayed=result,
+            blocks=_plausible(collector.blocks),
+            problem=problem,
+            x=x,
+            covariance=covariance,
+        )
+        show(values, made)
+    return values
+
+
+def _plausible(recorded: Sequence[Block]) -> list[Block]:
+    return list({block.index: block for block in recorded if plausible(block)}.values())
 
 
 def noise_text(sensors: Iterable[Mapping[str, Any]]) -> list[str]:

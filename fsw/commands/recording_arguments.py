@@ -42,6 +42,9 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     identify.add_argument(
         "--reference", type=Path, metavar="EMPTY", help="recording without the unknown bodies"
     )
+    identify.add_argument(
+        "--report", type=Path, metavar="HTML", help="a page of the result, CSV and PNG beside it"
+    )
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=command)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -88,30 +88,51 @@ def collect(
     """
     sink, pipeline = Collector(progress), default_pipeline(config)
     result = replay(recording, config, sink=sink, pipeline=pipeline, span=span)
-    parts = parts_of(recording)
-    held = contents_of(parts)
     blocks = [block for block in sink.blocks if plausible(block)]
-    residuals, shares = None, dict[str, dict[str, float]]()
+    state = None
     estimator = pipeline.estimator
     if isinstance(estimator, OnlineEstimator) and blocks and result.estimate is not None:
-        problem, x = estimator.problem, estimator.recursion.x
-        residuals = _residuals(blocks, x, problem)
         memory, level = estimator.recursion.memory, estimator.recursion.monitor.level
-        shares = sigma_shares(problem, x, memory.tempered(level).covariance())
+        covariance = memory.tempered(level).covariance()
+        state = estimator.problem, estimator.recursion.x, covariance
+    found = collected_at(recording, span, config, result, blocks, state)
+    return replace(found, estimates=sink.estimates, daemon=daemon)
+
+
+def collected_at(
+    recording: Path,
+    span: Span,
+    config: Config,
+    result: ReplayResult,
+    blocks: Sequence[Block],
+    state: tuple[Problem, FloatArray, FloatArray] | None,
+) -> Collected:
+    """Return what a report shows of a result and its windows, without estimates over time.
+
+    Parameters
+    ----------
+    state : problem, mean (p,) and covariance (p, p) of the whole state; None: there is none
+    """
+    residuals, shares = None, dict[str, dict[str, float]]()
+    if state is not None:
+        problem, x, covariance = state
+        residuals = _residuals(blocks, x, problem)
+        shares = sigma_shares(problem, x, covariance)
+    parts = parts_of(recording)
+    held = contents_of(parts)
     flown = messages_of(parts, [STATUS]) if STATUS in held.topics else ()
     return Collected(
         recording=recording,
         span=span,
         config=config,
         result=result,
-        estimates=sink.estimates,
+        estimates=() if result.estimate is None else (result.estimate,),
         blocks=blocks,
         residuals=residuals,
         shares=shares,
         flown=[json.loads(message.data) for message in flown],
         metadata=held.metadata,
         versions=_versions(),
-        daemon=daemon,
     )
 
 

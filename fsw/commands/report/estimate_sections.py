@@ -113,7 +113,7 @@ def excitation(c: Collected) -> Section:
                     lines=lines,
                 )
             )
-    if c.estimates:
+    if len(c.estimates) > 1:
         x = thinned_axis(np.array(times_s([e.t_ns for e in c.estimates], c.result.start_ns)))
         gained = np.array([e.information_gained_nats for e in c.estimates])
         condition = np.array([e.condition_number for e in c.estimates])

@@ -177,3 +177,30 @@ def test_a_daemon_that_records_nothing_and_one_without_configuration_end_in_one_
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("fsw: recorder.directory: ")
     assert not list(tmp_path.glob("*.html"))
+
+
+def test_a_batch_result_has_a_page_with_its_held_out_windows_and_its_own_residuals(
+    flown, tmp_path, capsys
+):
+    out = tmp_path / "batch.html"
+    told = ["--config", str(flown / "flight.yaml"), "--method", "mrnea", "--holdout", "0.3"]
+    recording = str(flown / "recording.mcap")
+    code = main(["identify", recording, *told, "--json", "--report", str(out)])
+    result = json.loads(capsys.readouterr().out)
+    text = out.read_text(encoding="utf-8")
+    passed = result["holdout"]["passed"]
+    status = "VALID" if result["status"] == "OK" else f"NOT VALID: {result['status']}"
+    verdict = f"{status}; held-out windows {'PASSED' if passed else 'FAILED'}"
+    assert f'class="{"valid" if code == 0 else ""}">{verdict}</div>' in text
+    assert text.index(verdict) < text.index("<h2>")
+    (row,) = rows_of(out, "estimate")
+    assert float(row["target_mass_kg"]) == result["estimate"]["target"]["mass_kg"]
+    assert float(row["target_com_x_m_sigma"]) == result["sigma"]["target"]["com_m"][0]
+    held = text[text.index("<h2>Held-out windows") : text.index("<h2>Residuals")]
+    for name, channel in result["holdout"]["channels"].items():
+        assert f"<td>{name}</td><td>{channel['unit']}</td><td>{channel['rms']:.3g}</td>" in held
+    rows = rows_of(out, "residuals")
+    name = "torque.joint2 [N m]"
+    torque = [float(row[name]) / float(row[f"{name} sigma"]) for row in rows]
+    assert 0.5 < np.sqrt(np.mean(np.square(torque))) < 1.3
+    assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,139 @@
+"""The result of a batch method as a page: verdict, held-out windows, residuals, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw.commands.identify import Evidence, noise_text
+from fsw.commands.report import channel_sections as channels
+from fsw.commands.report import estimate_sections as estimates
+from fsw.commands.report.collect import Collected, collected_at
+from fsw.commands.report.page import page
+from fsw.commands.report.picture import write_png
+from fsw.commands.report.tables import write_tables
+from fsw.commands.report.view import Section, Table, View
+from fsw.commands.span import Span
+from fsw.config import Config
+from fsw.messages import BodyEstimate, Estimate
+from fsw.messages.errors import ConfigError
+
+NAN = float("nan")
+
+
+def write_identified(
+    values: Mapping[str, Any],
+    evidence: Evidence,
+    recording: Path,
+    config: Config,
+    span: Span,
+    out: Path,
+) -> list[Path]:
+    """Write the page `out` and its tables (CSV) beside it, a picture too where matplotlib is.
+
+    Raises
+    ------
+    ConfigError when nothing can be written.
+    """
+    result = replace(
+        evidence.replayed,
+        estimate=_estimate(values, evidence),
+        diagnosis=values["diagnosis"],
+        method=values["method"],
+        wall_s=values["wall_s"],
+    )
+    state = evidence.problem, evidence.x, evidence.covariance
+    collected = collected_at(recording, span, config, result, evidence.blocks, state)
+    shown = view(values, collected)
+    paths = [out]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(page(shown), encoding="utf-8")
+        paths += write_tables(collected, out.with_suffix(""), ["csv"])
+        if find_spec("matplotlib") is not None:
+            paths.append(out.with_suffix(".png"))
+            section = next(one for one in shown.sections if one.title == "Residuals")
+            write_png(shown, [chart for chart in section.charts if chart.lines[0].low], paths[-1])
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be written: {error.strerror}") from error
+    return paths
+
+
+def view(values: Mapping[str, Any], collected: Collected) -> View:
+    """Return the page of a batch result."""
+    holdout = values.get("holdout")
+    valid = values["status"] == "OK" and (holdout is None or bool(holdout["passed"]))
+    verdict = "VALID" if values["status"] == "OK" else f"NOT VALID: {values['status']}"
+    if holdout is not None:
+        verdict += f"; held-out windows {'PASSED' if holdout['passed'] else 'FAILED'}"
+    result = estimates.result(collected)
+    noise = noise_text(values.get("torque_noise", ()))
+    told = [*result.text, *noise, *([values["note"]] if values["note"] else [])]
+    sections = [
+        replace(result, text=told),
+        *([] if holdout is None else [_held_out(holdout)]),
+        channels.residuals(collected),
+        estimates.excitation(collected),
+        estimates.limits(collected),
+        channels.timing(collected),
+        channels.configuration(collected),
+    ]
+    unknown = " and ".join(values["unknown"])
+    title = f"{collected.recording.name}: {unknown} by {values['method']}, one batch"
+    return View(title=title, verdict=verdict, valid=valid, sections=sections)
+
+
+def _held_out(holdout: Mapping[str, Any]) -> Section:
+    keys = ("rms", "rms_over_sigma", "bound", "mean_over_sigma", "mean_bound")
+    rows = [
+        (name, c["unit"], *(f"{c[key]:.3g}" for key in keys), "yes" if c["passed"] else "NO")
+        for name, c in holdout["channels"].items()
+    ]
+    words = ("rms", "rms / sigma", "bound", "mean / sigma", "bound of the mean")
+    table = Table(head=("channel", "unit", *words, "passed"), rows=rows)
+    text = [f"{holdout['windows']} windows were predicted and not used."]
+    if holdout["prior_only"]:
+        text.append(f"Known by the prior alone: {', '.join(holdout['prior_only'])}.")
+    return Section(title="Held-out windows", text=text, tables=[table])
+
+
+def _estimate(values: Mapping[str, Any], evidence: Evidence) -> Estimate:
+    """Return the result as the online estimator would have published it."""
+    last = evidence.blocks[-1]
+    is_valid = values["status"] == "OK"
+    return Estimate(
+        t_ns=int(last.t_ns[-1]),
+        valid=is_valid,
+        reason="" if is_valid else values["status"],
+        method=values["method"],
+        names=tuple(values["names"]),
+        mean=np.array(values["mean"]),
+        covariance=np.array(values["covariance"]),
+        bodies={
+            name: _body(values["estimate"][name], values["sigma"][name])
+            for name in values["estimate"]
+        },
+        blocks=len(evidence.blocks) - values["gated"],
+        gated=values["gated"],
+        nis=NAN,
+        nis_dof=0,
+        condition_number=values["condition_number"],
+        information_gained_nats=NAN,
+    )
+
+
+def _body(mean: Mapping[str, Any], sigma: Mapping[str, Any]) -> BodyEstimate:
+    return BodyEstimate(
+        mass_kg=mean["mass_kg"],
+        com_m=np.array(mean["com_m"]),
+        inertia_kg_m2=np.array(mean["inertia_kg_m2"]),
+        mass_sigma_kg=sigma["mass_kg"],
+        com_sigma_m=np.array(sigma["com_m"]),
+        inertia_sigma_kg_m2=np.array(sigma["inertia_kg_m2"]),
+        physically_consistent=True,
+    )
