@@ -78,7 +78,11 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
 def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     calibration = commands.add_parser("calibration", help="fsw calibrate against wrong sensors")
     calibration.add_argument(
-        "--scenario", action="append", default=[], metavar="NAME", help="this one; all three"
+        "--scenario",
+        action="append",
+        default=[],
+        choices=("target_leo", "table_target", "bench_target"),
+        help="this one; may be repeated",
     )
     calibration.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
     calibration.add_argument("--count", type=count, default=20, metavar="N", help="seeds, 20")

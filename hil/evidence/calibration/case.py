@@ -26,13 +26,19 @@ from hil.world.scenario import Scenario, at_rates, changed, load
 from hil.world.sensors import ImuErrors, JointErrors, SensorConfig
 
 BOUND_SIGMAS = 3.0  # of any figure from the truth, in its own sigma
-SCENARIOS = ("target_leo", "table_target", "bench_target")
-MODES = ("rest", "motion")
+KINDS = (  # scenario and mode; at rest a table is like a bench
+    ("target_leo", "rest"),
+    ("target_leo", "motion"),
+    ("table_target", "motion"),
+    ("bench_target", "rest"),
+    ("bench_target", "motion"),
+)
 STREAM = 131  # spawn key of the configuration's errors
-RATE_HZ, IMU_RATE_HZ = 250.0, 250
-REST_S = 40.0
+RATE_HZ, IMU_RATE_HZ = 100.0, 125
+REST_S, MOTION_S = 40.0, 20.0  # of a recording; a motion begins after the scenario's own rest
 PLACE_M, ANGLE_RAD, DELAY_S, TRACKER_S = 0.03, 0.02, 3e-3, 0.02  # 1 sigma of the configured
 SCALE_RATIO = 0.02
+LAG_S = 0.3  # longer than any wrong delay of a tracker
 SETTINGS = {
     "rest": (
         f"timing.before_s={REST_S}",
@@ -73,9 +79,10 @@ def work(case: Case) -> dict[str, Row]:
     scenario = changed(scenario, SETTINGS[case.mode])
     with tempfile.TemporaryDirectory(prefix="hil-") as name:
         folder = Path(name)
-        setup = prepare(scenario, case.seed, folder)
+        setup = prepare(scenario, case.seed, folder, overrides={"lag_s": LAG_S})
         run = VirtualRun(setup, record=True)
-        run.advance(REST_S if case.mode == "rest" else setup.total_s, _Silent())
+        seconds = REST_S if case.mode == "rest" else scenario.before_s + MOTION_S
+        run.advance(seconds, _Silent())
         run.finish(_Silent())
         config = setup.config_path.read_text(encoding="utf-8")
         wrong, errors = configured_errors(scenario, case.seed, yaml.safe_load(config))

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.evidence import pool, runner
-from hil.evidence.calibration.case import BOUND_SIGMAS, MODES, SCENARIOS, Case, work
+from hil.evidence.calibration.case import BOUND_SIGMAS, KINDS, Case, work
 from hil.evidence.store import Row, Store
 
 
@@ -24,8 +24,8 @@ def calibration(
     ------
     ScenarioError for a folder of other results.
     """
-    chosen = scenarios or SCENARIOS
-    cases = [Case(name, mode, seed) for name in chosen for mode in MODES for seed in seeds]
+    chosen = [(name, mode) for name, mode in KINDS if not scenarios or name in scenarios]
+    cases = [Case(name, mode, seed) for name, mode in chosen for seed in seeds]
     store = Store(out, {"calibration": "wrong sensors"})
     rest = runner.missing(cases, str, store)
     ran = pool.run(work, rest, jobs)
