@@ -242,14 +242,14 @@ def _report(arguments: argparse.Namespace) -> int:
 def _view(arguments: argparse.Namespace) -> int:
     from fsw.commands.robot import Robot
 
-    given = None if arguments.config is None else Robot(arguments.config)
+    robot = None if arguments.config is None else Robot(arguments.config)
     from fsw.commands.api import load  # only now anything that can open a recording
     from fsw.commands.view import PLANS, view
 
     source: Path = arguments.source
-    if given is None and source.suffix in PLANS:
+    if robot is None and source.suffix in PLANS:
         raise ConfigError("--config: a plan needs the configuration of its robot")
-    robot = _warned(load(source).robot if given is None else given)
+    robot = _warned((robot or load(source).robot).with_overlays(*arguments.overlay))
     out = arguments.out or Path(f"{source.stem}_motion.html")
     print(view(source, robot.config, out, arguments.truth, _progress("view")))
     return 0

@@ -154,6 +154,7 @@ def view_arguments(commands: Commands, command: Command) -> None:
     view.add_argument(
         "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
     )
+    overlay_argument(view)
     view.add_argument("--out", type=Path, metavar="HTML", help="its name with _motion.html")
     view.add_argument(
         "--truth", type=Path, metavar="JSON", help="true bodies, such as result.json of hil run"

@@ -67,9 +67,12 @@ def frame_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
 
 
 def reach_m(model: RobotModel, tool_frame: str) -> float:
-    """Return the length of all steps from joint to joint and on to the tool [m]."""
-    last_m = float(np.linalg.norm(frame_of(model, tool_frame)[1].translation))
-    return sum(model.steps_m()) + last_m or 1.0
+    """Return the longest way from the base over the joints of an arm, or on to the tool [m]."""
+    ways_m = [0.0]
+    for parent, step_m in zip(model.parents.tolist(), model.steps_m(), strict=True):
+        ways_m.append(ways_m[parent] + step_m)
+    carrier, place = frame_of(model, tool_frame)
+    return max(*ways_m, ways_m[carrier] + float(np.linalg.norm(place.translation))) or 1.0
 
 
 def visuals(model: RobotModel, urdf: Path) -> list[Shape]:

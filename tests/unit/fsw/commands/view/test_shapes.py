@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import hil
 from fsw.commands.view import shapes
 from fsw.commands.view.shapes import ball, box_of, capsules, hull, reach_m, visuals
 from fsw.estimators.model.robot import RobotModel
@@ -78,6 +80,19 @@ def test_visual_shapes_of_the_urdf_are_drawn_and_a_mesh_in_its_scale(tmp_path, m
     (tmp_path / "part.stl").unlink()
     with pytest.raises(ConfigError, match=r"visual geometry.*part\.stl"):
         visuals(model, urdf)
+
+
+def test_the_reach_is_that_of_the_longest_arm():
+    urdf = Path(hil.__file__).parent / "robots" / "two_arm_satellite.urdf"
+    model = RobotModel(urdf, "left_tool")
+    steps_m = dict(zip(model.joint_names, model.steps_m(), strict=True))
+    left_m, right_m = (
+        sum(step for name, step in steps_m.items() if name.startswith(side))
+        for side in ("left", "right")
+    )
+    tool = model.model.frames[model.model.getFrameId("left_tool")].placement.translation
+    expected = max(left_m + np.linalg.norm(tool), right_m)
+    assert reach_m(model, "left_tool") == pytest.approx(expected)
 
 
 def test_without_visual_shapes_every_step_is_a_capsule(tmp_path):
