@@ -59,6 +59,14 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     soak.add_argument("--jobs", type=count, default=1, metavar="N", help="quarters at a time, 1")
     soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     soak.set_defaults(command=_soak)
+    hardware = commands.add_parser("hardware", help="recordings of real arms, fetched if wanted")
+    hardware.add_argument(
+        "--data", type=Path, required=True, metavar="DIR", help="where the recordings lie"
+    )
+    hardware.add_argument("--fetch", action="store_true", help="load what is missing from GitHub")
+    hardware.add_argument("--out", type=Path, metavar="DIR", help="keep what was imported")
+    hardware.add_argument("--json", action="store_true", help="print one JSON list")
+    hardware.set_defaults(command=_hardware)
     bench = commands.add_parser("bench", help="the whole daemon in real time, alone and loaded")
     bench.add_argument("scenario", nargs="?", default="target_leo", metavar="SCENARIO")
     bench.add_argument("--rounds", type=count, default=5, metavar="N", help="of every condition, 5")
@@ -250,6 +258,12 @@ def _soak(arguments: argparse.Namespace) -> int:
     result = summary(store)
     print(json.dumps(result))
     return FAILED_EXIT if result["broken"] else 0
+
+
+def _hardware(arguments: argparse.Namespace) -> int:
+    from hil.evidence.hardware.command import run
+
+    return run(arguments.data, fetch=arguments.fetch, out=arguments.out, as_json=arguments.json)
 
 
 def _bench(arguments: argparse.Namespace) -> int:
