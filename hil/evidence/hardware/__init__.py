@@ -1,1 +1,1 @@
-"""What recordings of real robots show: fetched at the user's word, imported and judged as a user would."""
+"""What recordings of real arms show: fetched if wanted, imported and judged as by a user."""

@@ -28,8 +28,8 @@ FAILED_EXIT, WRONG_EXIT = 1, 2
 HOLDOUT = "0.3"
 NEES_BOUND = float(chi2.ppf(0.99, 10))
 MASS_SIGMAS = 2.0
-# rms of torques not used [N m]. First: least squares with friction of its own reaches 0.132; second:
-# the first arm's published model with its friction leaves 0.344
+# rms of torques not used [N m]. First: least squares with friction of its own reaches 0.132.
+# Second: the first arm's published model with its friction leaves 0.344.
 HELD_OUT_NM = {"first": 0.14, "second": 0.344}
 FEW_HZ = 100.0  # below, a window needs all of its samples, and fewer nodes
 FEW = {"window_s": 0.4, "min_fill_ratio": 1.0, "nodes": 3}
