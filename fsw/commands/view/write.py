@@ -42,7 +42,6 @@ from fsw.excitation import spline
 from fsw.messages.errors import ConfigError, EstimatorError
 
 PLANS = (".yaml", ".yml")
-VIEWER = "viewer/dist/main.min.js"
 SEE_THROUGH = 0.25
 
 
@@ -187,7 +186,10 @@ def _viewer() -> str:
     found = find_spec("meshcat")
     if found is None or found.origin is None:
         raise ConfigError("fsw view needs meshcat: pip install 'inertia-daemon[view]'")
-    return (Path(found.origin).parent / VIEWER).read_text(encoding="utf-8")
+    folder = Path(found.origin).parent / "viewer"
+    names = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js")
+    licence, others, program = ((folder / name).read_text(encoding="utf-8") for name in names)
+    return f"/*!\n{licence}*/\n{others}\n{program}"
 
 
 def _write(

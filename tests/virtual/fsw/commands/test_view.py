@@ -29,6 +29,7 @@ POSE = 1e-6  # m, and of a rotation matrix
 def scene_of(path):
     text = path.read_text(encoding="utf-8")
     assert len(text) < MOST_BYTES
+    assert "Permission is hereby granted" in text, "the viewer's licence"
     assert "https://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
     inside = re.search(r'type="application/json">(.*?)</script>', text, re.S)
     assert inside is not None
