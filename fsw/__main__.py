@@ -10,6 +10,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -283,12 +284,11 @@ def _identify(arguments: argparse.Namespace) -> int:
 
 
 def _import(arguments: argparse.Namespace) -> int:
+    from fsw.commands.importing import import_recording
     from fsw.config import load
 
-    config = _checked(load(arguments.config))
-    from fsw.commands.importing import import_recording  # only now what reads other tools' files
-
-    print("\n".join(import_recording(arguments, config)))
+    tell = partial(print, "fsw: import:", file=sys.stderr)
+    print("\n".join(import_recording(arguments, _checked(load(arguments.config)), tell)))
     return 0
 
 

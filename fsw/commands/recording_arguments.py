@@ -55,8 +55,9 @@ def import_arguments(commands: Commands, command: Command) -> None:
         "import",
         help="what other tools have recorded becomes a recording",
         description="Write a recording from logs of other tools; docs/import.md.",
-        epilog="example: fsw import --can arm=candump.log --serial imu=imu.csv "
-        "--config robot.yaml --out recording.mcap",
+        epilog="examples: fsw import --can arm=candump.log --serial imu=imu.csv "
+        "--config robot.yaml --out recording.mcap; "
+        "fsw import arm.csv --map mapping.yaml --config robot.yaml --out recording.mcap",
     )
     parser.add_argument(
         "file", type=Path, metavar="FILE", nargs="?", help="CSV, .npz or ROS 2 bag; with --map"

@@ -28,6 +28,11 @@ AXES = "xyz"
 Columns = dict[str, np.ndarray]
 
 
+def faults(said: str) -> list[str]:
+    """Return the lines of stderr that are no progress of `fsw import`."""
+    return [line for line in said.splitlines() if not line.startswith("fsw: import: ")]
+
+
 def sampled_config(setup: Setup, name: str = "sampled.yaml", **changes: Any) -> Path:
     """Write the flight's configuration for samples at 30 Hz; return its path."""
     data = yaml.safe_load(setup.config_path.read_text())

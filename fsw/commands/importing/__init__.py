@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from fsw.commands.importing.captures import Channel, can_capture, serial_capture
@@ -16,7 +17,9 @@ from fsw.messages.errors import ConfigError
 from fsw.service.recorder import open_recording
 
 
-def import_recording(arguments: Namespace, config: Config) -> list[str]:
+def import_recording(
+    arguments: Namespace, config: Config, progress: Callable[[str], None]
+) -> list[str]:
     """Write the recording that the arguments of `fsw import` describe; return what it holds.
 
     Raises
@@ -26,9 +29,14 @@ def import_recording(arguments: Namespace, config: Config) -> list[str]:
     out: Path = arguments.out
     if out.exists():
         raise ConfigError(f"--out: {out} exists already")
-    channels = [*_captures(arguments, config), *_sampled(arguments, config)]
+    channels = []
+    progress("reading")
+    for channel in chain(_captures(arguments, config), _sampled(arguments, config)):
+        progress(f"read {channel.source}")
+        channels.append(channel)
     _refuse_gaps(config, channels)
     _refuse_two_clocks(channels)
+    progress(f"writing {out}")
     write(config, channels, out)
     return [f"{c.topic}: {c.text}, from {c.source}" for c in channels]
 
