@@ -109,11 +109,17 @@ def moving() -> tuple[Block, ...]:
 
 @pytest.mark.parametrize(("method", "weighting"), METHODS)
 @pytest.mark.parametrize("kind", [*DEGENERATE, "throw"])
+@pytest.mark.parametrize("momentum_sigma_nms", [0.0, 30.0])
 def test_degenerate_data_end_the_recursion_nowhere_in_a_traceback(
-    kind: str, method: str, weighting: str, capfd: pytest.CaptureFixture[str]
+    momentum_sigma_nms: float,
+    kind: str,
+    method: str,
+    weighting: str,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     blocks = throw(3.0, 6) if kind == "throw" else [DEGENERATE[kind](b) for b in moving()]
-    config = make_config(("base",), target=None, method=method, weighting=weighting)
+    options = {"method": method, "weighting": weighting, "momentum_sigma_nms": momentum_sigma_nms}
+    config = make_config(("base",), target=None, **options)
     online = build_online(config, robot_model())
     for block in blocks:
         estimate = online.push(block)
@@ -126,13 +132,19 @@ def test_degenerate_data_end_the_recursion_nowhere_in_a_traceback(
 
 
 @pytest.mark.parametrize(("method", "weighting"), [*METHODS, ("ce", "eiv")])
-@pytest.mark.parametrize("kind", DEGENERATE)
+@pytest.mark.parametrize("kind", [*DEGENERATE, "throw"])
+@pytest.mark.parametrize("momentum_sigma_nms", [0.0, 30.0])
 def test_degenerate_data_end_a_batch_with_a_status_or_in_words(
-    kind: str, method: str, weighting: str, capfd: pytest.CaptureFixture[str]
+    momentum_sigma_nms: float,
+    kind: str,
+    method: str,
+    weighting: str,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     chosen = "fused" if method == "ce" else method
-    config = make_config(("base",), target=None, method=chosen, weighting=weighting)
-    blocks = [DEGENERATE[kind](block) for block in moving()]
+    options = {"method": chosen, "weighting": weighting, "momentum_sigma_nms": momentum_sigma_nms}
+    config = make_config(("base",), target=None, **options)
+    blocks = throw(3.0, 6) if kind == "throw" else [DEGENERATE[kind](b) for b in moving()]
     with suppress(EstimatorError):
         result = run_batch(config, blocks, method, ())
         assert np.isfinite(result["covariance"]).all()
