@@ -29,21 +29,25 @@ def instructions(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def inside(root: Path, words: list[str], values: dict[str, str], user: str, folder: str) -> None:
-    """Run a command in a stage; its end with an error is ours."""
-    script = f'cd {shlex.quote(folder)} && exec "$@"'
-    whole = ["chroot", f"--userspec={user}", str(root), "/bin/sh", "-c", script, "sh", *words]
-    own = {key: value for key, value in os.environ.items() if key.startswith(LENT_VALUES)}
-    path = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"}
-    subprocess.run(whole, env={**own, **path, **values}, check=True)
-
-
-def stage_of(base: Path, root: Path) -> None:
-    """Copy the base of a stage, with what the host lends it for its network."""
-    subprocess.run(["cp", "-a", str(base), str(root)], check=True)
+    """Run a command in a stage, with what the host lends it for its network."""
     for name in LENT:
         if Path(name).exists():
             (root / name[1:]).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(name, root / name[1:])
+    script = f'cd {shlex.quote(folder)} && exec "$@"'
+    whole = [
+        shutil.which("chroot") or "",
+        f"--userspec={user}",
+        str(root),
+        "/bin/sh",
+        "-c",
+        script,
+        "sh",
+        *words,
+    ]
+    own = {key: value for key, value in os.environ.items() if key.startswith(LENT_VALUES)}
+    path = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"}
+    subprocess.run(whole, env={**own, **path, **values}, check=True)
 
 
 def copy(words: list[str], stages: dict[str, Path], root: Path) -> None:
@@ -70,7 +74,7 @@ def main(base: Path, work: Path) -> None:
                 name = rest.rpartition(" AS ")[2] if " AS " in rest else "last"
                 root = stages[name] = work / name
                 values, user, folder = {}, "root", "/"
-                stage_of(base, root)
+                subprocess.run(["cp", "-a", str(base), str(root)], check=True)
             case "RUN":
                 inside(root, ["/bin/sh", "-c", rest], values, user, folder)
             case "COPY":
