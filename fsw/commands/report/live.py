@@ -79,7 +79,7 @@ def now(status: Mapping[str, Any], closed: bool) -> Section:
         f"open faults: {faults}; {status['slips']} slips in {status['ticks']} ticks.",
         "The rest of the page replays "
         + (
-            "the last recording; nothing is being recorded now."
+            "its last recording to the end; that was closed when it was read."
             if closed
             else "the recording up to its last finished chunk; the daemon continues it."
         ),

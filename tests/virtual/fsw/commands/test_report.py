@@ -113,7 +113,7 @@ def test_a_cause_is_named_and_too_little_noise_stands_out(flown, tmp_path):
 @contextmanager
 def daemon_with(folder, status):
     """Answer at the control socket of a state folder as the service does, for a block."""
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     server = ControlServer(folder / SOCKET_NAME, lambda: status, lambda _command: False)
     over = threading.Event()
 
@@ -161,6 +161,10 @@ def test_a_running_daemon_is_reported_from_its_status_and_its_recording_so_far(
     assert f"<td>{estimate['estimate']['target']['mass_kg']:.6g}</td>" in now
     assert "the daemon continues it" in now
     assert "cut off" not in text
+    growing.write_bytes(whole)  # it ends while the report begins
+    with daemon_with(state, status | {"recorder": {"path": str(growing)}}):
+        main([*told, "--to", "5"])
+    assert "that was closed when it was read" in out.read_text(encoding="utf-8")
 
 
 def test_a_daemon_that_records_nothing_and_one_without_configuration_end_in_one_line(
