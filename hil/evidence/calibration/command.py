@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.stats import norm
 
 from hil.evidence import pool, runner
 from hil.evidence.calibration.case import BOUND_SIGMAS, KINDS, Case, work
@@ -76,4 +77,8 @@ def show(rows: Sequence[Mapping[str, Any]], seeds: int) -> None:
     console.width = max(console.width, 120)
     console.print(table)
     measured, beyond = (sum(row[key] for row in rows) for key in ("measured", "beyond"))
-    console.print(f"{measured} figures measured, {beyond} of them beyond {BOUND_SIGMAS:g} sigma")
+    by_chance = measured * 2.0 * norm.sf(BOUND_SIGMAS)
+    console.print(
+        f"{measured} figures measured, {beyond} of them beyond {BOUND_SIGMAS:g} sigma; "
+        f"of as many Gaussian ones {by_chance:.1f} would be"
+    )
