@@ -80,7 +80,6 @@ def test_the_wheel_alone_gives_every_command(dist, tmp_path):
         said = run(python.with_name(name), "--version", cwd=tmp_path, env=alone).stdout
         assert said == f"{name} {PROJECT['version']}\n"
     assert "stim300" in run(python.with_name("fsw"), "init", "list", cwd=tmp_path, env=alone).stdout
-    assert "target_leo" in run(python.with_name("hil"), "list", cwd=tmp_path, env=alone).stdout
     assert "PING" in run(python.with_name("ground"), "list", cwd=tmp_path, env=alone).stdout
 
 
