@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,7 +20,12 @@ def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> i
     from hil.world.scenario import ScenarioError
 
     try:
-        return action()
+        code = action()
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # who read has enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (ConfigError, ScenarioError) as error:
         sys.stderr.write(f"hil: {error}\n")
         return wrong_exit
