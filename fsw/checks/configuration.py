@@ -30,6 +30,7 @@ MAX_SOCKET_PATH_BYTES = 107  # sun_path of Linux, less its final zero
 SOCKET_NAME_BYTES = 20  # room for a slash and the control socket's own name
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of the wire
 POSITION_STEP_RAD = tau * 2.0**-24
+LINKS = Path("/sys/class/net")
 SIMULATED_INTERFACES = ("udp_multicast", "virtual")  # have no bit rate of their own
 
 
@@ -187,7 +188,7 @@ def validate_ports(config: Config) -> None:
 
 
 def missing_devices(config: Config) -> list[str]:
-    """Return a line per port that is not given or does not exist now; nothing is opened."""
+    """Return a line per port that is not given, or cannot be used now; nothing is opened."""
     ports = {"imu.port": config.imu.port} if config.imu.present else {}
     if config.star_tracker is not None:
         ports["star_tracker.port"] = config.star_tracker.port
@@ -200,6 +201,16 @@ def missing_devices(config: Config) -> list[str]:
     return [
         *(f"{key}: not given; a replay works without, fsw run does not" for key in absent),
         *(f"{key}: {path} does not exist now" for key, path in paths.items() if not path.exists()),
+        *(
+            f"{key}: {path} may not be read and written by this user; is it in its group?"
+            for key, path in paths.items()
+            if path.exists() and not os.access(path, os.R_OK | os.W_OK)
+        ),
+        *(
+            f"buses.{i}.channel: no interface {bus.channel} on this machine now; see `ip link`"
+            for i, bus in enumerate(config.buses)
+            if bus.interface == "socketcan" and bus.channel and not (LINKS / bus.channel).exists()
+        ),
     ]
 
 

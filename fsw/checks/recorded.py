@@ -10,10 +10,12 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fsw.checks.budget import IMU_RATES_HZ
 from fsw.config import Config
 from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.messages import ChannelWindow, FloatArray, Window
 
+OTHER_UNIT = 30.0  # times too large: degrees for radians are 57, hours under a root 60
 RATE_TOLERANCE = 0.02
 DOUBLED = 1.5  # received over declared: beyond, no edge of a short recording explains it
 NOISE_RATIO = 2.0  # found over declared, or the other way round: beyond, the declared one is wrong
@@ -52,8 +54,9 @@ def rate_findings(config: Config, windows: Sequence[Window], datagrams: int) -> 
     received_hz = datagrams * 1e9 / (windows[-1].stop_ns - windows[0].start_ns)
     if imu.present:
         accepted = _rate("imu.rate_hz", imu.rate_hz, [window.gyro for window in windows])
-        doubled = received_hz > DOUBLED * imu.rate_hz
-        found.append(_compared("imu.rate_hz", imu.rate_hz, received_hz) if doubled else accepted)
+        rates_hz = IMU_RATES_HZ if imu.driver == "stim300" else ()
+        doubled = _compared("imu.rate_hz", imu.rate_hz, received_hz, rates_hz)
+        found.append(doubled if received_hz > DOUBLED * imu.rate_hz else accepted)
     tracker = config.star_tracker
     if tracker is not None:
         times = np.concatenate([window.attitude.t_ns for window in windows])
@@ -72,9 +75,13 @@ def _rate_of(steps_ns: NDArray[np.generic]) -> float:
     return 1e9 / float(np.median(steps)) if steps.size else 0.0
 
 
-def _compared(key: str, declared_hz: float, found_hz: float) -> Finding:
+def _compared(
+    key: str, declared_hz: float, found_hz: float, rates_hz: Sequence[float] = ()
+) -> Finding:
+    """Compare a rate; `rates_hz` are those that the device has, where it has few."""
     fits = abs(found_hz / declared_hz - 1.0) <= RATE_TOLERANCE
-    words = f"set {key} to {found_hz:.3g}" if found_hz else "no samples are used; see the warnings"
+    near_hz = min(rates_hz, key=lambda rate_hz: abs(rate_hz - found_hz), default=found_hz)
+    words = f"set {key} to {near_hz:.4g}" if found_hz else "no samples are used; see the warnings"
     return Finding(key=key, declared=declared_hz, found=found_hz, wrong="" if fits else words)
 
 
@@ -132,6 +139,10 @@ def _noise_finding(key: str, declared: float, found: float) -> Finding:
         words = f"the data are noisier: set {key} to {found:.3g}, or look for disturbances"
     elif found < declared / NOISE_RATIO and found > 0.0:
         note = f"cleaner than declared: {found:.3g} would weigh them as they deserve"
+        if found < declared / OTHER_UNIT:
+            words = (
+                f"the data are far cleaner, {found:.3g}: is {key} in another unit (degrees, hours)?"
+            )
     elif found == 0.0:
         words = "the readings do not change, or there are too few"
     return Finding(key=key, declared=declared, found=found, wrong=words, note=note)

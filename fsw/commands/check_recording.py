@@ -65,6 +65,8 @@ def check_recording(
     result = replay(recording, config, pipeline=pipeline, span=span, sink=nodes)
     lines = nodes.strangers()
     wrong = len(lines)
+    if result.truncated:
+        lines.append("the recording is cut off at its end")
     for source, counts in result.status["samples"].items():
         if not counts["accepted"]:
             words = f"{counts['received']} samples, {counts['received_bytes']} bytes received"
@@ -96,6 +98,7 @@ def _residual_words(before: float, after: float, found: int, tried: int) -> str:
     if found:
         return f"{level}, {after**0.5:.3g} times with these changes"
     return (
-        f"WRONG: {level}, and none of {tried} usual mistakes explains them; look at the masses of "
-        "the links, zero offsets, the lever arm imu.mounting.p_BS_m, delays, the tool frame"
+        f"WRONG: {level}, and none of {tried} usual mistakes explains them; is it a recording of "
+        "this robot and base? Look at the masses of the links, the priors of bodies, zero offsets, "
+        "the lever arm imu.mounting.p_BS_m, delays, the tool frame"
     )

@@ -140,6 +140,8 @@ def noise_text(sensors: Iterable[Mapping[str, Any]]) -> list[str]:
 def to_text(result: Mapping[str, Any]) -> str:
     """Return the result of `identify` as a short table."""
     lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {result['status']}"]
+    if result.get("truncated"):
+        lines.append("the recording is cut off at its end")
     for body, estimate in result["estimate"].items():
         for key, mean in estimate.items():
             sigma = result["sigma"][body][key]

@@ -12,6 +12,7 @@ from fsw.commands.importing.captures import refuse_disorder
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
 
+MOSTLY = 0.5  # of the samples; more that run backwards are a file upside down
 LEAST = 8  # samples of a source
 DISORDER_PERIODS = 2.0  # a sample may come so much late; more is a clock that was set
 GAP_PERIODS = 3.0
@@ -45,6 +46,11 @@ def judged(
     period_ns = float(np.median(np.abs(np.diff(t_ns[kept]))))
     refuse_disorder(path, t_ns[kept], DISORDER_PERIODS * period_ns)
     held, disordered = len(t_ns) - len(kept), int((np.diff(t_ns[kept]) < 0).sum())
+    if disordered > MOSTLY * len(kept):
+        raise ConfigError(
+            f"{path}: {name}: time runs backwards in {disordered} of {len(kept) - 1} steps; "
+            "put the rows in order of time"
+        )
     kept = kept[np.argsort(t_ns[kept], kind="stable")]
     is_new = np.append(True, np.diff(t_ns[kept]) > 0)
     kept, doubled = kept[is_new], int((~is_new).sum())

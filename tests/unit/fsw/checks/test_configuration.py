@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 import pytest
@@ -327,6 +328,16 @@ def test_devices_not_there_are_listed(arm):
     assert len(missing_devices(load(arm.write()))) == 2
     del arm.data["star_tracker"]
     assert_named(missing_devices(load(arm.write()))[0], "imu.port", "/dev/serial/imu")
+
+
+def test_a_link_that_is_not_there_and_a_port_without_permission_are_listed(arm, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may use every port
+    del arm.data["star_tracker"]
+    arm.data["imu"]["port"] = "/dev/null"
+    arm.data["buses"][0] |= {"interface": "socketcan", "channel": "can77"}
+    port, link = missing_devices(load(arm.write()))
+    assert_named(port, "imu.port", "/dev/null", "may not be read and written")
+    assert_named(link, "buses.0.channel", "can77", "no interface")
 
 
 def test_the_description_says_what_the_daemon_would_do(arm):

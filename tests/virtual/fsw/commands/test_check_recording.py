@@ -36,7 +36,7 @@ def tracker_sense(data: Any) -> tuple[str, ...]:
 
 def slow_unit(data: Any) -> tuple[str, ...]:
     data["imu"]["rate_hz"] = 250.0
-    return ("imu.rate_hz: declared 250, found 125",)
+    return ("imu.rate_hz: declared 250, found 125; WRONG: set imu.rate_hz to 125",)
 
 
 def little_noise(data: Any) -> tuple[str, ...]:
@@ -45,7 +45,15 @@ def little_noise(data: Any) -> tuple[str, ...]:
     return ("joints.0.torque_noise_nm", "the data are noisier")
 
 
-MISTAKES = [wrong_sign, swapped_nodes, quaternion_order, tracker_sense, slow_unit, little_noise]
+def degrees(data: Any) -> tuple[str, ...]:
+    data["imu"]["angle_random_walk_rad_sqrt_s"] *= 57.3
+    return ("imu.angle_random_walk_rad_sqrt_s", "in another unit (degrees, hours)?")
+
+
+MISTAKES = [
+    *(wrong_sign, swapped_nodes, quaternion_order, tracker_sense, slow_unit, little_noise),
+    degrees,
+]
 
 
 def checked(folder: Path, data: Any, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:

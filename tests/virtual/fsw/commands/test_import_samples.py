@@ -271,6 +271,10 @@ def backwards(lines: list[str]) -> str:
     return "\n".join([lines[0], *lines[40:], *lines[1:40], ""])
 
 
+def upside_down(lines: list[str]) -> str:
+    return "\n".join([lines[0], *reversed(lines[1:]), ""])
+
+
 def held(lines: list[str]) -> str:
     same = lines[1].partition(",")[2]
     return "\n".join([lines[0], *(f"{line.partition(',')[0]},{same}" for line in lines[1:]), ""])
@@ -289,6 +293,7 @@ WRONG_TABLES = {
     ragged: "line 6 has 14 values for 15 columns",
     words: "line 6: 'q_joint1' is 'abc'; must be a number",
     backwards: "time runs backwards 1 times",
+    upside_down: "put the rows in order of time",
     held: "1 different samples of",
     nothing: "is empty",
     header_only: "is empty below its header",

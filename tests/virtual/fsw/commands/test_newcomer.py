@@ -155,8 +155,13 @@ def test_a_truncated_recording_is_used_as_far_as_it_goes(flown, tmp_path, capsys
     whole = (flown / "recording.mcap").read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(whole[: len(whole) // 2])
-    main(["replay", str(path), "--config", str(flown / "flight.yaml")])
-    assert "is cut off at its end" in capsys.readouterr().err
+    config = str(flown / "flight.yaml")
+    for command in (["replay", str(path), "--config", config], ["check", config, str(path)]):
+        main(command)
+        said = capsys.readouterr()
+        assert "is cut off at its end" in said.out + said.err
+    main(["identify", str(path), "--config", config])
+    assert "is cut off at its end" in capsys.readouterr().out
 
 
 def test_the_recording_of_another_robot_is_named_by_its_nodes(flown, tmp_path, capsys):
