@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fsw.commands.calibrate.delays import NAMES, DelayedRows, with_delays
 from fsw.commands.calibrate.figures import DELAY_KEYS, Figure, in_axes, sensor_axes, stated
+from fsw.commands.calibrate.time_offset import MOST_S, tracker_offset
 from fsw.commands.watching import Watching
 from fsw.config import Config, ImuConfig, JointConfig
-from fsw.estimators.batch.delays import NAMES, DelayedRows, with_delays
 from fsw.estimators.batch.run import sound_blocks, with_noise_found
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import Progress
@@ -20,7 +21,6 @@ from fsw.estimators.measurement.mounting import turn
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import Problem, build_problem, present
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.time_offset import MOST_S, tracker_offset
 from fsw.messages import Block, FloatArray, Window
 from fsw.messages.errors import EstimatorError
 

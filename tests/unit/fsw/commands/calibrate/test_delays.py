@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fsw.estimators.batch.delays import NAMES, DelayedRows, derivative, with_delays
+from fsw.commands.calibrate.delays import NAMES, DelayedRows, derivative, with_delays
 from fsw.estimators.batch.solver import solve
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.polynomial import gauss_nodes

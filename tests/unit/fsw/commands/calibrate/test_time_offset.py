@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fsw.estimators.time_offset import tracker_offset
+from fsw.commands.calibrate.time_offset import tracker_offset
 
 SEEDS, SIGMAS = 60, 3.0
 SIGMA_RAD = np.array([1e-5, 1e-5, 5e-5])

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
-from fsw.estimators.drift import RATIOS, drift
+from fsw.commands.calibrate.drift import RATIOS, drift
 
 SEEDS, WINDOWS, SAMPLES = 300, 60, 20
 
