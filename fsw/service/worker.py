@@ -20,7 +20,7 @@ from typing import IO, Any
 from fsw.config import Config
 from fsw.messages import Block
 from fsw.messages.commands import BatchRequest, JobReport
-from fsw.messages.errors import EstimatorError
+from fsw.messages.errors import ConfigError, EstimatorError
 from fsw.service.blockstore import BlockStoreError, read_blocks
 
 NICE = 19
@@ -58,13 +58,13 @@ def run_job(
     progress: Progress,
     run: RunBatch,
 ) -> JobReport:
-    """Run one job to its end; what the data cannot give is a failed job, not an error."""
+    """Run one job to its end; what data or configuration cannot give is a failed job."""
     unknown = request.unknown or tuple(config.unknown)
     try:
         if not blocks:
             raise EstimatorError("NO_DATA: no block in the requested window")
         result = run(config, blocks, request.method, unknown, progress)
-    except EstimatorError as error:
+    except (ConfigError, EstimatorError) as error:
         return JobReport(id=request.id, state="failed", progress=1.0, text=str(error))
     return JobReport(id=request.id, state="done", progress=1.0, result=result)
 

@@ -46,6 +46,13 @@ def test_data_that_do_not_suffice_are_a_failed_job(config: Config):
     assert empty.text.startswith("NO_DATA")
 
 
+def test_a_body_without_a_prior_is_a_failed_job(config: Config):
+    asked = BatchRequest(id=1, method="fused", unknown=("base",), last_s=None)
+    report = run_job(config, [make_block(0)], asked, lambda *_: True, worker.default_batch)
+    assert report.state == "failed"
+    assert report.text == "bodies.base: missing; unknown lists 'base', which needs a prior"
+
+
 def test_the_process_tells_progress_then_the_result(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

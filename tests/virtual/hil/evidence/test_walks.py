@@ -1,20 +1,50 @@
-"""The walk of a torque begins at its frame, passes the rooms in order and ends in a packet."""
+"""The two walks pass the rooms in order, with no more hops and forms than is allowed."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import pytest
 
 from hil.evidence import walks
+from hil.evidence.walks import Walk, WalkedBench
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[WalkedBench]:
+    with walks.warm_bench() as bench:
+        yield bench
+
+
+def check_rooms(walk: Walk, rooms: tuple[str, ...]) -> None:
+    """Every room is entered, each after the one before."""
+    names = list(walk.hops)
+    first = [next(k for k, name in enumerate(names) if name.startswith(room)) for room in rooms]
+    assert first == sorted(first)
 
 
 @pytest.mark.slow
-def test_a_torque_is_followed_from_its_frame_through_every_room_to_its_packet() -> None:
-    walk = walks.torque_walk()
-    way = walk.way()
-    rooms = [name.split(":")[0] for name in way]
-    assert way[-1].startswith(walks.END)
-    assert {"JointSamples", "Window", "Block", "Estimate"} <= set(walk.forms)
-    assert set(way) <= set(walk.hops)
-    marks = ("fsw.drivers", "fsw.scheduler", "fsw.estimators", "fsw.exchange", "fsw.telemetry")
-    first = [next(k for k, room in enumerate(rooms) if room.startswith(mark)) for mark in marks]
-    assert first[0] < first[1] < first[2] < first[4]
+def test_a_torque_passes_every_room_from_its_frame_to_its_packet(bench: WalkedBench) -> None:
+    walk = walks.torque_walk(bench)
+    check_rooms(
+        walk,
+        ("fsw.drivers", "fsw.scheduler.align", "fsw.estimators", "fsw.exchange", "fsw.telemetry"),
+    )
+    values = walk.values()
+    assert values["hops"] <= 60
+    assert values["forms"] <= 10
+
+
+@pytest.mark.slow
+def test_run_batch_passes_the_worker_and_comes_back_without_the_loop(bench: WalkedBench) -> None:
+    walk = walks.batch_walk(bench)
+    check_rooms(walk, ("fsw.telemetry.link", "fsw.service.worker", "fsw.estimators.batch"))
+    assert not [name for name in walk.hops if name.startswith("fsw.loop")]
+    values = walk.values()
+    assert values["hops"] <= 35
+    assert values["ring_crossings"] <= 2
+
+
+def test_a_station_that_is_not_reached_is_named(bench: WalkedBench) -> None:
+    with pytest.raises(RuntimeError, match="nowhere was not reached"):
+        bench.walk((walks.Station("nowhere", "x", "int"),))
