@@ -5,6 +5,8 @@ Worst cases only, computed before any device is opened. Frame lengths are those 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fsw.clock import KERNEL_WAIT_NS
 from fsw.config import (
     BusConfig,
@@ -12,6 +14,7 @@ from fsw.config import (
     JointConfig,
     SchedulerConfig,
     StarTrackerConfig,
+    ThrusterConfig,
     WheelConfig,
 )
 from fsw.config.devices import SAMPLES
@@ -55,7 +58,9 @@ def fd_frame_s(data_bytes: int, bitrate: float, data_bitrate: float) -> float:
 
 
 def bus_load(
-    bus: BusConfig, joints: tuple[JointConfig, ...], wheels: tuple[WheelConfig, ...] = ()
+    bus: BusConfig,
+    joints: tuple[JointConfig, ...],
+    others: Sequence[WheelConfig | ThrusterConfig] = (),
 ) -> float:
     """Return the worst-case share of a bus that SYNC, TPDO1 and TPDO2 take (1: full)."""
     if bus.interface == SAMPLES:
@@ -73,7 +78,9 @@ def bus_load(
             cycle_s += classic_frame_s(TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
     report_s = classic_frame_s(TPDO1_BYTES, bitrate)
     report_s += classic_frame_s(WHEEL_TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
-    reports_hz = sum(wheel.rate_hz for wheel in wheels if wheel.bus == bus.name)
+    reports_hz = sum(
+        {other.node_id: other.rate_hz for other in others if other.bus == bus.name}.values()
+    )
     return cycle_s * bus.rate_hz + report_s * reports_hz
 
 

@@ -92,7 +92,7 @@ def validate_outputs(config: Config) -> None:
 def _warnings(config: Config) -> list[str]:
     found = []
     for i, bus in enumerate(config.buses):
-        load = budget.bus_load(bus, config.joints, config.wheels)
+        load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
         if load > HIGH_LOAD:
             found.append(
                 f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
@@ -126,10 +126,11 @@ def _warnings(config: Config) -> list[str]:
             f"estimator.weighting: {estimator.weighting!r} does nothing to estimator.method "
             f"{estimator.method!r}, only to a batch of mrnea; must be 'eiv' with this method"
         )
-    if config.wheels and config.base.motion == "free" and not estimator.momentum_sigma_nms:
+    others = [kind for kind in ("wheels", "thrusters") if getattr(config, kind)]
+    if others and config.base.motion == "free" and not estimator.momentum_sigma_nms:
         found.append(
-            "estimator.momentum_sigma_nms: 0 with wheels: their momentum and the base's must be "
-            "zero together; must be what the spacecraft may hold"
+            f"estimator.momentum_sigma_nms: 0 with {' and '.join(others)}: their momentum and the "
+            "base's must be zero together; must be what the spacecraft may hold"
         )
     if estimator.momentum_sigma_nms and config.star_tracker is None:
         found.append(
@@ -277,7 +278,7 @@ def _bitrate_words(bus: BusConfig) -> str:
 def _bus_faults(config: Config) -> list[str]:
     faults = []
     for i, bus in enumerate(config.buses):
-        load = budget.bus_load(bus, config.joints, config.wheels)
+        load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
         simulated = bus.bitrate is None and bus.interface in SIMULATED_INTERFACES
         if load > FULL_LOAD and not simulated:
             faults.append(

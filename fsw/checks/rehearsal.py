@@ -81,7 +81,15 @@ def _window(config: Config) -> Window:
         accelerometer=_channel(t_s, FORCE_M_S2 * turn),
         attitude=_channel(still_s, np.tile([0.0, 0.0, 0.0, 1.0], (len(still_s), 1))),
         wheels=tuple(wheels),
+        thrusters=tuple(_channel(*_pulse(window_s, own.rate_hz)) for own in config.thrusters),
     )
+
+
+def _pulse(window_s: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Return times and states of a valve that opens after the first of its reports."""
+    t_s = _times_s(window_s, rate_hz)
+    is_open = (t_s > t_s[0]).astype(np.float64)
+    return t_s, np.stack([is_open, np.diff(is_open, prepend=0.0)], axis=1)
 
 
 def _times_s(window_s: float, rate_hz: float) -> FloatArray:

@@ -14,6 +14,7 @@ def describe(config: Config, problem: Problem) -> str:
         ("robot", _robot(config, problem)),
         ("bodies", _bodies(config, problem)),
         *([("wheels", _wheels(config))] if config.wheels else []),
+        *([("thrusters", _thrusters(config))] if config.thrusters else []),
         ("buses", _buses(config)),
         ("serial", _serial(config)),
         ("loop", _loop(config)),
@@ -91,11 +92,24 @@ def _wheels(config: Config) -> list[str]:
     return [*lines, "mass and locked inertia of every wheel belong to base; imbalance is noise"]
 
 
+def _thrusters(config: Config) -> list[str]:
+    """Return a line for each thruster."""
+    lines = []
+    for own in config.thrusters:
+        place, way = (" ".join(f"{x:.4g}" for x in v) for v in (own.p_B_m, own.direction_B))
+        lines.append(
+            f"{own.name}: {own.force_n:.4g} N +- {own.force_sigma_ratio:.1%} at [{place}] m along "
+            f"[{way}], delay {1e3 * own.delay_s:.3g} +- {1e3 * own.delay_sigma_s:.3g} ms, rise "
+            f"{1e3 * own.rise_s:.3g} +- {1e3 * own.rise_sigma_s:.3g} ms"
+        )
+    return [*lines, "modelled: force, delay and rise of each; propellant that leaves is not"]
+
+
 def _buses(config: Config) -> list[str]:
     lines = []
     for bus in config.buses:
         nodes = [f"0x{k.node_id:02x} {k.name}" for k in config.can_nodes if k.bus == bus.name]
-        load = budget.bus_load(bus, config.joints, config.wheels)
+        load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
         lines.append(
             f"{bus.name}: {bus.interface} {bus.channel}{', CAN FD' if bus.fd else ''}; SYNC "
@@ -174,6 +188,7 @@ def _doubts(config: Config, problem: Problem) -> list[str]:
         "place of the inertial unit [m]": imu.mounting_position_sigma_m,
         "its attitude [rad]": imu.mounting_angle_sigma_rad,
         "inertia of wheels": max([w.inertia_sigma_ratio for w in config.wheels], default=0.0),
+        "force of thrusters": max([t.force_sigma_ratio for t in config.thrusters], default=0.0),
     }
     return found + [f"{name} {size:.3g}" for name, size in sizes.items() if size > 0.0]
 
@@ -221,6 +236,7 @@ def _off(config: Config) -> list[str]:
     }
     off = [name for name, sigmas in effects.items() if not any(sigmas)]
     off += [] if config.wheels else ["reaction wheels (wheels)"]
+    off += [] if config.thrusters else ["thrusters: firings poison an estimate (thrusters)"]
     return off + ([] if config.orbit is not None else ["gravity gradient (orbit)"])
 
 

@@ -36,7 +36,7 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
         both = ("base", "target")
         config = config.with_unknown(both if arguments.unknown == "both" else (arguments.unknown,))
     _check_numbers(arguments)
-    config = with_wheels_still(config)
+    config = with_all_still(config)
     weights = dict(_weight(text) for text in arguments.weight)
     subject = build_subject(
         config,
@@ -56,12 +56,14 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
     return _plan(arguments, subject, limits, collisions)
 
 
-def with_wheels_still(config: Config) -> Config:
-    """Return the configuration without its wheels, and say so: no plan knows what they will do."""
-    if not config.wheels:
-        return config
-    _tell("wheels: the motion is planned and judged as if they stood still relative to the base")
-    return config.with_sections(wheels=())
+def with_all_still(config: Config) -> Config:
+    """Return the configuration without wheels and thrusters: no plan knows what they will do."""
+    if config.wheels:
+        _tell("wheels: the motion is planned and judged as if they stood still relative to the base")
+    if config.thrusters:
+        _tell("thrusters: the motion is planned and judged without a firing")
+    idle = {"wheels": (), "thrusters": ()}
+    return config.with_sections(**idle) if config.wheels or config.thrusters else config
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:

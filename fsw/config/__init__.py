@@ -26,6 +26,7 @@ from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BaseConfig, BodyConfig, BodySigma, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
+from fsw.config.thrusters import ThrusterConfig
 from fsw.config.wheels import WheelConfig
 from fsw.config.whole import Config, load, parse
 
@@ -55,6 +56,7 @@ __all__ = [
     "StarTrackerConfig",
     "TelemetryConfig",
     "Vector3",
+    "ThrusterConfig",
     "WheelConfig",
     "load",
     "parse",

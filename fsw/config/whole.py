@@ -17,6 +17,7 @@ from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import TextError, explain, read_yaml
+from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
 from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.messages.errors import ConfigError
 
@@ -36,6 +37,7 @@ class Config(Section):
     buses: Annotated[tuple[BusConfig, ...], Field(min_length=1)]
     joints: Annotated[tuple[JointConfig, ...], Field(min_length=1)]
     wheels: Annotated[tuple[WheelConfig, ...], Field(max_length=16)] = ()
+    thrusters: Annotated[tuple[ThrusterConfig, ...], Field(max_length=24)] = ()
     imu: ImuConfig = Field(default_factory=no_imu)
     star_tracker: StarTrackerConfig | None = None
     orbit: OrbitConfig | None = None
@@ -71,9 +73,10 @@ class Config(Section):
         return self._source
 
     @property
-    def can_nodes(self) -> tuple[JointConfig | WheelConfig, ...]:
-        """Every node of every bus: joints, then wheels."""
-        return (*self.joints, *self.wheels)
+    def can_nodes(self) -> tuple[JointConfig | WheelConfig | ThrusterConfig, ...]:
+        """Every node of every bus: joints, wheels, then one thruster of every node of valves."""
+        nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
+        return (*self.joints, *self.wheels, *nodes.values())
 
     def as_read(self) -> Self:
         """Return the configuration its text gives: later changes are left out."""
@@ -135,7 +138,10 @@ class Config(Section):
         _unique([j.name for j in self.joints], "joints.name")
         _unique([f"{j.bus}:{j.node_id}" for j in self.joints], "joints.node_id")
         _unique([wheel.name for wheel in self.wheels], "wheels.name")
-        _unique([f"{node.bus}:{node.node_id}" for node in self.can_nodes], "wheels.node_id")
+        _unique([thruster.name for thruster in self.thrusters], "thrusters.name")
+        _unique([f"{t.bus}:{t.node_id}:{t.valve}" for t in self.thrusters], "thrusters.valve")
+        key = "thrusters.node_id" if self.thrusters else "wheels.node_id"
+        _unique([f"{node.bus}:{node.node_id}" for node in self.can_nodes], key)
         ports = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker:
             ports["star_tracker.port"] = self.star_tracker.port
@@ -159,7 +165,16 @@ class Config(Section):
                 )
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
-        wheels_go_with(self.wheels, {name: bus.rate_hz for name, bus in names.items()})
+        rates_hz = {name: bus.rate_hz for name, bus in names.items()}
+        wheels_go_with(self.wheels, rates_hz)
+        thrusters_go_with(
+            self.thrusters,
+            rates_hz,
+            method=self.estimator.method,
+            weighting=self.estimator.weighting,
+            attitude=self.star_tracker is not None,
+            base_motion=self.base.motion,
+        )
         _method_has_its_torques(self.estimator.method, self.joints)
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")

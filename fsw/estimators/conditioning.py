@@ -16,12 +16,18 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fsw.config import Config
-from fsw.estimators.model.problem import joint_order, torque_model_covariance, torque_samples
+from fsw.estimators.model.problem import (
+    Thrusters,
+    joint_order,
+    torque_model_covariance,
+    torque_samples,
+)
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
 from fsw.estimators.stages import complete
 from fsw.estimators.torque_noise import LAGS
+from fsw.estimators.valves import Valves, changes
 from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.estimators.window_fit import NO_FIT, ChannelFit, Instants
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
@@ -77,6 +83,10 @@ class Conditioner:
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
         self._sigma_acc = imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5
         self._wheels = [WheelMotion(wheel) for wheel in config.wheels]
+        self._valves = Valves(config.thrusters) if config.thrusters else None
+        self._tail_s = Thrusters.of(config).tail_s
+        self._momentum_lost = False  # a change of a valve was missed, or may have been
+        self._newest = -1  # window
         self.outliers = 0
         self.unusable_windows = 0
         self._R_NB = np.eye(3)
@@ -103,17 +113,18 @@ class Conditioner:
         centre_ns = (window.start_ns + window.stop_ns) // 2
         half_s = (window.stop_ns - window.start_ns) * 0.5e-9
         t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
-        turns = self._turns(window, t_ns)
-        arm = yield from self._arm(window, centre_ns, half_s)
-        if arm is None or turns is None:
+        turns, firings = self._turns(window, t_ns), self._firings(window)
+        changing = bool(firings) and changes(firings["edges"], self._tail_s, -half_s)
+        arm = yield from self._arm(window, centre_ns, half_s, gated=not changing)
+        if arm is None or turns is None or firings is None:
             self.unusable_windows += 1
             return None
         yield
         gyro, cov_gyro, has_gyro = yield from self._inertial(
-            window, window.gyro, self._sigma_gyro, (0, 1), GYRO_FAULTS
+            window, window.gyro, self._sigma_gyro, (0, 1), GYRO_FAULTS, gated=not changing
         )
         force, cov_acc, has_acc = yield from self._inertial(
-            window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS
+            window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS, gated=not changing
         )
         yield
         rate = gyro @ self._R_BS.T
@@ -136,14 +147,18 @@ class Conditioner:
             has_joint=arm.has_joint,
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
-            has_attitude=self._attitude_known,
+            has_attitude=self._attitude_known and not self._momentum_lost,
             **turns,
+            **firings,
         )
 
     def _arm(
-        self, window: Window, centre_ns: int, half_s: float
+        self, window: Window, centre_ns: int, half_s: float, *, gated: bool
     ) -> Generator[None, None, _Arm | None]:
-        """Return the arm's motion and torques; None where a joint's position cannot be known."""
+        """Return the arm's motion and torques; None where a joint's position cannot be known.
+
+        Not `gated`, torques are no polynomials: none of their samples is an outlier.
+        """
         channels = [window.joints[k] for k in self._order]
         if any(channel.missing for channel in channels):
             return None
@@ -160,7 +175,11 @@ class Conditioner:
                 values[:, ::2], self._position_sigma[own], high, MOTION
             )
             forces = yield from instants.fitted(
-                values[:, 1::2], self._torque_gate[own], low, (0,), min_fill=self._min_fill
+                values[:, 1::2],
+                self._torque_gate[own] if gated else np.full(len(own), np.inf),
+                low,
+                (0,),
+                min_fill=self._min_fill,
             )
             products[:, own] = instants.products(values[:, 1::2], int(self._samples[own[0]]))
             for k, angle, force in zip(own, angles, forces, strict=True):
@@ -175,7 +194,7 @@ class Conditioner:
             self._note(torques[k].removed, Fault.TORQUE_SPIKE, joint.name, window)
             fill = len(channels[k].t_ns) / self._samples[k]
             counts = 1.0 - LACKING_RATIO <= fill <= 1.0 + SURPLUS_RATIO
-            if torques[k].fit is None or torques[k].removed or not counts:
+            if torques[k].fit is None or torques[k].removed or not (counts and gated):
                 products[:, k] = 0.0
         return self._joined(positions, torques, products)
 
@@ -202,6 +221,18 @@ class Conditioner:
             "wheel_nm": np.stack([turn.hd_nm for turn in known], axis=1),
             "cov_wheel": np.stack([turn.covariance for turn in known]),
         }
+
+    def _firings(self, window: Window) -> dict[str, FloatArray] | None:
+        """Return what a block holds of the thrusters; None where a valve's state is not known."""
+        resumed, self._newest = self._newest < 0 < window.index, window.index
+        if self._valves is None:
+            return {}
+        found, missed = self._valves.at(window.thrusters, window.start_ns, window.stop_ns)
+        if missed:
+            text = "a change was missed; the momentum is not used any more"
+            self._found.append(Finding(window.stop_ns, Fault.THRUSTER_UNKNOWN, "valves", text))
+        self._momentum_lost |= missed or resumed
+        return found
 
     def _joined(
         self, positions: list[ChannelFit], torques: list[ChannelFit], products: FloatArray
@@ -263,6 +294,8 @@ class Conditioner:
         sigma: float,
         orders: tuple[int, ...],
         faults: tuple[str, Fault, Fault],
+        *,
+        gated: bool,
     ) -> Generator[None, None, tuple[FloatArray, FloatArray, bool]]:
         """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable."""
         m, found = self._nodes, NO_FIT
@@ -272,7 +305,7 @@ class Conditioner:
             offsets_ns = _offsets(channel, (window.start_ns + window.stop_ns) // 2)
             instants = Instants(offsets_ns, half_s, m, m - 1)
             (found,) = yield from instants.fitted(
-                channel.values, np.array([sigma]), m - 1, orders, width=3
+                channel.values, np.array([sigma if gated else np.inf]), m - 1, orders, width=3
             )
             if self._is_doubtful(found.removed, len(channel.t_ns)):
                 self._note(found.removed, inconsistent, subject, window)

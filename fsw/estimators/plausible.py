@@ -23,6 +23,8 @@ LIMITS = {
     "wheel_nms": 1e6,
     "wheel_nm": 1e5,
     "cov_wheel": 1e12,
+    "edges": 1e3,
+    "opened_s": 1e9,
 }  # far beyond any machine of this kind, and far from overflow
 
 

@@ -104,9 +104,8 @@ class BatchWork:
         for member in self._inputs:
             yield
             samples = member.feed()
-            turned = member.wheel_samples() if isinstance(member, BusInput) else None
-            if turned is not None:
-                align.push(turned)
+            for other in member.other_samples() if isinstance(member, BusInput) else ():
+                align.push(other)
             if samples is None or not len(samples):
                 continue
             if isinstance(member, BusInput):

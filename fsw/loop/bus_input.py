@@ -26,7 +26,7 @@ from fsw.drivers.wire import (
 )
 from fsw.exchange.sinks import CanTraffic, Sink
 from fsw.loop.link import Link
-from fsw.messages import Event, JointSamples, WheelSamples
+from fsw.messages import Event, JointSamples, ThrusterSamples, WheelSamples
 from fsw.messages.findings import Finding
 
 COB_SYNC = 0x080
@@ -75,23 +75,25 @@ class FrameSource(Protocol):
         ...
 
 
-class WheelFrames(Protocol):
-    """Codec and counters of one bus's wheel nodes."""
+class OtherFrames(Protocol):
+    """Codec and counters of one bus's wheel or thruster nodes."""
+
+    kind: str  # of what these nodes are, as the status names them
 
     def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
-        """Return which frames are a wheel node's own."""
+        """Return which frames are such a node's own."""
         ...
 
-    def feed(self, frames: FrameArray) -> WheelSamples:
+    def feed(self, frames: FrameArray) -> WheelSamples | ThrusterSamples:
         """Decode frames in order."""
         ...
 
     def findings(self) -> Sequence[Finding]:
-        """Return which wheels are silent."""
+        """Return which nodes are silent."""
         ...
 
     def status(self) -> Mapping[str, Mapping[str, Any]]:
-        """Return the newest values and counters of every wheel by name."""
+        """Return the newest values and counters of every wheel or thruster by name."""
         ...
 
 
@@ -127,7 +129,7 @@ class BusInput:
         clock: Clock,
         heartbeat: tuple[int, bytes],
         selector: Selector | None = None,
-        wheels: WheelFrames | None = None,
+        others: Sequence[OtherFrames] = (),
     ) -> None:
         """Nothing is opened.
 
@@ -140,8 +142,8 @@ class BusInput:
         self.links = tuple(links)
         self.source = source
         self.selector = selector
-        self.wheels = wheels
-        self._turned: WheelSamples | None = None  # of the wheels in what was decoded last
+        self.others = tuple(others)
+        self._other_samples: list[WheelSamples | ThrusterSamples] = []  # in what was decoded last
         self._heartbeat = heartbeat
         self._talking_since_ns: int | None = None  # on the active bus
         self._nodes = nodes
@@ -266,22 +268,21 @@ class BusInput:
     def feed(self) -> JointSamples | None:
         """Decode what was accepted; None where that was nothing."""
         accepted, self._accepted = self._accepted, NO_FRAMES
-        self._turned = None
+        self._other_samples = []
         if not len(accepted):
             return None
-        if self.wheels is not None:
-            self._turned = self.wheels.feed(accepted)
-            accepted = accepted[~self.wheels.owns(accepted)]
+        for other in self.others:
+            self._other_samples.append(other.feed(accepted))
+            accepted = accepted[~other.owns(accepted)]
         return self.source.feed(accepted)
 
-    def wheel_samples(self) -> WheelSamples | None:
-        """Return what the wheels reported in what was decoded last; None where they did not."""
-        return self._turned if self._turned is not None and len(self._turned) else None
+    def other_samples(self) -> list[WheelSamples | ThrusterSamples]:
+        """Return what wheels and thrusters reported in what was decoded last."""
+        return [samples for samples in self._other_samples if len(samples)]
 
     def findings(self) -> list[Finding]:
         """Return and forget what was found wrong."""
-        found = list(self.source.findings())
-        return found if self.wheels is None else [*found, *self.wheels.findings()]
+        return [found for own in (self.source, *self.others) for found in own.findings()]
 
     def watch(self, now_ns: int) -> None:
         """Report to the source whether it has its port; a lost port is an event."""

@@ -38,17 +38,17 @@ def sample_status(config: Config, align: Aligner, inputs: Inputs) -> dict[str, A
         "links": {link.name.removeprefix(CAN): link.summary() for m in inputs for link in m.links},
         "buses": {bus.name: bus.summary() for bus in buses},
         "joints": {name: slow for bus in buses for name, slow in bus.source.motor_side().items()},
-        **_wheels(inputs),
+        **_others(inputs),
         "late_joints": {joint.name: late[joint.name] for joint in config.joints},
     }
 
 
-def _wheels(inputs: Inputs) -> dict[str, Any]:
-    """Return the wheels' newest values and counters; nothing where there are none."""
-    sources = [bus.wheels for bus in inputs.buses if bus.wheels is not None]
-    if not sources:
-        return {}
-    return {"wheels": {name: own for s in sources for name, own in s.status().items()}}
+def _others(inputs: Inputs) -> dict[str, Any]:
+    """Return the newest values and counters of wheels and thrusters, by kind where there are any."""
+    found: dict[str, dict[str, Any]] = {}
+    for source in (own for bus in inputs.buses for own in bus.others):
+        found.setdefault(source.kind, {}).update(source.status())
+    return found
 
 
 def window_status(align: Aligner, unusable: int, conditioner: BlockSource) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from fsw.config import BusConfig, Config
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.estimators.pipeline import Pipeline, default_pipeline
 from fsw.exchange.sinks import Sink
-from fsw.loop.bus_input import BusInput
+from fsw.loop.bus_input import BusInput, OtherFrames
 from fsw.loop.daemon import Daemon
 from fsw.loop.line_input import ChunkSource, LineInput
 from fsw.loop.link import Link
@@ -74,10 +74,11 @@ def _sample_source(name: str, config: Config) -> ChunkSource:
 def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
     """Return the input of one bus; with its redundant one, where nodes may be commanded."""
     from fsw.drivers.codecs import canopen
-    from fsw.drivers.sources import BusSelector, JointBusSource, WheelBusSource
+    from fsw.drivers.sources import BusSelector, JointBusSource, ThrusterBusSource, WheelBusSource
 
     joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
     wheels = [(i, wheel) for i, wheel in enumerate(config.wheels) if wheel.bus == bus.name]
+    thrusters = [(i, own) for i, own in enumerate(config.thrusters) if own.bus == bus.name]
     names = [bus.name]
     nodes: dict[int, tuple[int, bytes]] = {}
     selector = None
@@ -93,5 +94,6 @@ def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> Bu
     ]
     beat = canopen.encode_heartbeat(canopen.NmtState.OPERATIONAL, canopen.MASTER_NODE)
     source = JointBusSource(bus, joints, config.health)
-    turning = WheelBusSource(bus, wheels) if wheels else None
-    return BusInput(bus.name, nodes, links, source, clock, beat, selector, turning)
+    others: list[OtherFrames] = [WheelBusSource(bus, wheels)] if wheels else []
+    others += [ThrusterBusSource(bus, thrusters)] if thrusters else []
+    return BusInput(bus.name, nodes, links, source, clock, beat, selector, others)

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 MAX_EVENT_TEXT = 1000  # characters
-OF_WHEELS = ("wheel_nms", "wheel_nm", "cov_wheel")  # last fields of a block
+OF_WHEELS = ("wheel_nms", "wheel_nm", "cov_wheel")
+OF_THRUSTERS = ("edges", "opened_s")
+MOST_EDGES = 48  # of valves that a block holds
 
 
 IntArray = NDArray[np.int64]
@@ -78,10 +80,25 @@ class WheelSamples:
         return len(self.t_ns)
 
 
-Samples = JointSamples | ImuSamples | AttitudeSamples | WheelSamples
+@dataclass(frozen=True, slots=True, eq=False)
+class ThrusterSamples:
+    """States of thrusters' valves, in order of arrival: as latched, and at their changes."""
+
+    t_ns: IntArray  # (k,) time of validity
+    t_receive_ns: IntArray  # (k,)
+    thruster: IntArray  # (k,) index in the configured thruster list
+    is_open: FloatArray  # (k,) 0 or 1; NaN: a change before this time is not known
+    is_change: FloatArray  # (k,) 1 where the state changed at this time
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t_ns)
 
 
-_S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples, WheelSamples)
+Samples = JointSamples | ImuSamples | AttitudeSamples | WheelSamples | ThrusterSamples
+
+
+_S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples, WheelSamples, ThrusterSamples)
 
 
 def joined(parts: Sequence[_S]) -> _S:
@@ -114,10 +131,15 @@ class Window:
     accelerometer: ChannelWindow  # values: f_NS_S_m_s2
     attitude: ChannelWindow  # values: q_NB_xyzw
     wheels: tuple[ChannelWindow, ...] = ()  # values: [speed_rad_s, torque_nm], NaN: torque unusable
+    thrusters: tuple[ChannelWindow, ...] = ()  # values: [is_open, is_change], NaN: not known
 
 
 def _no_wheels() -> FloatArray:
     return np.zeros((0, 0))
+
+
+def _no_times() -> FloatArray:
+    return np.zeros(0)
 
 
 def _no_noise() -> FloatArray:
@@ -159,12 +181,16 @@ class Block:
     wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum by speed
     wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) its derivative
     cov_wheel: FloatArray = field(default_factory=_no_noise)  # (k, 2 m, 2 m) of both at the nodes
+    # of K thrusters' valves; empty where there are none
+    edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3) see `valves`
+    opened_s: FloatArray = field(default_factory=_no_times)  # (K,) open up to the window's start
 
     @property
     def stored(self) -> tuple[str, ...]:
-        """Names of what is kept of a block; without wheels nothing of them."""
-        names = tuple(item.name for item in fields(self))
-        return names if self.cov_wheel.size else names[: -len(OF_WHEELS)]
+        """Names of what is kept of a block; without wheels or thrusters nothing of them."""
+        without = (*(() if self.cov_wheel.size else OF_WHEELS),)
+        without += () if self.opened_s.size else OF_THRUSTERS
+        return tuple(item.name for item in fields(self) if item.name not in without)
 
     @property
     def is_complete(self) -> bool:

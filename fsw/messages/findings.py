@@ -46,6 +46,9 @@ class Fault(StrEnum):
     # a wheel node
     WHEEL_SILENT = "WHEEL_SILENT"
     WHEEL_INCONSISTENT = "WHEEL_INCONSISTENT"
+    # a thruster node
+    THRUSTER_SILENT = "THRUSTER_SILENT"
+    THRUSTER_UNKNOWN = "THRUSTER_UNKNOWN"
     # the inertial unit
     IMU_SILENT = "IMU_SILENT"
     IMU_LOST = "IMU_LOST"
@@ -92,6 +95,7 @@ HIGH = frozenset(
         Fault.BUS_SILENT,
         Fault.JOINT_SILENT,
         Fault.WHEEL_SILENT,
+        Fault.THRUSTER_SILENT,
         Fault.IMU_SILENT,
     }
 )

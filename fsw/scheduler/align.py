@@ -21,6 +21,7 @@ from fsw.messages import (
     IntArray,
     JointSamples,
     Samples,
+    ThrusterSamples,
     WheelSamples,
     Window,
     joined,
@@ -140,15 +141,17 @@ class Aligner:
         self._joint_names = [joint.name for joint in config.joints[:n_joints]]
         self._gyro = _Bins(3, [channel(config.imu.rate_hz)])
         self._acc = _Bins(3, [channel(config.imu.rate_hz)])
-        wheels = [
+        slow = [  # known from the windows before too
             _Channel(
-                min_count=1,  # a slow wheel is known from the windows before too
-                max_count=int(4 * wheel.rate_hz * window_s) + 16,
-                freshness_ns=round(FRESHNESS_PERIODS / wheel.rate_hz * 1e9),
+                min_count=1,
+                max_count=int(4 * node.rate_hz * window_s) + 16,
+                freshness_ns=round(FRESHNESS_PERIODS / node.rate_hz * 1e9),
             )
-            for wheel in config.wheels
+            for node in (*config.wheels, *config.thrusters)
         ]
+        wheels, thrusters = slow[: len(config.wheels)], slow[len(config.wheels) :]
         self._wheels = _Bins(2, wheels) if wheels else None
+        self._thrusters = _Bins(2, thrusters) if thrusters else None
         tracker = config.star_tracker
         self._attitude = _Bins(4, [channel(tracker.rate_hz if tracker else 1.0)])
         self._t0_ns: int | None = None
@@ -159,6 +162,8 @@ class Aligner:
         self._late = dict.fromkeys([*self._joint_names, "imu", "star_tracker"], 0)
         if wheels:
             self._late["wheels"] = 0
+        if thrusters:
+            self._late["thrusters"] = 0
         self._early = self._future = self._overflow = 0
 
     @property
@@ -249,6 +254,13 @@ class Aligner:
                 values = np.column_stack([samples.speed_rad_s, samples.torque_nm])
                 late = self._add(self._wheels, samples.wheel, samples.t_ns, received_ns, values)
                 self._late["wheels"] += int(late.sum())
+        elif isinstance(samples, ThrusterSamples):
+            if self._thrusters is not None:
+                values = np.column_stack([samples.is_open, samples.is_change])
+                late = self._add(
+                    self._thrusters, samples.thruster, samples.t_ns, received_ns, values
+                )
+                self._late["thrusters"] += int(late.sum())
         else:
             late = self._add(self._attitude, _ONLY, samples.t_ns, received_ns, samples.q_NB_xyzw)
             self._late["star_tracker"] += int(late.sum())
@@ -278,6 +290,7 @@ class Aligner:
             accelerometer=self._acc.close(index, stop_ns)[0],
             attitude=self._attitude.close(index, stop_ns)[0],
             wheels=() if self._wheels is None else self._wheels.close(index, stop_ns),
+            thrusters=() if self._thrusters is None else self._thrusters.close(index, stop_ns),
         )
 
     def _deadline(self, index: int) -> int:

@@ -18,8 +18,10 @@ from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
 from hil.devices.truth_clock import SPAN_S, ClampedHistory, JointTable, TruthClock
 from hil.devices.truth_port import History
+from hil.devices.thruster import ThrusterNode
 from hil.devices.uart import TimedBytes
 from hil.devices.wheel import WheelNode
+from hil.world.thrusters import ThrusterSystem
 from hil.world.sensors import JointErrors, NodeConfig, SensorConfig, WheelSensorConfig, generator
 
 FIRST_NODE = 0x11
@@ -36,6 +38,7 @@ class Plant:
     seed : fixes every random bit of every device
     t0_ns : power-on, on the host's clock
     sync_rate_hz : of the host's SYNC; what a noise block is sampled at
+    thrusters : whose valves a node reports, where `sensors` has one
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class Plant:
         start_delay_s: float = 4.0,
         t0_ns: int = 0,
         sync_rate_hz: float = 500.0,
+        thrusters: ThrusterSystem | None = None,
     ) -> None:
         self.sensors = sensors
         self.clock = TruthClock(start_delay_s)
@@ -68,8 +72,9 @@ class Plant:
         self._step_ns = 0  # from the latch before
         self._ahead: list[tuple[int, list[Reading]]] = []  # latches to come, the next one last
         self._rested = rested
-        self._wheels = self._wheel_nodes(sensors.wheels, seed, rate_hz)
-        names = tuple(dict.fromkeys([*(node.bus for node in self.nodes), *self._wheels]))
+        self._others = self._wheel_nodes(sensors.wheels, seed, rate_hz)
+        self._add_thruster_node(thrusters, rate_hz)
+        names = tuple(dict.fromkeys([*(node.bus for node in self.nodes), *self._others]))
         self.segments = {
             name: self._segment(name, index, seed, t0_ns) for index, name in enumerate(names)
         }
@@ -102,7 +107,7 @@ class Plant:
             for i, node in enumerate(self.nodes)
             if node.bus == name
         }
-        nodes |= self._wheels.get(name, {})
+        nodes |= self._others.get(name, {})
         return CanSegment(
             name,
             nodes,
@@ -162,6 +167,26 @@ class Plant:
             )
             nodes.setdefault(own.bus, {})[self._table.n + k] = node
         return nodes
+
+    def _add_thruster_node(self, thrusters: ThrusterSystem | None, sync_rate_hz: float) -> None:
+        """Add the valve driver, numbered behind joints and wheels."""
+        config, joints = self.sensors.thrusters, self.sensors.joints
+        if config is None or thrusters is None:
+            return
+
+        def look() -> tuple[list[bool], float | None, int]:
+            return thrusters.valves_at(self.clock.second(self._latched_ns) + joints.latch_offset_s)
+
+        place = self._table.n + sum(len(nodes) for nodes in self._others.values())
+        self._others.setdefault(config.bus, {})[place] = ThrusterNode(
+            node_id=config.node_id,
+            joint=place + 1,
+            autostart=joints.autostart,
+            sync_counter_max=joints.sync_counter_max,
+            toggle=None if joints.redundancy is None else BusToggle(joints.redundancy),
+            syncs_per_report=max(1, round(sync_rate_hz / config.rate_hz)),
+            look=look,
+        )
 
     def _tachometer(
         self, k: int, config: WheelSensorConfig, seed: int

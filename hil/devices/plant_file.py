@@ -16,6 +16,7 @@ from hil.world.robot import Body, Robot, SloshMass
 from hil.world.sensors import STRICT, SensorConfig
 from hil.world.spline import JointSpline
 from hil.world.stand import Stand
+from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 
 TAIL_S = 0.1
@@ -110,6 +111,7 @@ class PlantFile:
     slosh: tuple[SloshMass, ...] = ()
     stand: Stand | None = None
     wheels: WheelSystem | None = None
+    thrusters: ThrusterSystem | None = None
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start_delay_s: float = 4.0
     seed: int = 0
@@ -134,18 +136,27 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
         file.slosh,
         bodies.held,
         file.wheels,
+        file.thrusters,
     )
     spline = JointSpline.load(folder / file.trajectory)
     tumbles = any(file.start_rate_rad_s)
-    rests = file.environment is None and file.wheels is None and not tumbles
+    moved = (file.environment, file.wheels, file.thrusters)
+    rests = not any(part is not None for part in moved) and not tumbles
     before_s = TAIL_S if rests else max(TAIL_S, file.start_delay_s)
     history = simulate_in(
         file.environment,
         robot,
         spline,
         -before_s,
-        spline.duration_s + (TUMBLING_TAIL_S if tumbles else TAIL_S),
+        spline.duration_s + (TUMBLING_TAIL_S if tumbles or file.thrusters else TAIL_S),
         stand=file.stand,
         w_NB_B_rad_s=file.start_rate_rad_s,
     )
-    return Plant(history, file.sensors, file.seed, start_delay_s=file.start_delay_s, t0_ns=t0_ns)
+    return Plant(
+        history,
+        file.sensors,
+        file.seed,
+        start_delay_s=file.start_delay_s,
+        t0_ns=t0_ns,
+        thrusters=file.thrusters,
+    )

@@ -145,6 +145,7 @@ def prepare(
         scenario.slosh,
         {frame: bodies[name] for name, frame in scenario.frames.items()},
         scenario.wheels,
+        scenario.thrusters,
     )
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
@@ -210,6 +211,7 @@ class VirtualRun:
             start_delay_s=setup.scenario.before_s,
             t0_ns=T0_NS,
             sync_rate_hz=float(setup.scenario.flight["bus"]["rate_hz"]),
+            thrusters=setup.scenario.thrusters,
         )
         self.world = world = VirtualBench(self._plant, T0_NS, seed=setup.seed)
         install(setup.scenario.faults, world, setup.seed, T0_NS)

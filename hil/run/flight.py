@@ -24,10 +24,12 @@ from hil.world.sensors import (
     JointSensorConfig,
     NodeConfig,
     SensorConfig,
+    ThrusterSensorConfig,
     WheelSensorConfig,
     generator,
     rotation_of,
 )
+from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 
 FIRST_NODE_ID = 0x11
@@ -86,7 +88,7 @@ def flight_document(
     The truth's arm and calibration are what the robot file and the scenario say: told as exact.
     The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
     `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions;
-    `seed` fixes the error of the wheels' inertias in it.
+    `seed` fixes the errors of the wheels' inertias and of the thrusters in it.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -148,6 +150,8 @@ def flight_document(
     }
     if scenario.wheels is not None and sensors.wheels is not None:
         document["wheels"] = _wheels(scenario.wheels, sensors.wheels, seed)
+    if scenario.thrusters is not None and sensors.thrusters is not None:
+        document["thrusters"] = _thrusters(scenario.thrusters, sensors.thrusters, seed)
     if sensors.star_tracker is not None:
         document["star_tracker"] = _star_tracker(sensors, folder)
     stand = scenario.stand
@@ -207,6 +211,34 @@ def _wheels(system: WheelSystem, sensors: WheelSensorConfig, seed: int) -> list[
             **torque,
         }
         for k, (node, rotor) in enumerate(zip(sensors.nodes, system.rotors, strict=True))
+    ]
+
+
+def _thrusters(
+    system: ThrusterSystem, sensors: ThrusterSensorConfig, seed: int
+) -> list[dict[str, Any]]:
+    """Return the section `thrusters`; force, delay and rise time err by their sigmas."""
+    off = generator(seed, "thruster").standard_normal((4, len(system.jets)))
+    force = system.force_sigma_ratio * math.sqrt(0.5) * (off[0, 0] + off[1])
+    delay_s = np.maximum(system.delay_s - system.delay_sigma_s * off[2], 0.0)
+    rise_s = np.maximum(system.rise_s - system.rise_sigma_s * off[3], 0.1 * system.rise_s)
+    return [
+        {
+            "name": f"thruster{k + 1}",
+            "bus": sensors.bus,
+            "node_id": sensors.node_id,
+            "valve": k,
+            "rate_hz": sensors.rate_hz,
+            "p_B_m": list(jet.place_m),
+            "direction_B": jet.unit.tolist(),
+            "force_n": jet.force_n / (1.0 + float(force[k])),
+            "force_sigma_ratio": system.force_sigma_ratio,
+            "delay_s": float(delay_s[k]),
+            "delay_sigma_s": system.delay_sigma_s,
+            "rise_s": float(rise_s[k]),
+            "rise_sigma_s": system.rise_sigma_s,
+        }
+        for k, jet in enumerate(system.jets)
     ]
 
 
@@ -308,6 +340,7 @@ def plant_document(
         "slosh": [asdict(part) for part in scenario.slosh],
         "stand": None if scenario.stand is None else asdict(scenario.stand),
         "wheels": None if scenario.wheels is None else asdict(scenario.wheels),
+        "thrusters": None if scenario.thrusters is None else asdict(scenario.thrusters),
         "start_rate_rad_s": list(scenario.start_rate_rad_s),
         "start_delay_s": scenario.before_s,
         "seed": seed,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hil.world.inertia import pi_of, report_of, symmetric
+from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 
 FloatArray = NDArray[np.float64]
@@ -84,6 +85,7 @@ class Robot:
     mount_R_BM: FloatArray  # (3, 3)
     slides: tuple[SloshMass, ...] = ()  # the mass of every slide, in order of its coordinate
     wheels: WheelSystem | None = None  # their coordinates stand behind the slides'
+    thrusters: ThrusterSystem | None = None
 
     @property
     def n(self) -> int:
@@ -99,6 +101,7 @@ class Robot:
         slosh: Sequence[SloshMass] = (),
         held: Mapping[str, Body] | None = None,
         wheels: WheelSystem | None = None,
+        thrusters: ThrusterSystem | None = None,
     ) -> Robot:
         """Read a URDF.
 
@@ -111,6 +114,7 @@ class Robot:
         slosh : liquid of the base; its coordinates stand between the base's and the joints'
         held : further bodies by the frame that each is fixed to
         wheels : reaction wheels of the base, part of its mass and, locked, of its inertia
+        thrusters : of the base, and when they fire
 
         Raises
         ------
@@ -147,6 +151,7 @@ class Robot:
             mount_R_BM=data.xmat[first].reshape(3, 3).copy(),
             slides=tuple(mass for mass in slosh for _ in mass.axes),
             wheels=wheels,
+            thrusters=thrusters,
         )
 
     def tool_poses(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:

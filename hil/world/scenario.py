@@ -23,6 +23,7 @@ from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, is_physical
 from hil.world.robot import SloshMass
 from hil.world.stand import Stand
+from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
@@ -98,6 +99,7 @@ class Document(_Section):
     slosh: tuple[SloshMass, ...] = ()  # liquid in the base
     stand: Stand | None = None  # null: the base floats freely
     wheels: WheelSystem | None = None  # reaction wheels that hold the base's attitude
+    thrusters: ThrusterSystem | None = None  # of the base, and when they fire
     # of the base at power-on, in its axes: base, arm and target tumble; the arm itself is at rest
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -124,12 +126,14 @@ class Scenario:
     slosh: tuple[SloshMass, ...] = ()
     stand: Stand | None = None
     wheels: WheelSystem | None = None
+    thrusters: ThrusterSystem | None = None
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def rests(self) -> bool:
         """Whether nothing moves before and after the arm's motion."""
-        return self.environment is None and self.wheels is None and not any(self.start_rate_rad_s)
+        moved = (self.environment, self.wheels, self.thrusters)
+        return not any(part is not None for part in moved) and not any(self.start_rate_rad_s)
 
     @property
     def buses(self) -> dict[str, dict[str, Any]]:
@@ -205,6 +209,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         slosh=document.slosh,
         stand=document.stand,
         wheels=document.wheels,
+        thrusters=document.thrusters,
         start_rate_rad_s=document.start_rate_rad_s,
     )
 

@@ -21,7 +21,7 @@ from hil.world.noise import BandLimitedWhiteNoise, Hysteresis, NoiseStream
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Chunking = Literal["datagram", "ms1", "random"]
-DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5, "wheel": 6}
+DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5, "wheel": 6, "thruster": 7}
 STRICT = ConfigDict(extra="forbid")
 HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: torque that takes a sensor from branch to branch
 
@@ -158,6 +158,16 @@ class WheelSensorConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ThrusterSensorConfig:
+    """The valve driver: one node with a bit for each thruster."""
+
+    __pydantic_config__ = STRICT
+    node_id: int
+    bus: str = "arm"
+    rate_hz: float = 50.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorConfig:
     """All sensors of the plant."""
 
@@ -166,6 +176,7 @@ class SensorConfig:
     imu: ImuSensorConfig | None = None
     star_tracker: StarTrackerSensorConfig | None = None
     wheels: WheelSensorConfig | None = None
+    thrusters: ThrusterSensorConfig | None = None
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SensorConfig:

@@ -51,7 +51,7 @@ class _Plant:
         self.data = data = mujoco.MjData(robot.model)
         self.qpos, self.qvel = data.qpos, data.qvel  # views; each look at the attribute costs
         self.wrench = wrench
-        self.wheels = robot.wheels
+        self.wheels, self.thrusters = robot.wheels, robot.thrusters
         turning = 0 if robot.wheels is None else len(robot.wheels.rotors)
         self.liquid = BASE_NV + len(robot.slides)  # velocities up to the wheels'
         self.passive = self.liquid + turning  # coordinates beside the arm's
@@ -69,7 +69,8 @@ class _Plant:
         """Return dy/dt under computed torque towards `wanted` (q, qd, qdd); leaves tau.
 
         The controller cancels the known dynamics with the reaction of base (and liquid)
-        eliminated, a_b = -H_bb^-1 (c_b + H_bm qdd); it does not know of external wrenches.
+        eliminated, a_b = -H_bb^-1 (c_b + H_bm qdd); it does not know of external wrenches but
+        those of thrusters, to which joints do not give way.
         """
         model, data, nq = self.model, self.data, self.nq
         self.qpos[:] = y[:nq]
@@ -88,6 +89,10 @@ class _Plant:
         if self.springs is not None:
             s = self.liquid
             c[BASE_NV:s] -= self.springs.force_n(y[BASE_NQ : s + 1], y[nq + BASE_NV : nq + s])
+        if self.thrusters is not None:
+            fired = self.thrusters.wrench(t_s)
+            c[:3] -= self.data.xmat[1].reshape(3, 3) @ fired[:3]  # MuJoCo's free joint: axes of N
+            c[3:BASE_NV] -= fired[3:]
         if self.wheels is not None:
             w_B, speed = y[nq + 3 : nq + BASE_NV], y[nq + self.liquid : nq + m]
             turned = _turned(self.held_wxyz, y[3:7])

@@ -88,8 +88,9 @@ def _joints(config: Config, section: Joints, table: Table) -> _Found:
             f"joints.order: {' '.join(order)}; {config.name} has {' '.join(names)}: the mapping of "
             "another robot"
         )
-    if config.wheels:
-        raise ConfigError(f"wheels: {config.name} has some, and no mapping holds them")
+    for kind in ("wheels", "thrusters"):
+        if getattr(config, kind):
+            raise ConfigError(f"{kind}: {config.name} has some, and no mapping holds them")
     sensing = [joint.name for joint in config.joints if joint.torque != "none"]
     if section.torque is None and sensing:
         raise ConfigError(

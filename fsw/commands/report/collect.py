@@ -191,6 +191,7 @@ def _causes(problem: Problem) -> dict[str, slice]:
             problem.friction_coulomb.start, problem.friction_viscous.stop
         ),
         "inertia of wheels": problem.wheel_scale,
+        "thrusters": slice(problem.thrust_scale.start, problem.thrust_rise.stop),
         "momentum": problem.momentum,
         "external wrench": problem.wrench,
     }

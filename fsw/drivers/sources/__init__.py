@@ -4,6 +4,14 @@ from fsw.drivers.sources.bus_selection import BusSelector
 from fsw.drivers.sources.imu import ImuSource
 from fsw.drivers.sources.joints import JointBusSource
 from fsw.drivers.sources.star_tracker import StarTrackerSource
+from fsw.drivers.sources.thrusters import ThrusterBusSource
 from fsw.drivers.sources.wheels import WheelBusSource
 
-__all__ = ["BusSelector", "ImuSource", "JointBusSource", "StarTrackerSource", "WheelBusSource"]
+__all__ = [
+    "BusSelector",
+    "ImuSource",
+    "JointBusSource",
+    "StarTrackerSource",
+    "ThrusterBusSource",
+    "WheelBusSource",
+]

@@ -26,6 +26,8 @@ class WheelBusSource:
     out of range, of another length or without its SYNC is rejected and counted.
     """
 
+    kind = "wheels"
+
     def __init__(self, bus: BusConfig, wheels: list[tuple[int, WheelConfig]]) -> None:
         self._wheels = [config for _, config in wheels]
         self._indexes = np.array([index for index, _ in wheels], np.int64)

@@ -28,7 +28,7 @@ def kind_of(block: Block) -> tuple[object, ...]:
     """Return what blocks of one stack have in common: shapes and usable channels."""
     usable = (block.has_gyro, block.has_accelerometer, block.has_attitude)
     shapes = (block.q_rad.shape, block.cov_joint.shape, block.cov_wheel.shape)
-    return (shapes, block.has_joint.tobytes(), usable)
+    return (shapes, block.has_joint.tobytes(), usable, block.edges.shape)
 
 
 def stacks_of(blocks: Sequence[Block]) -> list[BlockStack]:

@@ -1,4 +1,4 @@
-"""External moments that change the angular momentum: gravity gradient and a constant wrench.
+"""External moments that change the angular momentum: gravity gradient, wrenches and thrusters.
 
 The gyro channel sees the momentum, so a moment acts on it through its integral. The integral is
 carried from block to block by Gauss quadrature over the nodes, with its exact Jacobian.
@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
+from fsw.estimators.measurement import thrust
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
@@ -26,6 +27,7 @@ class Impulse:
     L_Nms: FloatArray  # (3,)
     J: FloatArray  # (3, p) its derivative by the state
     x: FloatArray  # (p,) the state it was evaluated at
+    fired_s: FloatArray | float = 0.0  # (K,) integral of the thrusters' shares up to then
 
     def at(self, x: FloatArray) -> FloatArray:
         """Return the momentum at another state, to first order."""
@@ -51,8 +53,8 @@ def needed(problem: Problem) -> bool:
 
 
 def pulled(problem: Problem) -> bool:
-    """Return whether an external wrench is estimated."""
-    return present(problem.wrench) or present(problem.target_wrench)
+    """Return whether an external wrench is known or estimated."""
+    return present(problem.wrench) or present(problem.target_wrench) or len(problem.thrusters) > 0
 
 
 def momentum_at_nodes(
@@ -63,7 +65,8 @@ def momentum_at_nodes(
     `G` (m, 3, 3) is the gravity-gradient field in base axes. A gap since `before` is bridged with
     the moment at this block's first node.
     """
-    T, J = _moment(block, x, problem, G)
+    W, J_W = _wrench(block, x, problem, G)
+    T, J = _about_centre(block, x, problem, W, J_W)
     cumulative, weights = _integration(len(T))
     half_s = 0.5 * problem.window_s
     centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
@@ -74,20 +77,49 @@ def momentum_at_nodes(
     L0, J0 = before.at(x) + gap_s * T[0], before.J + gap_s * J[0]
     L = L0 + half_s * cumulative @ T
     J_L = J0 + half_s * np.einsum("ij,jkp->ikp", cumulative, J)
-    after = Impulse(
-        stop_ns, L0 + half_s * weights @ T, J0 + half_s * np.einsum("j,jkp->kp", weights, J), x
-    )
-    return L, J_L, after
+    L_end, J_end = L0 + half_s * weights @ T, J0 + half_s * np.einsum("j,jkp->kp", weights, J)
+    fired_s: FloatArray | float = 0.0
+    if len(problem.thrusters):
+        fired = thrust.profile(block, x, problem)
+        gained = fired.U_s.copy()
+        if gap_s > 0.0:
+            gained[0] += fired.before_s - before.fired_s
+        dL, dJ = _about_centre(block, x, problem, *thrust.wrench(gained, x, problem))
+        L, J_L = L + dL, J_L + dJ
+        whole = np.repeat(fired.whole_s[:, None] + gained[:, :1] - fired.U_s[:, :1], len(T), axis=1)
+        dL, dJ = _about_centre(block, x, problem, *thrust.wrench(whole, x, problem))
+        L_end, J_end = L_end + dL.mean(axis=0), J_end + dJ.mean(axis=0)
+        fired_s = fired.before_s + fired.whole_s[0]
+    return L, J_L, Impulse(stop_ns, L_end, J_end, x, fired_s)
 
 
-def _moment(
+def _wrench(
     block: Block, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the external moment about the centre of mass, in N (m, 3), and its Jacobian."""
+    """Return force and moment (m, 6) from outside but the thrusters', in B, and d/dx (m, 6, p)."""
+    m, model = len(block.t_ns), problem.model
+    pi = problem.pi(x)
+    W, J = np.zeros((m, 6)), np.zeros((m, 6, len(x)))
+    for i in np.flatnonzero(G.any(axis=(1, 2))).tolist():
+        rows = model.field_regressor(block.q_rad[i], G[i])[:6]
+        W[i, :3], W[i, 3:] = G[i] @ (model.composite(block.q_rad[i]) @ pi)[1:4], rows[3:] @ pi
+        J[i][:, problem.inertial] = rows @ problem.U
+    if present(problem.wrench) or present(problem.target_wrench):
+        value, by_state = constant_force(block, x, problem)
+        W, J = W + value[:, :6], J + by_state[:, :6]
+    return W, J
+
+
+def _about_centre(
+    block: Block, x: FloatArray, problem: Problem, W: FloatArray, J_W: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the moment about the centre of mass of the whole, in N (m, 3), and its Jacobian.
+
+    `W` (m, 6): force and moment about the base's origin in base axes; `J_W` (m, 6, p).
+    """
     m, model = len(block.t_ns), problem.model
     pi = problem.pi(x)
     T, J = np.zeros((m, 3)), np.zeros((m, 3, len(x)))
-    outside = external_force(block, x, problem) if pulled(problem) else None
     for i in range(m):
         R = block.R_NB[i]
         whole = model.composite(block.q_rad[i])
@@ -95,25 +127,33 @@ def _moment(
         mass, h = total[0], total[1:4]
         c = h / mass
         J_c = (J_total[1:4] - np.outer(c, J_total[0])) / mass
-        moment, force = np.zeros(3), G[i] @ h
-        J_moment, J_force = np.zeros((3, len(x))), np.zeros((3, len(x)))
-        if G[i].any():
-            rows = model.field_regressor(block.q_rad[i], G[i])[:6]
-            moment = rows[3:] @ pi
-            J_moment[:, problem.inertial] = rows[3:] @ problem.U
-            J_force[:, problem.inertial] = rows[:3] @ problem.U
-        if outside is not None:
-            force, moment = force + outside[0][i, :3], moment + outside[0][i, 3:6]
-            J_force += outside[1][i, :3]
-            J_moment += outside[1][i, 3:6]
+        force, moment = W[i, :3], W[i, 3:]
         T[i] = R @ (moment - cross(c, force))
-        J_moment -= skew(c) @ J_force
+        J_moment = J_W[i, 3:] - skew(c) @ J_W[i, :3]
         J_moment[:, problem.inertial] += skew(force) @ J_c
         J[i] = R @ J_moment
     return T, J
 
 
 def external_force(
+    block: Block | BlockStack, x: FloatArray, problem: Problem
+) -> tuple[FloatArray, FloatArray]:
+    """Return the generalised force of all wrenches at the nodes (m, 6+n), and d/dx.
+
+    Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is
+    (m, 6+n, p). See `constant_force` and, for the thrusters, `thrust`.
+    """
+    value, J = constant_force(block, x, problem)
+    if len(problem.thrusters):
+        blocks = block.blocks if isinstance(block, BlockStack) else (block,)
+        u = np.concatenate([thrust.profile(own, x, problem).u for own in blocks], axis=1)
+        own, by_state = thrust.wrench(u, x, problem)
+        value[:, :6] += own
+        J[:, :6] += by_state
+    return value, J
+
+
+def constant_force(
     block: Block | BlockStack, x: FloatArray, problem: Problem
 ) -> tuple[FloatArray, FloatArray]:
     """Return the generalised force of the constant wrenches at the nodes (m, 6+n), and d/dx.

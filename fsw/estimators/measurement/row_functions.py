@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
 from fsw.estimators.measurement.prediction import CHANNELS, Rate
 from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.valves import changes
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
@@ -75,13 +77,15 @@ class _Fused(RowsFunction):
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
         """Return the rows; without a rate of its own the gyro's where there is one.
 
-        A momentum that is sought is constant in inertial axes: a block without attitude says
-        nothing of it, and torque and specific force are predicted from the measured rate.
+        A momentum that is sought is constant in inertial axes, and what thrusters add to it is
+        summed in them: a block without attitude says nothing of it, and torque and specific force
+        are predicted from the measured rate.
         """
         problem, channels = self._problem, self._channels
         by_gyro = s.has_gyro and problem.is_free
         rate: Rate = self._rate or ("measured" if by_gyro else "momentum")
-        if present(problem.momentum) and not s.has_attitude:
+        adds_up = present(problem.momentum) or len(problem.thrusters) > 0
+        if adds_up and not s.has_attitude:
             rate = "measured"
             channels = tuple(c for c in channels if c != "gyro" and by_gyro)
         return stacked_fused_rows(s, x, problem, channels, rate, before)
@@ -95,10 +99,21 @@ class _Mrnea(RowsFunction):
         self._otherwise = _Fused(problem, ("torque",), None)
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows."""
-        if s.is_complete and self._problem.is_free:
-            return stacked_mrnea_rows(s, x, self._problem, self._weighting)
-        return self._otherwise.stacked(s, x, before)
+        """Return the rows; where a thrust changes, rates are no polynomials to be derived."""
+        found: list[Rows] = []
+        for fires, group in groupby(s.blocks, self._fires):
+            own = tuple(group)
+            part = s if len(own) == len(s.blocks) else BlockStack(own)
+            if part.is_complete and self._problem.is_free and not fires:
+                found += stacked_mrnea_rows(part, x, self._problem, self._weighting)
+            else:
+                found += self._otherwise.stacked(part, x, before)
+                before = found[-1].after
+        return found
+
+    def _fires(self, block: Block) -> bool:
+        thrusters, start_s = self._problem.thrusters, -0.5 * self._problem.window_s
+        return len(thrusters) > 0 and changes(block.edges, thrusters.tail_s, start_s)
 
 
 class _Energy(RowsFunction):

@@ -4,8 +4,9 @@ State x = [10 parameters per unknown body (base first, then target), ways in whi
 may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
 of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
-the joints (n each), relative errors of the wheels' inertias (k)]. Where a prior sigma is zero there
-is no state.
+the joints (n each), relative errors of the wheels' inertias (k), and of K thrusters relative errors
+of their forces, errors of their delays and of their rise times]. Where a prior sigma is zero there is
+no state.
 """
 
 from __future__ import annotations
@@ -34,13 +35,45 @@ NO_STATES = slice(0, 0)
 IMPLAUSIBLE = 10.0  # sigmas of a value of arm or calibration that its prior cannot be meant for
 CONSPICUOUS = 4.0  # the same, to be named
 SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have in common: one rig
-CALIBRATION = ("joint_zero", "imu_place", "imu_angle", "wheel_scale")
+SHARED = ("torque_scale", "thrust_scale")  # and of the thrusters' forces: one pressure
+TAIL_RISES = 10.0  # rise times after which a force has settled
+THRUST = ("thrust_scale", "thrust_delay", "thrust_rise")
+CALIBRATION = ("joint_zero", "imu_place", "imu_angle", "wheel_scale", *THRUST)
 IndexArray = NDArray[np.intp]
 
 
 def present(states: slice) -> bool:
     """Return whether a nuisance is part of the state."""
     return bool(states.stop > states.start)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Thrusters:
+    """What is configured of K thrusters."""
+
+    ways: FloatArray  # (6, K) nominal force and its moment about the base's origin, base axes
+    delay_s: FloatArray  # (K,)
+    rise_s: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of thrusters."""
+        return len(self.delay_s)
+
+    @property
+    def tail_s(self) -> FloatArray:
+        """Return after which time (K,) a change of the valve is a settled force."""
+        tail_s: FloatArray = self.delay_s + TAIL_RISES * self.rise_s
+        return tail_s
+
+    @staticmethod
+    def of(config: Config) -> Thrusters:
+        """Return those of a configuration."""
+        own = config.thrusters
+        force = np.array([t.force_n * np.array(t.direction_B) for t in own]).reshape(-1, 3)
+        place = np.array([t.p_B_m for t in own]).reshape(-1, 3)
+        ways = np.concatenate([force, np.cross(place, force)], axis=1).T
+        times = np.array([(t.delay_s, t.rise_s) for t in own]).reshape(-1, 2)
+        return Thrusters(ways, times[:, 0], times[:, 1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +105,10 @@ class Problem:
     friction_viscous: slice  # [N m s/rad]
     wheel_scale: slice  # relative error of each wheel's axial inertia
     wheel_axes: FloatArray  # (3, k) of the reaction wheels, in B
+    thrust_scale: slice  # relative error of each thruster's force
+    thrust_delay: slice  # true delay less the configured one [s]
+    thrust_rise: slice  # true rise time less the configured one [s]
+    thrusters: Thrusters
     friction_speed_rad_s: FloatArray  # (n,) rate at which Coulomb friction has built up: tanh(1)
     target_wrench: slice  # the same at the target's centre of mass, then a force in axes E [N]
     target_com_m: FloatArray  # (3,) in E, as configured: where that acts on a known target
@@ -108,6 +145,7 @@ class Problem:
         hidden = (
             slice(self.bodies.stop, self.inertial.stop),
             *(self.joint_zero, self.imu_place, self.imu_angle, self.wheel_scale),
+            *(self.thrust_scale, self.thrust_delay, self.thrust_rise),
         )
         return np.delete(np.arange(len(self.names)), np.r_[hidden])
 
@@ -302,6 +340,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         names += [f"known.{place}.{k + 1}" for k in range(ways.shape[1])]
     slices = []
     imu, estimator = config.imu, config.estimator
+    thrusters = [thruster.name for thruster in config.thrusters]
     nuisances = (
         ("torque_offset", model.joint_names, [j.torque_offset_sigma_nm for j in joints]),
         ("acc_bias", "xyz", [imu.acc_bias_sigma_m_s2] * 3),
@@ -330,6 +369,9 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
             [wheel.name for wheel in config.wheels],
             [wheel.inertia_sigma_ratio for wheel in config.wheels],
         ),
+        ("thrust_scale", thrusters, [t.force_sigma_ratio for t in config.thrusters]),
+        ("thrust_delay", thrusters, [t.delay_sigma_s for t in config.thrusters]),
+        ("thrust_rise", thrusters, [t.rise_sigma_s for t in config.thrusters]),
     )
     for kind, labels, sigmas in nuisances:
         if not any(sigmas) or (exact and kind in CALIBRATION):
@@ -339,7 +381,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         names += [f"{kind}.{label}" for label in labels]
         means.append(np.zeros(len(sigmas)))
         spread = np.maximum(sigmas, 1e-9)
-        shared = SHARED_SCALE if kind == "torque_scale" else 0.0
+        shared = SHARED_SCALE if kind in SHARED else 0.0
         covariances.append(np.diag((1.0 - shared) * spread**2) + shared * np.outer(spread, spread))
     prior_covariance = np.zeros((len(names), len(names)))
     start = 0
@@ -373,6 +415,10 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         friction_viscous=slices[11],
         wheel_scale=slices[12],
         wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
+        thrust_scale=slices[13],
+        thrust_delay=slices[14],
+        thrust_rise=slices[15],
+        thrusters=Thrusters.of(config),
         friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
         target_com_m=np.array(
             config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)

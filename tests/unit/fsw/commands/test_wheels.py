@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from fsw.commands.check_recording import _Nodes
-from fsw.commands.excite import with_wheels_still
+from fsw.commands.excite import with_all_still
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.exchange.sinks import CanTraffic
 from tests.support.wheel_cases import config_with_wheels
@@ -27,7 +27,7 @@ def test_a_motion_is_planned_with_the_wheels_still_and_says_so(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     config = config_with_wheels()
-    assert with_wheels_still(config).wheels == ()
+    assert with_all_still(config).wheels == ()
     assert "as if they stood still" in capsys.readouterr().err
-    plain = with_wheels_still(config)
-    assert with_wheels_still(plain) is plain
+    plain = with_all_still(config)
+    assert with_all_still(plain) is plain

@@ -1,0 +1,78 @@
+"""Thrusters: valves on the base whose firings are known inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from fsw.config.base import Position, Rate, ScaleSigma, Section, Vector3
+from fsw.config.wheels import SLOWEST_HZ, UNIT_TOLERANCE
+
+Thrust = Annotated[float, Field(ge=1e-6, le=1e5, allow_inf_nan=False)]
+ValveTime = Annotated[float, Field(ge=1e-4, le=0.5, allow_inf_nan=False)]
+ValveDelay = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
+ValveSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
+
+
+class ThrusterConfig(Section):
+    """One thruster: a valve of a node, and the force on the base while it is open."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    driver: Literal["canopen"] = "canopen"
+    bus: str
+    node_id: int = Field(ge=1, le=127)
+    valve: int = Field(default=0, ge=0, le=15)  # bit of the node's valve word
+    rate_hz: Rate  # of the node's reports
+    p_B_m: Position  # where the force acts
+    direction_B: Vector3  # of the force on the base, not of the jet
+    force_n: Thrust  # nominal, once it has risen
+    force_sigma_ratio: ScaleSigma = 0.03  # 1 sigma of that; half its variance is common to all
+    delay_s: ValveDelay = 0.005  # from the valve's change as reported to the force's
+    delay_sigma_s: ValveSigma = 0.0
+    rise_s: ValveTime = 0.01  # time constant of rise and decay
+    rise_sigma_s: ValveSigma = 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        length = sum(x * x for x in self.direction_B) ** 0.5
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
+            raise ValueError(f"direction_B {list(self.direction_B)}: must have length 1")
+        if self.rate_hz < SLOWEST_HZ:
+            raise ValueError(f"rate_hz {self.rate_hz:g}: must be at least {SLOWEST_HZ:g}")
+        return self
+
+
+def thrusters_go_with(
+    thrusters: Sequence[ThrusterConfig],
+    rates_hz: Mapping[str, float],
+    *,
+    method: str,
+    weighting: str,
+    attitude: bool,
+    base_motion: str,
+) -> None:
+    """Refuse thrusters whose bus is missing or too slow, or that something else cannot take."""
+    if not thrusters:
+        return
+    if method == "ce" or (method == "mrnea" and weighting == "bc"):
+        words = "ce" if method == "ce" else "mrnea with weighting bc"
+        raise ValueError(f"thrusters: {words} cannot take them; estimator.method must be another")
+    if not attitude or base_motion != "free":
+        raise ValueError("thrusters: need a star_tracker and base.motion: free")
+    nodes: dict[str, float] = {}
+    for i, thruster in enumerate(thrusters):
+        at = f"thrusters.{i}"
+        if thruster.bus not in rates_hz:
+            raise ValueError(
+                f"{at}.bus: {thruster.bus!r} is not one of the buses {sorted(rates_hz)}"
+            )
+        if thruster.rate_hz > rates_hz[thruster.bus]:
+            raise ValueError(
+                f"{at}.rate_hz: {thruster.rate_hz:g} must be at most the bus's SYNC rate "
+                f"{rates_hz[thruster.bus]:g}"
+            )
+        node = f"{thruster.bus}:{thruster.node_id}"
+        if nodes.setdefault(node, thruster.rate_hz) != thruster.rate_hz:
+            raise ValueError(f"{at}.rate_hz: {thruster.rate_hz:g} differs from its node's other")

@@ -1,0 +1,155 @@
+"""Thruster nodes of one CAN bus: frames to states of valves, timed by the SYNC they echo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.config import BusConfig, ThrusterConfig
+from fsw.drivers.codecs import canopen, thruster
+from fsw.drivers.sources.counters import Counters
+from fsw.drivers.sources.sync import SyncHistory
+from fsw.drivers.wire import FrameArray, Reject
+from fsw.messages import ThrusterSamples
+from fsw.messages.findings import Fault, Finding
+
+SILENT_REPORTS = 5.0  # a node without a report for longer than so many periods is silent
+OWN_SERVICES = (canopen.COB_TPDO1, canopen.COB_SYNC, canopen.COB_HEARTBEAT)
+COUNT = 256  # of changes, in which they are counted
+
+
+@dataclass(slots=True)
+class _Node:
+    """One valve driver and its newest report."""
+
+    rate_hz: float
+    thrusters: list[tuple[int, ThrusterConfig]]  # index in the configured list
+    counts: Counters
+    latch_ns: int | None = None  # of the newest report
+    valves: int = 0
+    changes: int = 0
+
+
+class ThrusterBusSource:
+    """Every thruster node of one bus.
+
+    A report is valid at the stamp of the SYNC whose counter it echoes plus the latch offset. It
+    gives the valves' states there and when they last changed. Where more than one change lies
+    between two reports, as after lost ones, when and what is not known: NaN says so.
+    """
+
+    kind = "thrusters"
+
+    def __init__(self, bus: BusConfig, thrusters: list[tuple[int, ThrusterConfig]]) -> None:
+        self._nodes: dict[int, _Node] = {}
+        for index, config in thrusters:
+            node = self._nodes.setdefault(
+                config.node_id, _Node(config.rate_hz, [], Counters())
+            )
+            node.thrusters.append((index, config))
+        self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
+        self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
+        self._now_ns = 0
+
+    def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
+        """Return which frames are a thruster node's own; SYNCs are everybody's."""
+        words = frames["word"]
+        own = (words <= canopen.COB_HEARTBEAT | canopen.NODE_MASK) & (words > canopen.COB_SYNC)
+        own &= np.isin(words & canopen.NODE_MASK, list(self._nodes))
+        own &= np.isin(words & ~np.uint32(canopen.NODE_MASK), OWN_SERVICES)
+        return np.asarray(own, np.bool_)
+
+    def feed(self, frames: FrameArray) -> ThrusterSamples:
+        """Accept frames in order, SYNCs among them, and return the states they hold."""
+        words, data = frames["word"], frames["data"]
+        for row in np.flatnonzero(words == canopen.COB_SYNC).tolist():
+            length = int(frames["length"][row])
+            self._now_ns = int(frames["t_ns"][row])
+            self._syncs.add(data[row, :length].tobytes(), self._now_ns, row)
+        is_report = words & ~np.uint32(canopen.NODE_MASK) == canopen.COB_TPDO1
+        rows = np.flatnonzero(is_report & np.isin(words & canopen.NODE_MASK, list(self._nodes)))
+        own, found = frames[rows], list[tuple[int, int, int, float, float]]()
+        t_ns = own["t_ns"].astype(np.int64)
+        pdo = thruster.decode_tpdo1(own["data"][:, : thruster.TPDO1_BYTES])
+        index, sync_ns, _ = self._syncs.match(pdo.sync_counter, rows, t_ns)
+        usable = thruster.valves_usable(pdo.status)
+        for k, length in enumerate(own["length"].tolist()):
+            node = self._nodes[int(own["word"][k]) & canopen.NODE_MASK]
+            latch_ns = int(sync_ns[k]) + self._latch_offset_ns
+            reason = next(
+                (
+                    why
+                    for bad, why in (
+                        (length != thruster.TPDO1_BYTES, Reject.LENGTH),
+                        (index[k] < 0, Reject.STALE),
+                        (not usable[k], Reject.STATUS),
+                        (node.latch_ns is not None and latch_ns <= node.latch_ns, Reject.SEQUENCE),
+                    )
+                    if bad
+                ),
+                None,
+            )
+            node.counts.received_bytes += length
+            if reason is not None:
+                node.counts.reject(reason, length)
+                continue
+            node.counts.accepted += 1
+            node.counts.accepted_bytes += length
+            state = int(pdo.valves[k]), int(pdo.changes[k]), int(pdo.age_ns[k])
+            found += _states(node, latch_ns, int(t_ns[k]), *state)
+        columns = np.array(found, np.float64).reshape(-1, 5)
+        times = np.array([row[:2] for row in found], np.int64).reshape(-1, 2)
+        return ThrusterSamples(
+            t_ns=times[:, 0],
+            t_receive_ns=times[:, 1],
+            thruster=columns[:, 2].astype(np.int64),
+            is_open=columns[:, 3],
+            is_change=columns[:, 4],
+        )
+
+    def findings(self) -> list[Finding]:
+        """Return which nodes are silent."""
+        found = []
+        for node in self._nodes.values():
+            if node.latch_ns is None:
+                continue
+            age_s = (self._now_ns - node.latch_ns) * 1e-9
+            if age_s * node.rate_hz > SILENT_REPORTS:
+                text, subject = f"no report for {age_s:.1f} s", node.thrusters[0][1].name
+                found.append(Finding(self._now_ns, Fault.THRUSTER_SILENT, subject, text))
+        return found
+
+    def status(self) -> dict[str, dict[str, Any]]:
+        """Return the newest state of every thruster and its node's counters, by name."""
+        return {
+            config.name: {
+                "accepted": node.counts.accepted,
+                "rejected": node.counts.rejected,
+                "open": float(node.valves >> config.valve & 1),
+            }
+            for node in self._nodes.values()
+            for _, config in node.thrusters
+        }
+
+
+def _states(
+    node: _Node, latch_ns: int, received_ns: int, valves: int, changes: int, age_ns: int
+) -> list[tuple[int, int, int, float, float]]:
+    """Return time, receive stamp, thruster, state, whether a change; the node's state follows."""
+    found = []
+    several = (changes - node.changes) % COUNT
+    first, known_before = node.latch_ns is None, node.latch_ns or 0
+    change_ns = latch_ns - age_ns
+    clear = several == 0 or (several == 1 and age_ns >= 0 and change_ns > known_before)
+    for index, config in node.thrusters:
+        now, before = valves >> config.valve & 1, node.valves >> config.valve & 1
+        if not first and not clear:
+            found.append((latch_ns, received_ns, index, float("nan"), 0.0))
+        elif not first and now != before:
+            found.append((change_ns, received_ns, index, float(now), 1.0))
+        found.append((latch_ns, received_ns, index, float(now), 0.0))
+    node.latch_ns, node.valves, node.changes = latch_ns, valves, changes
+    return found

@@ -1,0 +1,127 @@
+"""Thrusters: their force as a known input with unknown scale, delay and rise time.
+
+A valve that opens at t_e makes the force rise as h(t) = 1 - exp(-(t - t_e - d) / r), one that
+closes lets it fall likewise. The channels of a block are projections of samples on polynomials of
+degree m - 1, where a force that rises within the window is none: so the same projection of the
+force stands at the nodes,
+
+    u = P[sum of +-h],    U = P[integral of +-h],
+
+both in closed form, with exact derivatives by d and r: with I_0 = h and I_(j+1) = s^(j+1)/(j+1)! -
+r I_j, the j-fold integrals of h at s after its start, partial integration gives
+
+    integral of p h = sum over j of (-1)^j p^(j) I_(j+1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import factorial
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from fsw.estimators.model.problem import Problem, present
+from fsw.messages import Block, FloatArray
+
+LEAST_RISE_RATIO = 0.1  # of the configured rise time, at states far from their prior
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """What K thrusters give in a block, of their nominal force; second: by delay, by rise time."""
+
+    u: FloatArray  # (3, m, K) value and derivatives
+    U_s: FloatArray  # (3, m, K) its integral from the window's start
+    whole_s: FloatArray  # (3, K) that integral over the window
+    before_s: FloatArray  # (K,) integral up to the window's start
+
+
+@lru_cache(maxsize=8)
+def _projection(nodes: int) -> tuple[FloatArray, FloatArray]:
+    """Return (m, m) from moments with Legendre polynomials to the nodes, and (m, m, 2) p^(j)(+-1).
+
+    Derivatives j = 0 .. m - 1 of every polynomial at -1 and 1.
+    """
+    points = legendre.leggauss(nodes)[0]
+    to_nodes = legendre.legvander(points, nodes - 1) * (np.arange(nodes) + 0.5)
+    ends = np.empty((nodes, nodes, 2))
+    for k in range(nodes):
+        for j in range(nodes):
+            ends[k, j] = legendre.legval([-1.0, 1.0], legendre.legder(np.eye(nodes)[k], j))
+    return to_nodes, ends
+
+
+def profile(block: Block, x: FloatArray, problem: Problem) -> Profile:
+    """Return the force of every thruster at the nodes, for the delays and rise times of a state."""
+    K, m = len(problem.thrusters), len(block.t_ns)
+    half_s = 0.5 * problem.window_s
+    edges = block.edges[block.edges[:, 2] != 0.0]
+    owner, t_s, sign = edges[:, 0].astype(np.intp), edges[:, 1], edges[:, 2]
+    delay, rise = problem.thrusters.delay_s.copy(), problem.thrusters.rise_s.copy()
+    if present(problem.thrust_delay):
+        delay += x[problem.thrust_delay]
+    if present(problem.thrust_rise):
+        least = LEAST_RISE_RATIO * rise
+        rise = np.maximum(rise + x[problem.thrust_rise], least)
+    to_nodes, ends = _projection(m)
+    r = rise[owner] / half_s
+    start = (t_s + delay[owner]) / half_s  # in half windows from the centre
+    I, by_r = _integrals(np.maximum(np.array([-1.0, 1.0])[:, None] - start, 0.0), r, m + 2)
+    by_d = np.zeros_like(I)
+    by_d[1:] = -I[:-1]  # of I_0 it is not needed
+    alternating = (-1.0) ** np.arange(m)
+    per_edge = np.zeros((2, 3, m, len(edges)))
+    wholes, before = np.zeros((3, len(edges))), np.zeros(len(edges))
+    for which, integral in enumerate((I, by_d, by_r)):
+        for order in (1, 2):
+            terms = integral[order : order + m] * alternating[:, None, None]  # (j, end, edge)
+            at_ends = np.einsum("kjb,jbe->kbe", ends, terms)
+            per_edge[order - 1, which] = at_ends[:, 1] - at_ends[:, 0]
+        # the integral counts from the window's start: a constant less
+        per_edge[1, which, 0] -= 2.0 * integral[1, 0]
+        wholes[which] = integral[1, 1] - integral[1, 0]
+    before = I[1, 0] - np.maximum(-1.0 - t_s / half_s, 0.0)  # less than as commanded
+    of = np.zeros((len(edges), K))
+    of[np.arange(len(edges)), owner] = sign
+    scale = np.array([1.0, 1.0 / half_s, 1.0 / half_s])
+    u, U = to_nodes @ (per_edge @ of)
+    return Profile(
+        u=u * scale[:, None, None],
+        U_s=half_s * U * scale[:, None, None],
+        whole_s=half_s * scale[:, None] * (wholes @ of),
+        before_s=block.opened_s + half_s * (before @ of),
+    )
+
+
+def _integrals(s: FloatArray, r: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return the j-fold integrals of h at s >= 0 after its start (count, ...), and d/dr."""
+    I, by_r = np.zeros((2, count, *s.shape))
+    fading = np.exp(-s / r)
+    I[0], by_r[0] = 1.0 - fading, -(s / r**2) * fading
+    for j in range(1, count):
+        I[j] = s**j / factorial(j) - r * I[j - 1]
+        by_r[j] = -I[j - 1] - r * by_r[j - 1]
+    return I, by_r
+
+
+def wrench(
+    u: FloatArray, x: FloatArray, problem: Problem
+) -> tuple[FloatArray, FloatArray]:
+    """Return force and moment about the base's origin in base axes (m, 6), and d/dx (m, 6, p).
+
+    `u` (3, m, K): shares of the nominal forces, or impulses, with derivatives as in `Profile`.
+    """
+    ways = problem.thrusters.ways  # (6, K)
+    J = np.zeros((u.shape[1], 6, len(x)))
+    gain = np.ones(ways.shape[1])
+    if present(problem.thrust_scale):
+        J[:, :, problem.thrust_scale] = ways * u[0][:, None]
+        gain = gain + x[problem.thrust_scale]
+    scaled = ways * gain
+    if present(problem.thrust_delay):
+        J[:, :, problem.thrust_delay] = scaled * u[1][:, None]
+    if present(problem.thrust_rise):
+        J[:, :, problem.thrust_rise] = scaled * u[2][:, None]
+    return u[0] @ scaled.T, J

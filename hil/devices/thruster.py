@@ -1,0 +1,48 @@
+"""A thruster node: its wire format and its state; written from the ICD alone."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from hil.devices.canopen import STATUS_GOOD, JointNode, NodeState, Reading
+
+TPDO1 = struct.Struct("<HHBBBB")
+AGE_STEPS_PER_S = 1e5
+OLD = 0xFFFF
+
+
+def encode_tpdo1(
+    valves: Sequence[bool], age_s: float | None, changes: int, status: int, counter: int
+) -> bytes:
+    """Return the 8 bytes of TPDO1.
+
+    Parameters
+    ----------
+    valves : of the node, bit 0 first; True: open
+    age_s : of the newest change at the latch; None: there was none
+    changes : instants at which any valve changed
+    """
+    word = sum(1 << k for k, is_open in enumerate(valves) if is_open)
+    age = OLD if age_s is None else min(OLD, round(age_s * AGE_STEPS_PER_S))
+    return TPDO1.pack(word, age, changes & 0xFF, 0, status & 0xFF, counter)
+
+
+@dataclass(slots=True, kw_only=True)
+class ThrusterNode(JointNode):
+    """Network state of one valve driver; services beside its PDO are those of a joint node."""
+
+    syncs_per_report: int  # object 0x3018
+    look: Callable[[], tuple[list[bool], float | None, int]]  # arguments of `encode_tpdo1`
+    _syncs: int = 0
+
+    def on_sync(self, counter: int, _reading: Reading, _t_us: int) -> tuple[bytes, ...]:
+        """Return the PDO this SYNC triggers: none, or TPDO1."""
+        if self.state is NodeState.PRE_OPERATIONAL and self.autostart and not self._commanded:
+            self.state = NodeState.OPERATIONAL
+        self._syncs += 1
+        due = self._syncs % self.syncs_per_report == 0
+        if self.state is not NodeState.OPERATIONAL or self.silent or not due:
+            return ()
+        return (encode_tpdo1(*self.look(), STATUS_GOOD | self.status_extra, counter),)

@@ -1,0 +1,89 @@
+"""Thrusters of the true robot: jets on the base, when their valves open, and how force follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Jet:
+    """One thruster, fixed in the base."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    place_m: tuple[float, float, float]  # where its force acts, base frame
+    direction: tuple[float, float, float]  # of that force, any length
+    force_n: float
+
+    @property
+    def unit(self) -> FloatArray:
+        """Return the direction (3,) with length 1."""
+        way = np.array(self.direction, dtype=np.float64)
+        return np.asarray(way / np.linalg.norm(way))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pulse:
+    """One firing: a valve open from `on_s` for `for_s`, in the motion's time."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    jet: int  # from 0
+    on_s: float
+    for_s: float
+    reported: bool = True  # by the valve's node on the bus
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterSystem:
+    """The jets, their valves and the firings.
+
+    The force follows its valve after `delay_s` as a first-order lag of time constant `rise_s`. The
+    arm's brakes are closed or its control is stiff: joints do not give way to a firing.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    jets: tuple[Jet, ...]
+    pulses: tuple[Pulse, ...]
+    delay_s: float = 0.005
+    rise_s: float = 0.01
+    # 1 sigma by which the configured forces, delays and rise times err; half the variance of the
+    # forces' errors is common to all
+    force_sigma_ratio: float = 0.03
+    delay_sigma_s: float = 0.001
+    rise_sigma_s: float = 0.001
+
+    @cached_property
+    def ways(self) -> FloatArray:
+        """Return (6, K): force and moment about the base's origin, base axes."""
+        force = np.array([jet.force_n * jet.unit for jet in self.jets])
+        moment = np.cross(np.array([jet.place_m for jet in self.jets]), force)
+        return np.concatenate([force, moment], axis=1).T
+
+    @cached_property
+    def _edges(self) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+        """Return jet, time and sign of every change of a valve."""
+        owner = np.array([pulse.jet for pulse in self.pulses for _ in range(2)], np.intp)
+        at_s = np.array([t for p in self.pulses for t in (p.on_s, p.on_s + p.for_s)], np.float64)
+        return owner, at_s, np.tile([1.0, -1.0], len(self.pulses))
+
+    def wrench(self, t_s: float) -> FloatArray:
+        """Return force [N] and moment about the base's origin [N m] (6,) in base axes."""
+        owner, at_s, sign = self._edges
+        since = np.maximum(t_s - at_s - self.delay_s, 0.0)
+        share = np.zeros(len(self.jets))
+        np.add.at(share, owner, sign * (1.0 - np.exp(-since / self.rise_s)))
+        return np.asarray(self.ways @ share)
+
+    def valves_at(self, t_s: float) -> tuple[list[bool], float | None, int]:
+        """Return what the valves' node knows: which are open, age of the newest change, changes."""
+        own = [pulse for pulse in self.pulses if pulse.reported]
+        times = {t for p in own for t in (p.on_s, p.on_s + p.for_s) if t <= t_s}
+        opened = {p.jet for p in own if p.on_s <= t_s < p.on_s + p.for_s}
+        age_s = t_s - max(times) if times else None
+        return [k in opened for k in range(len(self.jets))], age_s, len(times)
