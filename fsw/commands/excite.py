@@ -59,7 +59,9 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
 def with_all_still(config: Config) -> Config:
     """Return the configuration without wheels and thrusters: no plan knows what they will do."""
     if config.wheels:
-        _tell("wheels: the motion is planned and judged as if they stood still relative to the base")
+        _tell(
+            "wheels: the motion is planned and judged as if they stood still relative to the base"
+        )
     if config.thrusters:
         _tell("thrusters: the motion is planned and judged without a firing")
     idle = {"wheels": (), "thrusters": ()}

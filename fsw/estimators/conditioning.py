@@ -114,7 +114,8 @@ class Conditioner:
         half_s = (window.stop_ns - window.start_ns) * 0.5e-9
         t_ns = centre_ns + np.rint(gauss_nodes(m) * half_s * 1e9).astype(np.int64)
         turns, firings = self._turns(window, t_ns), self._firings(window)
-        changing = bool(firings) and changes(firings["edges"], self._tail_s, -half_s)
+        edges = firings.get("edges") if firings else None
+        changing = edges is not None and changes(edges, self._tail_s, -half_s)
         arm = yield from self._arm(window, centre_ns, half_s, gated=not changing)
         if arm is None or turns is None or firings is None:
             self.unusable_windows += 1

@@ -61,7 +61,9 @@ class Valves:
                 channel.t_ns.tolist(), channel.values.tolist(), strict=True
             ):
                 before = self._open[k]
-                if np.isnan(is_open) or (before is not None and is_open != before and not is_change):
+                if np.isnan(is_open) or (
+                    before is not None and is_open != before and not is_change
+                ):
                     missed = missed or before is not None
                     usable = False
                     self._open[k] = None if np.isnan(is_open) else is_open

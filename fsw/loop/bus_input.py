@@ -282,7 +282,10 @@ class BusInput:
 
     def findings(self) -> list[Finding]:
         """Return and forget what was found wrong."""
-        return [found for own in (self.source, *self.others) for found in own.findings()]
+        found = list(self.source.findings())
+        for other in self.others:
+            found += other.findings()
+        return found
 
     def watch(self, now_ns: int) -> None:
         """Report to the source whether it has its port; a lost port is an event."""

@@ -44,7 +44,7 @@ def sample_status(config: Config, align: Aligner, inputs: Inputs) -> dict[str, A
 
 
 def _others(inputs: Inputs) -> dict[str, Any]:
-    """Return the newest values and counters of wheels and thrusters, by kind where there are any."""
+    """Return the newest values and counters of wheels and thrusters, by kind."""
     found: dict[str, dict[str, Any]] = {}
     for source in (own for bus in inputs.buses for own in bus.others):
         found.setdefault(source.kind, {}).update(source.status())

@@ -144,10 +144,13 @@ class Aligner:
         slow = [  # known from the windows before too
             _Channel(
                 min_count=1,
-                max_count=int(4 * node.rate_hz * window_s) + 16,
-                freshness_ns=round(FRESHNESS_PERIODS / node.rate_hz * 1e9),
+                max_count=int(4 * rate_hz * window_s) + 16,
+                freshness_ns=round(FRESHNESS_PERIODS / rate_hz * 1e9),
             )
-            for node in (*config.wheels, *config.thrusters)
+            for rate_hz in [
+                *(w.rate_hz for w in config.wheels),
+                *(t.rate_hz for t in config.thrusters),
+            ]
         ]
         wheels, thrusters = slow[: len(config.wheels)], slow[len(config.wheels) :]
         self._wheels = _Bins(2, wheels) if wheels else None

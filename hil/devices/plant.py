@@ -16,13 +16,13 @@ from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, FieldScale, JointNode, Reading
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
+from hil.devices.thruster import ThrusterNode
 from hil.devices.truth_clock import SPAN_S, ClampedHistory, JointTable, TruthClock
 from hil.devices.truth_port import History
-from hil.devices.thruster import ThrusterNode
 from hil.devices.uart import TimedBytes
 from hil.devices.wheel import WheelNode
-from hil.world.thrusters import ThrusterSystem
 from hil.world.sensors import JointErrors, NodeConfig, SensorConfig, WheelSensorConfig, generator
+from hil.world.thrusters import ThrusterSystem
 
 FIRST_NODE = 0x11
 AHEAD = 64  # latches measured at once

@@ -46,9 +46,7 @@ class ThrusterBusSource:
     def __init__(self, bus: BusConfig, thrusters: list[tuple[int, ThrusterConfig]]) -> None:
         self._nodes: dict[int, _Node] = {}
         for index, config in thrusters:
-            node = self._nodes.setdefault(
-                config.node_id, _Node(config.rate_hz, [], Counters())
-            )
+            node = self._nodes.setdefault(config.node_id, _Node(config.rate_hz, [], Counters()))
             node.thrusters.append((index, config))
         self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
         self._latch_offset_ns = round(bus.latch_offset_s * 1e9)

@@ -68,13 +68,13 @@ def profile(block: Block, x: FloatArray, problem: Problem) -> Profile:
     to_nodes, ends = _projection(m)
     r = rise[owner] / half_s
     start = (t_s + delay[owner]) / half_s  # in half windows from the centre
-    I, by_r = _integrals(np.maximum(np.array([-1.0, 1.0])[:, None] - start, 0.0), r, m + 2)
-    by_d = np.zeros_like(I)
-    by_d[1:] = -I[:-1]  # of I_0 it is not needed
+    folds, by_r = _integrals(np.maximum(np.array([-1.0, 1.0])[:, None] - start, 0.0), r, m + 2)
+    by_d = np.zeros_like(folds)
+    by_d[1:] = -folds[:-1]  # of I_0 it is not needed
     alternating = (-1.0) ** np.arange(m)
     per_edge = np.zeros((2, 3, m, len(edges)))
     wholes, before = np.zeros((3, len(edges))), np.zeros(len(edges))
-    for which, integral in enumerate((I, by_d, by_r)):
+    for which, integral in enumerate((folds, by_d, by_r)):
         for order in (1, 2):
             terms = integral[order : order + m] * alternating[:, None, None]  # (j, end, edge)
             at_ends = np.einsum("kjb,jbe->kbe", ends, terms)
@@ -82,7 +82,7 @@ def profile(block: Block, x: FloatArray, problem: Problem) -> Profile:
         # the integral counts from the window's start: a constant less
         per_edge[1, which, 0] -= 2.0 * integral[1, 0]
         wholes[which] = integral[1, 1] - integral[1, 0]
-    before = I[1, 0] - np.maximum(-1.0 - t_s / half_s, 0.0)  # less than as commanded
+    before = folds[1, 0] - np.maximum(-1.0 - t_s / half_s, 0.0)  # less than as commanded
     of = np.zeros((len(edges), K))
     of[np.arange(len(edges)), owner] = sign
     scale = np.array([1.0, 1.0 / half_s, 1.0 / half_s])
@@ -97,18 +97,16 @@ def profile(block: Block, x: FloatArray, problem: Problem) -> Profile:
 
 def _integrals(s: FloatArray, r: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Return the j-fold integrals of h at s >= 0 after its start (count, ...), and d/dr."""
-    I, by_r = np.zeros((2, count, *s.shape))
+    folds, by_r = np.zeros((2, count, *s.shape))
     fading = np.exp(-s / r)
-    I[0], by_r[0] = 1.0 - fading, -(s / r**2) * fading
+    folds[0], by_r[0] = 1.0 - fading, -(s / r**2) * fading
     for j in range(1, count):
-        I[j] = s**j / factorial(j) - r * I[j - 1]
-        by_r[j] = -I[j - 1] - r * by_r[j - 1]
-    return I, by_r
+        folds[j] = s**j / factorial(j) - r * folds[j - 1]
+        by_r[j] = -folds[j - 1] - r * by_r[j - 1]
+    return folds, by_r
 
 
-def wrench(
-    u: FloatArray, x: FloatArray, problem: Problem
-) -> tuple[FloatArray, FloatArray]:
+def wrench(u: FloatArray, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Return force and moment about the base's origin in base axes (m, 6), and d/dx (m, 6, p).
 
     `u` (3, m, K): shares of the nominal forces, or impulses, with derivatives as in `Profile`.

@@ -5,8 +5,8 @@ may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bia
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
 of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
 the joints (n each), relative errors of the wheels' inertias (k), and of K thrusters relative errors
-of their forces, errors of their delays and of their rise times]. Where a prior sigma is zero there is
-no state.
+of the forces, errors of the delays and of the rise times]. Where a prior sigma is zero there is no
+state.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -57,8 +58,7 @@ def test_nodes_hold_the_projections_of_force_and_impulse() -> None:
 
         def integral(f: Any, breaks: list[float] = breaks) -> float:
             at = np.unique([-half, *breaks, half])
-            pairs = zip(at[:-1], at[1:], strict=True)
-            return sum(quad(f, a, b, epsabs=1e-13, limit=200)[0] for a, b in pairs)
+            return sum(quad(f, a, b, epsabs=1e-13, limit=200)[0] for a, b in pairwise(at))
 
         def force(t: float, k: int = k) -> float:
             return share(t, block, k, delay[k], rise[k])
