@@ -1,7 +1,7 @@
 """Overlay files: a YAML file with some keys of the configuration, which replace those in it.
 
 An overlay has the sections and keys of the configuration. A list of named sections (buses, joints,
-wheels) holds those that it changes, by name; any other list replaces the configuration's.
+wheels, thrusters) holds those that it changes, by name; any other list replaces the one there.
 """
 
 from __future__ import annotations

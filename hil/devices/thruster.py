@@ -6,11 +6,12 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hil.devices.canopen import STATUS_GOOD, JointNode, NodeState, Reading
+from hil.devices.canopen import JointNode, NodeState, Reading
 
 TPDO1 = struct.Struct("<HHBBBB")
 AGE_STEPS_PER_S = 1e5
 OLD = 0xFFFF
+STATUS_GOOD = 0x08  # valves valid
 
 
 def encode_tpdo1(

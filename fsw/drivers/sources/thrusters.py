@@ -141,13 +141,14 @@ def _states(
     several = (changes - node.changes) % COUNT
     first, known_before = node.latch_ns is None, node.latch_ns or 0
     change_ns = latch_ns - age_ns
-    clear = several == 0 or (several == 1 and age_ns >= 0 and change_ns > known_before)
+    in_gap = change_ns >= known_before - thruster.AGE_SCALE_NS  # to the rounding of its age
+    clear = several == 0 or (several == 1 and age_ns >= 0 and in_gap)
     for index, config in node.thrusters:
         now, before = valves >> config.valve & 1, node.valves >> config.valve & 1
         if not first and not clear:
             found.append((latch_ns, received_ns, index, float("nan"), 0.0))
         elif not first and now != before:
-            found.append((change_ns, received_ns, index, float(now), 1.0))
+            found.append((max(change_ns, known_before + 1), received_ns, index, float(now), 1.0))
         found.append((latch_ns, received_ns, index, float(now), 0.0))
     node.latch_ns, node.valves, node.changes = latch_ns, valves, changes
     return found

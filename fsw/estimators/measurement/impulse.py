@@ -66,7 +66,8 @@ def momentum_at_nodes(
     the moment at this block's first node.
     """
     W, J_W = _wrench(block, x, problem, G)
-    T, J = _about_centre(block, x, problem, W, J_W)
+    centres = _centres(block, x, problem)
+    T, J = _about(centres, block, problem, W, J_W)
     cumulative, weights = _integration(len(T))
     half_s = 0.5 * problem.window_s
     centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
@@ -81,13 +82,13 @@ def momentum_at_nodes(
     fired_s: FloatArray | float = 0.0
     if len(problem.thrusters):
         fired = thrust.profile(block, x, problem)
-        gained = fired.U_s.copy()
+        by_gap = np.zeros((3, 1, len(problem.thrusters)))
         if gap_s > 0.0:
-            gained[0] += fired.before_s - before.fired_s
-        dL, dJ = _about_centre(block, x, problem, *thrust.wrench(gained, x, problem))
+            by_gap[0] = fired.before_s - before.fired_s
+        dL, dJ = _about(centres, block, problem, *thrust.wrench(fired.U_s + by_gap, x, problem))
         L, J_L = L + dL, J_L + dJ
-        whole = np.repeat(fired.whole_s[:, None] + gained[:, :1] - fired.U_s[:, :1], len(T), axis=1)
-        dL, dJ = _about_centre(block, x, problem, *thrust.wrench(whole, x, problem))
+        gained = np.repeat(by_gap + fired.whole_s[:, None], len(T), axis=1)
+        dL, dJ = _about(centres, block, problem, *thrust.wrench(gained, x, problem))
         L_end, J_end = L_end + dL.mean(axis=0), J_end + dJ.mean(axis=0)
         fired_s = fired.before_s + fired.whole_s[0]
     return L, J_L, Impulse(stop_ns, L_end, J_end, x, fired_s)
@@ -110,25 +111,34 @@ def _wrench(
     return W, J
 
 
-def _about_centre(
-    block: Block, x: FloatArray, problem: Problem, W: FloatArray, J_W: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the moment about the centre of mass of the whole, in N (m, 3), and its Jacobian.
-
-    `W` (m, 6): force and moment about the base's origin in base axes; `J_W` (m, 6, p).
-    """
-    m, model = len(block.t_ns), problem.model
-    pi = problem.pi(x)
-    T, J = np.zeros((m, 3)), np.zeros((m, 3, len(x)))
-    for i in range(m):
-        R = block.R_NB[i]
-        whole = model.composite(block.q_rad[i])
+def _centres(block: Block, x: FloatArray, problem: Problem) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the centre of mass of the whole (3,) at every node, in B, and its Jacobian (3, k)."""
+    pi, found = problem.pi(x), []
+    for q in block.q_rad:
+        whole = problem.model.composite(q)
         total, J_total = whole @ pi, whole @ problem.U
         mass, h = total[0], total[1:4]
         c = h / mass
-        J_c = (J_total[1:4] - np.outer(c, J_total[0])) / mass
-        force, moment = W[i, :3], W[i, 3:]
-        T[i] = R @ (moment - cross(c, force))
+        found.append((c, (J_total[1:4] - np.outer(c, J_total[0])) / mass))
+    return found
+
+
+def _about(
+    centres: list[tuple[FloatArray, FloatArray]],
+    block: Block,
+    problem: Problem,
+    W: FloatArray,
+    J_W: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the moment about the centres, in N (m, 3), and its Jacobian.
+
+    `W` (m, 6): force and moment about the base's origin in base axes; `J_W` (m, 6, p).
+    """
+    m, p = len(W), J_W.shape[2]
+    T, J = np.zeros((m, 3)), np.zeros((m, 3, p))
+    for i, (c, J_c) in enumerate(centres):
+        R, force = block.R_NB[i], W[i, :3]
+        T[i] = R @ (W[i, 3:] - cross(c, force))
         J_moment = J_W[i, 3:] - skew(c) @ J_W[i, :3]
         J_moment[:, problem.inertial] += skew(force) @ J_c
         J[i] = R @ J_moment
