@@ -16,6 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hil.basilisk import command as vs_basilisk
 from hil.evidence import commands as evidence
 from hil.examples import EXAMPLES, STUDIES
 from hil.options import count
@@ -59,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
         default="auto",
         help="of a run in real time; auto: vcan0 where this kernel has it and nobody uses it",
     )
+    run.add_argument("--truth", type=Path, metavar="FILE", help="of hil vs-basilisk, with --fast")
     run.add_argument("--method", choices=("mrnea", "fused"), help="instead of the scenario's")
     run.add_argument("--weighting", choices=("ols", "wls", "eiv"), help="instead of the scenario's")
     run.add_argument(
@@ -106,6 +108,7 @@ def parser() -> argparse.ArgumentParser:
     _campaign_parser(commands)
     _vcan_parser(commands)
     evidence.add_parsers(commands)
+    vs_basilisk.add_parser(commands)
     for name, example in EXAMPLES.items():
         commands.choices[name].epilog = f"example: {example}"
     return program
@@ -282,12 +285,13 @@ def _run(arguments: argparse.Namespace) -> int:
 
     if arguments.fast and arguments.telemetry is not None:
         raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
+    if arguments.truth is not None and not arguments.fast:
+        raise ScenarioError("--truth: needs virtual time: add --fast")
     telemetry = None
     if arguments.telemetry is not None:
         telemetry = {"port": arguments.telemetry, "science_interval_s": SCIENCE_INTERVAL_S}
     scenario = changed(load(arguments.scenario), arguments.settings)
-    chosen = {"method": arguments.method, "weighting": arguments.weighting}
-    overrides = {key: value for key, value in chosen.items() if value is not None}
+    overrides = {k: v for k in ("method", "weighting") if (v := getattr(arguments, k)) is not None}
     with ExitStack() as stack:
         folder = arguments.out
         if folder is None and arguments.json:
@@ -304,6 +308,7 @@ def _run(arguments: argparse.Namespace) -> int:
             real_time=not arguments.fast,
             overrides=overrides,
             telemetry=telemetry,
+            truth=arguments.truth,
         )
         with meter(scenario.name, setup.total_s, _wide(Console(stderr=True))) as bar:
             if arguments.fast:

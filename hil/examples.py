@@ -14,6 +14,7 @@ EXAMPLES = {
     "soak": "hil soak --hours 2 --rate 50 --imu-rate 125 --out runs/soak",
     "calibration": "hil calibration --scenario bench_target --count 20 --out runs/calibration",
     "hardware": "hil hardware --data ~/recordings --fetch",
+    "vs-basilisk": "hil vs-basilisk --make-env target_leo --seeds 3",
     "bench": "hil bench target_leo --rounds 3 --only alone",
 }
 STUDIES = {

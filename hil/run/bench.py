@@ -38,8 +38,7 @@ from hil.run.flight import (
 from hil.run.progress import Meter
 from hil.world.environment.wrench import simulate_in
 from hil.world.history import TruthHistory
-from hil.world.inertia import FloatArray
-from hil.world.robot import Body, Robot
+from hil.world.robot import Robot, body_of
 from hil.world.scenario import Prior, Scenario, ScenarioError, draw_prior
 from hil.world.sensors import SensorConfig
 from hil.world.spline import JointSpline
@@ -119,6 +118,7 @@ def prepare(
     real_time: bool = False,
     overrides: Mapping[str, Any] | None = None,
     telemetry: Mapping[str, Any] | None = None,
+    truth: Path | None = None,
 ) -> Setup:
     """Draw the priors, write the flight configuration, simulate the truth.
 
@@ -129,6 +129,7 @@ def prepare(
     ----------
     overrides : keys of the configuration's section `estimator`
     telemetry : its section `telemetry`; None: the daemon has no link
+    truth : file of another engine's truth of this scenario, instead (see `hil.basilisk`)
 
     Raises
     ------
@@ -136,17 +137,7 @@ def prepare(
     """
     if real_time and scenario.faults:
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
-    bodies = {name: _body(report) for name, report in scenario.truth.items()}
-    robot = Robot.load(
-        scenario.urdf,
-        scenario.tool_frame,
-        bodies.get("base"),
-        bodies.get("target"),
-        scenario.slosh,
-        {frame: bodies[name] for name, frame in scenario.frames.items()},
-        scenario.wheels,
-        scenario.thrusters,
-    )
+    robot = robot_of(scenario)
     spline = JointSpline.load(scenario.identification)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
     ports = scenario.bus_ports
@@ -168,7 +159,10 @@ def prepare(
     if telemetry is not None:
         document["telemetry"] = dict(telemetry)
     path = write_flight(folder, scenario, priors, document)
-    history = truth_of(scenario, robot, spline)
+    if truth is None:
+        history = truth_of(scenario, robot, spline)
+    else:
+        history = _stored(truth, scenario, robot, spline)
     return Setup(
         scenario=scenario,
         seed=seed,
@@ -183,17 +177,51 @@ def prepare(
     )
 
 
-def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
-    """Simulate the truth; where it tumbles or something acts, over the arm's rests too."""
+def robot_of(scenario: Scenario) -> Robot:
+    """Return the true robot with all it holds."""
+    bodies = {name: body_of(report) for name, report in scenario.truth.items()}
+    return Robot.load(
+        scenario.urdf,
+        scenario.tool_frame,
+        bodies.get("base"),
+        bodies.get("target"),
+        scenario.slosh,
+        {frame: bodies[name] for name, frame in scenario.frames.items()},
+        scenario.wheels,
+        scenario.thrusters,
+    )
+
+
+def span_s(scenario: Scenario, spline: JointSpline) -> tuple[float, float]:
+    """Return start and end of the truth: the arm's rests too where it tumbles or something acts."""
     before_s, after_s = EDGE_S, EDGE_S
     if not scenario.rests:
         before_s, after_s = max(EDGE_S, scenario.before_s), max(EDGE_S, scenario.after_s)
+    return -before_s, spline.duration_s + after_s
+
+
+def _stored(path: Path, scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
+    """Read a truth; ScenarioError where it is none, another scenario's, or too short."""
+    try:
+        history, name = TruthHistory.load(path)
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{path}: {error}") from error
+    start_s, end_s = span_s(scenario, spline)
+    if name != scenario.name or history.q.shape[1] != robot.n:
+        raise ScenarioError(f"{path}: the truth of {name}, not of {scenario.name}")
+    if history.start_s > start_s + EDGE_S / 2 or history.end_s < end_s - EDGE_S / 2:
+        covered = f"{history.start_s:g} to {history.end_s:g} s"
+        raise ScenarioError(f"{path}: covers {covered}, not {start_s:g} to {end_s:g} s")
+    return history
+
+
+def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
+    """Simulate the truth."""
     return simulate_in(
         scenario.environment,
         robot,
         spline,
-        -before_s,
-        spline.duration_s + after_s,
+        *span_s(scenario, spline),
         stand=scenario.stand,
         w_NB_B_rad_s=scenario.start_rate_rad_s,
     )
@@ -328,8 +356,3 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
             "daemon_exit_code": outcome.exit_code,
         },
     )
-
-
-def _body(report: FloatArray) -> Body:
-    mass, cx, cy, cz, xx, xy, xz, yy, yz, zz = (float(x) for x in report)
-    return Body(mass, (cx, cy, cz), (xx, xy, xz, yy, yz, zz))

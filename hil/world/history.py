@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -89,6 +90,35 @@ class TruthHistory:
     field: Field | None = None
     centre_N: FloatArray | None = None  # (k, 3) centre of mass of the whole; with a field
 
+    def save(self, path: Path, scenario: str) -> None:
+        """Write the nodes with the name of what they are the truth of; a field is not kept.
+
+        Raises
+        ------
+        ValueError for a history with a field.
+        """
+        if self.field is not None:
+            raise ValueError("a history with a field cannot be written")
+        kept = {item.name: getattr(self, item.name) for item in fields(self)}
+        arrays = {name: value for name, value in kept.items() if value is not None}
+        np.savez_compressed(path, scenario=scenario, **arrays)
+
+    @staticmethod
+    def load(path: Path) -> tuple[TruthHistory, str]:
+        """Read what `save` wrote: the history and the scenario's name.
+
+        Raises
+        ------
+        OSError, ValueError for a file that is none.
+        """
+        with np.load(path) as stored:
+            given = dict(stored)
+        try:
+            scenario, start, dt = (given.pop(key).item() for key in ("scenario", "start_s", "dt_s"))
+            return TruthHistory(start_s=start, dt_s=dt, **given), str(scenario)
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"not a truth of this bench: {error}") from error
+
     @property
     def t_s(self) -> FloatArray:
         """Times of the nodes, (k,)."""
@@ -115,7 +145,7 @@ class TruthHistory:
         """All else with its derivative, by differences where no channel is it; see `_pairs`."""
         centre = np.empty((len(self.q), 0)) if self.centre_N is None else self.centre_N
         by_differences = np.hstack([self.qdd, self.tau, self.wd_B, self.a_N, centre])
-        slopes = [self.qdd, self.a_N, self.wd_B, _slope(by_differences, self.dt_s)]
+        slopes = [self.qdd, self.a_N, self.wd_B, slope(by_differences, self.dt_s)]
         return _pairs(
             np.hstack([self.qd, self.v_N, self.w_B, by_differences]),
             self.dt_s * np.hstack(slopes),
@@ -165,10 +195,10 @@ class TruthHistory:
     def _wheels(self) -> tuple[CubicHermiteSpline, CubicHermiteSpline]:
         if self.wheel_rad_s is None or self.wheel_rad_s2 is None or self.motor_nm is None:
             raise ValueError("the robot of this history has no wheels")
-        slope = _slope(self.motor_nm, self.dt_s)
+        torque_slope = slope(self.motor_nm, self.dt_s)
         return (
             CubicHermiteSpline(self.t_s, self.wheel_rad_s, self.wheel_rad_s2),
-            CubicHermiteSpline(self.t_s, self.motor_nm, slope),
+            CubicHermiteSpline(self.t_s, self.motor_nm, torque_slope),
         )
 
     def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
@@ -236,7 +266,7 @@ def _times_vector(quat_wxyz: FloatArray, v: FloatArray) -> FloatArray:
     return np.concatenate([real, scalar * v + np.cross(vector, v)], axis=-1)
 
 
-def _slope(x: FloatArray, h: float) -> FloatArray:
+def slope(x: FloatArray, h: float) -> FloatArray:
     """Fourth-order central differences, second order at the two ends."""
     slope = np.gradient(x, h, axis=0, edge_order=2)
     if len(x) > 4:

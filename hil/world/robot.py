@@ -38,6 +38,12 @@ class Body:
     inertia_kg_m2: tuple[float, float, float, float, float, float]  # xx xy xz yy yz zz
 
 
+def body_of(report: FloatArray) -> Body:
+    """Return the body of a report (10,)."""
+    mass, cx, cy, cz, xx, xy, xz, yy, yz, zz = (float(x) for x in report)
+    return Body(mass, (cx, cy, cz), (xx, xy, xz, yy, yz, zz))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SloshMass:
     """Liquid that moves in a tank of the base: a mass on springs, one slide per axis.
@@ -123,9 +129,9 @@ class Robot:
         """
         links = read_links(urdf)
         arm = [link for link in links if link.axis is not None]
-        tool = _link_of(urdf, links, tool_frame)
+        tool = link_of(urdf, links, tool_frame)
         grasped = [
-            (_link_of(urdf, links, frame).name, f"held by {frame}", body)
+            (link_of(urdf, links, frame).name, f"held by {frame}", body)
             for frame, body in (held or {}).items()
         ]
         if target is not None:
@@ -277,7 +283,8 @@ def _vector(text: str | None, default: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _link_of(urdf: Path, links: list[Link], frame: str) -> Link:
+def link_of(urdf: Path, links: list[Link], frame: str) -> Link:
+    """Return the link that a frame's name means: its own, or its joint's. Raises ValueError."""
     link = next((k for k in links if frame in (k.name, k.joint)), None)
     if link is None:
         raise ValueError(f"{urdf}: no frame {frame!r}; has {[k.name for k in links]}")
@@ -316,8 +323,7 @@ def without(body: Body, slosh: Sequence[SloshMass], wheels: WheelSystem | None =
     moments = np.linalg.eigvalsh(symmetric(rest[4:]))
     if not (moments[0] > 0 and moments[0] + moments[1] >= moments[2]):
         raise ValueError(f"no rigid body is left of the base: moments {moments.round(3).tolist()}")
-    mass, x, y, z, xx, xy, xz, yy, yz, zz = rest.tolist()
-    return Body(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+    return body_of(rest)
 
 
 def _compile(

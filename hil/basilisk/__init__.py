@@ -1,0 +1,1 @@
+"""The second truth: Basilisk flies the scenarios of the bench."""

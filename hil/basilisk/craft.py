@@ -1,0 +1,251 @@
+"""A scenario as a job for Basilisk, and what it flew as a truth of the bench.
+
+Rigid parts, torques and initial state cross to the engine, nothing of MuJoCo's or anyone's
+dynamics: links that do not move are merged by `hil.world.inertia`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hil.world.history import TruthHistory, slope
+from hil.world.inertia import FloatArray, frame_map, pi_of, report_of, symmetric
+from hil.world.robot import Body, Link, Robot, SloshMass, body_of, link_of, read_links, without
+from hil.world.scenario import Scenario, ScenarioError
+
+STEP_S = 1e-3
+HOLD_PERIOD_S = 0.01
+HOLD_RAD_S = 10.0  # bandwidth of what holds the arm to its plan; slow: the step is far
+
+
+def on_lines(scenario: Scenario) -> Scenario:
+    """Return the scenario with a mass of its own for every axis along which a tank's mass moves.
+
+    The engine's mass moves along one line; to first order in the displacement the forces are the
+    same. Base and liquid at rest weigh as before.
+    """
+    lines = [replace(part, axes=(axis,)) for part in scenario.slosh for axis in part.axes]
+    return replace(scenario, slosh=tuple(lines))
+
+
+def job_of(
+    scenario: Scenario, robot: Robot, plan: TruthHistory, step_s: float = STEP_S
+) -> dict[str, Any]:
+    """Return what the engine reads: the craft (JSON), torques of every step (k, n), (k, w), (k, 6).
+
+    Parameters
+    ----------
+    plan : whose joint and motor torques drive the craft; it starts where this starts
+
+    Raises
+    ------
+    ScenarioError for what this engine does not fly.
+    """
+    for key in ("environment", "stand"):
+        if getattr(scenario, key) is not None:
+            raise ScenarioError(
+                f"{scenario.name}: {key}: the second truth floats freely in nothing"
+            )
+    base = body_of(scenario.truth["base"])
+    hub, chains = _craft(scenario, without(base, scenario.slosh), plan.q[0])
+    rotors = () if scenario.wheels is None else scenario.wheels.rotors
+    about = {
+        "dt_s": step_s,
+        "hold_steps": round(HOLD_PERIOD_S / step_s),
+        "hub": _named(hub),
+        "chains": chains,
+        "wheels": [
+            {
+                "mass_kg": rotor.mass_kg,
+                "place_m": rotor.place_m,
+                "axis": rotor.unit.tolist(),
+                "inertia_kg_m2": rotor.inertia_kg_m2,
+                "speed_rad_s": rotor.speed_rad_s,
+            }
+            for rotor in rotors
+        ],
+        "slides": [_slide(line) for line in scenario.slosh],
+        "sigma_BN": Rotation.from_quat(plan.quat_wxyz[0, [1, 2, 3, 0]]).as_mrp().tolist(),
+        "w_NB_B_rad_s": list(scenario.start_rate_rad_s),
+    }
+    steps = int((plan.end_s - plan.start_s) / step_s + 1e-6)
+    middles = plan.start_s + step_s * (np.arange(steps) + 0.5)
+    motor = np.zeros((steps, 0))
+    if rotors:
+        motor = np.array([plan.wheels_at(t)[1] for t in middles])
+    starts = plan.at(middles - 0.5 * step_s)
+    return {
+        "about": json.dumps(about),
+        "q_rad": starts.q,
+        "qd_rad_s": starts.qd,
+        "tau_nm": plan.at(middles).tau,
+        "hold": _hold(robot, plan.at(np.arange(plan.start_s, plan.end_s, HOLD_PERIOD_S)).q),
+        "motor_nm": motor,
+        "wrench": np.zeros((steps, 6)),
+    }
+
+
+def truth_of(job: Mapping[str, Any], flown: Mapping[str, Any], start_s: float) -> TruthHistory:
+    """Return the flown motion; torques and accelerations at the nodes are of the fourth order."""
+    about = json.loads(str(job["about"]))
+    h, n, w = about["dt_s"], job["tau_nm"].shape[1], job["motor_nm"].shape[1]
+    state = np.asarray(flown["state"])
+    p_N, v_N, sigma, w_B = np.split(state[:, :12], 4, axis=1)
+    q: list[FloatArray] = []
+    qd: list[FloatArray] = []
+    place = 12
+    for chain in about["chains"]:
+        for part in (q, qd):
+            part.append(state[:, place : place + len(chain)])
+            place += len(chain)
+    angles, rates = np.hstack(q), np.hstack(qd)
+    if angles.shape[1] != n:
+        raise ValueError(f"the engine flew {angles.shape[1]} joints of {n}")
+    speeds = state[:, state.shape[1] - w :]
+    return TruthHistory(
+        start_s=start_s,
+        dt_s=h,
+        q=angles,
+        qd=rates,
+        qdd=slope(rates, h),
+        tau=_at_nodes(flown["tau_nm"], h),
+        p_N=p_N - p_N[0],
+        v_N=v_N,
+        a_N=slope(v_N, h),
+        quat_wxyz=_quaternions(sigma),
+        w_B=w_B,
+        wd_B=slope(w_B, h),
+        wheel_rad_s=speeds if w else None,
+        wheel_rad_s2=slope(speeds, h) if w else None,
+        motor_nm=_at_nodes(job["motor_nm"], h) if w else None,
+    )
+
+
+def _hold(robot: Robot, q_rad: FloatArray) -> FloatArray:
+    """Return the gains (k, n, 2 n) on errors of angles and rates: the arm's inertia, base free."""
+    data, passive = mujoco.MjData(robot.model), robot.model.nv - robot.n
+    H = np.empty((robot.model.nv, robot.model.nv))
+    gains = np.empty((len(q_rad), robot.n, 2 * robot.n))
+    for k, q in enumerate(q_rad):
+        data.qpos[-robot.n :] = q
+        mujoco.mj_fwdPosition(robot.model, data)
+        mujoco.mj_fullM(robot.model, data, H)
+        given = np.linalg.solve(H[:passive, :passive], H[:passive, passive:])
+        inertia = H[passive:, passive:] - H[passive:, :passive] @ given
+        gains[k] = np.hstack([HOLD_RAD_S**2 * inertia, 2.0 * HOLD_RAD_S * inertia])
+    return gains
+
+
+def _at_nodes(held: FloatArray, h: float) -> FloatArray:
+    """Return the nodes' values (k + 1, m) of what is held over k steps, as `slope` takes them."""
+    impulse = np.vstack([np.zeros((1, held.shape[1])), np.cumsum(h * held, axis=0)])
+    return slope(impulse, h)
+
+
+def _quaternions(sigma: FloatArray) -> FloatArray:
+    """Return continuous quaternions (k, 4), scalar first, of rotation parameters (k, 3)."""
+    wxyz = Rotation.from_mrp(sigma).as_quat()[:, [3, 0, 1, 2]]
+    turned = np.cumprod(np.sign(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1])))
+    return np.asarray(wxyz * np.concatenate([[1.0], turned])[:, None])
+
+
+def _craft(
+    scenario: Scenario, base: Body, q_rad: FloatArray
+) -> tuple[FloatArray, list[list[dict[str, Any]]]]:
+    """Return the hub's parameters (10,) and the chains of moving links, all fixed parts merged."""
+    links = read_links(scenario.urdf)
+    held = {scenario.tool_frame: scenario.truth.get("target")}
+    held |= {frame: scenario.truth[name] for name, frame in scenario.frames.items()}
+    place: dict[str, tuple[str, FloatArray, FloatArray]] = {}  # link: its carrier, R, p in it
+    pi: dict[str, FloatArray] = {}
+    moving: list[Link] = []
+    for link in links:
+        R_PL = Rotation.from_quat(link.q_PL_xyzw).as_matrix()
+        p_PL = np.array(link.p_PL_P_m)
+        own = link.body if link.parent is not None else base
+        if link.parent is None or link.axis is not None:
+            place[link.name] = link.name, np.eye(3), np.zeros(3)
+            pi[link.name] = np.zeros(10)
+            if link.axis is not None:
+                moving.append(link)
+        else:
+            carrier, R, p = place[link.parent]
+            place[link.name] = carrier, R @ R_PL, p + R @ p_PL
+        if own is not None:
+            _add(pi, place[link.name], _report(own))
+    for frame, report in held.items():
+        if report is not None:
+            _add(pi, place[link_of(scenario.urdf, links, frame).name], report)
+    return pi[links[0].name], _chains(scenario, moving, place, pi, q_rad)
+
+
+def _add(
+    pi: dict[str, FloatArray], place: tuple[str, FloatArray, FloatArray], report: FloatArray
+) -> None:
+    carrier, R, p = place
+    pi[carrier] = pi[carrier] + frame_map(R, p) @ pi_of(report)
+
+
+def _chains(
+    scenario: Scenario,
+    moving: list[Link],
+    place: Mapping[str, tuple[str, FloatArray, FloatArray]],
+    pi: Mapping[str, FloatArray],
+    q_rad: FloatArray,
+) -> list[list[dict[str, Any]]]:
+    chains: list[list[dict[str, Any]]] = []
+    last = ""
+    for link, q in zip(moving, q_rad, strict=True):
+        carrier, R, p = place[str(link.parent)]
+        if carrier != last and carrier in {k.name for k in moving}:
+            raise ScenarioError(f"{scenario.urdf}: {link.joint}: only the base may carry two arms")
+        if carrier != last:
+            chains.append([])
+        last = link.name
+        axis = np.array(link.axis) / np.linalg.norm(np.array(link.axis))
+        R_PL = Rotation.from_quat(link.q_PL_xyzw).as_matrix()
+        chains[-1].append(
+            _named(pi[link.name])
+            | {
+                "p_PS_P_m": (p + R @ np.array(link.p_PL_P_m)).tolist(),
+                "R_PS": (R @ R_PL).tolist(),
+                "axis": axis.tolist(),
+                "stiffness_nm_rad": 0.0,
+                "damping_nms_rad": 0.0,
+                "q_rad": float(q),
+                "qd_rad_s": 0.0,
+            }
+        )
+    return chains
+
+
+def _slide(line: SloshMass) -> dict[str, Any]:
+    """Return a mass of `on_lines`."""
+    rate = 2.0 * np.pi * line.frequency_hz
+    return {
+        "mass_kg": line.mass_kg,
+        "place_m": line.place_m,
+        "axis": (np.array(line.axes[0]) / np.linalg.norm(line.axes[0])).tolist(),
+        "stiffness_n_m": line.mass_kg * rate**2,
+        "damping_ns_m": 2.0 * line.damping_ratio * line.mass_kg * rate,
+    }
+
+
+def _named(pi: FloatArray) -> dict[str, Any]:
+    report = report_of(pi)
+    return {
+        "mass_kg": float(report[0]),
+        "com_m": report[1:4].tolist(),
+        "inertia_kg_m2": symmetric(report[4:]).tolist(),
+    }
+
+
+def _report(body: Body) -> FloatArray:
+    return np.array([body.mass_kg, *body.com_m, *body.inertia_kg_m2])
