@@ -19,10 +19,12 @@ if TYPE_CHECKING:
 
     from hil.world.history import FloatArray, TruthHistory
     from hil.world.scenario import Scenario
+    from hil.world.thrusters import ThrusterSystem
 
-SCENARIOS = ("target_leo", "base", "both", "two_arms", "wheels_leo", "base_slosh")
+SCENARIOS = ("target_leo", "base", "both", "two_arms", "wheels_leo", "base_slosh", "mev")
 ENVIRONMENT = Path(sys.prefix) / "basilisk"
 PACKAGES = ("bsk==2.12.1", "numpy>=2,<3")  # bsk's others are for pictures and orbits
+KINK_S = 4e-3  # what a truth's interpolation makes of a kink
 ENGINE = Path(__file__).with_name("engine.py")
 # How far the two truths may be apart: below a hundredth of one sample's noise, and what is
 # conserved below 1e-7.
@@ -95,7 +97,7 @@ def fly(scenario: Scenario, environment: Path) -> Flown:
     """
     import numpy as np
 
-    from hil.basilisk.craft import job_of, on_lines, truth_of
+    from hil.basilisk.craft import STEP_S, job_of, on_lines, truth_of
     from hil.run import bench
     from hil.world.scenario import ScenarioError
     from hil.world.spline import JointSpline
@@ -107,7 +109,8 @@ def fly(scenario: Scenario, environment: Path) -> Flown:
         )
     lines = on_lines(scenario)
     robot = bench.robot_of(lines)
-    plan = bench.truth_of(lines, robot, JointSpline.load(lines.identification))
+    dt_s = STEP_S / 4 if lines.thrusters is not None else bench.STEP_S
+    plan = bench.truth_of(lines, robot, JointSpline.load(lines.identification), dt_s)
     job = job_of(lines, robot, plan)
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         files = [Path(folder) / name for name in ("job.npz", "out.npz")]
@@ -120,24 +123,36 @@ def fly(scenario: Scenario, environment: Path) -> Flown:
         with np.load(files[1]) as stored:
             flown = dict(stored)
     truth = truth_of(job, flown, plan.start_s)
-    return Flown(truth=truth, apart=_apart(plan, truth, flown["momentum_nms"]))
+    return Flown(truth=truth, apart=_apart(plan, truth, flown["momentum_nms"], lines.thrusters))
 
 
 def _apart(
-    plan: TruthHistory, truth: TruthHistory, momentum_nms: FloatArray
+    plan: TruthHistory, truth: TruthHistory, momentum_nms: FloatArray, jets: ThrusterSystem | None
 ) -> dict[str, tuple[float, float]]:
-    """Return the largest difference over all nodes, and the largest value, of each quantity."""
+    """Return the largest difference over all nodes, and the largest value, of each quantity.
+
+    A step in which a valve's force begins or ends is left out of torque and acceleration, which
+    have a kink there.
+    """
     import numpy as np
 
     times = truth.t_s[truth.t_s <= plan.end_s]
     a, b = plan.at(times), truth.at(times)
+    quiet = np.full(len(times), True)
+    edges = (
+        []
+        if jets is None
+        else [p.on_s + t + jets.delay_s for p in jets.pulses for t in (0, p.for_s)]
+    )
+    for edge in edges:
+        quiet &= np.abs(times - edge) > KINK_S
     turned = np.einsum("kji,kjl->kil", a.R_NB, b.R_NB) - np.eye(3)
     pairs = {
         "joint angle [rad]": (a.q, b.q),
         "joint rate [rad/s]": (a.qd, b.qd),
-        "joint torque [N m]": (a.tau, b.tau),
+        "joint torque [N m]": (a.tau[quiet], b.tau[quiet]),
         "base rate [rad/s]": (a.w_NB_B, b.w_NB_B),
-        "acceleration [m/s2]": (a.a_NB_B, b.a_NB_B),
+        "acceleration [m/s2]": (a.a_NB_B[quiet], b.a_NB_B[quiet]),
     }
     if plan.wheel_rad_s is not None:
         c, d = (np.array([k.wheels_at(t)[0] for t in times[::50]]) for k in (plan, truth))
@@ -147,8 +162,9 @@ def _apart(
     }
     whole = np.abs(a.R_NB - a.R_NB[0]).max()
     apart["attitude [rad]"] = float(np.abs(turned).max()), float(whole)
-    drift = np.abs(momentum_nms - momentum_nms[0]).max()
-    apart["momentum drift [N m s]"] = float(drift), float(np.abs(momentum_nms).max())
+    if jets is None:
+        drift = np.abs(momentum_nms - momentum_nms[0]).max()
+        apart["momentum drift [N m s]"] = float(drift), float(np.abs(momentum_nms).max())
     return apart
 
 

@@ -21,6 +21,7 @@ from hil.world.robot import Body, Link, Robot, SloshMass, body_of, link_of, read
 from hil.world.scenario import Scenario, ScenarioError
 
 STEP_S = 1e-3
+WITHIN = 4  # looks at a thruster within a step
 HOLD_PERIOD_S = 0.01
 HOLD_RAD_S = 10.0  # bandwidth of what holds the arm to its plan; slow: the step is far
 
@@ -76,7 +77,10 @@ def job_of(
         "w_NB_B_rad_s": list(scenario.start_rate_rad_s),
     }
     steps = int((plan.end_s - plan.start_s) / step_s + 1e-6)
-    middles = plan.start_s + step_s * (np.arange(steps) + 0.5)
+    middles = np.asarray(plan.start_s + step_s * (np.arange(steps) + 0.5), np.float64)
+    pair: FloatArray = middles + step_s / np.sqrt(12.0) * np.array(
+        [[-1.0], [1.0]]
+    )  # Gauss: mean of a step
     motor = np.zeros((steps, 0))
     if rotors:
         motor = np.array([plan.wheels_at(t)[1] for t in middles])
@@ -85,10 +89,10 @@ def job_of(
         "about": json.dumps(about),
         "q_rad": starts.q,
         "qd_rad_s": starts.qd,
-        "tau_nm": plan.at(middles).tau,
+        "tau_nm": plan.at(pair).tau.mean(axis=0),
         "hold": _hold(robot, plan.at(np.arange(plan.start_s, plan.end_s, HOLD_PERIOD_S)).q),
         "motor_nm": motor,
-        "wrench": np.zeros((steps, 6)),
+        "wrench": _thrust(scenario, middles, step_s),
     }
 
 
@@ -126,6 +130,15 @@ def truth_of(job: Mapping[str, Any], flown: Mapping[str, Any], start_s: float) -
         wheel_rad_s2=slope(speeds, h) if w else None,
         motor_nm=_at_nodes(job["motor_nm"], h) if w else None,
     )
+
+
+def _thrust(scenario: Scenario, middles: FloatArray, step_s: float) -> FloatArray:
+    """Return force and moment of the thrusters (k, 6), the mean of every step, in base axes."""
+    if scenario.thrusters is None:
+        return np.zeros((len(middles), 6))
+    parts = step_s * ((np.arange(WITHIN) + 0.5) / WITHIN - 0.5)
+    wrench = scenario.thrusters.wrench
+    return np.array([np.mean([wrench(t + part) for part in parts], axis=0) for t in middles])
 
 
 def _hold(robot: Robot, q_rad: FloatArray) -> FloatArray:

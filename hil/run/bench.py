@@ -45,6 +45,7 @@ from hil.world.spline import JointSpline
 
 T0_NS = 10_000_000_000  # virtual time of power-on
 EDGE_S = 0.1  # truth simulated at rest before and after the motion
+STEP_S = 0.004  # of the truth
 METER_PERIOD_S = 0.2
 
 
@@ -215,13 +216,16 @@ def _stored(path: Path, scenario: Scenario, robot: Robot, spline: JointSpline) -
     return history
 
 
-def truth_of(scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
+def truth_of(
+    scenario: Scenario, robot: Robot, spline: JointSpline, dt_s: float = STEP_S
+) -> TruthHistory:
     """Simulate the truth."""
     return simulate_in(
         scenario.environment,
         robot,
         spline,
         *span_s(scenario, spline),
+        dt_s,
         stand=scenario.stand,
         w_NB_B_rad_s=scenario.start_rate_rad_s,
     )
