@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -126,14 +126,19 @@ def _plausible(recorded: Sequence[Block]) -> list[Block]:
     return list({block.index: block for block in recorded if plausible(block)}.values())
 
 
-def noise_text(sensors: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return a line for every torque sensor whose noise is correlated in time."""
+def noise_text(result: Mapping[str, Any]) -> list[str]:
+    """Return a line for every sensor whose noise is correlated in time."""
+    torques = result.get("torque_noise", ())
+    inertial = result.get("inertial_noise", ())
+    found = [
+        *((f"torque noise of {s['joint']}: {s['sigma_nm']:.3g} N m", s) for s in torques),
+        *((f"noise of the {s['channel']}: {s['sigma']:.3g} {s['unit']}", s) for s in inertial),
+    ]
     return [
-        f"torque noise of {sensor['joint']}: {sensor['sigma_nm']:.3g} N m, correlated over "
-        f"{1e3 * sensor['correlation_s']:.3g} ms; {sensor['samples']} samples count as "
-        f"{sensor['effective_samples']:.0f}"
-        for sensor in sensors
-        if sensor["correlation_s"] > 0.0
+        f"{words}, correlated over {1e3 * s['correlation_s']:.3g} ms; {s['samples']} samples count "
+        f"as {s['effective_samples']:.0f}"
+        for words, s in found
+        if s["correlation_s"] > 0.0
     ]
 
 
@@ -152,7 +157,7 @@ def to_text(result: Mapping[str, Any]) -> str:
     if diagnosis is not None:
         lines += list(diagnosis["verdict"].values())
         lines.append(f"efficiency {diagnosis['efficiency_volume']:.3g} of the bound of all sensors")
-    lines += noise_text(result.get("torque_noise", ()))
+    lines += noise_text(result)
     if result.get("holdout"):
         lines += holdout_text(result["holdout"])
     lines.append(f"{result['iterations']} iterations, wall {result['wall_s']:.1f} s")

@@ -18,6 +18,7 @@ from scipy.special import chdtri
 from fsw.config import Config
 from fsw.estimators.model.problem import (
     Thrusters,
+    imu_samples,
     joint_order,
     torque_model_covariance,
     torque_samples,
@@ -25,8 +26,8 @@ from fsw.estimators.model.problem import (
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
+from fsw.estimators.sensor_noise import LAGS
 from fsw.estimators.stages import complete
-from fsw.estimators.torque_noise import LAGS
 from fsw.estimators.valves import Valves, changes
 from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.estimators.window_fit import NO_FIT, ChannelFit, Instants
@@ -82,6 +83,7 @@ class Conditioner:
         self._R_BS = rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw))
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
         self._sigma_acc = imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5
+        self._imu_samples = imu_samples(config)
         self._wheels = [WheelMotion(wheel) for wheel in config.wheels]
         self._valves = Valves(config.thrusters) if config.thrusters else None
         self._tail_s = Thrusters.of(config).tail_s
@@ -121,10 +123,10 @@ class Conditioner:
             self.unusable_windows += 1
             return None
         yield
-        gyro, cov_gyro, has_gyro = yield from self._inertial(
+        gyro, cov_gyro, has_gyro, left_gyro = yield from self._inertial(
             window, window.gyro, self._sigma_gyro, (0, 1), GYRO_FAULTS, gated=not changing
         )
-        force, cov_acc, has_acc = yield from self._inertial(
+        force, cov_acc, has_acc, left_acc = yield from self._inertial(
             window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS, gated=not changing
         )
         yield
@@ -146,6 +148,7 @@ class Conditioner:
             cov_acc=cov_acc,
             tau_products_nm2=arm.tau_products_nm2,
             has_joint=arm.has_joint,
+            imu_products=np.stack([left_gyro, left_acc], axis=1),
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
             has_attitude=self._attitude_known and not self._momentum_lost,
@@ -193,8 +196,7 @@ class Conditioner:
                 self._note(torques[k].removed, Fault.TORQUE_INCONSISTENT, joint.name, window)
                 torques[k] = NO_FIT
             self._note(torques[k].removed, Fault.TORQUE_SPIKE, joint.name, window)
-            fill = len(channels[k].t_ns) / self._samples[k]
-            counts = 1.0 - LACKING_RATIO <= fill <= 1.0 + SURPLUS_RATIO
+            counts = _counts(len(channels[k].t_ns) / self._samples[k])
             if torques[k].fit is None or torques[k].removed or not (counts and gated):
                 products[:, k] = 0.0
         return self._joined(positions, torques, products)
@@ -297,14 +299,19 @@ class Conditioner:
         faults: tuple[str, Fault, Fault],
         *,
         gated: bool,
-    ) -> Generator[None, None, tuple[FloatArray, FloatArray, bool]]:
-        """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable."""
-        m, found = self._nodes, NO_FIT
+    ) -> Generator[None, None, tuple[FloatArray, FloatArray, bool, FloatArray]]:
+        """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable.
+
+        And the mean products (L,) of the three axes; zero where they do not tell of the noise.
+        """
+        m, found, products = self._nodes, NO_FIT, np.zeros(len(LAGS))
         if not channel.missing:
             subject, spike, inconsistent = faults
             half_s = (window.stop_ns - window.start_ns) * 0.5e-9
             offsets_ns = _offsets(channel, (window.start_ns + window.stop_ns) // 2)
-            instants = Instants(offsets_ns, half_s, m, m - 1)
+            high = m - 1 + EXTRA_DEGREE
+            enough = len(channel.t_ns) > high + 1
+            instants = Instants(offsets_ns, half_s, m, high if enough else m - 1)
             (found,) = yield from instants.fitted(
                 channel.values, np.array([sigma if gated else np.inf]), m - 1, orders, width=3
             )
@@ -312,9 +319,12 @@ class Conditioner:
                 self._note(found.removed, inconsistent, subject, window)
                 found = NO_FIT
             self._note(found.removed, spike, subject, window)
+            counts = gated and _counts(len(channel.t_ns) / self._imu_samples)
+            if enough and counts and found.fit is not None and not found.removed:
+                products = instants.products(channel.values, self._imu_samples).mean(axis=1)
         rows = m * len(orders)
         values = np.zeros((rows, 3)) if found.fit is None else found.values
-        return values, found.covariance(orders, sigma, rows), found.fit is not None
+        return values, found.covariance(orders, sigma, rows), found.fit is not None, products
 
     @staticmethod
     def _is_doubtful(removed: int, samples: int) -> bool:
@@ -337,6 +347,11 @@ class _Arm:
     cov_tau: FloatArray
     tau_products_nm2: FloatArray
     has_joint: NDArray[np.bool_]
+
+
+def _counts(fill: float) -> bool:
+    """Return whether a window with this share of its samples tells of their noise."""
+    return 1.0 - LACKING_RATIO <= fill <= 1.0 + SURPLUS_RATIO
 
 
 def _offsets(channel: ChannelWindow, centre_ns: int) -> bytes:

@@ -25,14 +25,24 @@ def instants(samples: int) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _to_nodes(samples: int, nodes: int) -> FloatArray:
-    """Return (nodes, samples) what takes a window's samples to the values at its nodes."""
+    """Return (2 nodes, samples): a window's samples to values at its nodes, then derivatives.
+
+    The time of the derivatives is in half windows.
+    """
     Q, R = np.linalg.qr(legendre.legvander(instants(samples), nodes - 1))
-    at_nodes = legendre.legvander(gauss_nodes(nodes), nodes - 1)
-    return np.asarray(at_nodes @ np.linalg.solve(R, Q.T), np.float64)
+    unit = np.eye(nodes)
+    at_nodes = [
+        legendre.legval(gauss_nodes(nodes), legendre.legder(unit, order)).T for order in (0, 1)
+    ]
+    return np.asarray(np.concatenate(at_nodes) @ np.linalg.solve(R, Q.T), np.float64)
 
 
-def covariance_at_nodes(samples: int, nodes: int, fading: float) -> FloatArray:
+def covariance_at_nodes(
+    samples: int, nodes: int, fading: float, *, derivatives: bool = False
+) -> FloatArray:
     """Return the covariance (m, m) at the nodes of noise of unit variance.
+
+    With `derivatives` (2 m, 2 m): of the values, then of their derivatives by half windows.
 
     It includes that with the nodes of neighbouring windows, so that all windows together know a
     constant as well as their samples do.
@@ -42,6 +52,7 @@ def covariance_at_nodes(samples: int, nodes: int, fading: float) -> FloatArray:
     fading : correlation from one sample to the next, 0 to below 1
     """
     E, place = _to_nodes(samples, nodes), np.arange(samples)
+    E = E if derivatives else E[:nodes]
     # a sample and one of the next window are a^(samples + i - j) alike: a product of two
     further = sum(fading ** (samples * k) for k in range(NEIGHBOURS))
     across = further * np.outer(E @ fading**place, E @ fading ** (samples - place))

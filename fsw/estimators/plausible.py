@@ -20,6 +20,7 @@ LIMITS = {
     "cov_gyro": 1e12,
     "cov_acc": 1e12,
     "tau_products_nm2": 1e10,
+    "imu_products": 1e10,
     "wheel_nms": 1e6,
     "wheel_nm": 1e5,
     "cov_wheel": 1e12,

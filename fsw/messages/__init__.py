@@ -177,6 +177,8 @@ class Block:
     has_attitude: bool
     # (L, n) of what a polynomial leaves of torques, some samples apart; zero: not known
     tau_products_nm2: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
+    # (L, 2) the same of gyro and accelerometer, mean of the axes
+    imu_products: FloatArray = field(default_factory=lambda: np.zeros((1, 2)))
     # of k reaction wheels about their axes, as configured; empty where there are none
     wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum by speed
     wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) its derivative

@@ -48,9 +48,11 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     wrong.add_argument(
         "--exact", action="store_true", help="arm and calibration declared as exact, not in doubt"
     )
+    wrong.add_argument("--robot", default="", metavar="FILE", help="a scenario of your own robot")
     wrong.add_argument("--json", action="store_true", help="print one JSON list")
     wrong.set_defaults(command=_mistakes)
     _add_calibration(commands)
+    _add_real(commands)
     soak = commands.add_parser("soak", help="hours in virtual time under random faults")
     soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
@@ -59,14 +61,6 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     soak.add_argument("--jobs", type=count, default=1, metavar="N", help="quarters at a time, 1")
     soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     soak.set_defaults(command=_soak)
-    hardware = commands.add_parser("hardware", help="recordings of real arms, fetched if wanted")
-    hardware.add_argument(
-        "--data", type=Path, required=True, metavar="DIR", help="where the recordings lie"
-    )
-    hardware.add_argument("--fetch", action="store_true", help="load what is missing from GitHub")
-    hardware.add_argument("--out", type=Path, metavar="DIR", help="keep what was imported")
-    hardware.add_argument("--json", action="store_true", help="print one JSON list")
-    hardware.set_defaults(command=_hardware)
     bench = commands.add_parser("bench", help="the whole daemon in real time, alone and loaded")
     bench.add_argument("scenario", nargs="?", default="target_leo", metavar="SCENARIO")
     bench.add_argument("--rounds", type=count, default=5, metavar="N", help="of every condition, 5")
@@ -81,6 +75,17 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     bench.add_argument("--out", type=Path, metavar="DIR", help="keep the runs and resume")
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     bench.set_defaults(command=_bench)
+
+
+def _add_real(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    hardware = commands.add_parser("hardware", help="recordings of real arms, fetched if wanted")
+    hardware.add_argument(
+        "--data", type=Path, required=True, metavar="DIR", help="where the recordings lie"
+    )
+    hardware.add_argument("--fetch", action="store_true", help="load what is missing from GitHub")
+    hardware.add_argument("--out", type=Path, metavar="DIR", help="keep what was imported")
+    hardware.add_argument("--json", action="store_true", help="print one JSON list")
+    hardware.set_defaults(command=_hardware)
 
 
 def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -98,6 +103,28 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
     calibration.add_argument("--out", type=Path, metavar="DIR", help="keep figures and resume")
     calibration.add_argument("--json", action="store_true", help="print one JSON object")
     calibration.set_defaults(command=_calibration)
+    rough = commands.add_parser("rough", help="friction, wrong links, coloured noise: honest?")
+    rough.add_argument(
+        "--case",
+        action="append",
+        default=[],
+        choices=("target", "base", "both"),
+        help="what is unknown; may be repeated",
+    )
+    rough.add_argument(
+        "--told",
+        action="append",
+        default=[],
+        choices=("declared", "undeclared", "exact", "terms", "defaults"),
+        help="rough world declared or undeclared; ideal one, declared as exact, with the terms of"
+        " the rough one, with default uncertainties; may be repeated",
+    )
+    rough.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
+    rough.add_argument("--count", type=count, default=50, metavar="N", help="seeds, 50")
+    rough.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
+    rough.add_argument("--out", type=Path, metavar="DIR", help="keep rows and resume")
+    rough.add_argument("--json", action="store_true", help="print one JSON list")
+    rough.set_defaults(command=_rough)
 
 
 def bar() -> Progress:
@@ -180,6 +207,18 @@ def _calibration(arguments: argparse.Namespace) -> int:
     return FAILED_EXIT if any(row["beyond"] for row in rows) else 0
 
 
+def _rough(arguments: argparse.Namespace) -> int:
+    from hil.evidence.rough.command import rough, show
+
+    seeds = range(arguments.first, arguments.first + arguments.count)
+    rows = rough(arguments.case, arguments.told, seeds, arguments.jobs, arguments.out)
+    if arguments.json:
+        print(json.dumps(rows))
+    else:
+        show(rows)
+    return 0 if all(row["passed"] for row in rows) else FAILED_EXIT
+
+
 def _mistakes(arguments: argparse.Namespace) -> int:
     from dataclasses import asdict
 
@@ -187,7 +226,7 @@ def _mistakes(arguments: argparse.Namespace) -> int:
 
     chosen = (arguments.case, arguments.only, arguments.seed)
     found = []
-    for one in findings(*chosen, exact=arguments.exact):
+    for one in findings(*chosen, exact=arguments.exact, robot=arguments.robot):
         found.append(one)
         if not arguments.json:
             print(line(one), flush=True)

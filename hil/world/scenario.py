@@ -264,6 +264,22 @@ def replace_base(urdf: Path, root_report: FloatArray) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def scale_links(urdf: str, factors: Mapping[str, float]) -> str:
+    """Return the text of a URDF with mass and inertia of some links times a factor."""
+    root = ElementTree.fromstring(urdf)
+    for link in root.iter("link"):
+        factor = factors.get(link.get("name", ""), 1.0)
+        for element in (*link.iter("mass"), *link.iter("inertia")):
+            for key, value in element.attrib.items():
+                element.set(key, repr(factor * float(value)))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def child_links(urdf: str) -> list[str]:
+    """Return the names of all links of a URDF but the root."""
+    return [str(child.get("link")) for child in ElementTree.fromstring(urdf).iter("child")]
+
+
 def _scale(report: FloatArray) -> FloatArray:
     """Return the size (10,) an error of each value is measured against."""
     scale = np.abs(report)

@@ -93,6 +93,7 @@ class ImuSensorConfig:
     velocity_random_walk_m_s_sqrt_s: float
     gyro_bias_sigma_rad_s: float
     acc_bias_sigma_m_s2: float
+    noise_correlation_s: float = 0.0  # of both, in which the noise fades by e; 0: white
     gyro_bias_walk_rad_s_sqrt_s: float = 0.0  # rate random walk
     acc_bias_walk_m_s2_sqrt_s: float = 0.0
     rate_hz: int = 500
@@ -211,6 +212,26 @@ class NormalStream:
         return row
 
 
+class Fading:
+    """Makes white noise fade exponentially from sample to sample; its sigma stays."""
+
+    def __init__(self, time_s: float, rate_hz: float, width: int) -> None:
+        self._ratio = math.exp(-1.0 / (time_s * rate_hz)) if time_s > 0.0 else 0.0
+        self._last = np.zeros(width)
+
+    def of(self, white: FloatArray) -> FloatArray:
+        """Return the next samples (k, width); without a correlation time they stay white."""
+        if not self._ratio:
+            return white
+        from scipy.signal import lfilter  # 0.3 s that only such noise waits for
+
+        fresh = math.sqrt(1.0 - self._ratio**2) * white
+        start = self._ratio * self._last
+        faded, _ = lfilter([1.0], [1.0, -self._ratio], fresh, axis=0, zi=start[None])
+        self._last = faded[-1]
+        return np.asarray(faded)
+
+
 class JointErrors:
     """Encoder and torque sensor errors of n joints, drawn joint by joint."""
 
@@ -237,9 +258,7 @@ class JointErrors:
             sigma if block is None else 1.0
             for sigma, block in zip(sigmas, self._blocks, strict=True)
         ]
-        time_s = config.torque_noise_correlation_s
-        self._fading = math.exp(-1.0 / (time_s * rate_hz)) if time_s > 0.0 else 0.0
-        self._faded = np.zeros(n)  # torque noise of the last latch
+        self._fading = Fading(config.torque_noise_correlation_s, rate_hz, n)
         self._step_rad = 2.0 * math.pi / 2**config.encoder_bits
         size_nm = config.torque_hysteresis_ratio * config.rated_torque_nm
         width_nm = HYSTERESIS_WIDTH_RATIO * config.rated_torque_nm
@@ -253,19 +272,8 @@ class JointErrors:
             if block is not None:
                 rows[:, column] = block.take(256)
             rows[:, column] *= self._sigmas[column]
-        if self._fading:
-            rows[:, 1] = self._correlated(rows[:, 1])
+        rows[:, 1] = self._fading.of(rows[:, 1])
         self._noise, self._next = rows, 0
-
-    def _correlated(self, white: FloatArray) -> FloatArray:
-        """Return noise (k, n) of the same sigma that fades from sample to sample."""
-        from scipy.signal import lfilter  # 0.3 s that only such noise waits for
-
-        fresh = math.sqrt(1.0 - self._fading**2) * white
-        start = self._fading * self._faded
-        faded, _ = lfilter([1.0], [1.0, -self._fading], fresh, axis=0, zi=start[None])
-        self._faded = faded[-1]
-        return np.asarray(faded)
 
     def left(self) -> int:
         """Return how many latches can be measured ahead: one where errors depend on the last."""
@@ -326,6 +334,7 @@ class ImuErrors:
         self._white = generator(seed, "imu", 0, 0)
         self._drift = generator(seed, "imu", 0, 2)
         self._bias = np.concatenate([self.gyro_bias_rad_s, self.acc_bias_m_s2])
+        self._fading = Fading(config.noise_correlation_s, config.rate_hz, 6)
         self._blocks = [
             None if noise is None else NoiseStream(noise, config.rate_hz, 3, seed, 2 + channel)
             for channel, noise in enumerate((config.gyro_noise, config.acc_noise))
@@ -333,7 +342,7 @@ class ImuErrors:
 
     def next(self, count: int) -> FloatArray:
         """Return the next `count` errors, columns gyro [rad/s] 3, accelerometer [m/s^2] 3."""
-        white = self._sigma * self._white.standard_normal((count, 6))
+        white = self._fading.of(self._sigma * self._white.standard_normal((count, 6)))
         for channel, block in enumerate(self._blocks):
             if block is not None:
                 white[:, 3 * channel : 3 * channel + 3] = block.take(count)

@@ -72,7 +72,7 @@ def view(values: Mapping[str, Any], collected: Collected) -> View:
     if holdout is not None:
         verdict += f"; held-out windows {'PASSED' if holdout['passed'] else 'FAILED'}"
     result = estimates.result(collected)
-    noise = noise_text(values.get("torque_noise", ()))
+    noise = noise_text(values)
     told = [*result.text, *noise, *([values["note"]] if values["note"] else [])]
     sections = [
         replace(result, text=told),

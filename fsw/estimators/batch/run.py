@@ -38,7 +38,7 @@ from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
-from fsw.estimators.torque_noise import TorqueNoise
+from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
@@ -171,7 +171,7 @@ def _run(
         "estimate": {name: _plain(body, "") for name, body in bodies.items()},
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
         "whole": _plain(whole, "") | {"sigma": _plain(whole, "sigma")},
-        "torque_noise": noise.report(model.joint_names),
+        **noise.report(model.joint_names),
         "diagnosis": diagnose_batch(
             problem,
             found.residuals,
@@ -194,11 +194,11 @@ def sound_blocks(blocks: Sequence[Block]) -> list[Block]:
     return [by_index[index] for index in sorted(by_index)]
 
 
-def with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], TorqueNoise]:
-    """Return the blocks with the torque noise that is found in them, and that noise."""
-    noise = TorqueNoise(
-        problem.torque_noise_nm,
-        problem.torque_samples,
+def with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], SensorNoise]:
+    """Return the blocks with the noise that is found in them, and that noise."""
+    noise = SensorNoise(
+        problem.noise_declared,
+        problem.noise_samples,
         problem.window_s,
         problem.nodes,
         problem.torque_model_nm2,

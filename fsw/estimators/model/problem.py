@@ -116,8 +116,8 @@ class Problem:
     orbit: CircularOrbit | None  # None: no gravity gradient
     window_s: float
     nodes: int  # of a block
-    torque_noise_nm: FloatArray  # (n,) declared 1 sigma of a sample
-    torque_samples: NDArray[np.int64]  # (n,) of a window
+    noise_declared: FloatArray  # (n + 2,) 1 sigma of a sample: torques, gyro, accelerometer
+    noise_samples: NDArray[np.int64]  # (n + 2,) of a window
     torque_model_nm2: FloatArray  # (n, m, m) covariance of what the model leaves out, at the nodes
     wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
     freedom: FloatArray  # (6, k) motions [v_b, w_b] that nothing holds the base from, orthonormal
@@ -248,6 +248,11 @@ def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:
     buses = [config.joints[k].bus for k in order]
     samples = [round(config.estimator.window_s * rates_hz[bus]) for bus in buses]
     return np.array(samples, np.int64)
+
+
+def imu_samples(config: Config) -> int:
+    """Return how many samples of the inertial unit a window has, one at least."""
+    return max(1, round(config.estimator.window_s * config.imu.rate_hz))
 
 
 def torque_model_covariance(config: Config, order: Sequence[int]) -> FloatArray:
@@ -427,8 +432,16 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
         window_s=estimator.window_s,
         nodes=estimator.nodes,
-        torque_noise_nm=np.array([j.torque_noise_nm for j in joints]),
-        torque_samples=torque_samples(config, joint_order(config, model)),
+        noise_declared=np.array(
+            [
+                *(j.torque_noise_nm for j in joints),
+                imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5,
+                imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5,
+            ]
+        ),
+        noise_samples=np.concatenate(
+            [torque_samples(config, joint_order(config, model)), [imu_samples(config)] * 2]
+        ),
         torque_model_nm2=torque_model_covariance(config, joint_order(config, model)),
         wrench_sigma=np.repeat(
             [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3

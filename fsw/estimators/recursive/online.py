@@ -209,7 +209,7 @@ class OnlineEstimator:
             "blocks": recursion.blocks,
             "innovation_lag1": {"correlation": correlation, "bound": bound},
             "noise_ratio": float(np.sqrt(recursion.monitor.level)),
-            "torque_noise": recursion.noise.report(self.problem.model.joint_names),
+            **recursion.noise.report(self.problem.model.joint_names),
             **plain(diagnosis, estimate.names),
         }
 

@@ -31,8 +31,8 @@ from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
 from fsw.estimators.recursive.prior_groups import in_words, widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
+from fsw.estimators.sensor_noise import SensorNoise
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.estimators.torque_noise import TorqueNoise
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
@@ -67,7 +67,7 @@ class Recursion:
     conflict : whether the data contradicted the prior at the last check
     screen : judge of single channels
     trust : judge of the residuals at the last check
-    noise : of the torque sensors, as their samples show it
+    noise : of the sensors, as their samples show it
     used : the newest block, without the channels that were left out
     """
 
@@ -85,9 +85,9 @@ class Recursion:
         self._events: deque[EventWords] = deque(maxlen=EVENT_LIMIT)
         self.blocks = self.gated = self.changes = 0
         self.monitor = InnovationMonitor(settings.gate_probability)
-        self.noise = TorqueNoise(
-            problem.torque_noise_nm,
-            problem.torque_samples,
+        self.noise = SensorNoise(
+            problem.noise_declared,
+            problem.noise_samples,
             problem.window_s,
             problem.nodes,
             problem.torque_model_nm2,
@@ -384,13 +384,13 @@ class Recursion:
             self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
 
     def _learn_noise(self) -> None:
-        """Let covariances follow the torque noise that is found; all stored blocks again then."""
+        """Let covariances follow the noise that is found; all stored blocks again then."""
         if self.linear or not self.noise.learn():
             return
         self.pacing.settled = False
         words = self.noise.words(self.problem.model.joint_names)
         if words and not self._coloured:
-            text = f"torque noise is correlated in time, sigmas follow it: {words}"
+            text = f"noise is correlated in time, sigmas follow it: {words}"
             self._events.append(("medium", "NOISE_CORRELATED", text))
         self._coloured = bool(words)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -14,6 +14,7 @@ from hil.world.inertia import COUNT, FloatArray, pi_of
 from hil.world.scenario import Scenario, load
 
 CASES: Mapping[str, str] = {"base": "base", "target": "target_leo", "both": "both"}
+UNKNOWN = {"base": ("base",), "target": ("target",), "both": ("base", "target")}
 GROUPS: Mapping[str, slice] = {
     "mass": slice(0, 1),
     "first moment": slice(1, 4),
@@ -79,8 +80,9 @@ class StudyRecord:
 
 @lru_cache(maxsize=8)
 def scenario_of(case: str) -> Scenario:
-    """Return the scenario of a case."""
-    return load(CASES[case])
+    """Return the scenario of a case; FILE:CASE is that of a file, with the case's unknowns."""
+    file, _, own = case.rpartition(":")
+    return replace(load(file), unknown=UNKNOWN[own]) if file else load(CASES[case])
 
 
 def truth_of(case: str) -> FloatArray:

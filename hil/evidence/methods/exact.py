@@ -19,13 +19,12 @@ STEPS_PER_SAMPLE = 2  # of the truth's integration: samples fall on its nodes, n
 
 @lru_cache(maxsize=3)
 def exact_samples(case: str) -> TruthState:
-    """Return the truth at 100 Hz over the whole motion, (N, ...) arrays."""
+    """Return the truth at 100 Hz over the whole motion, 60 s at most, (N, ...) arrays."""
     scenario = scenario_of(case)
     spline = JointSpline.load(scenario.identification)
-    history = simulate(
-        true_robot(scenario), spline, 0.0, DURATION_S, 1.0 / (RATE_HZ * STEPS_PER_SAMPLE)
-    )
-    return history.at(np.arange(round(DURATION_S * RATE_HZ)) / RATE_HZ)
+    end_s = min(DURATION_S, spline.duration_s)
+    history = simulate(true_robot(scenario), spline, 0.0, end_s, 1.0 / (RATE_HZ * STEPS_PER_SAMPLE))
+    return history.at(np.arange(round(end_s * RATE_HZ)) / RATE_HZ)
 
 
 def true_robot(scenario: Scenario) -> Robot:

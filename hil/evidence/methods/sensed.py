@@ -79,6 +79,15 @@ def draws(count: int, n: int, rng: np.random.Generator, *, shared: bool) -> dict
     return {name: rng.standard_normal((count, width)) for name, width in widths.items()}
 
 
+def faded(white: FloatArray, fading: float) -> FloatArray:
+    """Return noise (k, n) of the same variance that is alike by `fading` from sample to sample."""
+    from scipy.signal import lfilter
+
+    fresh = white * np.sqrt(1.0 - fading**2)
+    fresh[0] = white[0]
+    return np.asarray(lfilter([1.0], [1.0, -fading], fresh, axis=0))
+
+
 def with_noise(exact: Channels, noise: ChannelNoise, unit: Mapping[str, FloatArray]) -> Channels:
     """Return the channels with errors: unit draws times the noise."""
     turned = Rotation.from_rotvec(noise.attitude_rad * unit["attitude"]).as_matrix()

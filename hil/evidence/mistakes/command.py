@@ -12,9 +12,9 @@ CASES = ("target", "base", "both")
 
 
 def findings(
-    cases: Sequence[str], only: Sequence[str], seed: int, *, exact: bool
+    cases: Sequence[str], only: Sequence[str], seed: int, *, exact: bool, robot: str = ""
 ) -> Iterator[Finding]:
-    """Yield what every mistake came to.
+    """Yield what every mistake came to, with the bench's robot or that of a scenario file.
 
     Raises
     ------
@@ -26,17 +26,18 @@ def findings(
                 raise ScenarioError(f"{name!r} must be one of {', '.join(known)}")
     for case in cases or CASES:
         for name in only or mistakes():
-            yield run(case, name, seed, exact=exact)
+            yield run(f"{robot}:{case}" if robot else case, name, seed, exact=exact)
 
 
 def line(found: Finding) -> str:
     """Return what a mistake came to, in one line."""
+    case = found.case.rpartition(":")[2]
     if found.refused:
-        return f"{found.case:6} {found.mistake:34} refused: {found.refused}"
+        return f"{case:6} {found.mistake:34} refused: {found.refused}"
     mark = "WRONG" if found.confidently_wrong else ""
     state = "valid" if found.valid else found.reason
     return (
-        f"{found.case:6} {found.mistake:34} {state:22} {found.z:7.1f} sigma, mass "
+        f"{case:6} {found.mistake:34} {state:22} {found.z:7.1f} sigma, mass "
         f"{found.mass_z:6.1f} of +-{found.mass_sigma:.2%}; {found.outputs} valid, {found.wrong} "
         f"wrong; batch {found.batch} {found.batch_z:.1f} {mark}"
     ).rstrip()

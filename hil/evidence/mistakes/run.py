@@ -26,10 +26,12 @@ from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, sc
 from hil.evidence.methods.exact import exact_samples
 from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import (
+    ChannelNoise,
     Channels,
     condition,
     declared,
     draws,
+    faded,
     sensed,
     with_noise,
 )
@@ -84,7 +86,7 @@ def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = 
         document = yaml.safe_load((folder / "flight.yaml").read_text(encoding="utf-8"))
         document, urdf = wrong(mistake, document, (folder / "robot.urdf").read_text("utf-8"))
         if not exact:
-            _leave_to_the_defaults(document)
+            leave_to_the_defaults(document)
         (folder / "robot.urdf").write_text(urdf, encoding="utf-8")
         (folder / "wrong.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
         try:
@@ -95,7 +97,8 @@ def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = 
         return replace(found, case=case, mistake=mistake, seed=seed)
 
 
-def _leave_to_the_defaults(document: dict[str, Any]) -> None:
+def leave_to_the_defaults(document: dict[str, Any]) -> None:
+    """Take out the keys that say how well arm and calibration are known."""
     for section in (document["robot"], document["imu"], *document["joints"]):
         for key in DOUBTS:
             section.pop(key, None)
@@ -193,14 +196,23 @@ def _batch(config: Config, blocks: list[Block]) -> dict[str, Any] | None:
         return None
 
 
-def samples(case: str, right: Config, seed: int) -> Channels:
+def samples(
+    case: str,
+    right: Config,
+    seed: int,
+    noise: ChannelNoise = SENSOR_SETS[SENSORS],
+    torque_fading: float = 0.0,
+) -> Channels:
     """Return noisy samples with the biases of a seed, of sensors as the right configuration says.
 
-    Biases are drawn from what that declares.
+    Biases are drawn from what that declares. `torque_fading` is the correlation of the torque noise
+    from one sample to the next.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
-    state, noise = exact_samples(case), SENSOR_SETS[SENSORS]
+    state = exact_samples(case)
     unit = draws(len(state.q), state.q.shape[1], rng, shared=False)
+    if torque_fading:
+        unit["torque"] = faded(unit["torque"], torque_fading)
     noisy = with_noise(sensed(state, right), noise, unit)
     offsets = [joint.torque_offset_sigma_nm for joint in right.joints]
     return replace(

@@ -10,10 +10,11 @@ import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from hil.world.scenario import child_links, scale_links
 
 Document = dict[str, Any]
 ALL = range(64)  # joints: as many as there are
@@ -36,7 +37,7 @@ def mistakes() -> Mapping[str, Change]:
         "lever arm off 0.2 m": _lever(0.2),
         "IMU group delay off 20 ms": _delay(0.02),
         "quaternion order of the IMU": _order,
-        "link 4 off 20 %": _links(1.2, "link4"),
+        "link 4 off 20 %": _links(1.2, [3]),
         "all links off 1 %": _links(1.01),
         "all links off 20 %": _links(1.2),
         "known base off 1 %": _base(1.01),
@@ -112,17 +113,11 @@ def _order(document: Document) -> None:
     mounting["q_BS_xyzw"] = [w, x, y, z]
 
 
-def _links(factor: float, only: str = "") -> Change:
+def _links(factor: float, only: Sequence[int] = ALL) -> Change:
     def change(document: Document) -> None:
-        root = ElementTree.fromstring(document["_urdf"])
-        children = {child.get("link") for child in root.iter("child")}
-        for link in root.iter("link"):
-            if link.get("name") not in children or (only and link.get("name") != only):
-                continue
-            for element in (*link.iter("mass"), *link.iter("inertia")):
-                for key, value in element.attrib.items():
-                    element.set(key, repr(factor * float(value)))
-        document["_urdf"] = ElementTree.tostring(root, encoding="unicode")
+        urdf = document["_urdf"]
+        names = [name for k, name in enumerate(child_links(urdf)) if k in only]
+        document["_urdf"] = scale_links(urdf, dict.fromkeys(names, factor))
 
     return change
 

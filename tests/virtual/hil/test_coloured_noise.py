@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from scipy.stats import chi2
 
-from fsw.estimators.torque_noise import TorqueNoise
+from fsw.estimators.sensor_noise import SensorNoise
 from hil.judge import judgement
 from hil.run import bench
 from hil.world.scenario import ScenarioError, changed, load
@@ -45,7 +45,7 @@ def test_the_covariance_covers_the_error_and_the_sensors_are_named(tmp_path):
 
 def test_without_it_the_same_flights_are_confidently_wrong(tmp_path, monkeypatch):
     """What this is for: a covariance that takes every sample as news is too small by far."""
-    monkeypatch.setattr(TorqueNoise, "learn", lambda _: False)
+    monkeypatch.setattr(SensorNoise, "learn", lambda _: False)
     total = sum(flown(tmp_path, seed)[0]["nees"] for seed in SEEDS)
     assert total > CHI2_999
 

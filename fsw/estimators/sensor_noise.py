@@ -1,4 +1,4 @@
-"""Noise of the torque sensors that is not white: found from the samples, counted in the covariance.
+"""Noise of sensors that is not white: found from the samples, counted in the covariance.
 
 A window's polynomial holds the motion; what it leaves is noise, and the mean products of what is
 left, some samples apart, show whether neighbouring samples are alike. The noise of a channel is
@@ -6,6 +6,8 @@ taken as a white part and one that fades exponentially, an autoregression of fir
 Jenkins, Time Series Analysis, 1976, sec. 3.2). Its covariance at the nodes includes that with the
 nodes of neighbouring windows, so that a quantity which changes slowly gets the information that all
 windows together hold (the long-run variance). White noise is left as declared, to the bit.
+
+Channels are the torque sensors, then gyro and accelerometer, whose three axes are taken as alike.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ TIMES = 16  # correlation times that are compared, from one sample to a quarter 
 SIGNIFICANT = 50.0  # fall of the misfit, times samples, that white noise makes once in 1e10 sets
 LEAST_INFLATION = 1.1  # of the variance; less is not worth a change
 MOVED = 0.1  # relative change of a variance at the nodes that is worth a pass
+INERTIAL = (("gyro", "rad/s"), ("accelerometer", "m/s^2"))
+SHARED = ("white_ratio", "correlation_s", "samples", "effective_samples")
 _STATE = ("_sums", "_windows", "_excess")
 
 Found = tuple[float, float, int]  # variance of the white and of the fading part, number of its time
@@ -37,20 +41,20 @@ Found = tuple[float, float, int]  # variance of the white and of the fading part
 
 @dataclass(frozen=True, slots=True)
 class ChannelNoise:
-    """Noise found on one torque sensor, beside the declared one.
+    """Noise found on one channel in its own unit, beside the declared one.
 
     Parameters
     ----------
-    declared_nm : 1 sigma of a sample, from the configuration
-    sigma_nm : 1 sigma of a sample, found
+    declared : 1 sigma of a sample, from the configuration
+    sigma : 1 sigma of a sample, found
     white_ratio : share of the variance that is white
     correlation_s : time in which the other part fades by e; 0: the noise is white
     samples : number of samples that say so
     effective_samples : white samples of that sigma from which a constant would be known as well
     """
 
-    declared_nm: float
-    sigma_nm: float
+    declared: float
+    sigma: float
     white_ratio: float
     correlation_s: float
     samples: int
@@ -70,7 +74,8 @@ class _Shapes:
     ----------
     fading : (T,) correlation from sample to sample
     white, faded : (L,) and (T, L) expected mean products of what the polynomial leaves
-    at_nodes : (T + 1, m, m) covariance at the nodes; white noise first
+    at_nodes : (T + 1, 2 m, 2 m) covariance of values and derivatives by the time in half windows at
+        the nodes; white noise first
     """
 
     fading: FloatArray
@@ -91,7 +96,7 @@ def _shapes(samples: int, nodes: int) -> _Shapes:
         left = C - removed @ (removed.T @ C)
         left -= (left @ removed) @ removed.T
         products.append([np.trace(left, lag) / samples for lag in LAGS])
-        at_nodes.append(covariance_at_nodes(samples, nodes, a))
+        at_nodes.append(covariance_at_nodes(samples, nodes, a, derivatives=True))
     white, faded = np.array(products[0]), np.array(products[1:])
     return _Shapes(fading, white, faded, np.array(at_nodes))
 
@@ -142,55 +147,63 @@ def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) ->
     k = int(np.argmax(gain))
     if fading[k] == 0.0 or (gain[k] - ay**2 / aa) * windows * samples < SIGNIFICANT:
         return None
-    at_white, at_faded = (float(np.trace(C)) for C in shapes.at_nodes[[0, k + 1]])
+    at_white, at_faded = (_size(C, nodes) for C in shapes.at_nodes[[0, k + 1]])
     total = white[k] + fading[k]
     if white[k] * at_white + fading[k] * at_faded < LEAST_INFLATION * total * at_white:
         return None
     return float(products[0] * white[k]), float(products[0] * fading[k]), k
 
 
-class TorqueNoise:
-    """The noise of every torque sensor, as far as the blocks so far show.
+class SensorNoise:
+    """The noise of n torque sensors, gyro and accelerometer, as far as the blocks so far show.
 
     Parameters
     ----------
-    declared_nm : (n,) 1 sigma of a sample
-    samples : (n,) of a window
+    declared : (n + 2,) 1 sigma of a sample
+    samples : (n + 2,) of a window
     window_s : length of a window
     nodes : of a block
     model_nm2 : (n, m, m) what the blocks count already of what the model leaves out; None: nothing
 
     Attributes
     ----------
-    channels : the noise of each sensor
+    channels : the noise of each channel
     """
 
     def __init__(
         self,
-        declared_nm: FloatArray,
+        declared: FloatArray,
         samples: NDArray[np.int64],
         window_s: float,
         nodes: int,
         model_nm2: FloatArray | None = None,
     ) -> None:
-        self._declared_nm, self._samples = declared_nm, samples
+        self._declared, self._samples = declared, samples
         self._window_s, self._nodes = window_s, nodes
-        none = np.zeros((len(declared_nm), nodes, nodes))
-        self._model_nm2 = none if model_nm2 is None else model_nm2
-        self._sums = np.zeros((len(LAGS), len(declared_nm)))
-        self._windows = np.zeros(len(declared_nm), np.int64)
-        self._excess: FloatArray | None = None  # (n, m, m) added to the declared covariance
-        for count in set(samples.tolist()):
+        self._counted = np.zeros((len(declared), 2 * nodes, 2 * nodes))
+        if model_nm2 is not None:
+            self._counted[: len(model_nm2), :nodes, :nodes] = model_nm2
+        self._sums = np.zeros((len(LAGS), len(declared)))
+        self._windows = np.zeros(len(declared), np.int64)  # of the inertial unit one for each axis
+        # (n + 2, 2 m, 2 m) added to the declared covariance; see `_Shapes`
+        self._excess: FloatArray | None = None
+        for count in {k for k in samples.tolist() if k > nodes + EXTRA_DEGREE}:
             _shapes(count, nodes)  # takes a tenth of a second: not while the loop runs
         self.channels = self._judged(self._found())
 
     def note(self, block: Block) -> None:
         """Add what a block shows of the noise."""
-        products = block.tau_products_nm2
-        if products.shape == self._sums.shape:
-            counted = (products[0] > 0.0) & block.has_joint
-            self._sums += np.where(counted, products, 0.0)
-            self._windows += counted
+        n = len(block.has_joint)
+        usable = np.array([*block.has_joint, block.has_gyro, block.has_accelerometer])
+        axes = np.repeat([1, 3], [n, 2])
+        for own, products in (
+            (slice(n), block.tau_products_nm2),
+            (slice(n, n + 2), block.imu_products),
+        ):
+            if len(products) == len(self._sums):
+                counted = axes[own] * ((products[0] > 0.0) & usable[own])
+                self._sums[:, own] += np.where(counted, counted * products, 0.0)
+                self._windows[own] += counted
 
     def learn(self) -> bool:
         """Judge the noise by all blocks; return whether variances at the nodes change markedly."""
@@ -202,34 +215,54 @@ class TorqueNoise:
             if not new.any():
                 return False
             held = np.zeros_like(new)
-        least = self._declared_nm**2 * self._nodes / self._samples
-        change = np.abs(_variances(new) - _variances(held)) / (_variances(held) + least)
+        least = self._declared**2 * self._nodes / self._samples
+        before, after = (np.array([_size(C, self._nodes) for C in own]) for own in (held, new))
+        change = np.abs(after - before) / (before + self._nodes * least)
         if change.max() <= MOVED:
             return False
         self._excess = new
         return True
 
     def applied(self, block: Block) -> Block:
-        """Return a block whose torques have the covariance that was found."""
+        """Return a block whose channels have the covariance that was found."""
         if self._excess is None:
             return block
-        usable = block.has_joint[:, None, None]
-        return replace(block, cov_tau=block.cov_tau + np.where(usable, self._excess, 0.0))
+        n, m = len(block.has_joint), self._nodes
+        usable, torque = block.has_joint[:, None, None], self._excess[:n, :m, :m]
+        per_s = np.repeat([1.0, 2.0 / self._window_s], m)
+        gyro, acc = self._excess[n] * np.outer(per_s, per_s), self._excess[n + 1, :m, :m]
+        return replace(
+            block,
+            cov_tau=block.cov_tau + np.where(usable, torque, 0.0),
+            cov_gyro=block.cov_gyro + gyro if block.has_gyro else block.cov_gyro,
+            cov_acc=block.cov_acc + acc if block.has_accelerometer else block.cov_acc,
+        )
 
-    def report(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        """Return plain values of every sensor, by the names of the joints."""
-        return [
-            {"joint": name} | asdict(noise)
-            for name, noise in zip(names, self.channels, strict=True)
+    def report(self, names: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+        """Return plain values of every channel: `torque_noise` by the joints, `inertial_noise`."""
+        found = [
+            {"channel": name, "unit": unit} | asdict(noise)
+            for name, unit, noise in self._named(names)
         ]
+        torque = [
+            {"joint": own["channel"], "declared_nm": own["declared"], "sigma_nm": own["sigma"]}
+            | {key: own[key] for key in SHARED}
+            for own in found[: len(names)]
+        ]
+        return {"torque_noise": torque, "inertial_noise": found[len(names) :]}
 
     def words(self, names: Sequence[str]) -> str:
-        """Return which sensors are correlated in time, and how."""
+        """Return which channels are correlated in time, and how."""
         return ", ".join(
-            f"{name} {noise.sigma_nm:.3g} N m, {1e3 * noise.correlation_s:.3g} ms"
-            for name, noise in zip(names, self.channels, strict=True)
+            f"{name} {noise.sigma:.3g} {unit}, {1e3 * noise.correlation_s:.3g} ms"
+            for name, unit, noise in self._named(names)
             if not noise.is_white
         )
+
+    def _named(self, names: Sequence[str]) -> list[tuple[str, str, ChannelNoise]]:
+        channels = [*((name, "N m") for name in names), *INERTIAL]
+        pairs = zip(channels, self.channels, strict=True)
+        return [(name, unit, noise) for (name, unit), noise in pairs]
 
     def snapshot(self) -> dict[str, Any]:
         """Return the state as plain values."""
@@ -257,18 +290,20 @@ class TorqueNoise:
         return tuple(self._channel(j, own) for j, own in enumerate(found))
 
     def _channel(self, j: int, found: Found | None) -> ChannelNoise:
-        declared, windows = float(self._declared_nm[j]), int(self._windows[j])
+        declared, windows = float(self._declared[j]), int(self._windows[j])
         samples = int(self._samples[j])
-        count, shapes = samples * windows, _shapes(samples, self._nodes)
+        count = samples * windows
+        if not windows:
+            return ChannelNoise(declared, declared, 1.0, 0.0, 0, 0.0)
+        shapes = _shapes(samples, self._nodes)
         if found is None:
-            variance = float(self._sums[0, j]) / windows / shapes.white[0] if windows else None
-            sigma = declared if variance is None else float(np.sqrt(variance))
+            sigma = float(np.sqrt(self._sums[0, j] / windows / shapes.white[0]))
             return ChannelNoise(declared, sigma, 1.0, 0.0, count, float(count))
         white, fading, k = found
         a, total = float(shapes.fading[k]), white + fading
         return ChannelNoise(
-            declared_nm=declared,
-            sigma_nm=float(np.sqrt(total)),
+            declared=declared,
+            sigma=float(np.sqrt(total)),
             white_ratio=white / total,
             correlation_s=-self._window_s / samples / float(np.log(a)),
             samples=count,
@@ -276,25 +311,25 @@ class TorqueNoise:
         )
 
     def _excess_of(self, j: int, found: Found | None) -> FloatArray:
-        """Return what the found noise adds to the declared covariance at the nodes (m, m).
+        """Return what the found noise adds to the declared covariance at the nodes (2 m, 2 m).
 
         Noise smaller than declared keeps the declared size: a sensor at rest may show less of it.
         What the model leaves out is in the samples too and is not counted twice: the larger of what
         is found and what is declared of it holds.
         """
         if found is None:
-            return np.zeros((self._nodes, self._nodes))
+            return np.zeros_like(self._counted[j])
         white, fading, k = found
         at_nodes = _shapes(int(self._samples[j]), self._nodes).at_nodes
-        declared = float(self._declared_nm[j]) ** 2
+        declared = float(self._declared[j]) ** 2
         size = max(1.0, declared / (white + fading))
         excess = (size * white - declared) * at_nodes[0] + size * fading * at_nodes[k + 1]
-        counted = self._model_nm2[j]
-        if np.trace(excess) <= np.trace(counted):
+        counted = self._counted[j]
+        if _size(excess, self._nodes) <= _size(counted, self._nodes):
             return np.zeros_like(counted)
         return np.asarray(excess - counted)
 
 
-def _variances(matrices: FloatArray) -> FloatArray:
-    """Return the mean variances (n,) of covariances (n, m, m)."""
-    return np.asarray(np.einsum("nii->n", matrices) / matrices.shape[-1])
+def _size(covariance: FloatArray, nodes: int) -> float:
+    """Return the sum of the variances of values at the nodes; that of their derivatives is not."""
+    return float(np.trace(covariance[:nodes, :nodes]))

@@ -1,4 +1,4 @@
-"""Torque noise that is correlated in time: found, and its covariance against a simulation."""
+"""Noise that is correlated in time: found, and its covariance against a simulation."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.polynomial import legendre
 from scipy.signal import lfilter
 
 from fsw.estimators.fading_noise import covariance_at_nodes
-from fsw.estimators.torque_noise import (
+from fsw.estimators.sensor_noise import (
     LAGS,
     ChannelNoise,
-    TorqueNoise,
+    SensorNoise,
     found_noise,
     gapped_products,
     mean_products,
@@ -43,10 +43,10 @@ def block_of(values: FloatArray, index: int = 0) -> Block:
     return replace(made, tau_products_nm2=mean_products(left), has_gyro=True)
 
 
-def judged(values: FloatArray, declared_nm: float = 1.0) -> TorqueNoise:
+def judged(values: FloatArray, declared_nm: float = 1.0) -> SensorNoise:
     """Return what values (windows, SAMPLES, n) tell of the noise."""
     n = values.shape[2]
-    found = TorqueNoise(np.full(n, declared_nm), np.full(n, SAMPLES), WINDOW_S, NODES)
+    found = SensorNoise(np.full(n + 2, declared_nm), np.full(n + 2, SAMPLES), WINDOW_S, NODES)
     for k, window in enumerate(values):
         found.note(block_of(window, k))
     return found
@@ -82,7 +82,7 @@ def test_what_the_model_leaves_out_is_not_counted_twice():
     totals = []
     for sigma in (0.0, 0.1, 0.6):
         counted = sigma**2 * at_nodes[None]
-        found = TorqueNoise(np.full(1, 0.01), np.full(1, SAMPLES), WINDOW_S, NODES, counted)
+        found = SensorNoise(np.full(3, 0.01), np.full(3, SAMPLES), WINDOW_S, NODES, counted)
         for k, window in enumerate(values):
             found.note(block_of(window, k))
         found.learn()
@@ -103,24 +103,24 @@ def test_white_noise_stays_as_declared_to_the_bit(windows):
         assert all(channel.is_white for channel in found.channels)
         block = make_block(3, joints=7, nodes=NODES)
         assert found.applied(block) is block
-    sigmas = [channel.sigma_nm for channel in found.channels]
+    sigmas = [channel.sigma for channel in found.channels[:7]]
     assert np.abs(np.array(sigmas) - 1.0).max() < 5.0 / np.sqrt(2 * windows * SAMPLES)
 
 
 def test_noise_larger_than_declared_but_white_is_reported_and_left_to_the_residuals():
     found = judged(3.0 * noise(np.random.default_rng(2), 40, 0.0))
     assert not found.learn()
-    assert found.channels[0].sigma_nm == pytest.approx(3.0, rel=0.03)
-    assert found.channels[0].declared_nm == 1.0
+    assert found.channels[0].sigma == pytest.approx(3.0, rel=0.03)
+    assert found.channels[0].declared == 1.0
 
 
 @pytest.mark.parametrize("time_s", [0.005, 0.02, 0.05])
 def test_size_time_and_effective_samples_are_found(time_s):
     found = judged(0.3 * noise(np.random.default_rng(3), 400, time_s))
     assert found.learn()
-    (channel,) = found.channels
+    channel = found.channels[0]
     a = np.exp(-STEP_S / time_s)
-    assert channel.sigma_nm == pytest.approx(0.3, rel=0.15)
+    assert channel.sigma == pytest.approx(0.3, rel=0.15)
     assert channel.correlation_s == pytest.approx(time_s, rel=0.4)
     # Box, Jenkins: the mean of an autoregression is worth (1 - a) / (1 + a) of its samples
     expected = channel.samples * (1.0 - a) / (1.0 + a)
@@ -157,12 +157,68 @@ def _white(sigma: float) -> FloatArray:
     return np.asarray(sigma**2 * at @ np.linalg.inv(V.T @ V) @ at.T)
 
 
+def inertial_block(gyro: FloatArray, acc: FloatArray) -> Block:
+    """Return a block whose inertial unit showed these values (SAMPLES, 3)."""
+    products = [block_of(values).tau_products_nm2.mean(axis=1) for values in (gyro, acc)]
+    made = replace(make_block(1, joints=1, nodes=NODES), imu_products=np.stack(products, axis=1))
+    return replace(made, has_gyro=True, has_accelerometer=True)
+
+
+@pytest.mark.parametrize(("time_s", "white"), [(0.02, 0.0), (0.02, 1.0), (0.05, 0.5)])
+def test_rate_and_its_derivative_are_as_uncertain_as_many_windows_together(time_s, white):
+    """Sums over sixteen windows in a row, of values and of derivatives, simulated."""
+    rng = np.random.default_rng(14)
+    runs, row = 1000, 16
+    values = noise(rng, row, time_s, runs) + white * rng.standard_normal((row, SAMPLES, runs))
+    nodes, total = legendre.leggauss(NODES)[0], np.zeros((2 * NODES, runs))
+    for window in values:
+        fit = legendre.legfit(T, window, NODES - 1)
+        slope = legendre.legder(fit) * 2.0 / WINDOW_S
+        total += np.hstack([legendre.legval(nodes, fit), legendre.legval(nodes, slope)]).T
+    simulated = total @ total.T / runs / row
+    known = noise(rng, 600, time_s, 3) + white * rng.standard_normal((600, SAMPLES, 3))
+    found = SensorNoise(np.array([1.0, 0.7, 1.0]), np.full(3, SAMPLES), WINDOW_S, NODES)
+    for window in known:
+        found.note(inertial_block(window, rng.standard_normal((SAMPLES, 3))))
+    assert found.learn()
+    assert [channel.is_white for channel in found.channels] == [True, False, True]
+    V = legendre.legvander(T, NODES - 1)
+    slopes = legendre.legval(nodes, legendre.legder(np.eye(NODES))).T * 2.0 / WINDOW_S
+    E = np.vstack([legendre.legvander(nodes, NODES - 1), slopes])
+    declared = 0.7**2 * E @ np.linalg.inv(V.T @ V) @ E.T
+    block = replace(inertial_block(known[0], known[0]), cov_gyro=declared)
+    covariance = found.applied(block).cov_gyro
+    kept = np.linalg.svd(E)[0][:, :NODES]  # a cubic has four values, not eight
+    simulated, covariance = (kept.T @ C @ kept for C in (simulated, covariance))
+    ratios = np.linalg.eigvals(np.linalg.solve(simulated, covariance)).real
+    assert ratios.min() > 0.7
+    assert ratios.max() < 1.4
+    assert found.applied(block).cov_acc is not None
+    assert np.array_equal(found.applied(block).cov_acc, block.cov_acc)
+
+
+def test_an_inertial_unit_that_is_missing_stays_missing():
+    rng = np.random.default_rng(15)
+    found = judged(noise(rng, 2, 0.0))
+    coloured = noise(rng, 200, 0.02, 6)
+    for window in coloured:
+        found.note(inertial_block(window[:, :3], window[:, 3:]))
+    assert found.learn()
+    blind = replace(make_block(1, joints=1, nodes=NODES), has_gyro=False, has_accelerometer=False)
+    assert found.applied(blind).cov_gyro is blind.cov_gyro
+    assert found.applied(blind).cov_acc is blind.cov_acc
+    report = found.report(["joint1"])
+    assert [own["channel"] for own in report["inertial_noise"]] == ["gyro", "accelerometer"]
+    assert report["inertial_noise"][0]["samples"] == 3 * 200 * SAMPLES
+    assert "gyro 1" in found.words(["joint1"])
+
+
 def test_only_the_sensors_concerned_change_and_a_missing_one_stays_missing():
     rng = np.random.default_rng(5)
     values = np.concatenate([noise(rng, 40, 0.0, 2), noise(rng, 40, 0.02, 2)], axis=2)
     found = judged(values)
     assert found.learn()
-    assert [channel.is_white for channel in found.channels] == [True, True, False, False]
+    assert [channel.is_white for channel in found.channels[:4]] == [True, True, False, False]
     block = replace(
         make_block(1, joints=4, nodes=NODES), has_joint=np.array([True, True, True, False])
     )
@@ -210,7 +266,7 @@ def test_a_state_is_continued():
 def test_windows_that_say_nothing_are_not_counted():
     found = judged(np.zeros((3, SAMPLES, 1)))
     assert not found.learn()
-    assert found.channels == (ChannelNoise(1.0, 1.0, 1.0, 0.0, 0, 0.0),)
+    assert found.channels == (ChannelNoise(1.0, 1.0, 1.0, 0.0, 0, 0.0),) * 3
     found.note(replace(make_block(1, joints=1, nodes=NODES), tau_products_nm2=np.zeros((1, 1))))
     assert found.channels[0].samples == 0
 

@@ -1,0 +1,147 @@
+"""One seed of a world: friction, wrong links and coloured torque noise, or none of them.
+
+The truth is the bench's own; the samples go through the flight conditioner and the recursion.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from fsw.config import Config, load
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.recursive.online import build_online
+from fsw.messages import Block
+from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
+from hil.evidence.methods.exact import exact_samples
+from hil.evidence.methods.flight_side import write_config
+from hil.evidence.methods.sensed import condition, declared
+from hil.evidence.mistakes.run import CONFIDENT, leave_to_the_defaults, samples, worst
+from hil.judge.score import normalised_error_squared
+from hil.world.friction import JointFriction
+from hil.world.inertia import FloatArray
+from hil.world.scenario import child_links, scale_links
+
+COULOMB_NM = (0.05, 0.5)  # smallest and largest size
+VISCOUS_SIGMA_NMS_RAD = 0.3
+LINKS_OFF = (0.01, 0.05)  # mass and inertia of every link and of a known base
+FADING_S = 0.02
+NOISE = replace(SENSOR_SETS["data sheet"], torque_nm=0.05)  # coloured noise does not average
+STREAM = 211
+ROUGH = ("declared", "undeclared")
+IDEAL = ("exact", "terms", "defaults")
+WORLD = {**dict.fromkeys(ROUGH, "rough"), **dict.fromkeys(IDEAL, "ideal")}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Case:
+    """One run. `told`: what the configuration says of the world, see ROUGH and IDEAL."""
+
+    unknown: str  # target, base, both
+    told: str
+    seed: int
+
+    def __str__(self) -> str:
+        """Return the key in the store."""
+        return f"{self.unknown} {self.told} {self.seed}"
+
+
+def work(case: Case) -> dict[str, dict[str, Any]]:
+    """Return the row of a case under its key."""
+    with tempfile.TemporaryDirectory(prefix="rough-") as name:
+        config, blocks = made(case, Path(name))
+        return {str(case): _row(case.unknown, config, blocks)}
+
+
+def made(case: Case, folder: Path, count: int | None = None) -> tuple[Config, list[Block]]:
+    """Return the flight configuration and the blocks, the first `count` of them."""
+    right = write_config(scenario_of(case.unknown), case.seed, folder)
+    rng = np.random.default_rng(np.random.SeedSequence(case.seed, spawn_key=(STREAM,)))
+    n = len(right.joints)
+    coulomb, viscous = _sized(rng, *COULOMB_NM, n), rng.standard_normal(n)
+    is_rough = WORLD[case.told] == "rough"
+    fading = math.exp(-1.0 / (FADING_S * RATE_HZ)) if is_rough else 0.0
+    raw = samples(case.unknown, right, case.seed, NOISE, fading)
+    document = yaml.safe_load((folder / "flight.yaml").read_text(encoding="utf-8"))
+    if is_rough:
+        friction = JointFriction(
+            coulomb_nm=coulomb,
+            viscous_nms_rad=VISCOUS_SIGMA_NMS_RAD * viscous,
+            speed_rad_s=0.01,
+        )
+        rubbed = friction.torque_nm(exact_samples(case.unknown).qd)
+        raw = replace(raw, tau_nm=raw.tau_nm + rubbed)
+        _drawn_wrong(document, folder / "robot.urdf", rng)
+    if case.told == "defaults":
+        leave_to_the_defaults(document)
+    if case.told in ("declared", "terms"):
+        document["robot"]["links_sigma_ratio"] = _rms(*LINKS_OFF)
+        for joint in document["joints"]:
+            joint["friction_coulomb_sigma_nm"] = _rms(*COULOMB_NM)
+            joint["friction_viscous_sigma_nms_rad"] = VISCOUS_SIGMA_NMS_RAD
+    path = folder / "told.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    config = declared(load(path), NOISE, RATE_HZ, window_s=WINDOW_S, nodes=NODES)
+    return config, condition(raw, config, RATE_HZ)[:count]
+
+
+def _drawn_wrong(document: dict[str, Any], urdf: Path, rng: np.random.Generator) -> None:
+    """Put links and a known base into the flight's files that are not those of the truth."""
+    text = urdf.read_text(encoding="utf-8")
+    names = child_links(text)
+    off = 1.0 + _sized(rng, *LINKS_OFF, len(names) + 1)
+    factors = dict(zip(names, off[1:].tolist(), strict=True))
+    urdf.write_text(scale_links(text, factors), encoding="utf-8")
+    if "base" not in document["unknown"]:
+        base = document["bodies"]["base"]
+        base["mass_kg"] *= float(off[0])
+        base["inertia_kg_m2"] = [float(off[0]) * value for value in base["inertia_kg_m2"]]
+
+
+def _row(unknown: str, config: Config, blocks: list[Block]) -> dict[str, Any]:
+    """Return what the recursion publishes of the blocks, against the truth."""
+    online = build_online(
+        config, RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    )
+    truth, x = scenario_of(unknown).truth, truth_of(unknown)
+    published = [online.push(block) for block in blocks]
+    final = online.finish()
+    valid = [estimate for estimate in (*published, final) if estimate.valid]
+    own = slice(0, x.size)
+    error, covariance = final.mean[own] - x, final.covariance[own, own]
+    return {
+        "valid": final.valid,
+        "reason": final.reason,
+        "nees": normalised_error_squared(error, covariance),
+        "dof": x.size,
+        "z": worst(final.bodies, truth),
+        "masses": _masses(final.bodies, truth),
+        "outputs": len(valid),
+        "wrong": sum(worst(estimate.bodies, truth) > CONFIDENT for estimate in valid),
+        "events": sorted({code for _, code, _ in online.events()}),
+    }
+
+
+def _masses(bodies: Mapping[str, Any], truth: Mapping[str, FloatArray]) -> dict[str, list[float]]:
+    """Return error and sigma of every mass [kg]."""
+    return {
+        name: [body.mass_kg - float(truth[name][0]), body.mass_sigma_kg]
+        for name, body in bodies.items()
+    }
+
+
+def _sized(rng: np.random.Generator, least: float, most: float, count: int) -> FloatArray:
+    """Return values of either sign whose size is even between two bounds."""
+    return np.asarray(rng.uniform(least, most, count) * rng.choice([-1.0, 1.0], count))
+
+
+def _rms(least: float, most: float) -> float:
+    """Return the root mean square of such values."""
+    return math.sqrt((most**3 - least**3) / (3.0 * (most - least)))

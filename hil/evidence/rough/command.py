@@ -1,0 +1,91 @@
+"""`hil rough`: many seeds of a rough world, declared and not, and of an ideal one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import chi2
+
+from hil.evidence import pool, runner
+from hil.evidence.mistakes.command import CASES
+from hil.evidence.rough.case import IDEAL, ROUGH, Case, work
+from hil.evidence.store import Row, Store
+
+KINDS = (*ROUGH, *IDEAL)
+NOT_JUDGED = "undeclared"  # by NEES: only by what is valid and wrong
+
+
+def rough(
+    unknown: Sequence[str], told: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
+) -> list[dict[str, Any]]:
+    """Run what the folder lacks; return the rows of the summary.
+
+    Raises
+    ------
+    ScenarioError for a folder of other results.
+    """
+    chosen = [(name, kind) for kind in told or ROUGH for name in unknown or CASES]
+    cases = [Case(name, kind, seed) for name, kind in chosen for seed in seeds]
+    store = Store(out, {"rough": "friction, links, coloured torque noise"})
+    rest = runner.missing(cases, str, store)
+    ran = pool.run(work, rest, jobs)
+    runner.complete("rough", len(cases), ran, rest, store, Console(stderr=True))
+    return [
+        {"unknown": name, "told": kind}
+        | _summary(kind, [store.rows[str(Case(name, kind, seed))] for seed in seeds])
+        for name, kind in chosen
+    ]
+
+
+def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
+    """Return what all seeds say together; the band is that of a mean of chi-square values."""
+    count, dof = len(rows), rows[0]["dof"]
+    low, high = (float(chi2.ppf(p, dof * count)) / count for p in (0.025, 0.975))
+    nees = float(np.mean([row["nees"] for row in rows]))
+    masses = {
+        body: [float(np.sqrt(np.mean(np.square(both[:, k])))) for k in (0, 1)]
+        for body in rows[0]["masses"]
+        for both in [np.array([row["masses"][body] for row in rows])]
+    }
+    wrong = sum(row["wrong"] > 0 for row in rows)
+    valid = sum(row["valid"] for row in rows)
+    within = told == NOT_JUDGED or (low <= nees <= high and valid == count)
+    return {
+        "seeds": count,
+        "valid": valid,
+        "wrong": wrong,
+        "mean_nees": nees,
+        "band_95": [low, high],
+        "mass_rms_error_and_sigma_kg": masses,
+        "reasons": {
+            r: sum(row["reason"] == r for row in rows) for r in {x["reason"] for x in rows}
+        },
+        "passed": wrong == 0 and within,
+    }
+
+
+def show(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print the table."""
+    table = Table(title="friction, wrong links and coloured torque noise, or none of them")
+    for title in ("unknown", "told", "valid", "wrong", "mean NEES", "95 % band"):
+        table.add_column(title)
+    table.add_column("mass, rms error and sigma [kg]")
+    table.add_column("")
+    for row in rows:
+        low, high = row["band_95"]
+        masses = row["mass_rms_error_and_sigma_kg"].items()
+        table.add_row(
+            *(row["unknown"], row["told"], f"{row['valid']} of {row['seeds']}", str(row["wrong"])),
+            *(f"{row['mean_nees']:.2f}", f"[{low:.2f}, {high:.2f}]"),
+            ", ".join(f"{body} {error:.3g} +- {sigma:.3g}" for body, (error, sigma) in masses),
+            "ok" if row["passed"] else "FAILED",
+        )
+    console = Console()
+    console.width = max(console.width, 130)
+    console.print(table)
+    console.print("wrong: seeds with any output that was valid and beyond 5 sigma")
