@@ -1,4 +1,4 @@
-"""Torque noise that is correlated in time, from device bytes: found, named, and counted."""
+"""Noise that is correlated in time, from device bytes: found, named, and counted."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ CHI2_999 = float(chi2.ppf(0.999, 10 * len(SEEDS)))
 CODE = "NOISE_CORRELATED"
 
 
-def flown(tmp_path, seed: int, time_s: float = TIME_S):
+def flown(tmp_path, seed: int, name="target_leo", key="joints.torque_noise_correlation_s"):
     """Return outcome and events of a flight with such noise."""
-    scenario = replace(short(tmp_path, points=12), sensors=load("target_leo").sensors)
-    scenario = changed(scenario, [f"sensors.joints.torque_noise_correlation_s={time_s}"])
+    scenario = replace(short(tmp_path, points=12, name=name), sensors=load(name).sensors)
+    scenario = changed(scenario, [f"sensors.{key}={TIME_S}"])
     folder = tmp_path / f"{seed}"
     folder.mkdir()
     setup = bench.prepare(scenario, seed, folder)
@@ -48,6 +48,16 @@ def test_without_it_the_same_flights_are_confidently_wrong(tmp_path, monkeypatch
     monkeypatch.setattr(SensorNoise, "learn", lambda _: False)
     total = sum(flown(tmp_path, seed)[0]["nees"] for seed in SEEDS)
     assert total > CHI2_999
+
+
+def test_gyro_and_accelerometer_are_found_and_counted_too(tmp_path):
+    outcome, events = flown(tmp_path, 1, "base", "imu.noise_correlation_s")
+    assert outcome["valid"], outcome["reason"]
+    assert outcome["nees"] < chi2.ppf(0.999, outcome["dof"])
+    (named,) = [event for event in events if event.code == CODE]
+    assert "gyro" in named.text
+    assert "accelerometer" in named.text
+    assert "joint" not in named.text
 
 
 @pytest.mark.parametrize(
