@@ -130,7 +130,9 @@ def declared(
     estimator = config.estimator.model_copy(
         update={name: value for name, value in windows.items() if value is not None}
     )
-    return config.model_copy(update={"joints": joints, "imu": imu, "estimator": estimator})
+    buses = [bus.model_copy(update={"rate_hz": rate_hz}) for bus in config.buses]
+    update = {"joints": joints, "imu": imu, "estimator": estimator, "buses": buses}
+    return config.model_copy(update=update)
 
 
 def condition(channels: Channels, config: Config, rate_hz: float) -> list[Block]:
