@@ -53,6 +53,7 @@ class EstimatorConfig(Section):
     external_torque_sigma_nm: TorqueSigma = 0.0  # origin, inertial axes; 0: none estimated
     target_force_sigma_n: ForceSigma = 0.0  # the same at the target's centre of mass: air
     target_torque_sigma_nm: TorqueSigma = 0.0
+    outside_wrench: Literal["ignore", "watch"] = "ignore"  # found and its windows left out
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
     forgetting_time_s: LongDuration | None = None  # data's information decays with it; null: never

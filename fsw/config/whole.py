@@ -175,6 +175,13 @@ class Config(Section):
             attitude=self.star_tracker is not None,
             base_motion=self.base.motion,
         )
+        if self.estimator.outside_wrench == "watch":
+            free = self.base.motion == "free" and self.star_tracker is not None
+            if not free or self.estimator.method != "fused":
+                raise ValueError(
+                    "estimator.outside_wrench: 'watch' needs method fused, base.motion: free and a "
+                    "star_tracker"
+                )
         _method_has_its_torques(self.estimator.method, self.joints)
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")

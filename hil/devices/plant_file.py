@@ -10,6 +10,7 @@ import yaml
 from pydantic import TypeAdapter
 
 from hil.devices.plant import Plant
+from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
 from hil.world.environment.wrench import simulate_in
 from hil.world.robot import Body, Robot, SloshMass
@@ -112,6 +113,7 @@ class PlantFile:
     stand: Stand | None = None
     wheels: WheelSystem | None = None
     thrusters: ThrusterSystem | None = None
+    contact: Contact | None = None
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start_delay_s: float = 4.0
     seed: int = 0
@@ -140,17 +142,19 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
     )
     spline = JointSpline.load(folder / file.trajectory)
     tumbles = any(file.start_rate_rad_s)
-    moved = (file.environment, file.wheels, file.thrusters)
-    rests = not any(part is not None for part in moved) and not tumbles
+    moved = (file.environment, file.wheels, file.thrusters, file.contact)
+    rests = not tumbles and all(part is None for part in moved)
     before_s = TAIL_S if rests else max(TAIL_S, file.start_delay_s)
     history = simulate_in(
         file.environment,
         robot,
         spline,
         -before_s,
-        spline.duration_s + (TUMBLING_TAIL_S if tumbles or file.thrusters else TAIL_S),
+        spline.duration_s
+        + (TUMBLING_TAIL_S if tumbles or file.thrusters or file.contact else TAIL_S),
         stand=file.stand,
         w_NB_B_rad_s=file.start_rate_rad_s,
+        contact=file.contact,
     )
     return Plant(
         history,

@@ -228,6 +228,7 @@ def truth_of(
         dt_s,
         stand=scenario.stand,
         w_NB_B_rad_s=scenario.start_rate_rad_s,
+        contact=scenario.contact,
     )
 
 

@@ -341,6 +341,7 @@ def plant_document(
         "stand": None if scenario.stand is None else asdict(scenario.stand),
         "wheels": None if scenario.wheels is None else asdict(scenario.wheels),
         "thrusters": None if scenario.thrusters is None else asdict(scenario.thrusters),
+        "contact": None if scenario.contact is None else asdict(scenario.contact),
         "start_rate_rad_s": list(scenario.start_rate_rad_s),
         "start_delay_s": scenario.before_s,
         "seed": seed,

@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, is_physical
 from hil.world.robot import SloshMass
@@ -100,6 +101,7 @@ class Document(_Section):
     stand: Stand | None = None  # null: the base floats freely
     wheels: WheelSystem | None = None  # reaction wheels that hold the base's attitude
     thrusters: ThrusterSystem | None = None  # of the base, and when they fire
+    contact: Contact | None = None  # of the target with a fixture
     # of the base at power-on, in its axes: base, arm and target tumble; the arm itself is at rest
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -127,12 +129,13 @@ class Scenario:
     stand: Stand | None = None
     wheels: WheelSystem | None = None
     thrusters: ThrusterSystem | None = None
+    contact: Contact | None = None
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def rests(self) -> bool:
         """Whether nothing moves before and after the arm's motion."""
-        moved = (self.environment, self.wheels, self.thrusters)
+        moved = (self.environment, self.wheels, self.thrusters, self.contact)
         return not any(part is not None for part in moved) and not any(self.start_rate_rad_s)
 
     @property
@@ -210,6 +213,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         stand=document.stand,
         wheels=document.wheels,
         thrusters=document.thrusters,
+        contact=document.contact,
         start_rate_rad_s=document.start_rate_rad_s,
     )
 

@@ -85,6 +85,7 @@ class _Fused(RowsFunction):
         by_gyro = s.has_gyro and problem.is_free
         rate: Rate = self._rate or ("measured" if by_gyro else "momentum")
         adds_up = present(problem.momentum) or len(problem.thrusters) > 0
+        adds_up |= problem.watches_outside
         if adds_up and not s.has_attitude:
             rate = "measured"
             channels = tuple(c for c in channels if c != "gyro" and by_gyro)

@@ -122,6 +122,7 @@ class Problem:
     wrench_sigma: FloatArray  # (6,) unmodelled external wrench, per node
     freedom: FloatArray  # (6, k) motions [v_b, w_b] that nothing holds the base from, orthonormal
     support_m_s2: FloatArray  # (3,) acceleration by which what holds the base keeps it from falling
+    watches_outside: bool  # whether blocks may be marked as those of an unknown momentum
     liquid: FloatArray  # (p, p) covariance that liquid in the bodies adds to what is published
 
     @property
@@ -448,5 +449,6 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         ),
         freedom=base_freedom(config.base),
         support_m_s2=-np.array(config.base.gravity_B_m_s2),
+        watches_outside=estimator.outside_wrench == "watch",
         liquid=liquid,
     )

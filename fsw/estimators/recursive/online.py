@@ -256,6 +256,8 @@ class OnlineEstimator:
             "slow_residual": recursion.trust.slow[0],
             "residual_lag1": recursion.trust.colour[0],
         }
+        if recursion.outside is not None:
+            extra["outside"] = float(("", "base", "target").index(recursion.outside.place))
         if self.linear:
             extra["biased"] = 1.0
         return (

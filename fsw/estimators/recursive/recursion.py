@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from fsw.estimators.recursive import pacing
 from fsw.estimators.recursive.change import InnovationMonitor
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
+from fsw.estimators.recursive.outside import OutsideWatch, Verdict
 from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
 from fsw.estimators.recursive.prior_groups import in_words, widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
@@ -95,6 +97,8 @@ class Recursion:
         self.q_rad: FloatArray | None = None
         self.used: Block | None = None
         self._coloured = False  # NOISE_CORRELATED is reported
+        watches = problem.watches_outside
+        self.outside = OutsideWatch(problem, settings.gate_probability) if watches else None
         self._in_doubt = len(problem.published) < len(problem.names)
         self.start(problem.prior_mean, self._spread())
 
@@ -113,6 +117,8 @@ class Recursion:
         self._pointing: Generator[None, None, tuple[FloatArray, float | None]] | None = None
         self._rss = 0.0
         self.span_ns: tuple[int, int] | None = None
+        if self.outside is not None:
+            self.outside.forget()
 
     def take_over(self, mean: FloatArray, covariance: FloatArray, blocks: int) -> None:
         """Start from a batch result over so many blocks; with forgetting it ages like other data.
@@ -139,6 +145,7 @@ class Recursion:
             "trust": self.trust.snapshot(),
             "noise": self.noise.snapshot(),
             "memory": self.memory.snapshot(),
+            **({} if self.outside is None else {"outside": self.outside.snapshot()}),
         }
 
     def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
@@ -153,10 +160,12 @@ class Recursion:
         self.monitor.restore(values["monitor"])
         self.pacing.restore(values["pacing"])
         self.trust.restore(values["trust"])
+        if self.outside is not None and "outside" in values:
+            self.outside.restore(values["outside"])
 
     def take_events(self) -> list[EventWords]:
         """Return what has happened since the last call: severity, code, text."""
-        drained = list(self._events)
+        drained = list(self._events) + ([] if self.outside is None else self.outside.take_events())
         self._events.clear()
         return drained
 
@@ -208,6 +217,10 @@ class Recursion:
 
     def fold(self, block: Block) -> Generator[None, None, None]:
         """Linearise a new block, judge it, and fold it in if it fits; in bounded units."""
+        if self.outside is not None:
+            block = self.outside.marked(block)
+            if self.armed and (yield from self._is_outside(block, self.outside)):
+                return
         at = self.memory.at if self._in_doubt else (yield from self._point())
         if not self.linear and not len(self.memory) and not self.since:
             self.memory.at = at = at_first_rate(block, at, self.problem)
@@ -238,6 +251,23 @@ class Recursion:
                 self._learn_noise()
         if judgement.changed:
             yield from self._reopen()
+
+    def _is_outside(self, block: Block, watch: OutsideWatch) -> Generator[None, None, bool]:
+        """Return whether a block was left out, for a wrench from outside or a change of bodies."""
+        if not plausible(block):
+            return False
+        root = self.memory.information.covariance_root()
+        verdict = yield from watch.judge(
+            self.noise.applied(block), self.x, root, self.monitor.level
+        )
+        if verdict is Verdict.FITS:
+            return False
+        nothing = np.zeros_like(block.has_joint)
+        self.used = replace(block, has_joint=nothing, has_gyro=False, has_accelerometer=False)
+        self.gated += 1
+        if verdict is Verdict.CHANGE:
+            yield from self._reopen()
+        return True
 
     def _screened(
         self, block: Block, rows: Rows, at: FloatArray

@@ -60,7 +60,10 @@ def to_information(values: Values) -> SquareRootInformation:
 
 def from_impulse(impulse: Impulse | None) -> dict[str, Any] | None:
     """Return the momentum gained, its derivative, and where it was taken."""
-    return None if impulse is None else kept(impulse, ("end_ns", "L_Nms", "J", "x"))
+    if impulse is None:
+        return None
+    fired = ("fired_s",) if isinstance(impulse.fired_s, np.ndarray) else ()
+    return kept(impulse, ("end_ns", "L_Nms", "J", "x", *fired))
 
 
 def to_impulse(values: Values | None) -> Impulse | None:

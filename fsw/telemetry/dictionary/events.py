@@ -111,6 +111,10 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (172, "SEQUENCE_ENDED", _INFO, "a request sequence has released its last request"),
     (173, "SEQUENCE_ABORTED", _LOW, "a request sequence was aborted"),
     (175, "STORED_REQUESTS_CORRUPT", _HIGH, "kept requests cannot be read; older ones are used"),
+    (180, "UNKNOWN_FIRING", _MEDIUM, "a wrench that nothing declares acts on the base"),
+    (181, "UNKNOWN_FIRING_ENDED", _INFO, "it has ended; the estimate continues"),
+    (182, "CONTACT", _MEDIUM, "a wrench that nothing declares acts on the target"),
+    (183, "CONTACT_ENDED", _INFO, "it has ended; the estimate continues"),
     (OTHER_ID, "OTHER", _LOW, "an event without a number; its code is in the text"),
 )
 

@@ -11,6 +11,7 @@ import mujoco
 import numba
 import numpy as np
 
+from hil.world.contact import Contact, Fixture
 from hil.world.environment import density
 from hil.world.environment.config import (
     AtmosphereSection,
@@ -51,10 +52,22 @@ def simulate_in(
     dt_s: float = 0.004,
     stand: Stand | None = None,
     w_NB_B_rad_s: tuple[float, float, float] = STILL,
+    contact: Contact | None = None,
 ) -> TruthHistory:
-    """Return the truth of a motion in an environment or on a stand; None: nothing from outside."""
+    """Return the truth of a motion in an environment, on a stand, or with a contact."""
     if section is None:
-        return simulate(robot, spline, start_s, end_s, dt_s, stand=stand, w_NB_B_rad_s=w_NB_B_rad_s)
+        return simulate(
+            robot,
+            spline,
+            start_s,
+            end_s,
+            dt_s,
+            wrench=None if contact is None else Fixture(contact),
+            stand=stand,
+            w_NB_B_rad_s=w_NB_B_rad_s,
+        )
+    if contact is not None:
+        raise ValueError("contact: not beside an environment")
     around = Environment(section, robot, start_s, end_s)
     return simulate(
         robot,

@@ -1,0 +1,238 @@
+"""Wrenches from outside that nothing declares: unknown firings, and contact of the target.
+
+Torque and specific force of a block, with the rate as measured, do not depend on momentum. Where
+noise does not explain them, a wrench is fitted that is free at every node: on the base, as a
+thruster's that nobody reported, or on the target, as of what touches it. They tell the two apart,
+for a wrench on the base loads joints by the base's acceleration alone, which is measured. The
+momentum gained is not known: from then on rates are taken as measured. A change of the bodies looks
+like a wrench in one block; but one change explains several, and a wrench does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import chdtri
+
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.fused import predict
+from fsw.estimators.measurement.motion_noise import residual_covariance
+from fsw.estimators.model.inertia import PARAMETERS, is_consistent
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.recursive.snapshot import kept, put
+from fsw.messages import Block, FloatArray
+
+DECIDING_BLOCKS = 5  # that one change of the bodies must explain to be one
+GOOD_BLOCKS = 2  # that end a wrench
+ITERATIONS = 4  # of fitting a change
+WRENCH = 6
+CODES = {"base": "UNKNOWN_FIRING", "target": "CONTACT"}
+_STATE = ("place", "momentum_lost", "_good", "_since_ns", "_largest")
+
+
+class Verdict(Enum):
+    """What a block is to the recursion."""
+
+    FITS = 0
+    OUTSIDE = 1  # left out
+    CHANGE = 2  # of the bodies
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Innovation:
+    """Residual (k,) of a block, its covariance by noise (k, k), slope (k, p'), rows of a node."""
+
+    r: FloatArray
+    S: FloatArray
+    J: FloatArray
+    width: int
+
+
+class OutsideWatch:
+    """Finds wrenches from outside, block by block.
+
+    Attributes
+    ----------
+    place : "base" or "target" while a wrench is known to act there; empty: none is
+    momentum_lost : whether one has acted, so that the momentum is not known any more
+    """
+
+    def __init__(self, problem: Problem, false_alarm: float) -> None:
+        """`false_alarm`: probability of doubting one block."""
+        p = len(problem.names)
+        self._problem, self._false_alarm = problem, false_alarm
+        self._ways = {"base": slice(p, p + WRENCH), "target": slice(p + WRENCH, p + 2 * WRENCH)}
+        places = slice(p + WRENCH, p + 2 * WRENCH + 3)
+        self._shadow = replace(problem, wrench=self._ways["base"], target_wrench=places)
+        self._size = places.stop
+        self.place, self.momentum_lost = "", False
+        self._suspects: list[Block] = []
+        self._places: list[str] = []
+        self._good, self._since_ns = 0, 0
+        self._largest = np.zeros(2)  # force [N], moment [N m]
+        self._events: list[tuple[str, str, str]] = []
+
+    def take_events(self) -> list[tuple[str, str, str]]:
+        """Return and forget severity, code and text of what happened."""
+        events, self._events = self._events, []
+        return events
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the state as plain values; blocks in question are forgotten by a restart."""
+        return kept(self, _STATE)
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continue from a snapshot."""
+        put(self, _STATE, values)
+
+    def forget(self) -> None:
+        """Begin again with the estimate: nothing is in question; a lost momentum stays lost."""
+        self._suspects, self._places, self.place = [], [], ""
+
+    def marked(self, block: Block) -> Block:
+        """Return the block as one without attitude where the momentum is not known."""
+        return replace(block, has_attitude=False) if self.momentum_lost else block
+
+    def judge(
+        self, block: Block, x: FloatArray, covariance_root: FloatArray, level: float
+    ) -> Generator[None, None, Verdict]:
+        """Return what a block is, in bounded units.
+
+        Parameters
+        ----------
+        x : (p,) the estimate
+        covariance_root : (p, p) of it
+        level : noise variance over the declared one
+        """
+        undecided = Verdict.OUTSIDE if self._in_question else Verdict.FITS
+        found = self._innovation(block, x, level)
+        if found is None:
+            return undecided
+        V = found.J[:, : len(x)] @ covariance_root
+        S = found.S + V @ V.T
+        yield
+        if found.r @ np.linalg.solve(S, found.r) <= self._limit(len(found.r)):
+            return self._fits(int(block.t_ns[0]))
+        place = self._explained(found, S)
+        yield
+        if not place:
+            return undecided
+        if not self._in_question:
+            self._since_ns, self._largest = int(block.t_ns[0]), np.zeros(2)
+        self._good, self.momentum_lost = 0, True
+        self._note(found, S, place)
+        if not self.place:
+            self._suspects.append(block)
+            self._places.append(place)
+            if len(self._suspects) == DECIDING_BLOCKS:
+                if (yield from self._is_change(x, level)):
+                    self.momentum_lost = False
+                    return Verdict.CHANGE
+                self._begin()
+        return Verdict.OUTSIDE
+
+    @property
+    def _in_question(self) -> bool:
+        return bool(self.place or self._suspects)
+
+    def _fits(self, t_ns: int) -> Verdict:
+        if not self._in_question:
+            return Verdict.FITS
+        self._good += 1
+        if self._good < GOOD_BLOCKS:
+            return Verdict.OUTSIDE
+        if not self.place:
+            self._begin()
+        force_n, moment_nm = self._largest.tolist()
+        text = (
+            f"the wrench on the {self.place} has ended after "
+            f"{(t_ns - self._since_ns) * 1e-9:.1f} s (up to {force_n:.2g} N, {moment_nm:.2g} N m); "
+            "the momentum is not used any more"
+        )
+        self._events.append(("info", CODES[self.place] + "_ENDED", text))
+        self.place = ""
+        return Verdict.FITS
+
+    def _begin(self) -> None:
+        """Settle where the wrench acts and report it; the blocks in question are decided."""
+        self.place = max(CODES, key=self._places.count)
+        self._suspects, self._places = [], []
+        force_n, moment_nm = self._largest.tolist()
+        text = (
+            f"a wrench from outside on the {self.place} since {self._since_ns * 1e-9:.1f} s, up to "
+            f"{force_n:.2g} N and {moment_nm:.2g} N m; the estimate waits"
+        )
+        self._events.append(("medium", CODES[self.place], text))
+
+    def _limit(self, dof: int) -> float:
+        return float(chdtri(dof, self._false_alarm))
+
+    def _innovation(self, block: Block, x: FloatArray, level: float) -> _Innovation | None:
+        """Return torque and specific force less those predicted; None where rates are missing."""
+        if not block.has_gyro:
+            return None
+        s, n = BlockStack((block,)), block.q_rad.shape[1]
+        use = np.concatenate([block.has_joint, np.full(3, block.has_accelerometer), np.zeros(3)])
+        use = use.astype(np.bool_)
+        if not use.any():
+            return None
+        at = predict(
+            s, np.concatenate([x, np.zeros(self._size - len(x))]), self._shadow, "measured"
+        )
+        r = np.concatenate([s.tau_nm - at.tau_nm, s.f_NS_B_m_s2 - at.f_m_s2], axis=1)
+        J = at.J[:, use]
+        return _Innovation(
+            r=r[:, use[: n + 3]].ravel(),
+            S=level * residual_covariance(s, at, use, "measured")[0],
+            J=J.reshape(-1, self._size),
+            width=J.shape[1],
+        )
+
+    def _fit(self, found: _Innovation, S: FloatArray, place: str) -> tuple[float, FloatArray]:
+        """Return the normalised square that a wrench free at every node leaves, and it (m, 6)."""
+        nodes = found.J[:, self._ways[place]].reshape(-1, found.width, WRENCH)
+        C = block_diag(*nodes)
+        weighted = np.linalg.solve(S, np.column_stack([C, found.r]))
+        w = np.linalg.lstsq(C.T @ weighted[:, :-1], C.T @ weighted[:, -1], rcond=None)[0]
+        left = found.r - C @ w
+        return float(left @ np.linalg.solve(S, left)), w.reshape(-1, WRENCH)
+
+    def _explained(self, found: _Innovation, S: FloatArray) -> str:
+        """Return where a wrench explains an innovation, the base before the target; or nothing."""
+        limit = self._limit(len(found.r) - WRENCH * (len(found.r) // found.width))
+        left = {place: self._fit(found, S, place)[0] for place in CODES}
+        return next((place for place, nis in left.items() if nis <= limit), "")
+
+    def _note(self, found: _Innovation, S: FloatArray, place: str) -> None:
+        w = self._fit(found, S, place)[1]
+        sizes = [np.linalg.norm(w[:, k], axis=1).max() for k in (slice(0, 3), slice(3, 6))]
+        self._largest = np.maximum(self._largest, sizes)
+
+    def _is_change(self, x: FloatArray, level: float) -> Generator[None, None, bool]:
+        """Return whether one change of the bodies, within their prior, explains the suspects."""
+        k = self._problem.bodies
+        prior = np.linalg.solve(self._problem.prior_covariance[k, k], np.eye(k.stop))
+        at, nis, dof = x.copy(), np.inf, 0
+        for _ in range(ITERATIONS):
+            information, rhs, nis, dof = prior.copy(), -prior @ (at - x)[k], 0.0, 0
+            for block in self._suspects:
+                found = self._innovation(block, at, level)
+                yield
+                if found is None:
+                    continue
+                weighted = np.linalg.solve(found.S, np.column_stack([found.J[:, k], found.r]))
+                information += found.J[:, k].T @ weighted[:, :-1]
+                rhs += found.J[:, k].T @ weighted[:, -1]
+                nis += float(found.r @ weighted[:, -1])
+                dof += len(found.r)
+            at[k] += np.linalg.solve(information, rhs)
+            bodies = at[k].reshape(-1, PARAMETERS)
+            if not all(is_consistent(pi) for pi in bodies):  # what is no body is no change of one
+                return False
+        step = (at - x)[k]
+        return nis + float(step @ prior @ step) <= self._limit(dof)
