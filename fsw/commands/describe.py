@@ -236,7 +236,9 @@ def _off(config: Config) -> list[str]:
     }
     off = [name for name, sigmas in effects.items() if not any(sigmas)]
     off += [] if config.wheels else ["reaction wheels (wheels)"]
-    off += [] if config.thrusters else ["thrusters: firings poison an estimate (thrusters)"]
+    off += [] if config.thrusters else ["thrusters (thrusters)"]
+    if config.estimator.outside_wrench == "ignore":
+        off.append("unknown firings, contact of the target (estimator.outside_wrench)")
     return off + ([] if config.orbit is not None else ["gravity gradient (orbit)"])
 
 

@@ -133,7 +133,7 @@ class OutsideWatch:
                 if (yield from self._is_change(x, level)):
                     self.momentum_lost = False
                     return Verdict.CHANGE
-                self._begin()
+                self._begin(int(block.t_ns[-1]))
         return Verdict.OUTSIDE
 
     @property
@@ -147,7 +147,7 @@ class OutsideWatch:
         if self._good < GOOD_BLOCKS:
             return Verdict.OUTSIDE
         if not self.place:
-            self._begin()
+            self._begin(t_ns)
         force_n, moment_nm = self._largest.tolist()
         text = (
             f"the wrench on the {self.place} has ended after "
@@ -158,14 +158,14 @@ class OutsideWatch:
         self.place = ""
         return Verdict.FITS
 
-    def _begin(self) -> None:
+    def _begin(self, t_ns: int) -> None:
         """Settle where the wrench acts and report it; the blocks in question are decided."""
         self.place = max(CODES, key=self._places.count)
         self._suspects, self._places = [], []
         force_n, moment_nm = self._largest.tolist()
         text = (
-            f"a wrench from outside on the {self.place} since {self._since_ns * 1e-9:.1f} s, up to "
-            f"{force_n:.2g} N and {moment_nm:.2g} N m; the estimate waits"
+            f"a wrench from outside on the {self.place}, begun {(t_ns - self._since_ns) * 1e-9:.1f} s "
+            f"ago, up to {force_n:.2g} N and {moment_nm:.2g} N m; the estimate waits"
         )
         self._events.append(("medium", CODES[self.place], text))
 
