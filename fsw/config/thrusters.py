@@ -56,9 +56,8 @@ def thrusters_go_with(
     """Refuse thrusters whose bus is missing or too slow, or that something else cannot take."""
     if not thrusters:
         return
-    if method == "ce" or (method == "mrnea" and weighting == "bc"):
-        words = "ce" if method == "ce" else "mrnea with weighting bc"
-        raise ValueError(f"thrusters: {words} cannot take them; estimator.method must be another")
+    if method == "mrnea" and weighting == "bc":
+        raise ValueError("thrusters: estimator.weighting bc cannot take them; must be another")
     if not attitude or base_motion != "free":
         raise ValueError("thrusters: need a star_tracker and base.motion: free")
     nodes: dict[str, float] = {}

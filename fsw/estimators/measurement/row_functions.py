@@ -140,7 +140,7 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
 
     Raises
     ------
-    EstimatorError for an unknown method.
+    EstimatorError for an unknown method, and for ce with thrusters.
     """
     functions: dict[str, RowsFunction] = {
         "mrnea": _Mrnea(problem, weighting),
@@ -151,4 +151,6 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     }
     if method not in functions:
         raise EstimatorError(f"method {method!r} is not one of {', '.join(functions)}")
+    if method == "ce" and len(problem.thrusters):
+        raise EstimatorError("method 'ce' cannot take thrusters: they work on the whole's motion")
     return functions[method]

@@ -99,7 +99,13 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
 
     Weights W are the inverse of a covariance of the rows at the prior's parameters; the columns of
     the accelerometer's and the gyro's bias, bilinear with the bodies, are taken at the state x.
+
+    Raises
+    ------
+    EstimatorError for a robot with thrusters.
     """
+    if len(problem.thrusters):
+        raise EstimatorError("weighting 'bc' cannot take thrusters")
     model, n, m = problem.model, problem.model.n, len(block.t_ns)
     p, k = len(x), problem.bodies
     at_prior = np.append(problem.prior_mean[k], 1.0)

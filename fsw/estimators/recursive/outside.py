@@ -164,8 +164,9 @@ class OutsideWatch:
         self._suspects, self._places = [], []
         force_n, moment_nm = self._largest.tolist()
         text = (
-            f"a wrench from outside on the {self.place}, begun {(t_ns - self._since_ns) * 1e-9:.1f} s "
-            f"ago, up to {force_n:.2g} N and {moment_nm:.2g} N m; the estimate waits"
+            f"a wrench from outside on the {self.place}, begun "
+            f"{(t_ns - self._since_ns) * 1e-9:.1f} s ago, up to {force_n:.2g} N and "
+            f"{moment_nm:.2g} N m; the estimate waits"
         )
         self._events.append(("medium", CODES[self.place], text))
 

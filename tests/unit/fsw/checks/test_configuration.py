@@ -418,6 +418,64 @@ def test_a_wrong_wheel_is_one_line(arm, changes, words):
     assert_named(str(caught.value), *words)
 
 
+def thruster(k=0, **changes):
+    return {
+        "name": f"thruster{k + 1}",
+        "bus": "arm",
+        "node_id": 0x31,
+        "valve": k,
+        "rate_hz": 50.0,
+        "p_B_m": [0.0, 1.0, 0.5],
+        "direction_B": [1.0, 0.0, 0.0],
+        "force_n": 22.0,
+        "delay_sigma_s": 0.001,
+    } | changes
+
+
+def test_thrusters_are_described_and_pass_the_dry_update(arm):
+    arm.data["thrusters"] = [thruster(k) for k in range(2)]
+    _, warnings = validate(load(arm.write()))
+    assert_named(warnings[0], "estimator.momentum_sigma_nms: 0 with thrusters")
+    arm.data["estimator"] = {"momentum_sigma_nms": 5.0}
+    config = load(arm.write())
+    problem, warnings = validate(config)
+    assert warnings == []
+    text = describe(config, problem)
+    assert_named(
+        text,
+        "thruster1: 22 N +- 3.0% at [0 1 0.5] m along [1 0 0], delay 5 +- 1 ms, rise 10 +- 0 ms",
+        "propellant that leaves is not",
+        "0x31 thruster",
+        "force of thrusters 0.03",
+        "(estimator.outside_wrench)",
+    )
+    arm.data.pop("thrusters")
+    arm.data["estimator"] = {"outside_wrench": "watch"}
+    config = load(arm.write())
+    text = describe(config, validate(config)[0])
+    assert_named(text, "thrusters (thrusters)")
+    assert "outside_wrench" not in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "estimator", "words"),
+    [
+        ({"bus": "other"}, {}, ("thrusters.0.bus: 'other'", "'arm'")),
+        ({"rate_hz": 1e4}, {}, ("thrusters.0.rate_hz: 10000 must be at most",)),
+        ({"node_id": 0x11}, {}, ("thrusters.node_id: 'arm:17' is used 2 times",)),
+        ({"direction_B": [1.0, 1.0, 0.0]}, {}, ("direction_B", "must have length 1")),
+        ({}, {"method": "mrnea", "weighting": "bc"}, ("weighting bc cannot take them",)),
+        ({}, {"method": "rda", "outside_wrench": "watch"}, ("'watch' needs method fused",)),
+    ],
+)
+def test_a_wrong_thruster_is_one_line(arm, changes, estimator, words):
+    arm.data["thrusters"], arm.data["estimator"] = [thruster(**changes)], estimator
+    with pytest.raises(ConfigError) as caught:
+        load(arm.write())
+    assert len(str(caught.value).splitlines()) == 1
+    assert_named(str(caught.value), *words)
+
+
 @pytest.mark.parametrize("method", ["fused", "rda", "cm"])
 def test_a_weighting_that_does_nothing_is_warned_of(arm, method):
     arm.data["estimator"] = {"method": method, "weighting": "ols"}

@@ -12,13 +12,13 @@ from numpy.polynomial import legendre
 from scipy.integrate import quad
 
 from fsw.estimators.measurement import thrust
-from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import momentum_at_nodes
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.problem import Problem, build_problem
 from fsw.messages import Block
+from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import NODES, WINDOW_S, random_block, robot_model
 from tests.support.thruster_cases import CORNERS, config_with_thrusters, edges_of, firing
 
@@ -182,4 +182,5 @@ def test_a_block_without_attitude_uses_no_momentum_and_mrnea_no_changing_thrust(
     assert len(row_function("mrnea", "eiv", problem)(block, x).b) == 7 * NODES
     steady = replace(block, edges=edges_of([(3, -2.0, np.inf)], 0.0))
     assert len(row_function("mrnea", "eiv", problem)(steady, x).b) == 13 * NODES
-    assert BlockStack((block,)).m == NODES
+    with pytest.raises(EstimatorError, match="cannot take thrusters"):
+        row_function("ce", "eiv", problem)
