@@ -175,7 +175,7 @@ class Robot:
         positions = np.empty((len(q_rad), 3))
         rotations = np.empty((len(q_rad), 3, 3))
         for k, q in enumerate(q_rad):
-            data.qpos[BASE_NQ + len(self.slides) :] = q
+            data.qpos[-self.n :] = q
             mujoco.mj_kinematics(self.model, data)
             positions[k] = data.xpos[self.tool_id]
             rotations[k] = data.xmat[self.tool_id].reshape(3, 3)

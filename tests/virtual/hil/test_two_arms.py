@@ -33,6 +33,13 @@ def test_the_target_of_one_arm_is_found_while_both_move(tmp_path):
         assert counters["lost"] == counters["late"] == counters["rejected"] == 0
 
 
+def test_the_target_is_found_while_four_wheels_hold_a_light_base(tmp_path):
+    outcome, recorded = judged(tmp_path, "dual_arm")
+    assert outcome["valid"], outcome["reason"]
+    assert outcome["nees"] < CHI2_10_999
+    assert all(c["lost"] == c["late"] == 0 for c in recorded.status["samples"].values())
+
+
 def test_base_target_and_a_payload_of_the_other_arm_are_found_together(tmp_path):
     outcome, _ = judged(tmp_path, "two_payloads")
     assert outcome["valid"], outcome["reason"]
