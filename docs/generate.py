@@ -18,6 +18,7 @@ from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+from pydantic import TypeAdapter
 
 ROOT = Path(__file__).parents[1]
 OUTSIDE = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
@@ -27,7 +28,11 @@ EQUATION = re.compile(r"\$\$(.+?)\$\$|(?<![\w\\$])\$([^\s$](?:[^$\n]*[^\s$])?)\$
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages, and those that stand beside the folder of the documentation."""
-    pages = {"reference/commands.md": commands(), "reference/schema.md": schema()}
+    pages = {
+        "reference/commands.md": commands(),
+        "reference/schema.md": schema(),
+        "reference/scenario.md": scenario(),
+    }
     for name, source in OUTSIDE.items():
         pages[name] = (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](")
     for name, content in pages.items():
@@ -92,7 +97,36 @@ def schema() -> str:
         "Generated from `fsw schema`. [Configuration](../configuration.md) has each key's meaning.",
         "",
     ]
-    for name, section in [("The file", whole), *sorted(whole["$defs"].items())]:
+    return "\n".join(lines + _tables("The file", whole))
+
+
+def scenario() -> str:
+    """Return the page of every key of a scenario of the bench, from its models."""
+    world = import_module("hil.world.scenario")
+    environment = import_module("hil.world.environment.config").EnvironmentSection
+    sensors = TypeAdapter(import_module("hil.world.sensors").SensorConfig)
+    lines = [
+        "# Scenario of the bench",
+        "",
+        "Generated from the code. A scenario is a YAML file for `hil run`: the true world, its "
+        "devices, and the flight software's choices; `docs/inspector/world.yaml` is one. Paths are "
+        "relative to it. `sensors`, `flight` and `environment` may be paths of files of their own. "
+        "A mounting takes `rpy_BS_rad` in the place of `q_BS_xyzw`.",
+        "",
+    ]
+    return "\n".join(
+        lines
+        + _tables("The file", world.Document.model_json_schema())
+        + _tables("Section sensors", sensors.json_schema())
+        + _tables("Section flight", world.FlightSection.model_json_schema())
+        + _tables("Section environment", environment.model_json_schema())
+    )
+
+
+def _tables(title: str, whole: Mapping[str, Any]) -> list[str]:
+    """Return a table of keys for each section of a JSON Schema."""
+    lines = []
+    for name, section in [(title, whole), *sorted(whole.get("$defs", {}).items())]:
         if "properties" not in section:
             continue
         words = section.get("description", "").split("\n\n")[0].replace("\n", " ")
@@ -102,7 +136,7 @@ def schema() -> str:
             given = "required" if key in required else f"`{json.dumps(value.get('default'))}`"
             lines.append(f"| `{key}` | {_values(value)} | {given} |")
         lines.append("")
-    return "\n".join(lines)
+    return lines
 
 
 def _values(value: Mapping[str, Any]) -> str:

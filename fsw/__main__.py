@@ -9,12 +9,18 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fsw.commands.daemon_arguments import (
+    bench_arguments,
+    ctl_arguments,
+    install_arguments,
+    run_arguments,
+)
 from fsw.commands.examples import EXAMPLES
 from fsw.commands.excite_arguments import add_arguments as excite_arguments
 from fsw.commands.init_arguments import add_arguments as init_arguments
@@ -37,6 +43,7 @@ if TYPE_CHECKING:
 
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
+YAML_ENDINGS = (".yaml", ".yml")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -64,14 +71,7 @@ def parser() -> argparse.ArgumentParser:
     program.add_argument("--version", action="version", version=release)
     commands = program.add_subparsers(required=True, metavar="COMMAND")
 
-    run = commands.add_parser("run", help="identify from live devices until SIGTERM")
-    run.add_argument("config", type=Path, metavar="CONFIG")
-    overlay_argument(run)
-    run.add_argument(
-        "--cold", action="store_true", help="start from the prior, ignoring checkpoints"
-    )
-    run.set_defaults(command=_run)
-
+    run_arguments(commands, _run)
     replay_arguments(commands, _replay)
     identify_arguments(commands, _identify)
     report_arguments(commands, _report)
@@ -81,33 +81,13 @@ def parser() -> argparse.ArgumentParser:
 
     excite = commands.add_parser("excite", help="plan or judge a motion that identifies well")
     excite_arguments(excite)
+    overlay_argument(excite)
     excite.set_defaults(command=_excite)
 
-    ctl = commands.add_parser("ctl", help="command a running daemon over its local socket")
-    ctl.add_argument("config", type=Path, metavar="CONFIG", help="of the running daemon")
-    ctl.add_argument("name", metavar="COMMAND", help="status, reset, run-batch, adopt ...")
-    ctl.add_argument("arguments", nargs="*", metavar="KEY=VALUE")
-    ctl.set_defaults(command=_ctl)
-
-    install = commands.add_parser("install-service", help="write a systemd unit for it")
-    install.add_argument("config", type=Path, metavar="CONFIG")
-    install.add_argument("--user", default="fsw", help="who runs it, fsw; not root")
-    install.add_argument(
-        "--directory", type=Path, default=Path("/etc/systemd/system"), help="where units are"
-    )
-    install.set_defaults(command=_install_service)
-
+    ctl_arguments(commands, _ctl)
+    install_arguments(commands, _install_service)
     _configuration_parsers(commands)
-
-    bench = commands.add_parser("bench", help="timer, buses and lines of this machine")
-    bench.add_argument("--rounds", type=int, default=5, metavar="N")
-    bench.add_argument("--seconds", type=float, default=5.0, help="of a measurement in each round")
-    bench.add_argument(
-        "--frame-rate", type=float, default=8000.0, metavar="HZ", help="1 Mbit/s is full at 8000"
-    )
-    bench.add_argument("--priority", type=int, default=0, help="SCHED_FIFO of the timer's part")
-    bench.add_argument("--json", action="store_true", help="print the result as one JSON object")
-    bench.set_defaults(command=_bench)
+    bench_arguments(commands, _bench)
     for name, example in EXAMPLES.items():
         commands.choices[name].epilog = f"example: {example}"
     return program
@@ -144,7 +124,11 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     check.add_argument("config", type=Path, metavar="CONFIG")
     overlay_argument(check)
     check.add_argument(
-        "recording", type=Path, nargs="?", metavar="RECORDING", help="judge the one by the other"
+        "other",
+        type=Path,
+        nargs="?",
+        metavar="RECORDING|PLAN",
+        help="judge the one by the other; what a motion (YAML) would show",
     )
     check.set_defaults(command=_check)
 
@@ -165,6 +149,14 @@ def _warned(robot: Robot) -> Robot:
     return robot
 
 
+def _config(arguments: argparse.Namespace) -> Config:
+    """Read a configuration with its overlays."""
+    from fsw.config import load
+    from fsw.config.overlay_file import with_overlays
+
+    return with_overlays(load(arguments.config), arguments.overlay)
+
+
 def _checked(config: Config) -> Config:
     """Validate all of a configuration; warnings go to stderr."""
     from fsw.commands.robot import Robot
@@ -174,10 +166,8 @@ def _checked(config: Config) -> Config:
 
 def _run(arguments: argparse.Namespace) -> int:
     from fsw.checks.configuration import validate_outputs, validate_ports
-    from fsw.config import load
-    from fsw.config.overlay_file import with_overlays
 
-    config = _checked(with_overlays(load(arguments.config), arguments.overlay))
+    config = _checked(_config(arguments))
     validate_ports(config)
     validate_outputs(config)
     from fsw.loop.app import RESTART_EXIT, run_live  # only now anything that can open a device
@@ -285,10 +275,9 @@ def _identify(arguments: argparse.Namespace) -> int:
 
 def _import(arguments: argparse.Namespace) -> int:
     from fsw.commands.importing import import_recording
-    from fsw.config import load
 
-    tell = partial(print, "fsw: import:", file=sys.stderr)
-    print("\n".join(import_recording(arguments, _checked(load(arguments.config)), tell)))
+    config = _checked(_config(arguments))
+    print("\n".join(import_recording(arguments, config, _progress("import"))))
     return 0
 
 
@@ -304,23 +293,27 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
 
 def _excite(arguments: argparse.Namespace) -> int:
-    from fsw.config import load
-
-    config = _checked(load(arguments.config))
-    try:
+    config = _checked(_config(arguments))
+    with _planning("excite"):
         from fsw.commands.excite import excite
-    except ImportError as error:
-        words = f"fsw excite needs {error.name}: pip install 'inertia-daemon[excite]'"
-        raise ConfigError(words) from error
     return excite(arguments, config)
+
+
+@contextmanager
+def _planning(command: str) -> Iterator[None]:
+    """Say what a command needs besides, where it imports the planner of motions."""
+    try:
+        yield
+    except ImportError as error:
+        words = f"fsw {command} needs {error.name}: pip install 'inertia-daemon[excite]'"
+        raise ConfigError(words) from error
 
 
 def _ctl(arguments: argparse.Namespace) -> int:
     from fsw.commands.ctl import request_of
-    from fsw.config import load
     from fsw.service.control import control
 
-    config = load(arguments.config)
+    config = _config(arguments)
     request = request_of(arguments.name, arguments.arguments)
     reply = control(config.resolve(config.service.state_directory), request)
     print(json.dumps(reply))
@@ -330,13 +323,12 @@ def _ctl(arguments: argparse.Namespace) -> int:
 def _check(arguments: argparse.Namespace) -> int:
     from fsw.checks.configuration import missing_devices, validate, validate_outputs
     from fsw.commands.describe import describe
-    from fsw.config import load
-    from fsw.config.overlay_file import with_overlays
 
-    config = with_overlays(load(arguments.config), arguments.overlay)
+    config = _config(arguments)
     problem, warnings = validate(config)
-    if arguments.recording is not None:
-        return _check_recording(arguments.recording, config, problem)
+    other: Path | None = arguments.other
+    if other is not None and other.suffix not in YAML_ENDINGS:
+        return _check_recording(other, config, problem)
     validate_outputs(config)
     if config.telemetry is not None:
         from fsw.telemetry.link.uplink_configuration import check_uplink
@@ -346,6 +338,10 @@ def _check(arguments: argparse.Namespace) -> int:
     for warning in [*warnings, *missing_devices(config)]:
         print(f"warning: {warning}")
     print(f"{config.name}: correct; no device was opened")
+    if other is not None:
+        with _planning("check PLAN"):
+            from fsw.commands.motion import check_motion
+        print("\n".join(check_motion(config, other)))
     return 0
 
 
@@ -389,10 +385,9 @@ def _check_recording(recording: Path, config: Config, problem: Problem) -> int:
 
 def _install_service(arguments: argparse.Namespace) -> int:
     from fsw.commands.install_service import install
-    from fsw.config import load
 
-    config = _checked(load(arguments.config))
-    print(install(config, arguments.config, arguments.user, arguments.directory))
+    config, files = _checked(_config(arguments)), [arguments.config, *arguments.overlay]
+    print(install(config, files, arguments.user, arguments.directory))
     return 0
 
 

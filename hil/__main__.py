@@ -10,11 +10,11 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hil.basilisk import command as vs_basilisk
 from hil.evidence import commands as evidence
@@ -270,14 +270,17 @@ def _seeds(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"summary": summary(outcomes), "runs": outcomes}))
     else:
-        show(outcomes, _wide(Console()))
+        show(outcomes, _console())
     return 0 if all(outcome["valid"] for outcome in outcomes) else FAILED_EXIT
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rich.console import Console
+    def say(text: str) -> None:
+        print(f"hil: run: {text}", file=sys.stderr)
 
+    say("preparing world, devices and flight software")
     from hil.judge import judgement, page, report
+    from hil.judge.text import show
     from hil.run import bench
     from hil.run.flight import on_socketcan
     from hil.run.progress import meter
@@ -310,23 +313,25 @@ def _run(arguments: argparse.Namespace) -> int:
             telemetry=telemetry,
             truth=arguments.truth,
         )
-        with meter(scenario.name, setup.total_s, _wide(Console(stderr=True))) as bar:
+        with meter(scenario.name, setup.total_s, _console(stderr=True)) as bar:
             if arguments.fast:
                 recorded = bench.run_virtual(setup, bar, record=arguments.out is not None)
             else:
                 recorded = bench.run_live(setup, bar)
+        say("judging the result against the truth")
         case = judgement.make_case(setup)
         outcome = judgement.judge(setup, case, recorded)
         (folder / "result.json").write_text(json.dumps(outcome, indent=1), encoding="utf-8")
         picture = None
         if arguments.out is not None or not arguments.json:
+            say("drawing")
             story = judgement.make_story(setup, case, recorded, outcome)
             picture = report.save(story, folder / "report.png")
             page.save(story, outcome, setup.config.source, picture.with_suffix(".html"))
         if arguments.json:
             print(json.dumps(outcome))
         else:
-            _print(outcome, picture, _wide(Console()))
+            show(outcome, picture, _console())
     return 0 if outcome["valid"] else FAILED_EXIT
 
 
@@ -345,55 +350,13 @@ def _has_socketcan(choice: str, stack: ExitStack) -> bool:
     return ready
 
 
-def _wide(console: Console) -> Console:
-    """Return the console, wide enough for the table where nothing says how wide it is."""
+def _console(*, stderr: bool = False) -> Console:
+    """Return a console, wide enough for a table where nothing says how wide it is."""
+    from rich.console import Console
+
+    console = Console(stderr=stderr, markup=False)  # units stand in brackets
     console.width = console.width if console.is_terminal else max(console.width, PLAIN_WIDTH)
     return console
-
-
-def _print(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> None:
-    from rich.table import Table
-
-    from hil.judge.score import table, table_header
-
-    for body in outcome["unknown"]:
-        shown = Table(title=f"{body}: inertia about the centre of mass, body frame")
-        for title in table_header(outcome):
-            shown.add_column(title, justify="left" if not title else "right")
-        for line in table(outcome, body):
-            shown.add_row(*line)
-        console.print(shown)
-        ratio = outcome["mass_sigma_to_crb_ratio"][body]
-        console.print(f"{body} mass sigma is {ratio:.2f} of its Cramer-Rao bound")
-    tool = Table(title="end-effector error on the verification trajectory")
-    for title in ("", "mean [mm]", "max [mm]", "mean [mrad]", "max [mrad]"):
-        tool.add_column(title, justify="right" if title else "left")
-    lines = {
-        "prior": outcome["ee_error_prior"],
-        "estimate": outcome["ee_error"],
-        "expected from the covariance": outcome["ee_error_expected"],
-    }
-    if outcome["ols"]:
-        lines["raw OLS (the paper's MRNEA)"] = outcome["ols"]["ee_error"]
-    for name, error in lines.items():
-        keys = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
-        tool.add_row(name, *(f"{1e3 * error[key]:.4g}" for key in keys))
-    console.print(tool)
-    if outcome["ols"]:
-        for body, bias in outcome["ols"]["mass_error_ratio"].items():
-            console.print(f"raw OLS on the same data: {body} mass {100 * bias:+.1f} %")
-    state = "valid" if outcome["valid"] else f"not valid: {outcome['reason']}"
-    console.print(f"NEES {outcome['nees']:.1f} for {outcome['dof']} parameters, {state}")
-    validity = outcome["imu_time_of_validity"]
-    if validity:
-        console.print(f"IMU time of validity: {1e6 * validity['rms_s']:.1f} us rms after 5 s")
-    for source, counters in outcome["samples"].items():
-        console.print(f"{source}: " + ", ".join(f"{v} {k}" for k, v in counters.items()))
-    console.print(
-        f"{outcome['slips']} slips; {outcome['simulated_s']:.0f} s in {outcome['wall_s']:.1f} s"
-    )
-    if picture is not None:
-        console.print(f"page: {picture.with_suffix('.html')}\npicture: {picture}")
 
 
 if __name__ == "__main__":

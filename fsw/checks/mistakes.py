@@ -27,6 +27,7 @@ BLOCKS = 8  # that are looked at, spread over the recording
 ITERATIONS = 12
 LARGE = 3.0  # squared residuals over the declared noise: above, something is wrong
 EXPLAINED = 0.1  # of the squared residuals that a mistake may leave to be named
+TOLD = 10  # mistakes from one line of progress to the next
 AT_ONCE = 3  # mistakes in one configuration
 
 Change = Callable[[Block], Block]
@@ -61,7 +62,11 @@ def explain_residuals(
     candidates, found = usual_mistakes(config, problem), list[str]()
     while level > LARGE and len(found) < AT_ONCE:
         progress(f"residuals {level**0.5:.3g} times the noise: trying {len(candidates)} mistakes")
-        levels = [residual_level(problem, [c.change(b) for b in chosen]) for c in candidates]
+        levels = list[float]()
+        for candidate in candidates:
+            levels.append(residual_level(problem, [candidate.change(b) for b in chosen]))
+            if len(levels) % TOLD == 0:
+                progress(f"{len(levels)} of {len(candidates)} tried")
         best = int(np.argmin(levels))
         if levels[best] > EXPLAINED * level:
             break

@@ -60,9 +60,9 @@ def check_recording(
     """
     watching = Watching(config, joint_order(config, problem.model))
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
-    progress("replaying")
+    progress(f"reading {recording}")
     nodes = _Nodes(config)
-    result = replay(recording, config, pipeline=pipeline, span=span, sink=nodes)
+    result = replay(recording, config, pipeline=pipeline, span=span, sink=nodes, progress=progress)
     lines = nodes.strangers()
     wrong = len(lines)
     if result.truncated:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw.commands.motion import bounds, planned, predicted_sigma
+from fsw.commands.motion import bounds, knowledge, loaded, planned
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.exchange.sinks import Message, NullSink
@@ -126,11 +126,7 @@ def _evaluate(
     limits: MotionLimits,
     collisions: Collisions | None,
 ) -> int:
-    trajectory = spline.load(arguments.evaluate)
-    if trajectory.n != subject.model.n:
-        raise ConfigError(
-            f"{arguments.evaluate}: has {trajectory.n} joints; the robot has {subject.model.n}"
-        )
+    trajectory = loaded(arguments.evaluate, subject.config)
     rate_hz = arguments.rate_hz
     members = [subject.x, *subject.draws]
     uses = every_limit(subject, limits, collisions, trajectory, DENSER * rate_hz, members)
@@ -165,10 +161,7 @@ def _recorded(recording: Path, config: Config, subject: Subject) -> int:
 
 
 def _text(subject: Subject, root: FloatArray, values: dict[str, float], uses: list[Use]) -> str:
-    sigma = predicted_sigma(subject, root)
-    lines = [f"{name}: {value:.6g}" for name, value in values.items()]
-    for name, own, prior in zip(subject.names, sigma, subject.scale.prior_sigma, strict=True):
-        lines.append(f"{name}: predicted sigma {own:.4g} (prior {prior:.4g})")
+    lines = [f"{name}: {value:.6g}" for name, value in values.items()] + knowledge(subject, root)
     lines += [("BROKEN " if use.excess > 0 else "kept ") + use.text() for use in uses]
     return "\n".join(lines)
 
@@ -180,6 +173,7 @@ def _picture(
     trajectory: spline.Trajectory,
     path: Path,
 ) -> None:
+    _tell(f"drawing {path}")
     from fsw.excitation.picture import draw
 
     draw(subject, limits, collisions, trajectory, path)

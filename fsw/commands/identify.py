@@ -76,15 +76,22 @@ def identify(
     ------
     ConfigError if the recording or the configuration does not fit; EstimatorError without data.
     """
+
+    def tell(text: str) -> None:
+        if progress is not None:
+            progress(0.0, text)
+
     clock = MonotonicClock()
     began_ns = clock.now_ns()
     chosen = config.with_unknown(unknown) if unknown else config
     collector = _BlockCollector()
-    result = replay(recording, chosen, sink=collector, span=span)
+    tell(f"reading {recording}")
+    result = replay(recording, chosen, sink=collector, span=span, progress=tell)
     names = tuple(chosen.unknown)
     empty = _BlockCollector()
     if reference is not None:
-        replay(reference, chosen, sink=empty)
+        tell(f"reading {reference}")
+        replay(reference, chosen, sink=empty, progress=tell)
         if not empty.blocks:
             raise EstimatorError("--reference: no window in this recording")
     state: list[tuple[Problem, FloatArray, FloatArray]] = []

@@ -78,9 +78,10 @@ def init(arguments: argparse.Namespace) -> str:
         raise ConfigError(f"{arguments.urdf} {error}") from error
     ask = _asker(arguments)
     root = ET.fromstring(content)
+    base = _base(ask, root, arguments.base)
     tool = ask("tool", f"tool frame ({', '.join(_leaves(root))})", str)
     model = read_model(arguments.urdf, tool)
-    text = _text(arguments, ask, tool, root, model)
+    text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
     out.write_text(text, encoding="utf-8")
     return f"{out}: {len(config.joints)} joints; {text.count('# CHECK')} lines marked CHECK"
@@ -104,6 +105,32 @@ def _asker(arguments: argparse.Namespace) -> Ask:
     return ask
 
 
+def _base(ask: Ask, root: ET.Element, given: str | None) -> str:
+    """Return the section `base`; a root link without mass, such as `world`, says too little."""
+    held = given or "free"
+    children = {child.get("link") for _, child in _ends(root, "child")}
+    for joint, parent in _ends(root, "parent"):
+        link = root.find(f"link[@name='{parent.get('link')}']")
+        top = parent.get("link") not in children and joint.get("type") == "fixed"
+        if given is None and top and link is not None and link.find("inertial") is None:
+            words = f"the root link {link.get('name')!r} has no mass and a fixed joint"
+            held = ask("base", f"{words}; what holds the base (free, planar, clamped)", str)
+            break
+    if held == "free":
+        return ""
+    return f"""
+base:
+  motion: {held}
+  gravity_B_m_s2: [0.0, 0.0, -9.80665]  # CHECK down is -z of the root link
+"""
+
+
+def _ends(root: ET.Element, kind: str) -> Iterable[tuple[ET.Element, ET.Element]]:
+    """Yield every joint with its `parent` or `child`."""
+    ends = ((joint, joint.find(kind)) for joint in root.findall("joint"))
+    return ((joint, end) for joint, end in ends if end is not None)
+
+
 def _three(text: str) -> list[float]:
     values = [float(word) for word in text.replace(",", " ").split()]
     if len(values) != 3:
@@ -121,8 +148,7 @@ def _device(kind: str, name: str) -> dict[str, Any]:
 
 
 def _leaves(root: ET.Element) -> list[str]:
-    ends = [joint.find("parent") for joint in root.findall("joint")]
-    parents = {end.get("link") for end in ends if end is not None}
+    parents = {end.get("link") for _, end in _ends(root, "parent")}
     return [
         link.get("name", "") for link in root.findall("link") if link.get("name") not in parents
     ]
@@ -230,7 +256,10 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
 
 
 def _imu(ask: Ask) -> list[str]:
-    device = _device("imu", ask("imu", f"inertial unit ({', '.join(library()['imu'])})", str))
+    name = ask("imu", f"inertial unit ({', '.join(library()['imu'])}; none on a clamped base)", str)
+    if name == "none":
+        return []
+    device = _device("imu", name)
     place = ask("imu_xyz", "place of the inertial unit in the root link, x y z [m]", _three)
     turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", _three)
     return [

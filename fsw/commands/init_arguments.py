@@ -12,8 +12,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("robot.yaml"), metavar="YAML")
     parser.add_argument("--tool", metavar="FRAME", help="link that grasps, fixed to the last one")
     parser.add_argument("--unknown", choices=("base", "target", "both"))
+    parser.add_argument(
+        "--base",
+        choices=("free", "planar", "clamped"),
+        help="what holds it: nothing, a level table, a bench",
+    )
     parser.add_argument("--target-mass-kg", type=float, metavar="M", help="half of it may be wrong")
-    parser.add_argument("--imu", metavar="NAME", help="stim300, 3dm_cv7 ...; `list` lists devices")
+    parser.add_argument("--imu", metavar="NAME", help="stim300, 3dm_cv7 ... or none; `init list`")
     parser.add_argument("--imu-xyz", type=float, nargs=3, metavar="M", help="its place in the base")
     parser.add_argument(
         "--imu-rpy", type=float, nargs=3, metavar="RAD", help="its turn, as in a URDF"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from fsw.config import Config
@@ -13,21 +14,21 @@ UNIT_NAME = "inertia-daemon.service"
 FORBIDDEN = frozenset("\n\\\"' %{}")  # would need quoting in a unit
 
 
-def unit_text(config: Config, config_path: Path, user: str, command: Path) -> str:
-    """Return the unit that runs a configuration as a user.
+def unit_text(config: Config, given: Sequence[Path], user: str, command: Path) -> str:
+    """Return the unit that runs a configuration, `given` as its file and overlays, as a user.
 
     Raises
     ------
     ConfigError when a path or name cannot stand in a unit as it is.
     """
     folders = written_folders(config)
-    path = config_path.absolute()
-    for word in (user, str(command), str(path), *map(str, folders)):
+    path, *overlays = [file.absolute() for file in given]
+    for word in (user, *map(str, (command, path, *overlays, *folders))):
         if not word or FORBIDDEN & set(word):
             raise ConfigError(f"{word!r}: cannot stand in a systemd unit; take another name")
     return TEMPLATE.read_text(encoding="utf-8").format(
         command=command,
-        config=path,
+        config=" --overlay ".join(map(str, (path, *overlays))),
         folder=path.parent,
         user=user,
         writable=" ".join(f"-{folder}" for folder in folders),
@@ -42,7 +43,7 @@ def written_folders(config: Config) -> list[Path]:
     return folders
 
 
-def install(config: Config, config_path: Path, user: str, directory: Path) -> str:
+def install(config: Config, given: Sequence[Path], user: str, directory: Path) -> str:
     """Write the unit; return what is left to do by hand.
 
     Raises
@@ -50,7 +51,7 @@ def install(config: Config, config_path: Path, user: str, directory: Path) -> st
     ConfigError as `unit_text`, PortError when the directory cannot be written.
     """
     command = Path(sys.executable).with_name("fsw")
-    text = unit_text(config, config_path, user, command)
+    text = unit_text(config, given, user, command)
     path = directory / UNIT_NAME
     try:
         path.write_text(text, encoding="utf-8")

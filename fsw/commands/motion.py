@@ -10,15 +10,19 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.estimators.model.inertia import from_parameters
+from fsw.estimators.parameter_verdicts import in_words, predicted_verdicts
 from fsw.excitation import assess, criteria, export, spline
 from fsw.excitation.collision import Collisions, build_collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
 from fsw.excitation.plan import MotionRequest, Planner
-from fsw.excitation.subject import Subject
+from fsw.excitation.subject import Subject, build_subject
 from fsw.excitation.verify import Use
 from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
 
+RATE_HZ = 2.5  # of a motion that is judged alone
 Report = Callable[[str], None]
 
 
@@ -101,6 +105,7 @@ def planned(
     InfeasibleError when none keeps the limits.
     """
     found = Planner(subject, limits, collisions, request, report).plan(guess)
+    report("judging the motion")
     rate_hz = request.rate_hz
     return PlannedMotion(
         trajectory=found.trajectory,
@@ -110,6 +115,47 @@ def planned(
         root=assess.information_root(subject, found.trajectory, rate_hz),
         uses=found.uses,
     )
+
+
+def check_motion(config: Config, path: Path) -> list[str]:
+    """Return what sensors and a planned motion would show of the unknown bodies, in words.
+
+    Raises
+    ------
+    ConfigError when motion and robot do not go together.
+    """
+    subject, trajectory = build_subject(config), loaded(path, config)
+    root = assess.information_root(subject, trajectory, RATE_HZ)
+    words = f"{path}: motion of {trajectory.duration_s:g} s; expected after it, by these sensors:"
+    return [words, *knowledge(subject, root)]
+
+
+def loaded(path: Path, config: Config) -> spline.Trajectory:
+    """Read a trajectory.
+
+    Raises
+    ------
+    ConfigError when it is none, or that of another robot.
+    """
+    trajectory = spline.load(path)
+    if trajectory.n != len(config.joints):
+        raise ConfigError(f"{path}: has {trajectory.n} joints; the robot has {len(config.joints)}")
+    return trajectory
+
+
+def knowledge(subject: Subject, root: FloatArray) -> list[str]:
+    """Return the sigma of every reported quantity, and for each body who knows its parameters."""
+    sigma, prior = np.array(predicted_sigma(subject, root)), subject.scale.prior_sigma
+    lines = [
+        f"{name}: predicted sigma {own:.4g} (prior {before:.4g})"
+        for name, own, before in zip(subject.names, sigma, prior, strict=True)
+    ]
+    for body in subject.problem.unknown:
+        k = subject.problem.body(body)
+        mass_kg, _, inertia = from_parameters(subject.x[k])
+        words = in_words(predicted_verdicts(mass_kg, inertia, sigma[k], prior[k]))
+        lines.append(f"{body}: {words}; mass to {100.0 * sigma[k][0] / mass_kg:.2g} %")
+    return lines
 
 
 def predicted_sigma(subject: Subject, root: FloatArray) -> list[float]:

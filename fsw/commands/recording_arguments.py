@@ -64,6 +64,7 @@ def import_arguments(commands: Commands, command: Command) -> None:
     )
     parser.add_argument("--map", type=Path, metavar="YAML", help="what the columns of FILE are")
     parser.add_argument("--config", type=Path, metavar="CONFIG", required=True)
+    overlay_argument(parser)
     parser.add_argument("--out", type=Path, metavar="RECORDING", required=True, help="new MCAP")
     parser.add_argument(
         "--can",

@@ -7,7 +7,7 @@ recording and nothing is sent. The tick grid is free: results depend on the stam
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,7 @@ from fsw.messages.errors import ConfigError, PortError
 from fsw.service.recorder import CHECKPOINT
 
 TICK_RATE_HZ = 5.0
+PROGRESS_NS = 10 * 10**9
 CAN_TOPIC = "/can/"
 REPLAYED = (
     CommandName.RESET,
@@ -243,6 +244,7 @@ def replay(
     sink: Sink | None = None,
     pipeline: Pipeline | None = None,
     span: Span = WHOLE,
+    progress: Callable[[str], None] = lambda _text: None,
 ) -> ReplayResult:
     """Run the daemon on a recording.
 
@@ -251,6 +253,7 @@ def replay(
     sink : takes what the daemon produces; None: nothing is kept but the result
     pipeline : conditioning and estimation; None: as the configuration says
     span : the part of the recording; less than the whole begins without its commands and checkpoint
+    progress : called with a line of text every ten seconds of the recording
 
     Raises
     ------
@@ -284,8 +287,12 @@ def replay(
     whole = "/tc" in held.topics and span == WHOLE
     commands = list(messages_of(parts, ["/tc"])) if whole else []
     end_ns = _plan(daemon, commands, held.attachments.get(CHECKPOINT))
+    said_ns = start_ns
     while not feed.exhausted:
         daemon.step()
+        if feed.now_ns >= said_ns + PROGRESS_NS:
+            said_ns += (feed.now_ns - said_ns) // PROGRESS_NS * PROGRESS_NS
+            progress(f"{(said_ns - start_ns) // 10**9} s replayed")
     if end_ns is not None:
         feed.now_ns = max(feed.now_ns, end_ns)
         daemon.step()

@@ -33,13 +33,27 @@ def parameter_verdicts(body: BodyEstimate, prior_sigma: FloatArray, reason: str)
     sigma = np.concatenate(
         [[body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2], dtype=np.float64
     )
-    moment = float(np.mean(np.abs(body.inertia_kg_m2[[0, 3, 5]])))
-    radius = float(np.sqrt(moment / max(abs(body.mass_kg), 1e-300)))
-    size = np.repeat([abs(body.mass_kg), radius, moment], [1, 3, 6])
-    words = [
-        INVALID if reason not in USABLE else _word(*values)
-        for values in zip(sigma.tolist(), prior_sigma.tolist(), size.tolist(), strict=True)
-    ]
+    if reason not in USABLE:
+        return _grouped([INVALID] * len(NAMES))
+    return predicted_verdicts(body.mass_kg, body.inertia_kg_m2, sigma, prior_sigma)
+
+
+def predicted_verdicts(
+    mass_kg: float, inertia_kg_m2: FloatArray, sigma: FloatArray, prior_sigma: FloatArray
+) -> Words:
+    """Return the same words for a body (inertia xx xy xz yy yz zz) of which sigmas (10,) stand."""
+    moment = float(np.mean(np.abs(inertia_kg_m2[[0, 3, 5]])))
+    radius = float(np.sqrt(moment / max(abs(mass_kg), 1e-300)))
+    size = np.repeat([abs(mass_kg), radius, moment], [1, 3, 6])
+    return _grouped(
+        [
+            _word(*values)
+            for values in zip(sigma.tolist(), prior_sigma.tolist(), size.tolist(), strict=True)
+        ]
+    )
+
+
+def _grouped(words: list[str]) -> Words:
     return {"mass_kg": words[0], "com_m": words[1:4], "inertia_kg_m2": words[4:]}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -72,6 +73,7 @@ def judge(setup: Setup, case: Case, recorded: Recorded) -> dict[str, Any]:
     last = recorded.estimates[-1] if recorded.estimates else None
     return outcome | {
         "samples": samples,
+        "events": dict(Counter(e.code for e in recorded.events if e.severity != "info")),
         "slips": recorded.status["slips"],
         "windows": recorded.status["windows"],
         "blocks": len(recorded.blocks),

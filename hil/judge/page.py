@@ -17,11 +17,7 @@ from hil.judge.score import table, table_header
 from hil.world.inertia import LABELS, FloatArray
 
 MOTION = "time from the start of the motion [s]"
-KINDS = (
-    ("mass", "kg", slice(0, 1)),
-    ("centre of mass", "m", slice(1, 4)),
-    ("inertia about the centre of mass", "kg m2", slice(4, 10)),
-)
+UNITS = ("kg", *("m",) * 3, *("kg m2",) * 6)
 SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
 TOOL = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
 
@@ -85,21 +81,20 @@ def _errors(story: Story) -> Section:
         error = np.array([point.reports[body] for point in story.points]) - truth
         reach = BAND_SIGMAS * np.array([point.sigmas[body] for point in story.points])
         late = slice(int(len(t_s) * SETTLED), None)
-        for words, unit, own in KINDS:
-            low, high = error[:, own] - reach[:, own], error[:, own] + reach[:, own]
+        for k, label in enumerate(LABELS):
+            low, high = error[:, k] - reach[:, k], error[:, k] + reach[:, k]
             span = float(np.min(low[late])), float(np.max(high[late]))
-            lines = [
-                line_of(label, error[:, own][:, k], low[:, k], high[:, k])
-                for k, label in enumerate(LABELS[own])
-            ]
             x = thinned_axis(t_s)
             charts.append(
                 Chart(
-                    title=f"{body}: {words}, estimate less truth, with {BAND_SIGMAS:g} sigma",
+                    title=f"{body} {label}: estimate less truth, with {BAND_SIGMAS:g} sigma",
                     x_label=MOTION,
-                    y_label=f"error [{unit}]",
+                    y_label=f"error [{UNITS[k]}]",
                     x=x,
-                    lines=[*lines, Line(label="truth", y=[0.0] * len(x))],
+                    lines=[
+                        line_of("estimate", error[:, k], low, high),
+                        Line(label="truth", y=[0.0] * len(x)),
+                    ],
                     y_range=span if np.isfinite(span).all() else None,
                 )
             )
@@ -107,7 +102,7 @@ def _errors(story: Story) -> Section:
         information = np.array([point.information_nats for point in story.points])
         charts.append(_chart("Information about the bodies", "gained [nat]", t_s, information))
     text = ["The range shown first is that of the last two thirds; double-click shows all."]
-    return Section(title="Errors over time", text=text, charts=charts, in_rows_of=2)
+    return Section(title="Errors over time", text=text, charts=charts, in_rows_of=3)
 
 
 def _chart(title: str, y_label: str, t_s: FloatArray, y: FloatArray) -> Chart:

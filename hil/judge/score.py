@@ -199,10 +199,10 @@ def table(outcome: Mapping[str, Any], body: str) -> list[tuple[str, ...]]:
     columns = [truth, prior, estimate, sigma, bound, estimate - truth]
     lines = []
     for k, label in enumerate(LABELS):
-        cells = [_number(column[k]) for column in columns]
+        cells = [_number(column[k], 5 if i < 3 else 3) for i, column in enumerate(columns)]
         cells.append(f"{(estimate[k] - truth[k]) / sigma[k]:+.2f}")
         if ols:
-            cells.append(_number(rows(ols["estimate"][body])[k]))
+            cells.append(_number(rows(ols["estimate"][body])[k], 5))
         unit = "kg" if k == 0 else "m" if k < 4 else "kg m²"
         lines.append((f"{label} [{unit}]", *cells))
     return lines
@@ -214,5 +214,5 @@ def table_header(outcome: Mapping[str, Any]) -> tuple[str, ...]:
     return (*titles, "raw OLS") if outcome.get("ols") else titles
 
 
-def _number(value: float) -> str:
-    return f"{value:.5g}" if abs(value) < 1e5 else f"{value:.3e}"
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}g}" if abs(value) < 1e5 else f"{value:.3e}"

@@ -23,6 +23,7 @@ from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, is_physical
 from hil.world.robot import SloshMass
+from hil.world.sensors import SensorConfig
 from hil.world.stand import Stand
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
@@ -68,6 +69,18 @@ class TimingSection(_Section):
 
     before_s: Annotated[float, Field(ge=0)]
     after_s: Annotated[float, Field(ge=0)]
+
+
+class FlightSection(_Section):
+    """Choices of the flight software that are no facts about the devices."""
+
+    bus: dict[str, Any]  # rate_hz, interface, channel, port: as `buses` of the configuration
+    buses: dict[str, dict[str, Any]] = {}  # by name, what differs from `bus`; none: one, "arm"
+    tick_rate_hz: float
+    torque_limit_nm: float
+    speed_limit_rad_s: float
+    sync_jitter_s: float  # 1 sigma of a SYNC's stamp from the latch, in real time
+    estimator: dict[str, Any]  # as in the configuration
 
 
 class FaultEntry(_Section):
@@ -193,6 +206,8 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         raise ScenarioError(
             f"{path}: frames: {sorted(document.frames)} must be the bodies besides base and target"
         )
+    sensors, flight = _section(home, document.sensors), _section(home, document.flight)
+    _check(f"{path}: ", sensors, flight)
     return Scenario(
         name=path.stem,
         title=document.title,
@@ -205,8 +220,8 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         verification=(home / document.trajectories.verification).resolve(),
         before_s=document.timing.before_s,
         after_s=document.timing.after_s,
-        sensors=_section(home, document.sensors),
-        flight=_section(home, document.flight),
+        sensors=sensors,
+        flight=flight,
         environment=environment,
         faults=document.faults,
         slosh=document.slosh,
@@ -216,6 +231,20 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         contact=document.contact,
         start_rate_rad_s=document.start_rate_rad_s,
     )
+
+
+def _check(prefix: str, sensors: dict[str, Any], flight: dict[str, Any]) -> None:
+    """Raise ScenarioError, one line, for keys and values that devices or flight cannot have."""
+    for name, validate, section in (
+        ("sensors", SensorConfig.from_dict, sensors),
+        ("flight", FlightSection.model_validate, flight),
+    ):
+        try:
+            validate(section)
+        except ValidationError as error:
+            raise ScenarioError(f"{prefix}{name}: {faults(error)}") from error
+    if not isinstance(flight["bus"].get("rate_hz"), int | float):
+        raise ScenarioError(f"{prefix}flight.bus.rate_hz: missing; a number in hertz is needed")
 
 
 def report_from(entry: Mapping[str, Any]) -> FloatArray:
@@ -337,7 +366,7 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
 
     Raises
     ------
-    ScenarioError for what is no such setting; whether a key is known is found when it is used.
+    ScenarioError for what is no such setting.
     """
     sections: dict[str, Any] = {
         "sensors": deepcopy(scenario.sensors),
@@ -363,6 +392,7 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         timing = TimingSection.model_validate(sections.pop("timing"))
     except ValidationError as error:
         raise ScenarioError(f"--set timing: {faults(error)}") from error
+    _check("--set ", sections["sensors"], sections["flight"])
     return replace(scenario, **sections, **timing.model_dump())
 
 

@@ -183,7 +183,17 @@ class SensorConfig:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SensorConfig:
         """Validate a YAML mapping; unknown or missing keys raise ValueError."""
-        return TypeAdapter(cls).validate_python(data)
+        sections = {key: _with_quaternion(section) for key, section in data.items()}
+        return TypeAdapter(cls).validate_python(sections)
+
+
+def _with_quaternion(section: object) -> object:
+    """Put the quaternion in the place of roll, pitch, yaw about fixed axes, as in a URDF."""
+    if not isinstance(section, dict) or "rpy_BS_rad" not in section or "q_BS_xyzw" in section:
+        return section
+    rest = {key: value for key, value in section.items() if key != "rpy_BS_rad"}
+    angles = TypeAdapter(Vector3).validate_python(section["rpy_BS_rad"])
+    return rest | {"q_BS_xyzw": Rotation.from_euler("xyz", angles).as_quat().tolist()}
 
 
 def generator(seed: int, device: str, index: int = 0, stream: int = 0) -> np.random.Generator:

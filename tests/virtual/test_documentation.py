@@ -61,7 +61,7 @@ def commands_of(text: str) -> Iterator[str]:
 
 
 def test_every_block_says_its_language():
-    known = {"sh", "text", "yaml", "python", "mermaid"}
+    known = {"sh", "text", "yaml", "python"}
     for page in PAGES:
         found = {language for language, _, _ in BLOCK.findall(page.read_text(encoding="utf-8"))}
         assert found <= known, page

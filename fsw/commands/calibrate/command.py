@@ -46,7 +46,7 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
 
     def read(stamped: Config) -> Watching:
         tell(f"reading {arguments.recording}")
-        return _replayed(arguments.recording, stamped, problem, span)
+        return _replayed(arguments.recording, stamped, problem, span, tell)
 
     def progress(_ratio: float, text: str) -> bool:
         tell(text)
@@ -78,11 +78,13 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
     return "\n".join(lines), bool(values)
 
 
-def _replayed(recording: Path, config: Config, problem: Problem, span: Span) -> Watching:
+def _replayed(
+    recording: Path, config: Config, problem: Problem, span: Span, tell: Tell
+) -> Watching:
     """Return windows and blocks of a recording; no estimator works on them."""
     seen = Watching(config, joint_order(config, problem.model), alone=True)
     pipeline = Pipeline(conditioner=seen, estimator=build_online(config, problem.model))
-    replay(recording, config, pipeline=pipeline, span=span)
+    replay(recording, config, pipeline=pipeline, span=span, progress=tell)
     return seen
 
 

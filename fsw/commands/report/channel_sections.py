@@ -134,14 +134,14 @@ def health(c: Collected) -> Section:
             Chart(
                 title="Normalised innovation squared of each window",
                 x_label=TIME,
-                y_label="NIS over its degrees of freedom [1]",
+                y_label="NIS / freedoms [1]",
                 x=x,
                 lines=[line_of("found", ratio), Line(label="expected", y=[1.0] * len(x))],
             ),
             Chart(
                 title="Validity and rejected windows",
                 x_label=TIME,
-                y_label="count",
+                y_label="valid, count [1]",
                 x=x,
                 lines=[line_of("valid", valid), line_of("rejected so far", gated)],
             ),

@@ -28,7 +28,6 @@ from fsw.messages import Block, Estimate, FloatArray
 
 PACKAGES = ("inertia-daemon", "numpy", "scipy", "pin", "mcap", "pydantic")
 STATUS = "/tm"
-PROGRESS_NS = 10 * 10**9
 Progress = Callable[[str], None]
 
 
@@ -51,23 +50,17 @@ class Collected:
 
 
 class Collector(NullSink):
-    """Keeps what a report shows; `progress` is called after every 10 s of the recording."""
+    """Keeps what a report shows."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self) -> None:
         self.blocks: list[Block] = []
         self.estimates: list[Estimate] = []
-        self._progress = progress
 
     def put(self, message: Message) -> None:
         """Keep blocks and estimates."""
         if isinstance(message, Block):
             self.blocks.append(message)
         elif isinstance(message, Estimate):
-            if self.estimates:
-                start_ns, last_ns = self.estimates[0].t_ns, self.estimates[-1].t_ns
-                elapsed = (message.t_ns - start_ns) // PROGRESS_NS
-                if elapsed > (last_ns - start_ns) // PROGRESS_NS:
-                    self._progress(f"{elapsed * PROGRESS_NS // 10**9} s replayed")
             self.estimates.append(message)
 
 
@@ -86,8 +79,9 @@ def collect(
     ------
     ConfigError when recording and configuration do not fit.
     """
-    sink, pipeline = Collector(progress), default_pipeline(config)
-    result = replay(recording, config, sink=sink, pipeline=pipeline, span=span)
+    sink, pipeline = Collector(), default_pipeline(config)
+    result = replay(recording, config, sink=sink, pipeline=pipeline, span=span, progress=progress)
+    progress("residuals and what limits the accuracy")
     blocks = [block for block in sink.blocks if plausible(block)]
     state = None
     estimator = pipeline.estimator

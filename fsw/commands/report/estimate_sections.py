@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fsw.commands.report.collect import Collected
@@ -15,7 +13,7 @@ AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 QUANTITIES = (
     ("mass_kg", "mass", "kg", ("mass",)),
     ("com_m", "centre of mass", "m", ("x", "y", "z")),
-    ("inertia_kg_m2", "inertia about the centre of mass", "kg m2", AXES),
+    ("inertia_kg_m2", "inertia", "kg m2", AXES),
 )
 SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
 
@@ -28,10 +26,9 @@ def result(c: Collected) -> Section:
         for key, words, unit, parts in QUANTITIES:
             flat, sigma = np.atleast_1d(values[key]), np.atleast_1d(sigmas[key])
             for part, value, one in zip(parts, flat, sigma, strict=True):
-                quantity = words if part == words else f"{words} {part}"
-                rows.append((name, quantity, f"{value:.6g}", f"{one:.2g}", unit))
+                rows.append((name, _named(words, part), f"{value:.6g}", f"{one:.2g}", unit))
     verdicts = (result.diagnosis or {}).get("verdict", {})
-    text = [*verdicts.values()]
+    text = [*verdicts.values(), "Inertia is about the centre of mass, in the axes of the body."]
     if result.truncated and c.daemon is None:
         text.append("The recording is cut off at its end.")
     text += [
@@ -58,7 +55,10 @@ def estimates(c: Collected) -> Section:
         for key, words, unit, parts in QUANTITIES:
             mean = np.array([np.atleast_1d(values[key]) for values in means])
             sigma = np.array([np.atleast_1d(values[key]) for values in sigmas])
-            charts.append(_banded(f"{name}: {words}, with 3 sigma", unit, x, parts, mean, sigma))
+            charts += [
+                _banded(f"{name}: {_named(words, part)}", unit, x, mean[:, k], sigma[:, k])
+                for k, part in enumerate(parts)
+            ]
             scale.append(line_of(f"{words} [{unit}]", np.linalg.norm(sigma, axis=1)))
         charts.append(
             Chart(
@@ -71,25 +71,23 @@ def estimates(c: Collected) -> Section:
             )
         )
     note = "The range shown first is that of the last two thirds; double-click shows all."
-    return Section(title="Estimate over time", text=[note], charts=charts, in_rows_of=2)
+    return Section(title="Estimate over time", text=[note], charts=charts, in_rows_of=3)
 
 
-def _banded(
-    title: str, unit: str, x: list[float], parts: Sequence[str], mean: FloatArray, sigma: FloatArray
-) -> Chart:
+def _named(words: str, part: str) -> str:
+    return words if part == words else f"{words} {part}"
+
+
+def _banded(title: str, unit: str, x: list[float], mean: FloatArray, sigma: FloatArray) -> Chart:
     low, high = mean - 3 * sigma, mean + 3 * sigma
     late = slice(int(len(x) * SETTLED), None)
     span = (float(np.min(low[late])), float(np.max(high[late])))
-    lines = [line_of(part, mean[:, k], low[:, k], high[:, k]) for k, part in enumerate(parts)]
-    label = (
-        f"{title.split(': ')[1].split(',', maxsplit=1)[0].split(' about', maxsplit=1)[0]} [{unit}]"
-    )
     return Chart(
-        title=title,
+        title=f"{title}, with 3 sigma",
         x_label=TIME,
-        y_label=label,
+        y_label=f"estimate [{unit}]",
         x=thinned_axis(np.array(x)),
-        lines=lines,
+        lines=[line_of("estimate", mean, low, high)],
         y_range=span if np.all(np.isfinite(span)) else None,
     )
 

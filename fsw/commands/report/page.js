@@ -1,13 +1,16 @@
 "use strict";
 // Draws every chart of the page; drag zooms in time, a double click shows everything.
 const COLOURS = ["#1f5fa8", "#c4511d", "#2a8050", "#8a3d9c", "#8f7a00", "#3f8c99", "#7a4a2b"];
+const NAMED = { truth: "#202020", prior: "#9a9a9a" }; // lines of one meaning on every chart
 const HEIGHT = 240;
 
 function spread(data) {
   // Lines and their bands as series of uPlot: each band is two series without a stroke.
-  const columns = [data.x], series = [{ label: "x", value: (_, v) => number(v) }], bands = [];
+  const across = data.x_label.startsWith("time") ? "t [s]" : data.x_label;
+  const columns = [data.x], series = [{ label: across, value: (_, v) => number(v) }], bands = [];
+  let unnamed = 0;
   data.lines.forEach((line, k) => {
-    const colour = COLOURS[k % COLOURS.length];
+    const colour = NAMED[line.label] ?? COLOURS[unnamed++ % COLOURS.length];
     const bars = data.bars && k === 0;
     columns.push(line.y);
     series.push({
@@ -31,7 +34,7 @@ function spread(data) {
 }
 
 function number(v) {
-  return v == null ? "-" : Number(v.toPrecision(5)).toString();
+  return v == null ? "" : Number(v.toPrecision(5)).toString();
 }
 
 function decades(u, axis, low, high) {

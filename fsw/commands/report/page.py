@@ -9,6 +9,7 @@ from importlib.resources import files
 
 from fsw.commands.report.view import Section, Table, View
 
+NUMBER = re.compile(r"[-+]?\d[\d.e+-]*( .{1,12})?")  # with its unit; stays on one line
 LONG = 40  # rows; a longer table scrolls within itself
 
 
@@ -57,12 +58,16 @@ def _section(place: int, section: Section, first_chart: int) -> str:
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(word)}</th>" for word in table.head)
     rows = "".join(
-        "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>"
+        "<tr>" + "".join(f"<td{_kind(cell)}>{escape(str(cell))}</td>" for cell in row) + "</tr>"
         for row in table.rows
     )
     body = f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody>"
     kind = "table long" if len(table.rows) > LONG else "table"
     return f'<div class="{kind}"><table>{body}</table></div>'
+
+
+def _kind(cell: object) -> str:
+    return ' class="number"' if NUMBER.fullmatch(str(cell)) else ""
 
 
 def _file(name: str) -> str:

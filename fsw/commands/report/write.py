@@ -55,6 +55,7 @@ def write_report(
     if with_parquet:
         require_pyarrow()  # before the replay, which takes long
     collected = collect(recording, config, span, daemon, progress)
+    progress("drawing")
     shown = view(collected)
     paths = [out]
     try:

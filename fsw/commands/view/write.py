@@ -89,9 +89,9 @@ def view(source: Path, config: Config, out: Path, truth: Path | None, progress: 
 def _recording(
     path: Path, config: Config, progress: Progress
 ) -> tuple[Problem, Motion, dict[str, list[Guess]], str]:
-    sink, pipeline = Collector(progress), default_pipeline(config)
+    sink, pipeline = Collector(), default_pipeline(config)
     progress(f"replaying {path}")
-    result = replay(path, config, sink=sink, pipeline=pipeline)
+    result = replay(path, config, sink=sink, pipeline=pipeline, progress=progress)
     blocks = [block for block in sink.blocks if plausible(block)]
     last, estimator = result.estimate, pipeline.estimator
     if last is None or not blocks or not isinstance(estimator, OnlineEstimator):

@@ -68,3 +68,33 @@ def test_every_device_is_listed_with_its_source(capsys):
     assert main(["init", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == sum(map(len, library().values()))
+
+
+@pytest.mark.parametrize("held", ["free", "clamped"])
+def test_a_root_fixed_to_the_world_must_be_explained(arm, capsys, held):
+    world = (
+        '<link name="world"/><joint name="w" type="fixed"><parent link="world"/>'
+        '<child link="bus"/></joint>'
+    )
+    arm.urdf = arm.urdf.replace('<robot name="arm">', f'<robot name="arm">{world}')
+    assert main(command(arm, unknown="target")) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert (
+        "--base: missing; the root link 'world' has no mass and a fixed joint; what holds" in line
+    )
+    assert main(command(arm, unknown="target", base=held)) == 0
+    config = load(arm.folder / "new.yaml")
+    assert config.base.motion == held
+    assert config.base.gravity_B_m_s2 == ((0, 0, 0) if held == "free" else (0, 0, -9.80665))
+
+
+def test_a_clamped_base_needs_no_inertial_unit(arm):
+    without = {
+        "imu": "none",
+        "imu_xyz": None,
+        "imu_rpy": None,
+        "tracker": "none",
+        "tracker_rpy": None,
+    }
+    assert main(command(arm, unknown="target", base="clamped", **without)) == 0
+    assert not load(arm.folder / "new.yaml").imu.present

@@ -36,7 +36,7 @@ def installed(arm: ArmProject, folder: Path) -> Path:
     command.write_text("#!/bin/sh\n")
     command.chmod(0o755)
     unit = folder / UNIT_NAME
-    unit.write_text(unit_text(config, path, "daemon", command))
+    unit.write_text(unit_text(config, [path], "daemon", command))
     return unit
 
 
@@ -85,11 +85,24 @@ def test_the_command_writes_it_and_says_what_is_left(
     assert main([*arguments, "--directory", str(tmp_path / "absent")]) == 1
 
 
+def test_overlays_stand_in_the_unit_with_their_whole_paths(
+    arm: ArmProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = arm.write()
+    monkeypatch.chdir(arm.folder)
+    Path("state.yaml").write_text("service: {state_directory: elsewhere}\n")
+    words = ["--overlay", "state.yaml", "--directory", str(tmp_path)]
+    assert main(["install-service", str(path), *words]) == 0
+    text = (tmp_path / UNIT_NAME).read_text()
+    assert f" run {path} --overlay {arm.folder}/state.yaml\n" in text
+    assert f"ReadWritePaths=-{arm.folder}/elsewhere " in text
+
+
 @pytest.mark.parametrize("user", ["", "a b", "a%b", "x\ny"])
 def test_a_name_that_would_change_the_unit_is_refused(arm: ArmProject, user: str) -> None:
     path = arm.write()
     with pytest.raises(ConfigError, match="cannot stand"):
-        unit_text(load(path), path, user, Path("/usr/bin/fsw"))
+        unit_text(load(path), [path], user, Path("/usr/bin/fsw"))
 
 
 @pytest.mark.parametrize("abstract", [False, True])

@@ -55,7 +55,7 @@ def model_with(config, bodies):
 def replayed(flown):
     """Return the configuration, the windows and the estimates of the flight."""
     config = load(flown / "flight.yaml")
-    sink = Collector(lambda _text: None)
+    sink = Collector()
     result = replay(flown / "recording.mcap", config, sink=sink)
     return config, sink.blocks, sink.estimates, result
 
