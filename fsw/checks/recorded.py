@@ -151,7 +151,7 @@ def _noise_finding(key: str, declared: float, found: float) -> Finding:
 def tracker_findings(config: Config, windows: Sequence[Window]) -> list[str]:
     """Return what turns between successive solutions say beside the gyro's; empty: they fit."""
     tracker = config.star_tracker
-    if tracker is None:
+    if tracker is None or not any(len(window.gyro.t_ns) for window in windows):
         return []
     R_BS = Rotation.from_quat(config.imu.mounting.q_BS_xyzw)
     t_ns, turns = _turns(windows, R_BS)

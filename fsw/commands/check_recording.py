@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from fsw.checks.mistakes import LARGE, explain_residuals
 from fsw.checks.recorded import noise_findings, rate_findings, tracker_findings
-from fsw.commands.replay import replay
+from fsw.checks.stamps import stamp_findings
+from fsw.commands.replay import replay, topics_of
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.watching import Watching
 from fsw.config import Config
 from fsw.estimators.model.problem import Problem, joint_order
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
+from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.sinks import CanTraffic, Message, NullSink
+from fsw.loop.ports import IMU, STAR_TRACKER
 
 FEW_BLOCKS = 3
 TPDO1, HEARTBEAT = 0x180, 0x700
@@ -63,14 +66,15 @@ def check_recording(
     progress(f"reading {recording}")
     nodes = _Nodes(config)
     result = replay(recording, config, pipeline=pipeline, span=span, sink=nodes, progress=progress)
-    lines = nodes.strangers()
+    parts = parts_of(recording)
+    jumps = stamp_findings(parts, topics_of(config, contents_of(parts).topics))
+    lines = [*nodes.strangers(), *(f"WRONG: {jump}" for jump in jumps)]
     wrong = len(lines)
     if result.truncated:
         lines.append("the recording is cut off at its end")
     for source, counts in result.status["samples"].items():
         if not counts["accepted"]:
-            words = f"{counts['received']} samples, {counts['received_bytes']} bytes received"
-            lines.append(f"{source}: WRONG: nothing usable; {words}")
+            lines.append(f"WRONG: {source}: {_unusable(source, counts)}")
             wrong += 1
     datagrams = result.status["samples"].get("imu", {"received": 0})["received"]
     findings = rate_findings(config, watching.windows, datagrams) if watching.windows else []
@@ -83,12 +87,21 @@ def check_recording(
         return [*lines, f"{used}: too few to judge signs and mounting"], False
     verdict = explain_residuals(config, problem, watching.blocks, progress)
     mounted = any(text.startswith("imu") for text in verdict.found)
-    turned = (
-        [] if mounted else tracker_findings(config, watching.windows)
-    )  # it is judged by the gyro
+    judged = config.imu.present and not (mounted or jumps)  # the tracker, by the gyro over time
+    turned = tracker_findings(config, watching.windows) if judged else []
     lines += [f"WRONG: {text}" for text in [*turned, *verdict.found]]
     lines.append(_residual_words(verdict.before, verdict.after, len(verdict.found), verdict.tried))
     return lines, not (wrong or turned or verdict.before > LARGE)
+
+
+def _unusable(source: str, counts: Mapping[str, int]) -> str:
+    """Return what may be the matter with a source of which no sample is used, and what to do."""
+    words = f"nothing usable; {counts['received']} samples, {counts['received_bytes']} bytes"
+    if source not in (IMU, STAR_TRACKER):
+        return f"{words}; compare node numbers and format of joints[] with the nodes"
+    if not counts["received_bytes"]:
+        return f"{words}; was it switched on, and its port right?"
+    return f"{words}; compare {source}.baud_rate and {source}.driver with the device"
 
 
 def _residual_words(before: float, after: float, found: int, tried: int) -> str:

@@ -22,6 +22,14 @@ from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
 
 FAILED, DONE = 1, 0
+WORDS = {  # of the criteria; docs/excitation.md
+    "sigma": "geometric mean of the predicted sigmas",
+    "d": "root of the determinant of their covariance in prior sigmas",
+    "a": "root of its trace",
+    "e": "root of its largest eigenvalue",
+    "cond": "condition number of the torque regressor",
+    "gamma": "xi1 cond + xi2 / integral of |torque|",
+}
 ENDINGS = (".yaml", ".yml")
 
 
@@ -161,7 +169,8 @@ def _recorded(recording: Path, config: Config, subject: Subject) -> int:
 
 
 def _text(subject: Subject, root: FloatArray, values: dict[str, float], uses: list[Use]) -> str:
-    lines = [f"{name}: {value:.6g}" for name, value in values.items()] + knowledge(subject, root)
+    lines = [f"{name}: {value:.6g} ({WORDS[name]})" for name, value in values.items()]
+    lines += knowledge(subject, root)
     lines += [("BROKEN " if use.excess > 0 else "kept ") + use.text() for use in uses]
     return "\n".join(lines)
 

@@ -120,7 +120,7 @@ FORMATS: dict[str, Callable[[Body], str]] = {
 
 
 def export(arguments: argparse.Namespace) -> tuple[Body, str]:
-    """Return the body asked for, and what belongs on standard output; nothing with `--out`.
+    """Return the body asked for, and what belongs on standard output; with `--out` its path.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def export(arguments: argparse.Namespace) -> tuple[Body, str]:
             out.write_text(FORMATS[kind](body), encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written: {error.strerror}") from error
-    return body, ""
+    return body, f"{out}\n"
 
 
 def _words(values: FloatArray) -> str:

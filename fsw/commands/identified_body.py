@@ -65,6 +65,7 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
         state = np.array(result["covariance"], np.float64)[np.ix_(places, places)]
         reason = result["reason"] if "valid" in result else result["status"]
         valid = bool(result.get("valid", reason == "OK"))
+        frame = str((FRAMES | dict(result.get("frames") or {})).get(name, "own"))
         with np.errstate(all="ignore"):  # what is not finite is refused below
             pi = to_parameters(found["mass_kg"], found["com_m"], found["inertia_kg_m2"])
             mass, com, inertia = from_parameters(nearest_consistent(pi, state))
@@ -87,7 +88,7 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
         covariance=covariance,
         valid=valid,
         reason="" if valid else str(reason),
-        frame=FRAMES.get(name, "own"),
+        frame=frame,
     )
 
 

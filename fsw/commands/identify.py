@@ -114,6 +114,7 @@ def identify(
     values |= {
         "samples": result.status["samples"],
         "truncated": result.truncated,
+        "frames": {name: frame_of(chosen, name) for name in names},
         "wall_s": (clock.now_ns() - began_ns) * 1e-9,
     }
     if show is not None:
@@ -127,6 +128,12 @@ def identify(
         )
         show(values, made)
     return values
+
+
+def frame_of(config: Config, body: str) -> str:
+    """Return the frame that a body's parameters are stated in."""
+    own = {"base": "base", "target": config.robot.tool_frame}
+    return own.get(body) or str(config.bodies[body].frame)
 
 
 def _plausible(recorded: Sequence[Block]) -> list[Block]:
@@ -151,9 +158,15 @@ def noise_text(result: Mapping[str, Any]) -> list[str]:
 
 def to_text(result: Mapping[str, Any]) -> str:
     """Return the result of `identify` as a short table."""
-    lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {result['status']}"]
+    state = "valid" if result["status"] == "OK" else f"not valid: {result['status']}"
+    lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {state}"]
     if result.get("truncated"):
         lines.append("the recording is cut off at its end")
+    lines += [
+        f"{source}: NOTHING USABLE; {n['received']} samples, {n['received_bytes']} bytes received"
+        for source, n in result.get("samples", {}).items()
+        if not n["accepted"]
+    ]
     for body, estimate in result["estimate"].items():
         for key, mean in estimate.items():
             sigma = result["sigma"][body][key]
@@ -167,5 +180,5 @@ def to_text(result: Mapping[str, Any]) -> str:
     lines += noise_text(result)
     if result.get("holdout"):
         lines += holdout_text(result["holdout"])
-    lines.append(f"{result['iterations']} iterations, wall {result['wall_s']:.1f} s")
+    lines.append(f"iterations {result['iterations']}, wall {result['wall_s']:.1f} s")
     return "\n".join(lines)

@@ -33,8 +33,8 @@ HEAD = """\
 class Ask(Protocol):
     """Gives a flag's value, or asks for it where a person can answer."""
 
-    def __call__(self, name: str, words: str, kind: Callable[[str], T], /) -> T:
-        """Return the value of the flag `name`; `kind` reads an answer."""
+    def __call__(self, name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
+        """Return the value of the flag `name`; `kind` reads an answer, empty: `default`."""
         ...
 
 
@@ -79,7 +79,8 @@ def init(arguments: argparse.Namespace) -> str:
     ask = _asker(arguments)
     root = ET.fromstring(content)
     base = _base(ask, root, arguments.base)
-    tool = ask("tool", f"tool frame ({', '.join(_leaves(root))})", str)
+    leaves = _leaves(root)
+    tool = ask("tool", f"tool frame, one of {', '.join(leaves)}", str, leaves[0] if leaves else "")
     model = read_model(arguments.urdf, tool)
     text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
@@ -90,7 +91,7 @@ def init(arguments: argparse.Namespace) -> str:
 def _asker(arguments: argparse.Namespace) -> Ask:
     """Return the function that gives a flag's value, or asks for it where a person can answer."""
 
-    def ask(name: str, words: str, kind: Callable[[str], T], /) -> T:
+    def ask(name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
         value: T | None = getattr(arguments, name)
         if value is not None:
             return value
@@ -98,7 +99,7 @@ def _asker(arguments: argparse.Namespace) -> Ask:
         if not sys.stdin.isatty():
             raise ConfigError(f"{flag}: missing; {words}")
         try:
-            return kind(input(f"{words}: "))
+            return kind(input(f"{words}{f', empty: {default}' if default else ''}: ") or default)
         except ValueError as error:
             raise ConfigError(f"{flag}: {error}; {words}") from error
 
@@ -161,7 +162,7 @@ def _text(
     root: ET.Element,
     model: RobotModel,
 ) -> str:
-    unknown = ask("unknown", "unknown body (base, target or both)", str)
+    unknown = ask("unknown", "unknown body (base, target or both)", str, "target")
     bodies = ["base", "target"] if unknown == "both" else [unknown]
     out, urdf = arguments.out, arguments.urdf.absolute()
     near = urdf.parent == out.parent.absolute()
@@ -276,7 +277,9 @@ def _imu(ask: Ask) -> list[str]:
 
 
 def _tracker(ask: Ask) -> list[str]:
-    name = ask("tracker", f"star tracker ({', '.join(library()['star_tracker'])} or none)", str)
+    name = ask(
+        "tracker", f"star tracker ({', '.join(library()['star_tracker'])} or none)", str, "none"
+    )
     if name == "none":
         return []
     device = _device("star_tracker", name)

@@ -82,7 +82,9 @@ def bounds(
     ConfigError when the limits are wrong.
     """
     limits, collisions = load_limits(path), None
-    if limits.clearance_m is not None:
+    if limits.clearance_m is None:
+        report("clearance_m is null: collisions are NOT checked; look at the motion with fsw view")
+    else:
         urdf, tool = config.resolve(config.robot.urdf), config.robot.tool_frame
         collisions = build_collisions(subject.model, urdf, tool, limits.target_box)
         if collisions is None:

@@ -233,7 +233,7 @@ class _EventCollector(NullSink):
 
     def put(self, message: Message) -> None:
         """Keep an event, discard everything else."""
-        if isinstance(message, Event):
+        if isinstance(message, Event) and message.code != "STOPPED":  # of the replay, not the run
             self.events.append(message)
 
 
@@ -264,7 +264,7 @@ def replay(
     began_ns = wall.now_ns()
     parts = parts_of(recording)
     held = contents_of(parts)
-    topics = _topics(config, held.topics)
+    topics = topics_of(config, held.topics)
     missing = [topic for topic in topics if topic not in held.topics]
     if missing:
         raise ConfigError(
@@ -314,7 +314,7 @@ def replay(
     )
 
 
-def _topics(config: Config, held: Sequence[str]) -> list[str]:
+def topics_of(config: Config, held: Sequence[str]) -> list[str]:
     """Return the channels to replay: decoded samples of a source where the recording has them."""
     lines = [IMU] if config.imu.present else []
     lines += [STAR_TRACKER] if config.star_tracker is not None else []

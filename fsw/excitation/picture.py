@@ -77,13 +77,14 @@ def _shares(axis: Axes, rows: LimitRows, z: FloatArray, x: FloatArray) -> None:
         value = np.sqrt(row.value) if row.power == 2 else row.value
         margin = np.minimum(value - row.lower, row.upper - value)
         margins[kind] = np.minimum(margins.get(kind, np.full(len(margin), np.inf)), margin)
-    for kind, margin in margins.items():
+    for k, (kind, margin) in enumerate(margins.items()):
         unit = " [m]" if kind.startswith(("tool_", "clearance")) else ""
-        axis.plot(rows.grid.t_s, margin, linewidth=1, label=kind + unit)
+        style = "-" if k < 10 else "--"  # there are ten colours
+        axis.plot(rows.grid.t_s, margin, style, linewidth=1, label=kind + unit)
     axis.axhline(0.0, color="k", linewidth=0.8)
     axis.set_ylim(-0.1, 1.05)
     axis.set_ylabel("margin to the limit, share of it")
-    axis.legend(fontsize=6, ncols=2)
+    axis.legend(fontsize=6, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 def _learning(axis: Axes, subject: Subject, trajectory: Trajectory) -> None:
@@ -93,4 +94,4 @@ def _learning(axis: Axes, subject: Subject, trajectory: Trajectory) -> None:
         style = "-" if name.startswith("base") else "--"
         axis.semilogy(grown.t_s, shares[:, k], style, linewidth=1, label=name)
     axis.set_ylabel("predicted sigma / prior sigma")
-    axis.legend(fontsize=5, ncols=2)
+    axis.legend(fontsize=5, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))

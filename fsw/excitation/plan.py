@@ -290,10 +290,10 @@ class Planner:
 
     def _progress(self, turn: int) -> Callable[[int, float, str, float], None]:
         def show(iteration: int, value: float, kind: str, excess: float) -> None:
+            worst = f", worst {kind} {100 * excess:+.2g} % beyond its bound" if kind else ""
             self.report(
-                f"round {turn}, iteration {iteration}: {self.request.criterion} "
-                f"{shown(self.request.criterion, value):.6g}, worst {kind} "
-                f"{'+' if excess > 0 else '-'}{abs(excess):.2e} of its bound"
+                f"round {turn}, evaluation {iteration}: {self.request.criterion} "
+                f"{shown(self.request.criterion, value):.6g}{worst}"
             )
 
         return show

@@ -172,6 +172,9 @@ def timing(c: Collected) -> Section:
             f"In the run that was recorded: {last['ticks']} ticks, {last['slips']} slips, "
             f"at most {last['max_late_us']:.0f} us late."
         )
+    if c.flown and not last["work_us"]["max"]:
+        text.append("That run was in virtual time, in which work takes none.")
+    elif c.flown:
         tasks = [
             (name, f"{t['mean']:.1f}", f"{t['max']:.1f}")
             for name, t in last.get("tasks_us", {}).items()

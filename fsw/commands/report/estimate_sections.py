@@ -147,7 +147,8 @@ def limits(c: Collected) -> Section:
         tables.append(Table(head=("quantity", *causes), rows=rows))
         text.append(
             "By how much sigma squared would fall if a cause were known exactly; of a vector, its "
-            "worst component. Causes that are correlated share their part; noise is the rest."
+            "worst component. Correlated causes share their part, so a row may add up to more "
+            "than 100 %; noise is the rest."
         )
     diagnosis = c.result.diagnosis or {}
     weakest = diagnosis.get("combinations", [])[:5]

@@ -18,7 +18,7 @@ from fsw.messages.errors import ConfigError, PortError
 from fsw.service.control import control
 
 LIVE = "live"  # stands for a running daemon in the place of a recording
-LEAST_URGENT = 19
+LESS_URGENT = 10  # of 19: the loop first, but not everything else
 
 
 def status_of(config: Config) -> Mapping[str, Any]:
@@ -53,8 +53,8 @@ def recording_of(status: Mapping[str, Any]) -> Path:
 
 
 def in_the_background() -> None:
-    """Give the processor to everything else first."""
-    os.nice(LEAST_URGENT)
+    """Give the processor to the daemon first."""
+    os.nice(LESS_URGENT)
 
 
 def now(status: Mapping[str, Any], closed: bool) -> Section:

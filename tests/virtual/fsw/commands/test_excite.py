@@ -25,7 +25,7 @@ def test_it_plans_exports_and_judges_its_own_plan(config, tmp_path, capsys):
     assert main(["excite", config, "--unknown", "target", "--out", str(out), *QUICK]) == 0
     shown = capsys.readouterr()
     assert "predicted sigma" in shown.out
-    assert "iteration" in shown.err
+    assert "evaluation" in shown.err
     assert JointSpline.load(out).duration_s == 10.0
     assert (tmp_path / "plan.csv").exists()
     assert yaml.safe_load((tmp_path / "plan_joint_trajectory.yaml").read_text())["points"]
@@ -33,6 +33,37 @@ def test_it_plans_exports_and_judges_its_own_plan(config, tmp_path, capsys):
     judged = ["excite", config, "--evaluate", str(out), "--limits", str(LIMITS_FILE)]
     assert main([*judged, "--unknown", "target"]) == 0
     assert "BROKEN" not in capsys.readouterr().out
+
+
+def test_check_says_what_a_motion_would_show(config, tmp_path, capsys):
+    from fsw.excitation import spline
+
+    overlay, path = tmp_path / "target.yaml", tmp_path / "plan.yaml"
+    overlay.write_text("unknown: [target]\n")
+    spline.save(SHORT.trajectory(motion(size_rad=0.5)), path, {})
+    assert main(["check", config, str(path), "--overlay", str(overlay)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("target.mass_kg: predicted sigma") for line in lines)
+    assert lines[-1].startswith("target: every parameter measured; mass to ")
+    judged = ["excite", config, "--evaluate", str(path), "--limits", str(LIMITS_FILE)]
+    main([*judged, "--overlay", str(overlay)])
+    again = capsys.readouterr().out.splitlines()
+    assert [line for line in again if "predicted sigma " in line] == lines[-11:-1]
+    path.write_text("degree: 5\nduration_s: 1.0\n")
+    assert main(["check", config, str(path)]) == 2
+    assert "control_points_rad" in capsys.readouterr().err
+
+
+def test_a_motion_at_rest_shows_little(config, tmp_path, capsys):
+    from fsw.excitation import spline
+
+    path = tmp_path / "rest.yaml"
+    spline.save(SHORT.trajectory(motion(size_rad=0.0)), path, {})
+    assert main(["check", config, str(path)]) == 0
+    told = capsys.readouterr().out.splitlines()[-2:]
+    assert all(
+        "prior-dominated" in line and "every parameter measured" not in line for line in told
+    )
 
 
 def test_a_broken_limit_is_shown_and_fails(config, tmp_path, capsys):
