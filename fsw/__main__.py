@@ -165,11 +165,15 @@ def _checked(config: Config) -> Config:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from fsw.checks.configuration import validate_outputs, validate_ports
+    from fsw.checks.configuration import missing_devices, validate_outputs, validate_ports
 
     config = _checked(_config(arguments))
     validate_ports(config)
     validate_outputs(config)
+    say = _progress("run")
+    for text in missing_devices(config):
+        say(f"warning: {text}; it is opened once it is there")
+    say("until SIGTERM; events that somebody must act on follow, all are in events.jsonl")
     from fsw.loop.app import RESTART_EXIT, run_live  # only now anything that can open a device
 
     code = run_live(config, cold=arguments.cold)

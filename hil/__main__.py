@@ -304,15 +304,18 @@ def _run(arguments: argparse.Namespace) -> int:
         folder = folder.absolute()
         if not arguments.fast and _has_socketcan(arguments.bus, stack):
             scenario = on_socketcan(scenario)
-        setup = bench.prepare(
-            scenario,
-            arguments.seed,
-            folder,
-            real_time=not arguments.fast,
-            overrides=overrides,
-            telemetry=telemetry,
-            truth=arguments.truth,
-        )
+        try:
+            setup = bench.prepare(
+                scenario,
+                arguments.seed,
+                folder,
+                real_time=not arguments.fast,
+                overrides=overrides,
+                telemetry=telemetry,
+                truth=arguments.truth,
+            )
+        except (OSError, ValueError) as error:  # of the files that it reads
+            raise ScenarioError(" ".join(str(error).split())) from error
         with meter(scenario.name, setup.total_s, _console(stderr=True)) as bar:
             if arguments.fast:
                 recorded = bench.run_virtual(setup, bar, record=arguments.out is not None)

@@ -31,6 +31,7 @@ SOCKET_NAME_BYTES = 20  # room for a slash and the control socket's own name
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of the wire
 POSITION_STEP_RAD = tau * 2.0**-24
 LINKS = Path("/sys/class/net")
+IFF_UP = 1  # of its flags: Linux include/uapi/linux/if.h
 SIMULATED_INTERFACES = ("udp_multicast", "virtual")  # have no bit rate of their own
 
 
@@ -208,11 +209,22 @@ def missing_devices(config: Config) -> list[str]:
             if path.exists() and not os.access(path, os.R_OK | os.W_OK)
         ),
         *(
-            f"buses.{i}.channel: no interface {bus.channel} on this machine now; see `ip link`"
+            f"buses.{i}.channel: {words}"
             for i, bus in enumerate(config.buses)
-            if bus.interface == "socketcan" and bus.channel and not (LINKS / bus.channel).exists()
+            if bus.interface == "socketcan" and (words := _link_fault(bus))
         ),
     ]
+
+
+def _link_fault(bus: BusConfig) -> str:
+    """Return why a CAN interface cannot be used now; empty: it can."""
+    link = LINKS / (bus.channel or "")
+    if not bus.channel or not link.exists():
+        return f"no interface {bus.channel} on this machine now; see `ip link`"
+    if int((link / "flags").read_text(), 16) & IFF_UP:
+        return ""
+    rate = f"type can bitrate {bus.bitrate}" if bus.bitrate else "with its bit rate"
+    return f"{bus.channel} is down; ip link set {bus.channel} up {rate}"
 
 
 def _window_faults(config: Config) -> list[str]:

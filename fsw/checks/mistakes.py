@@ -28,6 +28,7 @@ ITERATIONS = 12
 LARGE = 3.0  # squared residuals over the declared noise: above, something is wrong
 EXPLAINED = 0.1  # of the squared residuals that a mistake may leave to be named
 TOLD = 10  # mistakes from one line of progress to the next
+WELL_EXPLAINED = 25.0  # squared residuals over the noise that may be left of what is named
 AT_ONCE = 3  # mistakes in one configuration
 
 Change = Callable[[Block], Block]
@@ -47,7 +48,8 @@ class Verdict:
 
     before: float
     after: float
-    found: tuple[str, ...]  # changes of the configuration, the most likely first
+    found: tuple[str, ...]  # changes of the configuration that explain them, most likely first
+    nearest: tuple[str, ...]  # those that leave least, where none explains them
     tried: int
 
 
@@ -72,7 +74,14 @@ def explain_residuals(
             break
         chosen, level = [candidates[best].change(b) for b in chosen], levels[best]
         found.append(candidates[best].text)
-    return Verdict(before=before, after=level, found=tuple(found), tried=len(candidates))
+    names, tried, explained = tuple(found), len(candidates), level <= WELL_EXPLAINED
+    return Verdict(
+        before=before,
+        after=level,
+        found=names if explained else (),
+        nearest=() if explained else names,
+        tried=tried,
+    )
 
 
 def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:
@@ -114,8 +123,8 @@ def _joint_mistakes(config: Config, problem: Problem) -> list[Mistake]:
                 change=partial(columns.changed, sign=turned, torque_sign=turned),
             ),
             Mistake(
-                text=f"{key} ({joint.name}): its torque alone counts the other way; a node that "
-                "gives the torque on the proximal side, or a sensor mounted reversed",
+                text=f"{key} ({joint.name}): its torque alone counts the other way (proximal "
+                f"side, or mounted reversed); set {key}.torque_gain to {-joint.torque_gain:g}",
                 change=partial(columns.changed, sign=np.ones(len(joints)), torque_sign=turned),
             ),
         ]

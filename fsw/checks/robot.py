@@ -18,6 +18,7 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 ROOT_LINK = "the root link"
+WIDE_M = 50.0  # across a link: rather an inertia in kg mm^2, or a mass in tonnes
 FAR_M = 10.0  # between two joints: rather millimetres or centimetres
 
 
@@ -98,9 +99,16 @@ def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
         for name, distance_m in zip(model.joint_names, model.steps_m(), strict=True)
         if distance_m > FAR_M
     ]
+    wide = [
+        f"robot.urdf: {link} (mass {pi[0]:g} kg) has the inertia of a body {size_m:.3g} m across; "
+        "a URDF is in kg m^2 and kg"
+        for link, pi in _known_links(config, model)
+        if pi[0] > 0.0 and (size_m := _size_m(pi)) > WIDE_M
+    ]
     return [
         *massless,
         *far,
+        *wide,
         *_impossible(config, model),
     ]
 
@@ -119,6 +127,12 @@ def _known_links(config: Config, model: RobotModel) -> list[tuple[str, FloatArra
     names = [ROOT_LINK, *(f"the link moved by {name!r}" for name in model.joint_names)]
     links = list(zip(names, model.pi_links.reshape(-1, PARAMETERS), strict=True))
     return links[1:] if "base" in config.bodies else links
+
+
+def _size_m(pi: FloatArray) -> float:
+    """Return the side of the cube that has the mass and the mean central moment of a body."""
+    central = pi[[4, 6, 9]].sum() - 2.0 * float(pi[1:4] @ pi[1:4]) / pi[0]
+    return float(np.sqrt(6.0 * max(central / 3.0, 0.0) / pi[0]))
 
 
 def _possible(pi: FloatArray) -> bool:

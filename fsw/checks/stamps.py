@@ -14,7 +14,7 @@ BACK_S = 1e-3  # less is the order in which a recorder wrote what came at once
 
 
 def stamp_findings(parts: Sequence[Path], topics: Sequence[str]) -> list[str]:
-    """Return a line for every channel whose stamps jump; times are from the recording's start.
+    """Return a line for clocks that were set back and one for holes; times are from the recording's start.
 
     Raises
     ------
@@ -26,23 +26,22 @@ def stamp_findings(parts: Sequence[Path], topics: Sequence[str]) -> list[str]:
         for topic, column in piece.read().items():
             times_ns[topic] += [t_ns for t_ns, _, _ in column.spans]
     start_ns = min((t[0] for t in times_ns.values() if t), default=0)
-    found = [_jump(topic, np.array(t), start_ns) for topic, t in times_ns.items() if len(t) > 1]
-    return [line for line in found if line]
+    back, holes = dict[str, str](), dict[str, str]()
+    for topic, values in times_ns.items():
+        steps_s = np.diff(values) * 1e-9
+        if not len(steps_s):
+            continue
+        at_s = (np.array(values) - start_ns) * 1e-9
+        first, longest = int(np.argmin(steps_s)), int(np.argmax(steps_s))
+        if steps_s[first] < -BACK_S:
+            back[topic] = f"stamps go back by {-steps_s[first]:.3g} s at {at_s[first]:.1f} s"
+        elif steps_s[longest] > HOLE_S:
+            holes[topic] = f"nothing for {steps_s[longest]:.3g} s at {at_s[longest]:.1f} s"
+    set_back, missing = "the clock was set", "data are missing or the clock was set"
+    return [*_line(back, set_back), *_line(holes, missing)]
 
 
-def _jump(topic: str, t_ns: np.ndarray, start_ns: int) -> str:
-    steps_s = np.diff(t_ns) * 1e-9
-    back, ahead = int(np.argmin(steps_s)), int(np.argmax(steps_s))
-    if steps_s[back] < -BACK_S:
-        at_s = (t_ns[back] - start_ns) * 1e-9
-        return (
-            f"{topic}: its stamps go back by {-steps_s[back]:.3g} s at {at_s:.1f} s: the clock was "
-            "set while it recorded; use one side of the jump, --from or --to"
-        )
-    if steps_s[ahead] > HOLE_S:
-        at_s = (t_ns[ahead] - start_ns) * 1e-9
-        return (
-            f"{topic}: nothing for {steps_s[ahead]:.3g} s at {at_s:.1f} s: data are missing or the "
-            "clock was set; use one side of the hole, --from or --to"
-        )
-    return ""
+def _line(found: dict[str, str], why: str) -> list[str]:
+    """Return one line for all channels, with the words of the first."""
+    advice = "use one side of it, --from or --to"
+    return [f"{', '.join(found)}: {next(iter(found.values()))}: {why}; {advice}"] if found else []

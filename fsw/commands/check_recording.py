@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw.checks.mistakes import LARGE, explain_residuals
+from fsw.checks.mistakes import LARGE, Verdict, explain_residuals
 from fsw.checks.recorded import noise_findings, rate_findings, tracker_findings
 from fsw.checks.stamps import stamp_findings
 from fsw.commands.replay import replay, topics_of
@@ -84,13 +84,14 @@ def check_recording(
     wrong += sum(bool(finding.wrong) for finding in findings)
     if len(watching.blocks) < FEW_BLOCKS:
         used = f"{len(watching.blocks)} of {len(watching.windows)} windows can be used"
-        return [*lines, f"{used}: too few to judge signs and mounting"], False
+        words = "too few to judge signs and mounting; look at rates, lost samples and channels"
+        return [*lines, f"WRONG: {used}: {words}"], False
     verdict = explain_residuals(config, problem, watching.blocks, progress)
     mounted = any(text.startswith("imu") for text in verdict.found)
     judged = config.imu.present and not (mounted or jumps)  # the tracker, by the gyro over time
     turned = tracker_findings(config, watching.windows) if judged else []
     lines += [f"WRONG: {text}" for text in [*turned, *verdict.found]]
-    lines.append(_residual_words(verdict.before, verdict.after, len(verdict.found), verdict.tried))
+    lines.append(_residual_words(verdict))
     return lines, not (wrong or turned or verdict.before > LARGE)
 
 
@@ -104,14 +105,16 @@ def _unusable(source: str, counts: Mapping[str, int]) -> str:
     return f"{words}; compare {source}.baud_rate and {source}.driver with the device"
 
 
-def _residual_words(before: float, after: float, found: int, tried: int) -> str:
-    level = f"residuals {before**0.5:.3g} times the declared noise"
-    if before <= LARGE:
+def _residual_words(verdict: Verdict) -> str:
+    level = f"residuals {verdict.before**0.5:.3g} times the declared noise"
+    after = f"{verdict.after**0.5:.3g} times"
+    if verdict.before <= LARGE:
         return f"signs, order of joints, mounting of the inertial unit: fit ({level})"
-    if found:
-        return f"{level}, {after**0.5:.3g} times with these changes"
+    if verdict.found:
+        return f"{level}, {after} with these changes"
+    near = f" (nearest, {after}: {'; '.join(verdict.nearest)})" if verdict.nearest else ""
     return (
-        f"WRONG: {level}, and none of {tried} usual mistakes explains them; is it a recording of "
-        "this robot and base? Look at the masses of the links, the priors of bodies, zero offsets, "
-        "the lever arm imu.mounting.p_BS_m, delays, the tool frame"
+        f"WRONG: {level}, and none of {verdict.tried} usual mistakes explains them{near}; is it a "
+        "recording of this robot and base? Look at the masses of the links (kg), the priors of "
+        "bodies, zero offsets, the lever arm imu.mounting.p_BS_m, delays, the tool frame"
     )

@@ -74,7 +74,8 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         if isinstance(error, ConfigError):
             raise
-        raise ConfigError(f"must be a result of fsw identify --json: {error!r}") from error
+        words = "must be what fsw identify --json or fsw replay --json printed (hil run: not so)"
+        raise ConfigError(f"{words}: {error!r}") from error
     values = np.array([mass, *com, *inertia])
     if not (np.isfinite(values).all() and np.isfinite(covariance).all() and mass > 0.0):
         raise ConfigError(f"{name}: mass must be positive, every value and covariance finite")

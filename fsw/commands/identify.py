@@ -160,6 +160,8 @@ def to_text(result: Mapping[str, Any]) -> str:
     """Return the result of `identify` as a short table."""
     state = "valid" if result["status"] == "OK" else f"not valid: {result['status']}"
     lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {state}"]
+    if result["status"] in ("NOT_CONVERGED", "MODEL_MISMATCH"):
+        lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
     if result.get("truncated"):
         lines.append("the recording is cut off at its end")
     lines += [

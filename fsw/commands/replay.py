@@ -270,6 +270,7 @@ def replay(
         raise ConfigError(
             f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
             f"found: {', '.join(sorted(held.topics)) or 'none'}"
+            f"{'; the file is cut off' if held.truncated else ''}"
         )
     _refuse_other_robot(recording, config, held.metadata.get(SAMPLED, {}).get(JOINTS))
     feed = RecordingFeed(span.pieces(pieces_of(parts, topics)), topics)

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 MAX_MASS_KG = 1e6  # of a body; a space station has half of it
 MAX_LENGTH_M = 100.0  # from the origin of a body's frame
@@ -12,6 +12,15 @@ SMALLEST = 1e-12  # of a noise: its square is still far from where arithmetic en
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _not_zero(value: float) -> float:
+    if value == 0.0:
+        raise ValueError("must not be 0")
+    return value
+
+
+Gain = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False), AfterValidator(_not_zero)]
 # what a robot in space, its sensors and what is not known of them can be
 Mass = Annotated[float, Field(ge=1e-3, le=MAX_MASS_KG, allow_inf_nan=False)]
 MassSigma = Annotated[float, Field(ge=1e-9, le=MAX_MASS_KG, allow_inf_nan=False)]

@@ -16,6 +16,7 @@ from fsw.config.base import (
     Delay,
     Duration,
     Finite,
+    Gain,
     Length,
     Position,
     Positive,
@@ -102,7 +103,7 @@ class JointConfig(Section):
     sign: Literal[-1, 1] = 1
     zero_offset_rad: Turn = 0.0
     torque: Literal["link_side", "none"] = "link_side"  # none: the node measures angles alone
-    torque_gain: Positive = 1.0
+    torque_gain: Gain = 1.0  # negative: the torque alone counts the other way
     torque_offset_nm: Finite = 0.0
     torque_limit_nm: Positive  # larger readings are rejected as out of range
     speed_limit_rad_s: Positive  # faster jumps between samples are rejected as out of range

@@ -84,6 +84,8 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
     ------
     TextError when it is not YAML, has an alias or a repeated key, or exceeds a bound.
     """
+    if source.startswith(b"\x89MCAP"):
+        raise TextError("is a recording and no configuration; fsw check CONFIG RECORDING")
     if len(source) > MAX_TEXT_BYTES:
         raise TextError(f"{len(source)} bytes; must be at most {MAX_TEXT_BYTES}")
     try:

@@ -136,12 +136,12 @@ class Config(Section):
     def _consistent(self) -> Self:
         _unique([b.name for b in self.buses], "buses.name")
         _unique([j.name for j in self.joints], "joints.name")
-        _unique([f"{j.bus}:{j.node_id}" for j in self.joints], "joints.node_id")
+        _unique([f"{j.bus}:0x{j.node_id:02x}" for j in self.joints], "joints.node_id")
         _unique([wheel.name for wheel in self.wheels], "wheels.name")
         _unique([thruster.name for thruster in self.thrusters], "thrusters.name")
         _unique([f"{t.bus}:{t.node_id}:{t.valve}" for t in self.thrusters], "thrusters.valve")
         key = "thrusters.node_id" if self.thrusters else "wheels.node_id"
-        _unique([f"{node.bus}:{node.node_id}" for node in self.can_nodes], key)
+        _unique([f"{node.bus}:0x{node.node_id:02x}" for node in self.can_nodes], key)
         ports = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker:
             ports["star_tracker.port"] = self.star_tracker.port

@@ -304,7 +304,7 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
                 yield record
         except _BROKEN as error:
             if not seen:
-                words = str(error) or "it is empty"
+                words = "it begins otherwise" if size else "it is empty"
                 raise ConfigError(f"{path}: not an MCAP recording: {words}") from error
             return
         whole.ended = True

@@ -90,7 +90,7 @@ class StuckScreen:
     def __init__(self, config: Config) -> None:
         self._joints = [joint.name for joint in config.joints]
         limits = [
-            equal_readings(j.torque_gain * TORQUE_STEP_NM[j.format], j.torque_noise_nm)
+            equal_readings(abs(j.torque_gain) * TORQUE_STEP_NM[j.format], j.torque_noise_nm)
             for j in config.joints
         ]
         self._torque = _Runs(limits, 1)

@@ -38,6 +38,7 @@ from fsw.messages.errors import MEMORY_EXIT, CommandError, ConfigError, PortErro
 from fsw.service.batch_jobs import BatchJobs
 from fsw.service.blockstore import BlockStoreError, BlockWriter, read_blocks
 from fsw.service.checkpoint_keeper import CheckpointKeeper
+from fsw.service.console import Console
 from fsw.service.control import SOCKET_NAME, ControlServer, refused
 from fsw.service.disk_sync import DiskSync
 from fsw.service.recorder import CHECKPOINT, event_values
@@ -83,6 +84,7 @@ class Service:
         self._jobs = BatchJobs(config, self._directory / BLOCKS_NAME, self._report)
         self._answers: list[Reply] = []  # of commands carried out here
         self._drops_told = 0
+        self._console = Console()
         self._disk = DiskSync(self._files, partial(self._report, "high", "DISK_SYNC_FAILED"))
 
     def _files(self) -> list[Path]:
@@ -225,6 +227,7 @@ class Service:
         if self._telemetry is not None:
             self._telemetry.event(event)
         self._events.append(event_values(event))
+        self._console.event(event)
 
     def _publish_status(self, status: Record) -> None:
         """Keep and publish the newest summary."""

@@ -213,7 +213,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         title=document.title,
         urdf=(home / document.robot.urdf).resolve(),
         tool_frame=document.robot.tool_frame,
-        truth={b: report_from(catalogue[key]) for b, key in document.bodies.items()},
+        truth={b: _body(catalogue[key], key) for b, key in document.bodies.items()},
         frames=document.frames,
         unknown=tuple(b for b in (*BODY_NAMES, *document.frames) if b in document.unknown),
         identification=(home / document.trajectories.identification).resolve(),
@@ -245,6 +245,18 @@ def _check(prefix: str, sensors: dict[str, Any], flight: dict[str, Any]) -> None
             raise ScenarioError(f"{prefix}{name}: {faults(error)}") from error
     if not isinstance(flight["bus"].get("rate_hz"), int | float):
         raise ScenarioError(f"{prefix}flight.bus.rate_hz: missing; a number in hertz is needed")
+
+
+def _body(entry: Mapping[str, Any], key: str) -> FloatArray:
+    """Return a body's report. Raises ScenarioError where no body can be so."""
+    try:
+        report = report_from(entry)
+    except (KeyError, TypeError, ValueError) as error:
+        needed = "mass_kg, com_m (3) and inertia_kg_m2 (6)"
+        raise ScenarioError(f"bodies: {key}: needs {needed}: {error!r}") from error
+    if report.shape != (10,) or not is_physical(report):
+        raise ScenarioError(f"bodies: {key}: no body has such mass and inertia about its centre")
+    return report
 
 
 def report_from(entry: Mapping[str, Any]) -> FloatArray:

@@ -1,186 +1,238 @@
-"""Mistakes of a newcomer: each is one line that says what is wrong and what to do."""
+"""Mistakes of a newcomer, one for each row of docs/howto/when_wrong.md: made here, and looked up."""
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from fsw.__main__ import main
-from hil.run.bench import prepare, run_virtual
+from fsw.checks import configuration
 from tests.conftest import ArmProject
-from tests.support.short_cases import NoMeter, short
+from tests.support.rewritten import rewritten
 
+PAGE = Path(__file__).parents[4] / "docs" / "howto" / "when_wrong.md"
+ROW = re.compile(r"^\| (.+?) \| `(fsw .+?)` \| `(.+)` \|$", re.MULTILINE)
+ROWS = ROW.findall(PAGE.read_text(encoding="utf-8"))
+WORLD = (
+    '<link name="world"/><joint name="w" type="fixed"><parent link="world"/>'
+    '<child link="bus"/></joint>'
+)
 LINK2 = (
     '<link name="link2"><inertial><origin xyz="0 0 0.2"/><mass value="3"/>'
     '<inertia ixx="0.04" ixy="0" ixz="0" iyy="0.04" iyz="0" izz="0.01"/></inertial></link>'
 )
 
 
-def prismatic(arm):
-    arm.robot(3, "prismatic")
-    return "joint 'axis1' is 'prismatic'; must be revolute or fixed"
-
-
-def continuous(arm):
-    arm.robot(3, "continuous")
-    return "'continuous'; must be revolute or fixed; write it as revolute with wide limits"
-
-
-def fixed_base(arm):
-    hinge = (
-        '<link name="world"/><joint name="w" type="revolute"><parent link="world"/>'
-        '<child link="bus"/><limit lower="0" upper="0" effort="1" velocity="1"/></joint>'
-    )
-    arm.urdf = arm.urdf.replace('<robot name="arm">', f'<robot name="arm">{hinge}')
-    return "the root link has mass 0 kg; must be positive, or bodies.base given"
-
-
-def millimetres(arm):
-    arm.urdf = arm.urdf.replace('xyz="0 0 0.4"', 'xyz="0 0 400"')
-    return "xyz '400' in <origin>; must be finite and within 100 (metres"
-
-
-def xacro(arm):
-    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
-    arm.urdf = f'<robot name="a" {space}><xacro:include filename="a"/></robot>'
-    return "is a xacro file, no URDF yet; make one: xacro robot.xacro > robot.urdf"
-
-
-def degrees(arm):
-    arm.data["joints"][0]["zero_offset_rad"] = 90.0
-    return "joints.0.zero_offset_rad: input should be less than or equal to"
-
-
-def one_node_twice(arm):
-    arm.data["joints"][1]["node_id"] = 0x11
-    return "joints.node_id: 'arm:17' is used 2 times; must be unique"
-
-
-def other_names(arm):
-    arm.data["joints"][0]["name"] = "joint1"
-    return "must be the 3 joints of the robot ['axis1', 'axis2', 'axis3']"
-
-
-def misspelt_key(arm):
-    arm.data["imu"]["gyro_bias_sigma"] = 1e-5
-    return "imu.gyro_bias_sigma: unknown key (value: 1e-05); did you mean 'gyro_bias_sigma_rad_s'?"
-
-
-def slow_bus(arm):
-    arm.data["buses"][0]["bitrate"] = 125_000
-    return "loads 'arm' to 102% at buses.bitrate 125000; must be at most 100%"
-
-
-def quaternion_not_unit(arm):
-    arm.data["imu"]["mounting"]["q_BS_xyzw"] = [0.0, 0.0, 0.7, 0.7]
-    return "must be 1 within 1e-6"
-
-
-def tool_not_there(arm):
-    arm.data["robot"]["tool_frame"] = "hand"
-    return "'hand' is no frame of arm.urdf; it has"
-
-
-FAULTS = [
-    prismatic,
-    continuous,
-    fixed_base,
-    millimetres,
-    xacro,
-    degrees,
-    one_node_twice,
-    other_names,
-    misspelt_key,
-    slow_bus,
-    quaternion_not_unit,
-    tool_not_there,
-]
-
-
-@pytest.mark.parametrize("spoil", FAULTS)
-def test_a_wrong_description_is_one_line(arm, capsys, spoil):
-    words = spoil(arm)
-    assert main(["check", str(arm.write())]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
-
-
-def test_a_tab_in_yaml_is_one_line(arm, capsys):
-    path = arm.write()
-    path.write_text("robot:\n\turdf: arm.urdf\n")
-    assert main(["check", str(path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "found character '\\t' that cannot start any token" in line
-    assert "line 2" in line
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        (LINK2, '<link name="link2"/>', "the link moved by 'axis2' has no mass; is its <inertial>"),
-        ('xyz="0 0 0.4"', 'xyz="0 0 40"', "is 40 m from the one before it; a URDF is in metres"),
-    ],
-)
-def test_data_that_hardly_are_a_robots_are_warned_of(arm, capsys, old, new, words):
+def replaced(arm: ArmProject, old: str, new: str) -> None:
     assert old in arm.urdf
     arm.urdf = arm.urdf.replace(old, new, 1)
-    main(["check", str(arm.write())])
-    warned = [line for line in capsys.readouterr().out.splitlines() if "warning: robot" in line]
-    assert any(words in line for line in warned)
 
 
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of a short motion in virtual time: its configuration and recording."""
-    folder = tmp_path_factory.mktemp("flown")
-    run_virtual(prepare(short(folder, hurry=2.0), 1, folder), NoMeter(), record=True)
-    return folder
+def channel(arm: ArmProject) -> None:
+    arm.data["buses"][0] |= {"interface": "socketcan", "channel": "can77"}
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(b"", "not an MCAP recording: it is empty"), (b"t,q1\n0,1\n", "not an MCAP recording")],
-)
-def test_a_file_that_is_no_recording_is_one_line(arm, capsys, content, words):
-    path = arm.folder / "file.mcap"
-    path.write_bytes(content)
-    assert main(["replay", str(path), "--config", str(arm.write())]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
+def down(arm: ArmProject, monkeypatch: pytest.MonkeyPatch) -> None:
+    link = arm.folder / "net" / "can77"
+    link.mkdir(parents=True)
+    (link / "flags").write_text("0x1002\n")  # as of a link that is down
+    monkeypatch.setattr(configuration, "LINKS", link.parent)
+    channel(arm)
 
 
-def test_a_truncated_recording_is_used_as_far_as_it_goes(flown, tmp_path, capsys):
-    whole = (flown / "recording.mcap").read_bytes()
-    path = tmp_path / "cut.mcap"
-    path.write_bytes(whole[: len(whole) // 2])
-    config = str(flown / "flight.yaml")
-    for command in (["replay", str(path), "--config", config], ["check", config, str(path)]):
-        main(command)
-        said = capsys.readouterr()
-        assert "is cut off at its end" in said.out + said.err
-    main(["identify", str(path), "--config", config])
-    assert "is cut off at its end" in capsys.readouterr().out
+def forbidden(arm: ArmProject, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may use every port
+    arm.data["imu"]["port"] = "/dev/null"
 
 
-def test_the_recording_of_another_robot_is_named_by_its_nodes(flown, tmp_path, capsys):
-    arm = ArmProject(tmp_path)
-    assert main(["check", str(arm.write()), str(flown / "recording.mcap")]) == 1
-    line = capsys.readouterr().out.splitlines()[0]
-    assert "arm: nodes 0x14, 0x15, 0x16, 0x17 send and are no nodes of the configuration" in line
-    assert "is the recording that of another robot?" in line
+def twice(arm: ArmProject, _: object) -> None:
+    arm.data["joints"][1]["node_id"] = 0x11
 
 
-def test_the_recording_of_another_bus_names_both(flown, tmp_path, capsys):
-    data = yaml.safe_load((flown / "flight.yaml").read_text())
-    data["robot"]["urdf"] = str(flown / data["robot"]["urdf"])
+def set_joint(key: str, value: object):
+    return lambda arm, _: arm.data["joints"][0].update({key: value})
+
+
+DESCRIPTIONS = {
+    "prismatic joint": lambda arm, _: arm.robot(3, "prismatic"),
+    "continuous joint": lambda arm, _: arm.robot(3, "continuous"),
+    "missing inertia": lambda arm, _: replaced(arm, LINK2, '<link name="link2"/>'),
+    "inertia in kg mm^2": lambda arm, _: replaced(
+        arm, LINK2, LINK2.replace("0.04", "40000").replace("0.01", "10000")
+    ),
+    "millimetres": lambda arm, _: replaced(arm, 'xyz="0 0 0.4"', 'xyz="0 0 400"'),
+    "degrees": set_joint("zero_offset_rad", 90.0),
+    "xacro": lambda arm, _: replaced(
+        arm, "<link", '<xacro:include xmlns:xacro="http://www.ros.org/wiki/xacro"/><link'
+    ),
+    "two joints on one node": twice,
+    "names of other joints": set_joint("name", "joint1"),
+    "misspelt key": lambda arm, _: arm.data["imu"].update(gyro_bias_sigma=1e-5),
+    "no such tool frame": lambda arm, _: arm.data["robot"].update(tool_frame="hand"),
+    "quaternion not of length 1": lambda arm, _: arm.data["imu"]["mounting"].update(
+        q_BS_xyzw=[0.0, 0.0, 0.7, 0.7]
+    ),
+    "bus too slow": lambda arm, _: arm.data["buses"][0].update(bitrate=125_000),
+    "serial port missing": lambda _arm, _: None,
+    "no permission": forbidden,
+    "no CAN interface": lambda arm, _: channel(arm),
+    "CAN interface down": down,
+}
+FILES = {
+    "tab in YAML": b"robot:\n\turdf: arm.urdf\n",
+    "recording in the place of the configuration": b"\x89MCAP0\r\n",
+}
+
+
+def wrong_sign(data: Any) -> None:
+    data["joints"][2]["sign"] *= -1
+
+
+def torque_sign(data: Any) -> None:
+    data["joints"][1]["torque_gain"] = -1.0
+    # the data are right and the configuration says otherwise: the mistake's mirror is named
+
+
+def swapped(data: Any) -> None:
+    first, second = data["joints"][1], data["joints"][3]
+    first["node_id"], second["node_id"] = second["node_id"], first["node_id"]
+
+
+def quaternion_order(data: Any) -> None:
+    x, y, z, w = data["imu"]["mounting"]["q_BS_xyzw"]
+    data["imu"]["mounting"]["q_BS_xyzw"] = [w, x, y, z]
+
+
+def turned(data: Any) -> None:
+    data["imu"]["mounting"] = {
+        "p_BS_m": data["imu"]["mounting"]["p_BS_m"],
+        "q_BS_xyzw": [0.5, 0.5, 0.5, 0.5],
+    }
+
+
+def another_bus(data: Any) -> None:
     data["buses"][0]["name"] = "leg"
     for joint in data["joints"]:
         joint["bus"] = "leg"
-    path = tmp_path / "leg.yaml"
-    path.write_text(yaml.safe_dump(data))
-    assert main(["replay", str(flown / "recording.mcap"), "--config", str(path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no channel /can/leg" in line
-    assert "found: /can/arm" in line
+
+
+def noise_in_degrees(data: Any) -> None:
+    data["imu"]["angle_random_walk_rad_sqrt_s"] *= 57.3
+
+
+def in_grams(data: Any) -> None:
+    path = Path(data["robot"]["urdf"])
+    text = re.sub(
+        r'mass value="([^"]+)"', lambda m: f'mass value="{30 * float(m[1])}"', path.read_text()
+    )
+    path = path.with_name("grams.urdf")
+    path.write_text(text)
+    data["robot"]["urdf"] = str(path)
+
+
+CONFIGURATIONS = {
+    "wrong sign": wrong_sign,
+    "wrong sign of a torque": torque_sign,
+    "swapped joints": swapped,
+    "order of a quaternion": quaternion_order,
+    "inertial unit turned": turned,
+    "sense of the star tracker": lambda data: data["star_tracker"].update(
+        rotation="tracker_to_inertial"
+    ),
+    "inertial unit at another rate": lambda data: data["imu"].update(rate_hz=250.0),
+    "noise in degrees": noise_in_degrees,
+    "masses in grams": in_grams,
+    "another bus": another_bus,
+}
+
+
+def noise(topic: str, _s: float, data: bytes) -> tuple[float, bytes]:
+    is_imu = topic == "/serial/imu"
+    return 0.0, np.random.default_rng(len(data)).bytes(len(data)) if is_imu else data
+
+
+def cut(source: Path, target: Path) -> Path:
+    content = source.read_bytes()
+    target.write_bytes(content[: len(content) // 2])
+    return target
+
+
+def empty(_source: Path, target: Path) -> Path:
+    target.write_bytes(b"")
+    return target
+
+
+RECORDINGS = {
+    "wrong baud rate": lambda source, target: rewritten(source, target, noise),
+    "clock set back": lambda source, target: rewritten(
+        source, target, lambda _topic, s, data: (-2.0 if s > 10.0 else 0.0, data)
+    ),
+    "hole in the data": lambda source, target: rewritten(
+        source, target, lambda _topic, s, data: (3.0 if s > 10.0 else 0.0, data)
+    ),
+    "cut off": cut,
+    "empty file": empty,
+}
+
+
+def assert_one_line(capsys: pytest.CaptureFixture[str], words: str) -> None:
+    said = capsys.readouterr()
+    lines = [line for line in (said.out + said.err).splitlines() if words in line]
+    assert len(lines) == 1, said.out + said.err
+    assert "Traceback" not in said.err
+
+
+def test_every_mistake_of_the_page_is_made_here():
+    apart = {"base fixed to world", "another robot"}
+    made = [*DESCRIPTIONS, *FILES, *CONFIGURATIONS, *RECORDINGS, *apart]
+    assert sorted(made) == sorted(mistake for mistake, _, _ in ROWS)
+    assert len(ROWS) == PAGE.read_text(encoding="utf-8").count("\n| ") - 1
+
+
+@pytest.mark.parametrize(("mistake", "command", "words"), ROWS)
+def test_a_mistake_is_one_line_that_says_what_to_do(
+    mistake, command, words, arm, flown, tmp_path, monkeypatch, capsys
+):
+    recording, config = flown / "recording.mcap", tmp_path / "tried.yaml"
+    data = yaml.safe_load((flown / "flight.yaml").read_text())
+    data["robot"]["urdf"] = str(flown / data["robot"]["urdf"])
+    if command == "fsw init":
+        replaced(arm, '<robot name="arm">', f'<robot name="arm">{WORLD}')
+        arm.write()
+        assert main(["init", str(arm.folder / "arm.urdf"), "--out", str(config)]) == 2
+    elif mistake in DESCRIPTIONS:
+        DESCRIPTIONS[mistake](arm, monkeypatch)
+        main(["check", str(arm.write())])
+    elif mistake in FILES:
+        config.write_bytes(FILES[mistake])
+        assert main(["check", str(config)]) == 2
+    else:
+        if mistake == "another robot":
+            config = arm.write()
+        else:
+            CONFIGURATIONS.get(mistake, lambda _: None)(data)
+            config.write_text(yaml.safe_dump(data))
+        if mistake in RECORDINGS:
+            recording = RECORDINGS[mistake](recording, tmp_path / "other.mcap")
+        assert main(["check", str(config), str(recording)]) in (1, 2) or mistake == "cut off"
+    assert_one_line(capsys, words)
+
+
+def test_a_recording_that_is_cut_off_is_used_as_far_as_it_goes(flown, tmp_path, capsys):
+    path, config = cut(flown / "recording.mcap", tmp_path / "cut.mcap"), flown / "flight.yaml"
+    for command in ("replay", "identify"):
+        main([command, str(path), "--config", str(config)])
+        said = capsys.readouterr()
+        assert "is cut off at its end" in said.out + said.err
+
+
+def test_a_line_without_a_usable_sample_is_told_by_identify(flown, tmp_path, capsys):
+    path = rewritten(flown / "recording.mcap", tmp_path / "noise.mcap", noise)
+    main(["identify", str(path), "--config", str(flown / "flight.yaml")])
+    assert "imu: NOTHING USABLE; 0 samples" in capsys.readouterr().out
