@@ -14,7 +14,7 @@ BACK_S = 1e-3  # less is the order in which a recorder wrote what came at once
 
 
 def stamp_findings(parts: Sequence[Path], topics: Sequence[str]) -> list[str]:
-    """Return a line for clocks that were set back and one for holes; times are from the recording's start.
+    """Return a line for clocks that were set back, and one for holes; times are from the start.
 
     Raises
     ------

@@ -13,12 +13,13 @@ import numpy as np
 import yaml
 
 from hil.judge.bound import Sensors
+from hil.world.base_urdf import replace_base
 from hil.world.environment.config import OrbitSection
 from hil.world.environment.orbit import Orbit
 from hil.world.inertia import FloatArray
 from hil.world.noise import BandLimitedWhiteNoise
 from hil.world.robot import Robot
-from hil.world.scenario import Prior, Scenario, ScenarioError, mapping_from, replace_base
+from hil.world.scenario import Prior, Scenario, ScenarioError, mapping_from
 from hil.world.sensors import (
     ImuSensorConfig,
     JointSensorConfig,

@@ -13,7 +13,6 @@ from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
-from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -287,42 +286,6 @@ def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
         report = truth + off * scale
         if is_physical(report, MARGIN_RATIO):
             return Prior(report=report, sigma=SIGMA_RATIO * _scale(report))
-
-
-def replace_base(urdf: Path, root_report: FloatArray) -> str:
-    """Return the text of a URDF whose root link has the given inertial data.
-
-    An unknown base must not stand in the robot file the flight side reads.
-    """
-    tree = ElementTree.parse(urdf)
-    root = tree.getroot()
-    children = {child.get("link") for child in root.iter("child")}
-    link = next(e for e in root.iter("link") if e.get("name") not in children)
-    for old in link.findall("inertial"):
-        link.remove(old)
-    inertial = ElementTree.SubElement(link, "inertial")
-    text = [repr(float(x)) for x in root_report]
-    ElementTree.SubElement(inertial, "origin", xyz=" ".join(text[1:4]), rpy="0 0 0")
-    ElementTree.SubElement(inertial, "mass", value=text[0])
-    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    ElementTree.SubElement(inertial, "inertia", dict(zip(keys, text[4:], strict=True)))
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def scale_links(urdf: str, factors: Mapping[str, float]) -> str:
-    """Return the text of a URDF with mass and inertia of some links times a factor."""
-    root = ElementTree.fromstring(urdf)
-    for link in root.iter("link"):
-        factor = factors.get(link.get("name", ""), 1.0)
-        for element in (*link.iter("mass"), *link.iter("inertia")):
-            for key, value in element.attrib.items():
-                element.set(key, repr(factor * float(value)))
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def child_links(urdf: str) -> list[str]:
-    """Return the names of all links of a URDF but the root."""
-    return [str(child.get("link")) for child in ElementTree.fromstring(urdf).iter("child")]
 
 
 def _scale(report: FloatArray) -> FloatArray:

@@ -8,9 +8,8 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-Change = Callable[
-    [str, float, bytes], tuple[float, bytes]
-]  # topic, s from start, data: shift, data
+# topic, seconds from the start and data of a message to a shift of its stamp [s] and its data
+Change = Callable[[str, float, bytes], tuple[float, bytes]]
 
 
 def rewritten(source: Path, target: Path, change: Change) -> Path:

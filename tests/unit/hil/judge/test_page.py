@@ -61,7 +61,7 @@ def test_errors_from_the_truth_are_drawn_with_three_sigma_and_units(tmp_path, bo
     assert text.index("VALID") < text.index("<h2>")
     assert "&lt;/script&gt;flight" in text
     errors = [chart for chart in charts if "less truth" in chart["title"]]
-    assert len(errors) == 3 * len(bodies)
+    assert len(errors) == 10 * len(bodies)  # a chart per quantity
     mass = errors[0]["lines"][0]
     found = [point.reports[bodies[0]][0] - TRUTH[0] for point in told.points]
     assert mass["y"] == pytest.approx(found, rel=1e-6)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hil.world.base_urdf import replace_base
 from hil.world.inertia import is_physical
 from hil.world.scenario import (
     ScenarioError,
@@ -13,7 +14,6 @@ from hil.world.scenario import (
     load,
     mapping_from,
     names,
-    replace_base,
     report_from,
 )
 
