@@ -33,5 +33,5 @@ class Console:
             line = self._lines.get()
             try:
                 os.write(sys.stderr.fileno(), line.encode())
-            except OSError:  # the terminal is gone
+            except (OSError, ValueError):  # the terminal is gone
                 return

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hil.world.scenario import child_links, scale_links
+from hil.world.base_urdf import child_links, scale_links
 
 Document = dict[str, Any]
 ALL = range(64)  # joints: as many as there are

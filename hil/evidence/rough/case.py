@@ -25,9 +25,9 @@ from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import condition, declared
 from hil.evidence.mistakes.run import CONFIDENT, leave_to_the_defaults, samples, worst
 from hil.judge.score import normalised_error_squared
+from hil.world.base_urdf import child_links, scale_links
 from hil.world.friction import JointFriction
 from hil.world.inertia import FloatArray
-from hil.world.scenario import child_links, scale_links
 
 COULOMB_NM = (0.05, 0.5)  # smallest and largest size
 VISCOUS_SIGMA_NMS_RAD = 0.3

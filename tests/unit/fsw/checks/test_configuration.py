@@ -406,7 +406,7 @@ def test_wheels_with_no_momentum_to_hold_are_warned_of(arm):
     [
         ({"bus": "other"}, ("wheels.0.bus: 'other'", "'arm'")),
         ({"rate_hz": 1e4}, ("wheels.0.rate_hz: 10000 must be at most",)),
-        ({"node_id": 0x11}, ("wheels.node_id: 'arm:17' is used 2 times",)),
+        ({"node_id": 0x11}, ("wheels.node_id: 'arm:0x11' is used 2 times",)),
         ({"axis_B": [1.0, 1.0, 0.0]}, ("axis_B", "must have length 1")),
     ],
 )
@@ -462,7 +462,7 @@ def test_thrusters_are_described_and_pass_the_dry_update(arm):
     [
         ({"bus": "other"}, {}, ("thrusters.0.bus: 'other'", "'arm'")),
         ({"rate_hz": 1e4}, {}, ("thrusters.0.rate_hz: 10000 must be at most",)),
-        ({"node_id": 0x11}, {}, ("thrusters.node_id: 'arm:17' is used 2 times",)),
+        ({"node_id": 0x11}, {}, ("thrusters.node_id: 'arm:0x11' is used 2 times",)),
         ({"direction_B": [1.0, 1.0, 0.0]}, {}, ("direction_B", "must have length 1")),
         ({}, {"method": "mrnea", "weighting": "bc"}, ("weighting bc cannot take them",)),
         ({}, {"method": "rda", "outside_wrench": "watch"}, ("'watch' needs method fused",)),

@@ -15,11 +15,11 @@ def event(severity: str, text: str) -> Event:
 
 def test_events_of_severity_high_are_printed_in_order(monkeypatch):
     reading, writing = os.pipe()
-    monkeypatch.setattr(sys, "stderr", os.fdopen(writing, "w"))
-    console = Console()
-    for severity, text in (("high", "imu lost"), ("medium", "late"), ("high", "arm lost")):
-        console.event(event(severity, text))
-    with os.fdopen(reading) as lines:
+    with os.fdopen(writing, "w") as stderr, os.fdopen(reading) as lines:
+        monkeypatch.setattr(sys, "stderr", stderr)
+        console = Console()
+        for severity, text in (("high", "imu lost"), ("medium", "late"), ("high", "arm lost")):
+            console.event(event(severity, text))
         assert [next(lines) for _ in range(2)] == [
             "fsw: PORT_LOST: imu lost\n",
             "fsw: PORT_LOST: arm lost\n",
@@ -28,8 +28,9 @@ def test_events_of_severity_high_are_printed_in_order(monkeypatch):
 
 def test_a_terminal_that_is_stopped_holds_up_nothing(monkeypatch):
     reading, writing = os.pipe()  # of 64 KiB, and nobody reads
-    monkeypatch.setattr(sys, "stderr", os.fdopen(writing, "w"))
-    console = Console()
-    for _ in range(100 * WAITING):
-        console.event(event("high", "x" * 200))
-    os.close(reading)
+    with os.fdopen(writing, "w") as stderr:
+        monkeypatch.setattr(sys, "stderr", stderr)
+        console = Console()
+        for _ in range(100 * WAITING):
+            console.event(event("high", "x" * 200))
+        os.close(reading)
