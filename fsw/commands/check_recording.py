@@ -9,9 +9,9 @@ import numpy as np
 
 from fsw.checks.mistakes import LARGE, Verdict, explain_residuals
 from fsw.checks.recorded import noise_findings, rate_findings, tracker_findings
-from fsw.checks.stamps import stamp_findings
 from fsw.commands.replay import replay, topics_of
 from fsw.commands.span import WHOLE, Span
+from fsw.commands.stamp_checks import stamp_findings
 from fsw.commands.watching import Watching
 from fsw.config import Config
 from fsw.estimators.model.problem import Problem, joint_order

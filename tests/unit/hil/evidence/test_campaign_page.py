@@ -87,7 +87,7 @@ def test_runs_that_failed_are_not_valid_or_lie_far_off_are_shown_worst_first(tmp
     text, charts, _ = written(made, tmp_path)
     assert "NOT CONSISTENT: 1 failed (target_leo, data sheet); 1 not valid" in text
     bad = text[text.index("<h2>Bad runs") : text.index("<h2>target_leo")]
-    assert re.findall(r"<tr><td>(\d+)</td>", bad) == ["7", "11", "9"]
+    assert re.findall(r'<tr><td class="number">(\d+)</td>', bad) == ["7", "11", "9"]
     assert "ValueError: &lt;b&gt;no&lt;/b&gt;" in bad
     assert "target.mcy +9.0 sigma" in bad
     assert len(charts[0]["x"]) == COUNT - 2

@@ -158,7 +158,7 @@ def test_a_running_daemon_is_reported_from_its_status_and_its_recording_so_far(
     text = out.read_text(encoding="utf-8")
     assert text.count("<h2>") == len(SECTIONS) + 1
     now = text[text.index("<h2>Now") : text.index("<h2>Result")]
-    assert f"<td>{estimate['estimate']['target']['mass_kg']:.6g}</td>" in now
+    assert f'<td class="number">{estimate["estimate"]["target"]["mass_kg"]:.6g}</td>' in now
     assert "the daemon continues it" in now
     assert "cut off" not in text
     growing.write_bytes(whole)  # it ends while the report begins
@@ -202,7 +202,8 @@ def test_a_batch_result_has_a_page_with_its_held_out_windows_and_its_own_residua
     assert float(row["target_com_x_m_sigma"]) == result["sigma"]["target"]["com_m"][0]
     held = text[text.index("<h2>Held-out windows") : text.index("<h2>Residuals")]
     for name, channel in result["holdout"]["channels"].items():
-        assert f"<td>{name}</td><td>{channel['unit']}</td><td>{channel['rms']:.3g}</td>" in held
+        number = f'<td class="number">{channel["rms"]:.3g}</td>'
+        assert f"<td>{name}</td><td>{channel['unit']}</td>{number}" in held
     rows = rows_of(out, "residuals")
     name = "torque.joint2 [N m]"
     torque = [float(row[name]) / float(row[f"{name} sigma"]) for row in rows]
