@@ -10,6 +10,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.estimators.polynomial import NodeFit, lower_fit, node_fit
 from fsw.estimators.sensor_noise import LAGS, gapped_products, mean_products
@@ -97,10 +98,15 @@ class Instants:
             products = mean_products(left) if (steps == 1).all() else gapped_products(left, place)
         return np.nan_to_num(products, nan=0.0, posinf=0.0, neginf=0.0)
 
-    def _fit(self, degree: int) -> NodeFit:
-        if degree == self.degree:
-            return node_fit(self.offsets_ns, self.half_s, degree, self.nodes)
-        return lower_fit(self.offsets_ns, self.half_s, degree, self.nodes, self.degree)
+    def _fit(self, degree: int, keep: NDArray[np.bool_] | None = None) -> NodeFit:
+        """Return the fit of all instants, or of those to keep as if there were no others."""
+        offsets_ns, high = self.offsets_ns, self.degree
+        if keep is not None:
+            offsets_ns = np.frombuffer(offsets_ns, np.int64)[keep].tobytes()
+            high = high if keep.sum() > high + 1 else degree
+        if degree == high:
+            return node_fit(offsets_ns, self.half_s, degree, self.nodes)
+        return lower_fit(offsets_ns, self.half_s, degree, self.nodes, high)
 
     def _robust(
         self,
@@ -116,11 +122,7 @@ class Instants:
         if not keep.all() and keep.sum() < max(min_fill * len(keep), least):
             return NO_FIT
         for _ in range(MAX_PASSES):
-            if keep.all():
-                fit = self._fit(degree)
-            else:
-                offsets_ns = np.frombuffer(self.offsets_ns, np.int64)[keep].tobytes()
-                fit = node_fit(offsets_ns, self.half_s, degree, self.nodes)
+            fit = self._fit(degree, None if keep.all() else keep)
             coefficients = fit.coefficients(values[keep])
             good = _inliers(fit.residuals(values[keep], coefficients), sigma)
             if good.all():
