@@ -6,6 +6,7 @@ import os
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -34,9 +35,16 @@ class TiedPopen(subprocess.Popen):
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Tie every process a test starts to this one, and a worker of xdist to its controller."""
+    """Tie every process a test starts to this one, and a worker of xdist to its controller.
+
+    One simulation of a truth serves all tests of this run (`hil/world/simulation.py`).
+    """
     if hasattr(config, "workerinput"):
         end_with(os.getppid())
+    elif "HIL_TRUTH_CACHE" not in os.environ:
+        folder = TemporaryDirectory(prefix="truth-")
+        config.add_cleanup(folder.cleanup)
+        os.environ["HIL_TRUTH_CACHE"] = folder.name
     subprocess.Popen = TiedPopen
 
 

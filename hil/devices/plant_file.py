@@ -12,9 +12,9 @@ from pydantic import TypeAdapter
 from hil.devices.plant import Plant
 from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
-from hil.world.environment.wrench import simulate_in
 from hil.world.robot import Body, Robot, SloshMass
 from hil.world.sensors import STRICT, SensorConfig
+from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 from hil.world.stand import Stand
 from hil.world.thrusters import ThrusterSystem

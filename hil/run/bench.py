@@ -36,11 +36,11 @@ from hil.run.flight import (
     write_yaml,
 )
 from hil.run.progress import Meter
-from hil.world.environment.wrench import simulate_in
 from hil.world.history import TruthHistory
 from hil.world.robot import Robot, body_of
 from hil.world.scenario import Prior, Scenario, ScenarioError, draw_prior
 from hil.world.sensors import SensorConfig
+from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 
 T0_NS = 10_000_000_000  # virtual time of power-on

@@ -25,10 +25,10 @@ from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import normalised_error_squared
 from hil.run.bench import prepare, run_virtual
-from hil.world.environment.wrench import simulate_in
 from hil.world.history import TruthState
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario, load
+from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 
 NOISE_STREAM = 211

@@ -20,9 +20,9 @@ from hil.evidence.methods.exact import base_velocity, true_robot
 from hil.evidence.methods.sensed import ChannelNoise, condition, declared, draws, sensed, with_noise
 from hil.evidence.paper.cases import scenario_of
 from hil.evidence.paper.motion import JointCurve, fit_curve
-from hil.world.environment.wrench import simulate_in
 from hil.world.history import TruthHistory, TruthState
 from hil.world.inertia import FloatArray
+from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 
 STEP_S = 0.01  # of the truth's integration

@@ -11,7 +11,6 @@ import mujoco
 import numba
 import numpy as np
 
-from hil.world.contact import Contact, Fixture
 from hil.world.environment import density
 from hil.world.environment.config import (
     AtmosphereSection,
@@ -33,53 +32,10 @@ from hil.world.environment.plates import (
     uniform_size_m,
 )
 from hil.world.environment.sun_moon import epoch_tt, is_lit, sun_m
-from hil.world.history import TruthHistory
 from hil.world.robot import Robot
-from hil.world.spline import JointSpline
-from hil.world.stand import Stand
-from hil.world.truth import STILL, simulate
 
 GRID_S = 5.0  # of what changes along the orbit: 0.3 deg in LEO
 MARGIN_S = 60.0  # tabulated beyond the asked interval
-
-
-def simulate_in(
-    section: EnvironmentSection | None,
-    robot: Robot,
-    spline: JointSpline,
-    start_s: float,
-    end_s: float,
-    dt_s: float = 0.004,
-    stand: Stand | None = None,
-    w_NB_B_rad_s: tuple[float, float, float] = STILL,
-    contact: Contact | None = None,
-) -> TruthHistory:
-    """Return the truth of a motion in an environment, on a stand, or with a contact."""
-    if section is None:
-        return simulate(
-            robot,
-            spline,
-            start_s,
-            end_s,
-            dt_s,
-            wrench=None if contact is None else Fixture(contact),
-            stand=stand,
-            w_NB_B_rad_s=w_NB_B_rad_s,
-        )
-    if contact is not None:
-        raise ValueError("contact: not beside an environment")
-    around = Environment(section, robot, start_s, end_s)
-    return simulate(
-        robot,
-        spline,
-        start_s,
-        end_s,
-        dt_s,
-        wrench=around,
-        field=around.field,
-        q_NB_xyzw=section.attitude_xyzw,
-        w_NB_B_rad_s=w_NB_B_rad_s,
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

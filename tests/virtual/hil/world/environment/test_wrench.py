@@ -13,10 +13,11 @@ import pytest
 from hil.devices.plant import Plant
 from hil.run.flight import flight_document
 from hil.world.environment.config import EnvironmentSection
-from hil.world.environment.wrench import Environment, simulate_in
+from hil.world.environment.wrench import Environment
 from hil.world.history import TruthHistory
 from hil.world.scenario import ScenarioError, load
 from hil.world.sensors import rotation_of, specific_force
+from hil.world.simulation import simulate_in
 from tests.support.plant_cases import sensor_config
 from tests.support.truth_cases import stand_in
 
