@@ -33,7 +33,7 @@ def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> i
         sys.stderr.write(f"hil: {error}\n")
         return failed_exit
     except KeyboardInterrupt:
-        sys.stderr.write("hil: interrupted; a command that resumes goes on with the same --out\n")
+        sys.stderr.write("hil: interrupted; a command that resumes continues with the same --out\n")
         return INTERRUPTED_EXIT
 
 

@@ -6,7 +6,7 @@ import argparse
 
 
 def count(text: str) -> int:
-    """Return a count; argparse names the option of one that is none."""
+    """Return a count; argparse names the option of an invalid one."""
     number = int(text) if text.isdecimal() else 0
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 1")

@@ -44,7 +44,7 @@ class Mistake:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What the residuals say of a configuration: squared, over the declared noise."""
+    """Residuals of a configuration: squared, over the declared noise."""
 
     before: float
     after: float
@@ -99,7 +99,7 @@ def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:
 
 
 def usual_mistakes(config: Config, problem: Problem) -> list[Mistake]:
-    """Return the mistakes that can be told apart by blocks."""
+    """Return the mistakes that blocks can show."""
     of_imu = _imu_mistakes(config) if config.imu.present else []
     return [*_joint_mistakes(config, problem), *of_imu]
 

@@ -28,7 +28,7 @@ Progress = Callable[[float, str], bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What a batch result was made of."""
+    """Configuration and blocks of a batch result."""
 
     replayed: ReplayResult
     blocks: Sequence[Block]  # every window of the recording that is plausible

@@ -1,4 +1,4 @@
-"""What a replay found: plain values for scripts, a short table for people."""
+"""Result of a replay: plain values for scripts, a short table for people."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from fsw.config.base import Duration, NonNegative, Positive, Rate, Section
 
 
 class RecorderConfig(Section):
-    """Where recordings go; null directory: none."""
+    """Directory of the recordings; null: nothing is recorded."""
 
     directory: Path | None = None
     compression: Literal["zstd", "lz4", "none"] = "zstd"

@@ -26,7 +26,7 @@ STATE_FOLDERS = (
 
 
 class UdpConfig(Section):
-    """Where telemetry is pushed, one packet per datagram."""
+    """Address that telemetry is pushed to, one packet per datagram."""
 
     host: str = "127.0.0.1"
     port: int = Field(ge=1, le=65535)
@@ -44,7 +44,7 @@ class TelemetryConfig(Section):
     """Telemetry and telecommands; without this section there is neither."""
 
     host: str = "127.0.0.1"
-    port: int = Field(default=10025, ge=0, le=65535)  # 0: any free one, told in the status file
+    port: int = Field(default=10025, ge=0, le=65535)  # 0: any free one, reported in the status file
     look_port: int | None = Field(default=None, ge=0, le=65535)  # telemetry, and no telecommands
     idle_timeout_s: Positive = Field(default=60.0, ge=1.0, le=86400.0)  # of one that reads nothing
     max_clients: int = Field(default=4, ge=1, le=16)

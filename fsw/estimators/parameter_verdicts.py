@@ -1,4 +1,4 @@
-"""Who knows each published parameter of a body: the data, the prior alone, or nobody.
+"""States whether data, the prior alone or nothing determines each published parameter.
 
 A light payload's mass and centre of mass are of use though its inertia is not. So every parameter
 has a word of its own, beside the verdict on the estimate as a whole.

@@ -44,7 +44,7 @@ def _node_bases(count: int, degree: int) -> FloatArray:
 class NodeFit:
     """Least-squares polynomial in one window, ready to be evaluated at the window's nodes.
 
-    What depends on the instants alone is computed once, and serves every channel sampled at them.
+    Values that depend on the instants alone are computed once for every channel sampled at them.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ def whole_estimate(
 ) -> BodyEstimate:
     """Return mass, centre of mass and central inertia of the whole, in B, at joint positions q.
 
-    What a de-orbit burn needs. What is uncertain of the known bodies is in its sigma.
+    A de-orbit burn needs them. Their sigma holds the uncertainty of the known bodies.
     """
     C = problem.model.composite(q_rad)
     pi = C @ problem.pi(x)

@@ -68,7 +68,7 @@ class ChannelNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shapes:
-    """What noise of unit variance does in a window of some samples; T correlation times.
+    """Effect of noise of unit variance in a window, for T correlation times.
 
     Attributes
     ----------
@@ -314,8 +314,8 @@ class SensorNoise:
         """Return what the found noise adds to the declared covariance at the nodes (2 m, 2 m).
 
         Noise smaller than declared keeps the declared size: a sensor at rest may show less of it.
-        What the model leaves out is in the samples too and is not counted twice: the larger of what
-        is found and what is declared of it holds.
+        Torque that the model leaves out is in the samples too and is not counted twice: of what is
+        found and what is declared of it, the larger counts.
         """
         if found is None:
             return np.zeros_like(self._counted[j])

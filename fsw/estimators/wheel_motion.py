@@ -3,7 +3,7 @@
 A wheel may report less often than once a window, so no polynomial is fitted: the torque on the
 rotor is taken as a random walk of known density, and momentum and torque at the nodes are estimated
 from the samples of this window and the newest before it (a Gaussian process; the optimal smoother
-of that walk). What is not known between slow samples, and behind the last one, is in the
+of that walk). The uncertainty between slow samples, and behind the last one, is in the
 covariance. Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2
 and 5.4.2 (residuals of what is left out).
 """

@@ -24,7 +24,7 @@ Progress = Callable[[int, float, str, float], None]  # iteration, value, worst l
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionSolution:
-    """Where the solver ended; whether it is feasible is for the dense check to say."""
+    """Motion at which the solver ended; the dense check decides whether it is feasible."""
 
     z: FloatArray
     status: str

@@ -1,7 +1,7 @@
 """The daemon's health: findings in, marks on windows and events out.
 
-What changes an estimate depends on stamped samples and windows alone, so a replay isolates the same
-samples. Silence and overruns, which only a clock shows, change nothing but events.
+Whatever changes an estimate depends on stamped samples and windows alone, so a replay isolates the
+same samples. Silence and overruns, which only a clock shows, change nothing but events.
 """
 
 from __future__ import annotations

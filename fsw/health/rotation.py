@@ -21,7 +21,7 @@ SPIKE_SIGMAS = 8.0  # a single reading this far from its neighbours' median is n
 MEDIAN_OF = 5
 TIMING_S = 0.005  # how far the two sensors' times may be apart
 FLIP_RAD = 2.0  # no jump of a star field but half a turn is larger
-GYRO_PAIRS = 2  # pairs off in a row that tell the gyro's fault, and good ones that end it
+GYRO_PAIRS = 2  # pairs off in a row that show the gyro's fault, and good ones that end it
 RETRUST = 50  # solutions in a row that agree with one another and not with what was trusted
 RETRUST_NEAR = 5  # likewise where they are so near that a short fault of the gyro explains it
 TURN_LIMIT_RAD = 0.2  # a step between two solutions that a gyro may have got wrong
@@ -127,7 +127,7 @@ class RotationMonitor:
         if not steady and pair < TURN_LIMIT_RAD:
             return Finding(
                 t_ns, Fault.TRACKER_JUMP, "star_tracker"
-            )  # not told: whose, is not known
+            )  # not reported: the faulty sensor is not known
         fault = Fault.TRACKER_FLIP if off > FLIP_RAD else Fault.TRACKER_JUMP
         text = f"{np.degrees(off):.3g} deg from what the gyro says"
         return Finding(t_ns, fault, TRACKER, text)

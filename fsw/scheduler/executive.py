@@ -34,7 +34,7 @@ class Executive:
     tasks : table; every row whose rate group is due runs, in table order
     wake_fds : descriptors that may end the wait early
     drain : run after an early wake, nothing else; then the wait continues
-    cpu_time_ns : processor time of this thread [ns]; tells the loop's own work from a stall
+    cpu_time_ns : processor time of this thread [ns]; separates the loop's own work from a stall
     stall_ns : a wake so late without work of the loop's own is a stall
     budget_ns : processor time that the work of a tick may take
     """

@@ -59,7 +59,7 @@ class RecorderSwitch:
         )
 
     def close(self, dropped: int) -> None:
-        """Write index and footer; `dropped`: messages the ring lost on the way here."""
+        """Write index and footer; `dropped`: messages that the ring has lost."""
         if self.sink is not None:
             self.sink.dropped = dropped
             self.sink.close()
@@ -94,7 +94,7 @@ class RecorderSwitch:
 
         Raises
         ------
-        CommandError NOT_STAGED when there is none.
+        CommandError NOT_STAGED without one.
         """
         if self.sink is None:
             raise CommandError("NOT_STAGED", "nothing is being recorded")

@@ -27,7 +27,7 @@ class Imu:
     """Samples on its own clock; the first byte leaves `latency` after the sample instant.
 
     The rate in datagram n is the one at its sample instant less the gyro's group delay, the
-    specific force that at the instant less the accelerometer's: `truth_ns` tells both exactly.
+    specific force that at the instant less the accelerometer's: `truth_ns` gives both exactly.
     """
 
     def __init__(

@@ -107,7 +107,7 @@ class VirtualCan:
         return CanFrame(now_ns, can_id, data)
 
     def command(self, t_ns: int, can_id: int, data: bytes) -> None:
-        """Let the nodes receive a frame, whoever sent it."""
+        """Let the nodes receive a frame of any sender."""
         if not self._is_cut():
             self._deliver(self._plant.on_frame(t_ns, can_id, data, self.bus, self.line))
 

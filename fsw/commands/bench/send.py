@@ -1,4 +1,4 @@
-"""What the bench's ports read, sent by a process of its own: `python -m fsw.commands.bench.send`.
+"""Sends what the bench reads, in a process of its own: `python -m fsw.commands.bench.send`.
 
 Frames of seven nodes carry their number; a sender's last line says how many it has sent.
 """

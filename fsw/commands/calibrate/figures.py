@@ -179,7 +179,7 @@ def _star_tracker(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
 
 
 def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:
-    """Return the change (3,) along the measured axes; None where there is none."""
+    """Return the change (3,) along the measured axes; None without one."""
     own = [used.get(f"{kind}.{axis}") for axis in AXES]
     return np.array([f.value if f else 0.0 for f in own]) if any(own) else None
 

@@ -127,7 +127,7 @@ def _not_turning(reading: FloatArray, expected: _Expected, limits: FloatArray) -
         raise EstimatorError(
             f"the robot moves: the gyro reads {off[axis]:.2g} rad/s about {AXES[axis]} of B, "
             f"noise and bias are {limits[axis]:.2g} at most; without a star tracker a base that "
-            "turns cannot be told from a bias"
+            "turns cannot be distinguished from a bias"
         )
 
 

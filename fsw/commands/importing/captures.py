@@ -30,7 +30,7 @@ _Row = tuple[int, Any, Any]  # line, stamp, bytes
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channel:
-    """What becomes one channel of a recording."""
+    """Data of one channel of a recording."""
 
     topic: str
     source: Path

@@ -40,7 +40,7 @@ class TimeColumn(Section):
 class Quantity(Section):
     """Columns of one quantity; in a single name `{}` stands for the joint or the axis.
 
-    What is no list counts for all columns.
+    A value that is not a list counts for all columns.
     """
 
     columns: tuple[str, ...]
@@ -86,7 +86,7 @@ class Attitude(Quantity):
 
 
 class Source(Section):
-    """Where a sensor's columns are; None: the file of the command line, the time of all."""
+    """Names the columns of a sensor; None: the file of the command line, the time of all."""
 
     file: Path | None = None
     time: TimeColumn | None = None
@@ -123,7 +123,7 @@ class Mapping(Section):
 
     @property
     def sections(self) -> dict[str, Joints | Imu | StarTracker]:
-        """What is mapped, by source."""
+        """Mapped columns, by source."""
         every = {"joints": self.joints, "imu": self.imu, "star_tracker": self.star_tracker}
         return {name: section for name, section in every.items() if section is not None}
 

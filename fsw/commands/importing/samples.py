@@ -1,6 +1,6 @@
 """Sampled data: mapped columns to decoded samples.
 
-What goes into the recording is the sensors' own values in SI units. Calibration and delays of the
+The recording holds the sensors' own values in SI units. Calibration and delays of the
 configuration are applied when it is replayed, as to values from the wire.
 """
 

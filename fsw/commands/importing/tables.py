@@ -52,7 +52,7 @@ class Table:
 
         Raises
         ------
-        ConfigError when there is none of this name, or it holds no numbers.
+        ConfigError when no column has this name, or it holds no numbers.
         """
         if name not in self._columns:
             close = get_close_matches(name, self._columns, n=1)

@@ -1,4 +1,4 @@
-"""What the sensors gave: residuals, health, timing; and the configuration it was read with."""
+"""Sections of the sensors: residuals, health, timing; and the configuration of the reading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was identified, how it came about, and what limits it."""
+"""Sections of a report: the identified bodies, their history, and what limits them."""
 
 from __future__ import annotations
 

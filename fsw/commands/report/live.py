@@ -1,4 +1,4 @@
-"""What a running daemon knows until now: its status, and its recording so far."""
+"""Report of a running daemon: its status, and its recording so far."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ LEAST_SEEN = 0.02  # longest semi-axis over the robot's reach; a smaller ellipso
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Guess:
-    """What was known of a body's mass and centre of mass from a time on; in the body's frame."""
+    """Estimate of a body's mass and centre of mass, valid from a time on; in the body's frame."""
 
     t_s: float
     body: BodyEstimate

@@ -1,4 +1,4 @@
-"""What a scene draws: triangles of links, boxes of bodies, balls."""
+"""Shapes of a scene: triangles of links, boxes of bodies, balls."""
 
 from __future__ import annotations
 

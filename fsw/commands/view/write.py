@@ -153,8 +153,8 @@ def _box(
         body = known[name][-1].body
         corners = box_of(body.mass_kg, body.com_m, body.inertia_kg_m2)
     elif name in config.bodies:
-        told = config.bodies[name]
-        corners = box_of(told.mass_kg, np.array(told.com_m), np.array(told.inertia_kg_m2))
+        body = config.bodies[name]
+        corners = box_of(body.mass_kg, np.array(body.com_m), np.array(body.inertia_kg_m2))
     else:
         corners = box_of(*from_parameters(problem.model.pi_links[:PARAMETERS]))
     (frame, place), (vertices, faces) = where, hull(corners)

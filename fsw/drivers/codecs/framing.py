@@ -56,7 +56,7 @@ class Framer:
         self._chunks = 0
         self._expected = -1  # where the next frame should begin, -1 before the first
         self._last_length = 1
-        self._told_skipped = 0
+        self._reported_skipped = 0
         self.received_bytes = 0
         self.skipped_bytes = 0
         self.rejects: dict[Reject, int] = {Reject.SYNC: 0, Reject.CRC: 0}
@@ -93,10 +93,10 @@ class Framer:
                 Frame(
                     bytes(buffer[position:end]),
                     self._pieces(self._base + position, length),
-                    self.skipped_bytes - self._told_skipped,
+                    self.skipped_bytes - self._reported_skipped,
                 )
             )
-            self._told_skipped = self.skipped_bytes
+            self._reported_skipped = self.skipped_bytes
             self._expected, self._last_length = self._base + end, length
             position = end
         del buffer[:position]

@@ -47,7 +47,7 @@ _SETS = ("g", "ga", "gi", "gai")  # gyro, accelerometer, inclinometer
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the fields of one kind of datagram stand, as byte offsets; 0: absent."""
+    """Byte offsets of the fields of one kind of datagram; 0: absent."""
 
     length: int  # without CR LF
     acc: int

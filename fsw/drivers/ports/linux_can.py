@@ -163,7 +163,7 @@ class Receiver:
         behind = (used >= _DROPS_END) & (control[:, 5] == _DROPS_KIND)
         alone = (used < _STAMP_END) & (used > 0) & (control[:, 1] == _DROPS_KIND)
         if behind.any() or alone.any():
-            told = np.where(behind, control[:, 6], control[:, 2])[behind | alone] & _U32
-            self.dropped += (int(told[-1]) - self._drops) & _U32
-            self._drops = int(told[-1])
+            counted = np.where(behind, control[:, 6], control[:, 2])[behind | alone] & _U32
+            self.dropped += (int(counted[-1]) - self._drops) & _U32
+            self._drops = int(counted[-1])
         return stamps_ns

@@ -46,7 +46,7 @@ def packed(can_id: int, data: bytes) -> bytes:
 
 
 class _Layout(NamedTuple):
-    """Where the values of base-format data frames of one size stand."""
+    """Byte offsets of the values of base-format data frames of one size."""
 
     first: NDArray[np.uint8]  # (size,) the datagram that it was found in
     fixed: NDArray[np.uint8]  # (size,) 255 where the bytes do not change, else 0

@@ -32,11 +32,11 @@ def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
     with contextlib.suppress(OSError, serial.SerialException):
         line.reset_input_buffer()
     os.set_blocking(line.fileno(), False)
-    _tell_idle_from_hang_up(line.fileno())
+    _separate_idle_from_hang_up(line.fileno())
     return SerialPort(line, clock, path)
 
 
-def _tell_idle_from_hang_up(fd: int) -> None:
+def _separate_idle_from_hang_up(fd: int) -> None:
     """Make an idle line raise EAGAIN, so that an empty read means that it is gone."""
     attributes = termios.tcgetattr(fd)
     attributes[6][termios.VMIN] = 1

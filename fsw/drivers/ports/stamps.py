@@ -17,7 +17,7 @@ class KernelStamps:
     """Takes stamps (CLOCK_REALTIME) to CLOCK_MONOTONIC, never later than now.
 
     A frame can be stamped, then wait in the kernel's own queues while a read finds nothing: what a
-    read left empty tells no frame's time. It bounds the stamps only of a clock that was set less
+    read left empty gives no frame's time. It bounds the stamps only of a clock that was set less
     than `DOUBT_NS` before, and those more than `KERNEL_WAIT_NS` further back.
 
     Parameters

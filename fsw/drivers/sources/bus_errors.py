@@ -26,7 +26,7 @@ class BusErrors:
         self.frames = 0
         self.counts = dict.fromkeys(BusCondition, 0)
         self._state: BusCondition | None = None
-        self._told_ns: dict[BusCondition, int] = {}
+        self._reported_ns: dict[BusCondition, int] = {}
 
     def feed(self, frame: CanFrame) -> list[tuple[str, str, str]]:
         """Accept an error frame; return severity, code and text of its event, or None."""
@@ -52,8 +52,8 @@ class BusErrors:
                 return None
             self._state = condition
             return STATES[condition]
-        told_ns = self._told_ns.get(condition)
-        if told_ns is not None and t_ns - told_ns < QUIET_NS:
+        reported_ns = self._reported_ns.get(condition)
+        if reported_ns is not None and t_ns - reported_ns < QUIET_NS:
             return None
-        self._told_ns[condition] = t_ns
+        self._reported_ns[condition] = t_ns
         return "low", f"{condition.replace('_', ' ')}, {self.counts[condition]} in all"

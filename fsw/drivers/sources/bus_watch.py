@@ -1,4 +1,4 @@
-"""Who answered which SYNC: lost, doubled, late and overtaken frames, silent and restarted nodes.
+"""Compares answers with SYNCs: lost, doubled, late, overtaken frames; silent, restarted nodes.
 
 A SYNC is settled three SYNCs later: until then a frame may be late and no cause is known. If every
 node misses it, it is the SYNC that was lost, not the answers; if most answer twice, it was doubled.
@@ -111,7 +111,7 @@ class BusWatch:
         self._found.append(Finding(t_ns, fault, subject, text))
 
     def feed(self, answers: Answers, syncs: Sequence[Mark], others: Sequence[Mark]) -> None:
-        """Accept a batch: the answers, the SYNCs, and what else tells about nodes."""
+        """Accept a batch: the answers, the SYNCs, and other frames about nodes."""
         if not others and self._is_regular(answers, syncs):
             return
         events: list[tuple[int, int, Mark | tuple[int, int]]]
@@ -236,7 +236,7 @@ class BusWatch:
             state.excused = FOREVER
 
     def without_port(self) -> None:
-        """Note that there is no port; what misses until the next answer is explained."""
+        """Note that there is no port; answers missing until the next one are explained."""
         for state in self._nodes.values():
             if state.newest >= 0:
                 state.excused = FOREVER

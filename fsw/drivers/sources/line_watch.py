@@ -57,7 +57,7 @@ class LineWatch:
         self._silent_periods = silent_periods
         self._silent_ns = round(silent_periods * period_ns)
         self._last_ns: int | None = None
-        self._told_ns = 0
+        self._reported_ns = 0
         self._skipped = 0
         self._refused = 0
         self._excused = False  # what misses is explained: there was no port
@@ -74,8 +74,8 @@ class LineWatch:
         self._found.append(Finding(t_ns, fault, self._subject, text))
 
     def refused(self, t_ns: int, skipped: int) -> None:
-        """Accept a frame that was intact and not used, and the bytes skipped before it."""
-        if self._last_ns is not None:  # whoever sends it is not silent
+        """Count an intact frame that was not used, and the bytes skipped before it."""
+        if self._last_ns is not None:  # a line that sends it is not silent
             self._last_ns = t_ns
         self._refused += 1
         self._skipped += skipped
@@ -124,7 +124,7 @@ class LineWatch:
             self._last_ns, self._excused = None, True
         if self._last_ns is None or now_ns - self._last_ns < self._silent_ns:
             return
-        if now_ns - self._told_ns >= REPEAT_NS:
-            self._told_ns = now_ns
+        if now_ns - self._reported_ns >= REPEAT_NS:
+            self._reported_ns = now_ns
             text = f"nothing usable for {(now_ns - self._last_ns) * 1e-9:.3f} s"
             self.find(now_ns, self._faults.silent, text)

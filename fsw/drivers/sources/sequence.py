@@ -1,11 +1,11 @@
 """Unwrap a device counter with the help of host time, and refuse what cannot be.
 
 A datagram cannot come before it was measured: a counter that runs ahead of host time is wrong, and
-so is one seen twice. Host time also tells how often the counter wrapped in a silence. A unit that
+so is one seen twice. Host time also shows how often the counter wrapped in a silence. A unit that
 restarted looks like a row of wrong counters; after 0.1 s of them in unbroken order they are
 believed.
 
-The unit tells how long a datagram waited before it was sent. A wait that grew must have made the
+The unit reports how long a datagram waited before it was sent. A wait that grew must have made the
 datagram later by as much: one that instead puts the sample ahead of the clock is untrue.
 """
 
@@ -44,7 +44,7 @@ class Counted:
     t_ns: int  # stamp of the chunk with the datagram's last byte
     sent_ns: float  # t_ns less latency and serialisation time
     queued: int  # datagrams of the same chunk from this one on
-    latency_ns: float = 0.0  # as the unit tells it
+    latency_ns: float = 0.0  # as the unit reports it
 
 
 class CounterTrack:

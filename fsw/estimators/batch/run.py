@@ -1,6 +1,6 @@
 """One batch identification of recorded blocks, from configuration to plain values.
 
-What is no motion of an arm, or stands there twice, is left out first; then blocks whose residuals
+Invalid and repeated blocks are left out first; then blocks whose residuals
 noise does not explain, and the rest is solved again, the sigmas following the residuals where these
 are clearly above the declared noise. A prior that the data contradict is widened in its own group.
 Where that is a sensor, a known body or a mounting, where the residuals are larger still, or where

@@ -53,7 +53,7 @@ class BatchSolution:
 
 
 class Target:
-    """What a batch minimises: whitened rows of some blocks at a state, scaled to a noise level.
+    """Cost of a batch: whitened rows of some blocks at a state, scaled to a noise level.
 
     Parameters
     ----------

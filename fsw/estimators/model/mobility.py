@@ -129,7 +129,7 @@ def _bodies(mobility: FloatArray) -> NDArray[np.bool_]:
     """Return which mobilities (10, k) are those of a body.
 
     Mass positive, and the second moments of mass about its centre, tr(I) / 2 - I, positive
-    definite (Wensing et al., RA-L 2018, sec. III), told by their leading minors.
+    definite (Wensing et al., RA-L 2018, sec. III), decided by their leading minors.
     """
     xx, xy, xz, yy, yz, zz = _inverse(mobility[4:])
     a, d, f = 0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz)

@@ -108,7 +108,7 @@ _SERVICES = (
         Field(
             name="telecommand",
             type=Type.BYTES,
-            doc="a whole packet with its CRC; its header tells its length",
+            doc="a whole packet with its CRC; its header states its length",
         ),
     ),
     _each(

@@ -68,7 +68,7 @@ class Significance(StrEnum):
 class Limits:
     """Bounds of a telemetered number on the ground; a bound itself is still good, None: no bound.
 
-    These are for displays. What the daemon does by itself is a monitor of service 12.
+    These are for displays. The daemon itself acts on the monitors of service 12.
     """
 
     red_low: float | None = None
@@ -134,9 +134,9 @@ class Field:
 class Packet:
     """One telemetry packet: fields in order after the headers, before the CRC.
 
-    `match` holds the fields whose value, besides APID, service and subtype, tells this packet from
-    others (the housekeeping set, the parameter). A packet with `secondary_header` False (the time
-    packet, ECSS-E-ST-70-41C 7.4.2.1) has neither service nor subtype on the wire.
+    `match` holds the fields whose value, besides APID, service and subtype, separates this packet
+    from others (the housekeeping set, the parameter). A packet with `secondary_header` False (the
+    time packet, ECSS-E-ST-70-41C 7.4.2.1) has neither service nor subtype on the wire.
     """
 
     name: str

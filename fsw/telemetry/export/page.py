@@ -103,10 +103,10 @@ def _labels(enumeration: Enumeration) -> str:
 
 
 def _packet(packet: Packet) -> Iterator[str]:
-    told = "".join(f", {name} {value}" for name, value in packet.match)
+    marks = "".join(f", {name} {value}" for name, value in packet.match)
     yield from ("", f"### {packet.name}", "")
     kind = f"service {packet.service},{packet.subtype}" if packet.secondary_header else "no service"
-    yield f"APID {packet.apid}, {kind}{told}. {packet.doc}."
+    yield f"APID {packet.apid}, {kind}{marks}. {packet.doc}."
     if not packet.fields:
         return
     yield from ("", "| byte | field | type | unit | | attention |", "|---|---|---|---|---|---|")

@@ -85,8 +85,8 @@ def system(dictionary: Dictionary) -> System:
             kind = (packet.service, packet.subtype, key)
             if kind not in parents:
                 parents[kind] = _parent(root, packet, pus, secondary)
-            parent, told_by = parents[kind]
-            condition = _all({key: told_by}, {key: value, "apid": packet.apid}, primary)
+            parent, selector = parents[kind]
+            condition = _all({key: selector}, {key: value, "apid": packet.apid}, primary)
             shared = 1 + [item.name for item in packet.fields].index(key)
             _container(root, packet, packet.fields[shared:], parent, condition, crc)
         else:
@@ -106,7 +106,7 @@ def _header(root: System, layout: tuple[tuple[str, int], ...]) -> dict[str, Para
 def _parent(
     root: System, packet: Packet, pus: Container, secondary: dict[str, ParameterEntry]
 ) -> tuple[Container, ParameterEntry]:
-    """Return the container of one service and subtype, and what tells its packets apart.
+    """Return the container of one service and subtype, and the values that separate its packets.
 
     That is a plain number: readers do not agree on comparisons with enumerated values.
     """

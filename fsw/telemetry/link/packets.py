@@ -180,7 +180,7 @@ class Packetizer:
         return bytes(tm.pack())
 
     def file_packet(self, pdu: bytes) -> bytes:
-        """Return a file-delivery unit in a space packet: no secondary header, no CRC of ours."""
+        """Return a file-delivery unit in a space packet without secondary header or packet CRC."""
         return _plain(APID_FILES, self._next(APID_FILES), pdu, PacketType.TM, crc=False)
 
     def _next(self, apid: int) -> int:
@@ -268,7 +268,7 @@ def telecommand_packet(
 ) -> bytes:
     """Return a telecommand as the ground sends it; a BYTES argument is given as bytes.
 
-    Of a repeated group one element is given.
+    `values` holds one element of a repeated group.
     """
     fixed = dict(telecommand.match)
     if telecommand.repeats and telecommand.arguments[0].name not in values:

@@ -1,4 +1,4 @@
-"""Who has a place on the link: so many clients, one more who commands, and newcomers on trial.
+"""Admits clients to the link: a limited number, one more that commands, newcomers on trial.
 
 Nobody can be asked who they are before they send something. So a newcomer who finds every place
 taken may stay for a while: with an accepted telecommand it takes the place kept for those who
@@ -37,7 +37,7 @@ class LinkClient:
     inbox: deque[Uplinked] = field(default_factory=deque)
     ended: str = ""  # why nothing more comes from it
     dropped: int = 0
-    told_drops: int = 0
+    reported_drops: int = 0
     is_slow: bool = False  # packets are being dropped
     skipped: int = 0
     resyncs: int = 0
@@ -45,7 +45,7 @@ class LinkClient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """A client that has to go, and why."""
+    """A client to disconnect, and the reason that it is sent."""
 
     client: LinkClient
     reason: str

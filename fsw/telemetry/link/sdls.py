@@ -93,7 +93,7 @@ class Rejected:
 
 
 class FrameNumbers(Protocol):
-    """Where the lowest acceptable IV of each key is kept, as a number of 96 bits."""
+    """Stores the lowest acceptable IV of each key, a number of 96 bits."""
 
     def floor(self, fingerprint: str) -> int:
         """Return the lowest IV never used."""
@@ -236,7 +236,7 @@ class FrameSplitter:
         return self._cut()
 
     def expire(self, now_ns: int) -> list[Accepted | Rejected]:
-        """Give up what has waited too long for its rest; return what was behind it."""
+        """Discard an item whose rest did not come in time; return what followed it."""
         if not self._buffer or now_ns - self._last_ns < PATIENCE_NS:
             return []
         self._skip()

@@ -43,7 +43,7 @@ class FrameSender:
 
     Parameters
     ----------
-    numbers : persisted IVs; when they cannot be kept, telemetry goes on and an event reports it
+    numbers : persisted IVs; when they cannot be kept, telemetry continues and an event reports it
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """The link to the ground: a duplex TCP port, one to look only, and an optional UDP push.
 
-Nothing here waits. What a slow client does not read stays in a bounded outbox; what does not fit
-there is dropped, whole packets only, and counted. What a client sends stays in its inbox until
+Nothing here waits. Packets that a slow client does not read stay in a bounded outbox; those that do
+not fit are dropped whole, and counted. Packets from a client stay in its inbox until
 `next_item` is called; while that is full, its bytes stay in the system's buffers.
 """
 
@@ -273,12 +273,12 @@ class LinkServer:
 
     def _watch_queue(self, client: LinkClient) -> None:
         """Report new drops, and report their end once the client's queue is empty."""
-        if client.dropped > client.told_drops and not client.is_slow:
+        if client.dropped > client.reported_drops and not client.is_slow:
             client.is_slow = True
             self._report("LINK_DROPS", f"{client.name} is slow: packets are dropped")
         if client.is_slow and not client.outbox:
-            count = client.dropped - client.told_drops
-            client.is_slow, client.told_drops = False, client.dropped
+            count = client.dropped - client.reported_drops
+            client.is_slow, client.reported_drops = False, client.dropped
             self._report("LINK_CAUGHT_UP", f"{client.name}: {count} packets were dropped")
 
     def _end(self, client: LinkClient, why: str) -> None:

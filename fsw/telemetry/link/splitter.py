@@ -23,12 +23,12 @@ CARRIERS = frozenset(  # service and subtype of telecommands with telecommands i
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uplinked:
-    """One packet from the ground, or what is known of a refused one; file packets have no CRC."""
+    """One packet from the ground, accepted or refused; file packets have no CRC."""
 
     packet: bytes
     error: Error | None = None
     text: str = ""
-    value: float = 0.0  # told with the error
+    value: float = 0.0  # reported with the error
     source: str = ""  # who sent it
 
     @property
@@ -42,7 +42,7 @@ class PacketSplitter:
 
     Parameters
     ----------
-    known_id : packet id whose packets are told even when their CRC is wrong
+    known_id : packet id whose packets are reported even when their CRC is wrong
     """
 
     def __init__(self, known_id: int) -> None:

@@ -1,4 +1,4 @@
-"""From the bytes of one telecommand to a checked request, or the reason against it."""
+"""Checks the bytes of one telecommand: a request, or the error that rejects it."""
 
 from __future__ import annotations
 

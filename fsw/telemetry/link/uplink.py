@@ -18,7 +18,7 @@ class Uplink(Protocol):
 
     @property
     def skipped_bytes(self) -> int:
-        """Bytes that were no telecommand."""
+        """Bytes that belong to no telecommand."""
         ...
 
     @property
@@ -31,7 +31,7 @@ class Uplink(Protocol):
         ...
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Return what was behind something that waited too long for its rest."""
+        """Discard an item whose rest did not come in time; return what followed it."""
         ...
 
 
@@ -43,14 +43,14 @@ class ClearUplink(PacketSplitter):
 
 
 class LookUplink(ClearUplink):
-    """Packets of those who may only look: every one is refused."""
+    """Refuses every packet: its clients may only look."""
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
         """Return the packets that end in this chunk, refused."""
         return [_unauthorised(item) for item in super().feed(chunk, now_ns)]
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Return what was behind something that waited too long for its rest, refused."""
+        """Discard an item whose rest did not come in time; return what followed it, refused."""
         return [_unauthorised(item) for item in super().expire(now_ns)]
 
 
@@ -72,15 +72,15 @@ class SecureUplink:
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
         """Return the packets of accepted frames, and what was refused."""
-        return _told(self._splitter.feed(chunk, now_ns), now_ns)
+        return _reported(self._splitter.feed(chunk, now_ns), now_ns)
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Return what was behind something that waited too long for its rest."""
-        return _told(self._splitter.expire(now_ns), now_ns)
+        """Discard an item whose rest did not come in time; return what followed it."""
+        return _reported(self._splitter.expire(now_ns), now_ns)
 
 
-def _told(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked]:
-    """Return frames as packets; of a repeated one also the number that is taken next."""
+def _reported(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked]:
+    """Return frames as packets; a repeated frame with the number that is accepted next."""
     found: list[Uplinked] = []
     for outcome in outcomes:
         if isinstance(outcome, Accepted):
@@ -100,7 +100,7 @@ def _told(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked
 
 
 def _unauthorised(item: Uplinked) -> Uplinked:
-    """Return a packet as refused, of somebody who may only look."""
+    """Return a packet as refused: its sender may only look."""
     return replace(item, error=Error.NOT_AUTHORISED, text="may look, not command")
 
 

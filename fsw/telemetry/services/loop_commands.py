@@ -26,7 +26,7 @@ ERRORS = {
     Code.NOT_SUPPORTED: Error.NOT_SUPPORTED,
     Code.TIMEOUT: Error.TIMEOUT,
 }
-OUTCOMES = ("NOT_CONVERGED", "INSUFFICIENT_EXCITATION")  # of an identification, told in words
+OUTCOMES = ("NOT_CONVERGED", "INSUFFICIENT_EXCITATION")  # of an identification, reported in words
 
 Then = Callable[[Reply], None]
 Order = tuple[CommandName, dict[str, object]]
@@ -142,7 +142,7 @@ class LoopCommands:
             self._fail(waiting, TcError(Error.TIMEOUT, text="the loop did not answer"))
 
     def _applied(self, name: CommandName) -> None:
-        """Record the effect of a command that the loop has applied, whoever sent it."""
+        """Record the effect of a command that the loop has applied; any client may have sent it."""
         if name in (CommandName.REST, CommandName.RESUME):
             self._modes.identifying(name is CommandName.RESUME)
         elif name is CommandName.RUN_BATCH:

@@ -1,7 +1,7 @@
 """Tables: load, validate, activate between two ticks, dump, abort, roll back.
 
-What is active is a generation on the disk; what is staged is in memory only. A power cut therefore
-leaves the old table or the new one.
+An active table is a generation on the disk; a staged one is in memory only. After a power cut the
+old table or the new one is active.
 """
 
 from __future__ import annotations

@@ -207,7 +207,7 @@ class PacketStore:
         return segment.size_bytes
 
     def _find(self) -> None:
-        """Find the segments of earlier runs; what is none is removed with the oldest."""
+        """Find the segments of earlier runs; an invalid file is removed with the oldest."""
         if not self._folder.is_dir():
             return
         named = [(_NAME.match(path.name), path) for path in self._folder.iterdir()]

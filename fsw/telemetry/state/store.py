@@ -98,9 +98,9 @@ def _parse(path: Path, number: int) -> Generation | None:
         return None
     if len(data) < _HEAD.size:
         return None
-    magic, version, told, length, crc = _HEAD.unpack_from(data)
+    magic, version, stated, length, crc = _HEAD.unpack_from(data)
     content = data[_HEAD.size :]
-    good = magic == MAGIC and version == FORMAT_VERSION and told == number
+    good = magic == MAGIC and version == FORMAT_VERSION and stated == number
     if not good or len(content) != length or zlib.crc32(content) != crc:
         return None
     return Generation(number, content)

@@ -99,7 +99,7 @@ def body_values(prefix: str, body: BodyEstimate | None) -> Values:
 def plain_body_values(
     prefix: str, mean: Mapping[str, Any] | None, sigma: Mapping[str, Any] | None
 ) -> Values:
-    """Return the same of a body told in plain values, which are consistent by construction."""
+    """Return the same for a body in plain values, which are consistent by construction."""
     values: Values = {f"{prefix}_present": mean is not None, f"{prefix}_consistent": True}
     zero: Mapping[str, Any] = {"mass_kg": 0.0, "com_m": [0.0] * 3, "inertia_kg_m2": [0.0] * 6}
     for start, source in ((prefix, mean or zero), (f"{prefix}_sigma", sigma or zero)):

@@ -33,7 +33,7 @@ def read_table(model: type[S], content: bytes) -> S:
 
 
 def validate_table(config: Config, table: Table, content: bytes) -> None:
-    """Check a table against the configuration it would stand above, with one dry update.
+    """Check a table: change a copy of the configuration by it, and run one update with that.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def _validate(config: Config, table: Table, content: bytes) -> None:
     from fsw.checks.configuration import validate
 
     if not content:
-        return  # nothing laid over: the configuration as it is
+        return  # no table: the configuration as it is
     if table is Table.RATES:
         _check_rates(config, read_table(RatesTable, content))
     elif table is Table.MONITORS:

@@ -13,7 +13,7 @@ from fsw.telemetry.state.store import GenerationStore
 
 
 class TableState(IntEnum):
-    """Of a table; labels are the dictionary's."""
+    """State of a table; the names are the labels of the dictionary."""
 
     ACTIVE = 0
     LOADING = 1

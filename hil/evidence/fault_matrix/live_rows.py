@@ -206,7 +206,7 @@ def outcome(
 
 
 def _clean(clean: Mapping[str, Any], truth: FloatArray, probability: float) -> dict[str, Any]:
-    """Return what the run without a fault told, and whether it can be a reference."""
+    """Return the reports of the run without a fault, and whether it can be a reference."""
     final: Result = clean["final"]
     nees = normalised_error_squared(final.x - truth, final.covariance)
     codes = {e["code"] for e in clean["events"] if e["severity"] != "info"}

@@ -83,7 +83,7 @@ class Table(BaseModel):
         return FaultEntry(at_s=at_s, for_s=for_s, **values)
 
     def detect_bound_s(self, row: Row) -> float:
-        """Return within what a fault must be told."""
+        """Return the time within which a fault must be reported."""
         own_s = row.detect_periods * self.period_s[row.sensor]
         return (own_s if row.detect_s is None else row.detect_s) + self.batch_s
 
@@ -93,7 +93,7 @@ class Table(BaseModel):
 
     @property
     def recover_bound_s(self) -> float:
-        """Return within what its end must be told."""
+        """Return the time within which its end must be reported."""
         return self.recover_s + self.filter_s
 
 
