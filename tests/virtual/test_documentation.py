@@ -28,9 +28,20 @@ BESIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 PAGES = [*sorted(DOCS.rglob("*.md")), *(ROOT / name for name in BESIDE)]
 BLOCK = re.compile(r"^```(\S*)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+GENERATED = ("dictionary", "licences", "python", "index")  # index: a list of the others
 RUN_ELSEWHERE = {"api.md": "tests/virtual/fsw/commands/test_api.py"}
 MAPPINGS = "docs/import.md"  # its blocks are of fsw import, no configuration
 NO_NETWORK = {f"{kind}_proxy": "http://127.0.0.1:9" for kind in ("http", "https", "all")}
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_a_page_says_whom_it_is_for_and_begins_with_an_example(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    if page.stem in GENERATED:
+        return
+    start = "\n".join(text.splitlines()[1:25])
+    assert re.search(r"^For .*[a-z]", start, re.MULTILINE)
+    assert "xample" in start or "```" in start
 
 
 def blocks(language: str) -> list[tuple[str, str, str]]:

@@ -28,7 +28,7 @@ def same(a: TruthHistory, b: TruthHistory) -> bool:
     return all(np.array_equal(getattr(found, n), getattr(wanted, n)) for n in names)
 
 
-@pytest.mark.parametrize("scenario", ["target_leo", "target_leo_orbit"])
+@pytest.mark.parametrize("scenario", ["target_leo", "target_leo_orbit", "mev"])
 def test_a_truth_is_kept_to_the_bit(
     scenario: str, folder: Path, tmp_path_factory: pytest.TempPathFactory
 ):
