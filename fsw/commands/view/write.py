@@ -153,8 +153,8 @@ def _box(
         body = known[name][-1].body
         corners = box_of(body.mass_kg, body.com_m, body.inertia_kg_m2)
     elif name in config.bodies:
-        body = config.bodies[name]
-        corners = box_of(body.mass_kg, np.array(body.com_m), np.array(body.inertia_kg_m2))
+        stated = config.bodies[name]
+        corners = box_of(stated.mass_kg, np.array(stated.com_m), np.array(stated.inertia_kg_m2))
     else:
         corners = box_of(*from_parameters(problem.model.pi_links[:PARAMETERS]))
     (frame, place), (vertices, faces) = where, hull(corners)
