@@ -333,3 +333,13 @@ def test_friction_that_reverses_is_no_outlier_where_it_is_declared() -> None:
     doubted = [np.sqrt(block.cov_tau[0].diagonal().max()) for block in blocks if block is not None]
     assert doubted[0] < 0.005
     assert doubted[1] > 0.1
+
+
+@pytest.mark.parametrize("name", ["gyro", "accelerometer"])
+def test_a_reading_that_is_left_out_is_one_that_never_came_to_the_bit(name: str) -> None:
+    whole = window()
+    own = getattr(whole, name)
+    absurd = condition(replace(whole, **{name: spiked(own, [3, 17], 90.0, 1)}))
+    missing = condition(replace(whole, **{name: without(own, [3, 17])}))
+    for field in ("w_NB_B_rad_s", "wd_NB_B_rad_s2", "f_NS_B_m_s2", "R_NB", "cov_gyro", "cov_acc"):
+        assert np.array_equal(getattr(absurd, field), getattr(missing, field)), field
