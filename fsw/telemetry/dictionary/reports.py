@@ -186,6 +186,7 @@ _OTHERS = (
             number("innovation_lag1", Type.F64),
             number("innovation_lag1_bound", Type.F64),
             text("verdict", VERDICT_BYTES),
+            text("parameters", VERDICT_BYTES, "of each body: which are measured, which are not"),
         ),
     ),
     Packet(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from fsw.estimators.parameter_verdicts import in_words
 from fsw.messages.commands import CommandName, Reply
 from fsw.messages.errors import CommandError
 from fsw.telemetry.dictionary.codes import METHOD, Error, Mode
@@ -157,4 +158,7 @@ def _diagnosis(data: Any) -> dict[str, object]:  # noqa: ANN401
         "innovation_lag1": lag.get("correlation", 0.0),
         "innovation_lag1_bound": lag.get("bound", 0.0),
         "verdict": "; ".join(verdict.values()) if isinstance(verdict, Mapping) else str(verdict),
+        "parameters": "; ".join(
+            f"{body}: {in_words(words)}" for body, words in data.get("parameters", {}).items()
+        ),
     }

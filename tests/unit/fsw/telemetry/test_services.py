@@ -197,10 +197,20 @@ def test_the_diagnosis_comes_before_its_completion(flight):
         verdict={"base": "good", "target": "good to 1 %"},
         blocks=7,
         innovation_lag1={"correlation": 0.5},
+        parameters={
+            "target": {
+                "mass_kg": "measured",
+                "com_m": ["measured"] * 3,
+                "inertia_kg_m2": ["measured"] * 5 + ["prior-dominated"],
+            }
+        },
     )
     assert [p.packet.name for p in flight.packets[-2:]] == ["diagnosis", "completion_success"]
     assert flight.last("diagnosis")["verdict"] == "good; good to 1 %"
     assert flight.last("diagnosis")["innovation_lag1"] == 0.5
+    told = flight.last("diagnosis")["parameters"]
+    assert told.startswith("target: measured: mass x y z")
+    assert told.endswith("prior-dominated: Izz")
 
 
 def test_a_batch_job_is_followed_to_its_end(flight):
