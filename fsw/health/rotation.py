@@ -2,7 +2,9 @@
 
 The last trusted attitude, turned on by the gyro, predicts the next solution. One that is off while
 the solutions after it agree with it is the tracker's fault (another star field, a flip); if pair
-after pair is off, it is the rate between them that is wrong, the gyro's.
+after pair is off, it is the rate between them that is wrong, the gyro's. Pairs that turn as far as
+the gyro says, but about other axes, come from no fault of a sensor: a rotation or mounting is
+configured wrongly, and the gyro is left alone.
 """
 
 from __future__ import annotations
@@ -22,6 +24,11 @@ MEDIAN_OF = 5
 TIMING_S = 0.005  # how far the two sensors' times may be apart
 FLIP_RAD = 2.0  # no jump of a star field but half a turn is larger
 GYRO_PAIRS = 2  # pairs off in a row that show the gyro's fault, and good ones that end it
+# Pairs of one size about other axes. A gyro that errs across its turn by as much as it turns is 41
+# per cent too fast: at turns of ten sigma and more that is never taken for the same size.
+SAME_RATIO = 0.05  # of a turn, and two sigma: two of so like a size are the same turn
+CLEAR_SIGMAS = 10.0  # of noise: smaller turns show nothing
+TURNED_PAIRS = 5  # in a row
 RETRUST = 50  # solutions in a row that agree with one another and not with what was trusted
 RETRUST_NEAR = 5  # likewise where they are so near that a short fault of the gyro explains it
 TURN_LIMIT_RAD = 0.2  # a step between two solutions that a gyro may have got wrong
@@ -48,6 +55,8 @@ class RotationMonitor:
         self._since_trusted = np.zeros(3)  # integral of the rate since then, to the window's start
         self._since_newest = np.zeros(3)
         self._bad_pairs = self._good_pairs = self._off = 0
+        self._turned_pairs = 0  # bad ones in a row that are of the gyro's size
+        self._misread = False  # a rotation or mounting is configured wrongly
         self._from_ns = 0  # end of the integrals
         self.gyro_faulty = False
 
@@ -87,7 +96,7 @@ class RotationMonitor:
     def _forget(self) -> None:
         """Restart: without the gyro nothing ties the next solution to the last."""
         self._trusted = self._newest = None
-        self._bad_pairs = self._good_pairs = self._off = 0
+        self._bad_pairs = self._good_pairs = self._off = self._turned_pairs = 0
 
     def _turn(self, t_ns: np.ndarray, rates: FloatArray, start_ns: int, stop_ns: int) -> None:
         """Extend the integrals of the rate from start to stop, by the mean of the samples there."""
@@ -108,12 +117,17 @@ class RotationMonitor:
             return None
         off, limit = self._distance(self._trusted, self._since_trusted, t_ns, q)
         pair, pair_limit = self._distance(self._newest, self._since_newest, t_ns, q)
+        turned = self._is_turned(pair, q)
         self._follow(t_ns, q)
         steady = pair <= pair_limit
         if not steady and pair < TURN_LIMIT_RAD:
             self._bad_pairs, self._good_pairs = self._bad_pairs + 1, 0
+            self._turned_pairs = self._turned_pairs + 1 if turned else 0
+            if self._turned_pairs >= TURNED_PAIRS:
+                self._misread, self.gyro_faulty = True, False
         else:
             self._good_pairs, self._bad_pairs = self._good_pairs + 1, 0
+            self._misread = self._misread and self._good_pairs < RETRUST
         if not self.gyro_faulty and off <= limit:
             self._trust(t_ns, q)
             self._bad_pairs = 0
@@ -132,7 +146,21 @@ class RotationMonitor:
         text = f"{np.degrees(off):.3g} deg from what the gyro says"
         return Finding(t_ns, fault, TRACKER, text)
 
+    def _is_turned(self, pair: float, q: FloatArray) -> bool:
+        """Return whether the newest solution turned to this one by the gyro's angle, not axis."""
+        if self._newest is None:
+            return False
+        between = _product(_conjugate(self._newest[1]), q)
+        angle = 2.0 * float(np.arctan2(np.linalg.norm(between[:3]), abs(between[3])))
+        said = float(np.linalg.norm(self._since_newest))
+        sigma = float(np.sqrt(self._pair_variance))
+        same = abs(angle - said) < SAME_RATIO * said + 2.0 * sigma
+        return same and pair > said > CLEAR_SIGMAS * sigma
+
     def _gyro(self, t_ns: int, q: FloatArray, pair: float) -> Finding | None:
+        if self._misread:
+            text = "turns as far as the gyro, about another axis: rotation or a mounting is wrong"
+            return Finding(t_ns, Fault.TRACKER_JUMP, TRACKER, text)
         self._trust(t_ns, q)
         self.gyro_faulty = self._good_pairs < GYRO_PAIRS
         if not self.gyro_faulty:

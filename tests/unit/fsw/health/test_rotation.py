@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
 from fsw.health.rotation import RotationMonitor
@@ -102,6 +104,39 @@ def test_a_gyro_that_turns_otherwise_pair_after_pair_is_left_out_and_comes_back(
     assert not any(missing[12:])
     found = set().union(*(found for _, found in out))
     assert found == {Fault.GYRO_INCONSISTENT}
+
+
+def across(k: int, rng: np.random.Generator, gyro_x_rad_s: float = 0.0) -> Window:
+    """Spin about z as `window`, with a rate about x added to the gyro's."""
+    made = window(k, rng)
+    rate = made.gyro.values + np.array([gyro_x_rad_s, 0.0, 0.0])
+    return replace(made, gyro=replace(made.gyro, values=rate))
+
+
+def test_a_tracker_read_the_wrong_way_is_named_and_the_gyro_is_kept() -> None:
+    """The inverse of every attitude turns by the same angles about other axes."""
+    tested, rng = RotationMonitor(config()), np.random.default_rng(3)
+    mounted = np.array([0.5, 0.5, 0.5, 0.5])
+    texts = set()
+    for k in range(20):
+        made = window(k, rng)
+        there = Rotation.from_quat(made.attitude.values) * Rotation.from_quat(mounted)
+        wrong = (there.inv() * Rotation.from_quat(mounted).inv()).as_quat()
+        judged, found = tested.judge(replace(made, attitude=replace(made.attitude, values=wrong)))
+        assert not judged.gyro.missing or k < 4
+        assert k < 4 or not any(one.fault is Fault.GYRO_INCONSISTENT for one in found)
+        texts |= {one.text for one in found}
+    assert any("rotation or a mounting is wrong" in text for text in texts)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 1.0])
+def test_a_gyro_that_errs_about_another_axis_is_still_the_gyro_s(share: float) -> None:
+    tested, rng = RotationMonitor(config()), np.random.default_rng(4)
+    for k in range(10):
+        added = share * SPIN_RAD_S if k >= 5 else 0.0
+        judged, found = tested.judge(across(k, rng, added))
+        assert all(one.fault is Fault.GYRO_INCONSISTENT for one in found)
+        assert k == 5 or judged.gyro.missing == (k > 5)
 
 
 def test_a_tracker_that_was_away_is_judged_by_the_gyro_alone() -> None:
