@@ -178,7 +178,7 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
 
 
 def _doubts(config: Config, problem: Problem) -> list[str]:
-    """Return what of arm and calibration is uncertain, and by how much."""
+    """Return the data of arm and sensors that are estimated along, each with its prior sigma."""
     joints, imu = config.joints, config.imu
     known = {name.rpartition(".")[0] for name in problem.names if name.startswith("known.")}
     found = [f"{len(known)} known bodies"] if known else []
@@ -194,7 +194,7 @@ def _doubts(config: Config, problem: Problem) -> list[str]:
 
 
 def _certain(config: Config, problem: Problem) -> list[str]:
-    """Return what of arm and calibration is taken as exact."""
+    """Return the data of arm, base and inertial unit that the estimator takes as exact."""
     joints, imu = config.joints, config.imu
     bodies = {name.split(".")[1] for name in problem.names if name.startswith("known.")}
     exact = {

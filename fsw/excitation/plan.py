@@ -106,7 +106,12 @@ class Planner:
         self.fixed = self._fixed()
 
     def plan(self, guess: Trajectory | None = None) -> MotionPlan:
-        """Return the best trajectory of all starts; the first of them from `guess`, if given.
+        """Optimise from several starts; return the best trajectory that keeps every limit.
+
+        Parameters
+        ----------
+        guess : the first start; None: every start is random
+
 
         Raises
         ------

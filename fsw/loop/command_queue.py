@@ -129,14 +129,16 @@ class CommandQueue:
         held: bool = False,
         has_time: Callable[[], bool] = lambda: True,
     ) -> list[Estimate]:
-        """Apply what is queued; return the estimates it gave.
+        """Apply the queued commands in order; return the estimates that they gave.
+
+        A command is cut into bounded units. One that is not finished continues in the next call.
 
         Parameters
         ----------
         next_window : index of the window that closes next
-        clean_window : of the first that begins from now on
-        held : no further command is begun
-        has_time : whether another unit of a command may be done now, or in a later call
+        clean_window : index of the first window that begins after now
+        held : finish the command that is half applied, and begin no other
+        has_time : whether there is time for another unit in this call
         """
         estimates = []
         while self._job is not None or (self._queue and not held):

@@ -136,7 +136,11 @@ def excitation(c: Collected) -> Section:
 
 
 def limits(c: Collected) -> Section:
-    """Return the causes of what is left of sigma, and what the data know least."""
+    """Return what limits the accuracy.
+
+    Three tables: shares of sigma squared by cause, the combinations of states that the data know
+    least, and the strongest correlations.
+    """
     tables, text = [], []
     if c.shares:
         causes = sorted({cause for shares in c.shares.values() for cause in shares})

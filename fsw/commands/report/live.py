@@ -58,7 +58,12 @@ def in_the_background() -> None:
 
 
 def now(status: Mapping[str, Any], closed: bool) -> Section:
-    """Return the daemon's own words: its newest estimate, what is open, and what it received."""
+    """Return the section "Now" of a running daemon: its newest estimate, open faults, slips.
+
+    Parameters
+    ----------
+    closed : whether the recording was closed when it was read
+    """
     estimate = status.get("estimate") or {}
     rows = [
         (name, words if part == words else f"{words} {part}", f"{v:.6g}", f"{s:.2g}", unit)

@@ -290,7 +290,10 @@ class Recursion:
         return now if wider and not self.linear else None
 
     def residual_variance(self) -> float:
-        """Return the residual variance of the linear regression, at least its degrees allow."""
+        """Return the variance of the residuals of the linear regression, in units of the declared.
+
+        It is their sum of squares over rows less states; 1 while there are not more rows.
+        """
         spare = self.memory.rows - len(self.x)
         return self._rss / spare if spare > 0 else 1.0
 

@@ -23,7 +23,7 @@ TRIAL_NS = 5_000_000_000
 
 @dataclass(slots=True)
 class LinkClient:
-    """One connection."""
+    """A connected client of the link: its socket, its buffers both ways, and its place."""
 
     connection: socket.socket
     name: str

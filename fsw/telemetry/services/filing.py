@@ -58,7 +58,12 @@ class Filing:
         return path
 
     def existing(self, name: str) -> Path:
-        """Return the path of a file that is there. Raises TcError."""
+        """Return the path of an existing file of the file store.
+
+        Raises
+        ------
+        TcError FILE_NOT_FOUND; BAD_ARG for a name that leads outside of the store.
+        """
         path = self.find(name)
         if not path.is_file():
             raise TcError(Error.FILE_NOT_FOUND, 1)
