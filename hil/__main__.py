@@ -330,7 +330,9 @@ def _run(arguments: argparse.Namespace) -> int:
             say("drawing")
             story = judgement.make_story(setup, case, recorded, outcome)
             picture = report.save(story, folder / "report.png")
-            page.save(story, outcome, setup.config.source, picture.with_suffix(".html"))
+            page.save(
+                story, outcome, judgement.channel_sections(setup, recorded), folder / "report.html"
+            )
         if arguments.json:
             print(json.dumps(outcome))
         else:

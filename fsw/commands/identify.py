@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fsw.clock import MonotonicClock
 from fsw.commands.holdout import judge, split
 from fsw.commands.holdout import to_text as holdout_text
 from fsw.commands.replay import replay
-from fsw.commands.replay_result import ReplayResult, known_by
+from fsw.commands.replay_result import ReplayResult, known_by, with_sigma
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
@@ -171,14 +169,13 @@ def to_text(result: Mapping[str, Any]) -> str:
     ]
     for body, estimate in result["estimate"].items():
         for key, mean in estimate.items():
-            sigma = result["sigma"][body][key]
-            values = zip(np.atleast_1d(mean), np.atleast_1d(sigma), strict=True)
-            lines.append(f"{body}.{key}: " + ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in values))
+            lines.append(f"{body}.{key}: {with_sigma(mean, result['sigma'][body][key])}")
         lines += known_by(result["diagnosis"], body)
     diagnosis = result["diagnosis"]
     if diagnosis is not None:
         lines += list(diagnosis["verdict"].values())
-        lines.append(f"efficiency {diagnosis['efficiency_volume']:.3g} of the bound of all sensors")
+        efficiency = diagnosis["efficiency_volume"]
+        lines.append(f"efficiency {efficiency:.3g}; 1 is the Cramer-Rao bound of all sensors")
     lines += noise_text(result)
     if result.get("holdout"):
         lines += holdout_text(result["holdout"])

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from fsw.estimators.parameter_verdicts import in_words
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
@@ -66,7 +68,7 @@ class ReplayResult:
         for body, estimate in values["estimate"].items():
             for key, mean in estimate.items():
                 sigma = values["sigma"][body][key]
-                lines.append(f"{body}.{key}: {_shown(mean)} +- {_shown(sigma)}")
+                lines.append(f"{body}.{key}: {with_sigma(mean, sigma)}")
             lines += known_by(self.diagnosis, body)
         if self.diagnosis is not None:
             lines += list(self.diagnosis["verdict"].values())
@@ -106,7 +108,7 @@ def known_by(diagnosis: Mapping[str, Any] | None, body: str) -> list[str]:
     return [f"{body}: {in_words(words[body])}"] if body in words else []
 
 
-def _shown(value: float | Sequence[float]) -> str:
-    if isinstance(value, int | float):
-        return f"{value:.6g}"
-    return "[" + ", ".join(f"{x:.6g}" for x in value) + "]"
+def with_sigma(mean: float | Sequence[float], sigma: float | Sequence[float]) -> str:
+    """Return values with their sigma, as every command prints them."""
+    pairs = zip(np.atleast_1d(mean), np.atleast_1d(sigma), strict=True)
+    return ", ".join(f"{value:.6g} +- {one:.2g}" for value, one in pairs)

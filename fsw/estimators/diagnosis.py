@@ -268,7 +268,7 @@ def verdict(
         return f"{body} mass not identified: the data add little to the prior, {known}"
     text = f"{body} mass identified to +-{100 * ratio:.3g} % (1 sigma)"
     if ratio <= goal_ratio:
-        return f"{text}, within {100 * goal_ratio:g} %"
+        return f"{text}; the goal of {100 * goal_ratio:g} % is reached"
     needed_s = (goal_kg**-2 - sigma_kg**-2) / rate
     return f"{text}, needs {needed_s:.0f} s more of such motion for {100 * goal_ratio:g} %"
 

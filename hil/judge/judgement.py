@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from fsw.commands.replay_result import ReplayResult
+from fsw.commands.report.build import sections_of
+from fsw.commands.report.collect import collected_of
+from fsw.commands.report.view import Section
 from fsw.drivers.sources import ImuSource
-from fsw.estimators.recursive.online import build_online
+from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block
 from hil.judge.bound import sensitivity
 from hil.judge.endeffector import Verification
@@ -149,6 +154,27 @@ def make_story(setup: Setup, case: Case, recorded: Recorded, outcome: Mapping[st
         residuals=torque_residuals(setup, case, recorded),
         tool_errors=errors,
     )
+
+
+def channel_sections(setup: Setup, recorded: Recorded) -> list[Section]:
+    """Return the sections that every report has: health, limits, motion, residuals, versions."""
+    last = recorded.estimates[-1] if recorded.estimates else None
+    estimator, state = build_online(setup.config), None
+    if last is not None and recorded.blocks and isinstance(estimator, OnlineEstimator):
+        state = estimator.problem, last.mean, last.covariance
+    result = ReplayResult(
+        estimate=last,
+        unknown=setup.scenario.unknown,
+        method=recorded.method,
+        status=recorded.status,
+        truncated=False,
+        dropped=0,
+        wall_s=recorded.wall_s,
+        events=recorded.events,
+        start_ns=recorded.origin_ns,
+    )
+    found = collected_of(setup.config, result, recorded.blocks, state)
+    return sections_of(replace(found, estimates=recorded.estimates))
 
 
 def torque_residuals(setup: Setup, case: Case, recorded: Recorded) -> Residuals:

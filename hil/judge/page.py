@@ -1,8 +1,8 @@
-"""A run as one page of the report's kind: estimate and truth, errors over time, residuals, tool."""
+"""A run as one page of the report's kind, with what only the bench knows: truth, errors, tool."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +11,33 @@ import numpy as np
 from fsw.commands.report.page import page
 from fsw.commands.report.tables import Table as Rows
 from fsw.commands.report.tables import write_csv
-from fsw.commands.report.view import Chart, Line, Section, Table, View, line_of, thinned_axis
+from fsw.commands.report.view import (
+    TIME,
+    Chart,
+    Line,
+    Section,
+    Table,
+    View,
+    line_of,
+    thinned_axis,
+)
 from hil.judge.report import BAND_SIGMAS, Story
 from hil.judge.score import table, table_header
 from hil.world.inertia import LABELS, FloatArray
 
-MOTION = "time from the start of the motion [s]"
-UNITS = ("kg", *("m",) * 3, *("kg m2",) * 6)
+UNITS = ("kg", *("m",) * 3, *("kg m²",) * 6)
 SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
 TOOL = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
 
 
-def save(story: Story, outcome: Mapping[str, Any], source: bytes, path: Path) -> None:
+def save(story: Story, outcome: Mapping[str, Any], sections: Sequence[Section], path: Path) -> None:
     """Write the page, and beside it the estimates as CSV.
 
     Parameters
     ----------
-    source : configuration of the flight
+    sections : those that every report has, shown after the bench's own
     """
-    shown = view(story, outcome, source.decode(errors="replace"))
+    shown = view(story, outcome, sections)
     path.write_text(page(shown), encoding="utf-8")
     names = [f"{body}_{label}" for body in story.truth for label in LABELS]
     head = ["t_s", "valid", *(f"{n}{end}" for end in ("", "_sigma", "_truth") for n in names)]
@@ -46,7 +54,7 @@ def _joined(bodies: Mapping[str, FloatArray]) -> list[float]:
     return values
 
 
-def view(story: Story, outcome: Mapping[str, Any], source: str) -> View:
+def view(story: Story, outcome: Mapping[str, Any], sections: Sequence[Section]) -> View:
     """Return the page of a run."""
     state = "VALID" if outcome["valid"] else f"NOT VALID: {outcome['reason']}"
     return View(
@@ -57,9 +65,8 @@ def view(story: Story, outcome: Mapping[str, Any], source: str) -> View:
             _result(outcome),
             _errors(story),
             _tool(story, outcome),
-            _residuals(story),
             _samples(outcome),
-            Section(title="Configuration", source=source),
+            *sections,
         ],
     )
 
@@ -88,7 +95,7 @@ def _errors(story: Story) -> Section:
             charts.append(
                 Chart(
                     title=f"{body} {label}: estimate less truth, with {BAND_SIGMAS:g} sigma",
-                    x_label=MOTION,
+                    x_label=TIME,
                     y_label=f"error [{UNITS[k]}]",
                     x=x,
                     lines=[
@@ -98,16 +105,11 @@ def _errors(story: Story) -> Section:
                     y_range=span if np.isfinite(span).all() else None,
                 )
             )
-    if len(t_s):
-        information = np.array([point.information_nats for point in story.points])
-        charts.append(_chart("Information about the bodies", "gained [nat]", t_s, information))
-    text = ["The range shown first is that of the last two thirds; double-click shows all."]
+    text = [
+        "Time counts from the start of the motion. The range shown first is that of the last two "
+        "thirds; double-click shows all."
+    ]
     return Section(title="Errors over time", text=text, charts=charts, in_rows_of=3)
-
-
-def _chart(title: str, y_label: str, t_s: FloatArray, y: FloatArray) -> Chart:
-    x, lines = thinned_axis(t_s), [line_of(y_label.split(" [", maxsplit=1)[0], y)]
-    return Chart(title=title, x_label=MOTION, y_label=y_label, x=x, lines=lines)
 
 
 def _tool(story: Story, outcome: Mapping[str, Any]) -> Section:
@@ -135,15 +137,6 @@ def _tool(story: Story, outcome: Mapping[str, Any]) -> Section:
     tables = [Table(head=head, rows=rows)]
     return Section(title="Tool on the verification trajectory", tables=tables, charts=charts,
                    in_rows_of=2)  # fmt: skip
-
-
-def _residuals(story: Story) -> Section:
-    t_s, torque = story.residuals.t_s, story.residuals.torque_nm
-    charts = [
-        _chart(f"Joint {k + 1}: torque, measured less predicted", "torque [N m]", t_s, torque[:, k])
-        for k in range(torque.shape[1] if len(t_s) else 0)
-    ]
-    return Section(title="Residuals", charts=charts, in_rows_of=3)
 
 
 def _samples(outcome: Mapping[str, Any]) -> Section:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # imported when a picture is drawn
 BAND_SIGMAS = 3.0
 COLUMNS = 5
 BODY_ROWS = COUNT // COLUMNS
-TRUTH, ESTIMATE, PRIOR = "#202020", "#1f6fb4", "#b05a2c"
+TRUTH, ESTIMATE, PRIOR = "#202020", "#1f5fa8", "#9a9a9a"  # as on the page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,6 +95,9 @@ def _convergence(axes: Axes, story: Story, body: str, index: int) -> None:
         axes.set_ylim(truth - half, truth + half)
     unit = "kg" if index == 0 else "m" if index < 4 else "kg m²"
     axes.set_title(f"{body} {LABELS[index]} [{unit}], ±{BAND_SIGMAS:.0f} sigma", fontsize=8)
+    axes.set_ylabel(f"{LABELS[index]} [{unit}]", fontsize=7)
+    axes.set_xlabel("time [s]", fontsize=7)
+    axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=7)
 
 
@@ -110,14 +113,16 @@ def _residuals(axes: Axes, residuals: Residuals) -> None:
         axes.plot(
             residuals.t_s, residuals.torque_nm[:, joint], ".", markersize=2, label=f"J{joint + 1}"
         )
-    axes.set_title("joint torque, measured less predicted [N m]", fontsize=9)
+    axes.set_title("joint torque, measured less predicted", fontsize=9)
+    axes.set_ylabel("torque [N m]")
     axes.set_xlabel("time [s]")
     axes.legend(fontsize=6, ncols=4)
 
 
 def _information(axes: Axes, points: Sequence[Point]) -> None:
     axes.plot([p.t_s for p in points], [p.information_nats for p in points], color=ESTIMATE)
-    axes.set_title("information gained [nats]", fontsize=9)
+    axes.set_title("information gained about the bodies", fontsize=9)
+    axes.set_ylabel("gained [nat]")
     axes.set_xlabel("time [s]")
 
 
@@ -126,6 +131,7 @@ def _tool(axes: Axes, errors: Mapping[str, ToolError], key: str, title: str) -> 
     for name, error in errors.items():
         values = np.maximum(getattr(error, key)[0], 1e-9)
         axes.semilogy(error.t_s, values, label=name, color=styles.get(name))
-    axes.set_title(title, fontsize=9)
+    axes.set_title(title.split(" [", maxsplit=1)[0], fontsize=9)
+    axes.set_ylabel(title)
     axes.set_xlabel("time on the verification trajectory [s]")
     axes.legend(fontsize=7)

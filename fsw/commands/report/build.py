@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from fsw.commands.report import channel_sections as channels
 from fsw.commands.report import estimate_sections as estimates
 from fsw.commands.report.collect import Collected
 from fsw.commands.report.live import now
 from fsw.commands.report.view import Section, View
 
-SECTIONS: tuple[Callable[[Collected], Section], ...] = (
-    estimates.result,
-    estimates.estimates,
-    channels.residuals,
-    channels.health,
-    estimates.excitation,
-    estimates.limits,
-    channels.timing,
-    channels.configuration,
-)
+
+def sections_of(collected: Collected) -> list[Section]:
+    """Return the sections of every report: health, limits, motion, residuals, configuration."""
+    return [
+        channels.health(collected),
+        estimates.limits(collected),
+        estimates.excitation(collected),
+        channels.residuals(collected),
+        channels.configuration(collected),
+    ]
 
 
 def view(collected: Collected) -> View:
     """Return the report of a collected replay."""
     result, status = collected.result, collected.daemon
-    sections = [make(collected) for make in SECTIONS]
+    sections = [
+        estimates.result(collected),
+        estimates.estimates(collected),
+        *sections_of(collected),
+    ]
+    sections.insert(-1, channels.timing(collected))
     unknown = " and ".join(result.unknown)
     if status is None:
         estimate = result.estimate
         valid = estimate is not None and estimate.valid
         reason = "no window could be used" if estimate is None else estimate.reason
-        title, until = collected.recording.name, ""
+        title, until = collected.name, ""
     else:
         newest = status.get("estimate") or {"valid": False, "reason": "no window yet"}
         valid, reason = bool(newest["valid"]), str(newest["reason"])

@@ -30,7 +30,8 @@ def residuals(c: Collected) -> Section:
         return Section(title=title, text=["There is no state to predict the channels from."])
     r, charts, rows = c.residuals, [], []
     t_s = np.array(times_s(r.t_ns.tolist(), c.result.start_ns))
-    for k, (name, unit) in enumerate(zip(r.names, r.units, strict=True)):
+    for k, (name, plain) in enumerate(zip(r.names, r.units, strict=True)):
+        unit = plain.replace("2", "²")
         value, ratio = r.value[:, k], r.normalised[:, k]
         used = np.isfinite(ratio)
         if used.sum() < 2:
@@ -61,9 +62,10 @@ def residuals(c: Collected) -> Section:
         )
     head = ("channel", "unit", "nodes", "rms", "mean / sigma", "rms / sigma")
     text = [
-        "Measured less predicted at the last state, at the nodes of every window. The spectrum of "
-        "white noise of the stated sigma lies about 1 (noise of the joints' own derivatives lies "
-        "lower at low frequencies); the histogram follows the normal density."
+        "Measured less predicted at the last state, at the nodes of every window. The band has "
+        "teeth because the fit of a window is less certain at its first and last node. The "
+        "spectrum of white noise of the stated sigma lies about 1 (noise of the joints' own "
+        "derivatives lies lower at low frequencies); the histogram follows the normal density."
     ]
     tables = [Table(head=head, rows=rows)]
     return Section(title=title, text=text, tables=tables, charts=charts, in_rows_of=3)
@@ -105,7 +107,7 @@ def normalised_chart(title: str, x_label: str, ratio: FloatArray) -> Chart:
 
 def health(c: Collected) -> Section:
     """Return the events, and the windows that the estimator accepted or rejected."""
-    events = c.result.events
+    events = c.events
     t_s = times_s([event.t_ns for event in events], c.result.start_ns)
     shown = list(zip(t_s, events, strict=True))
     if len(shown) > MOST_EVENTS:
@@ -125,7 +127,7 @@ def health(c: Collected) -> Section:
                 lines=[Line(label="event", y=list(level), points=True)],
             )
         )
-    if c.estimates:
+    if len(c.estimates) > 1:
         ratio = np.array([e.nis / max(e.nis_dof, 1) for e in c.estimates])
         x = thinned_axis(np.array(times_s([e.t_ns for e in c.estimates], c.result.start_ns)))
         gated = np.array([float(e.gated) for e in c.estimates])
@@ -148,7 +150,8 @@ def health(c: Collected) -> Section:
         ]
     open_faults = c.result.status["health"].get("faulty") or {}
     text = [
-        f"{len(events)} events, {len(shown)} shown; open faults at the end: "
+        f"{len(events)} events {'in the replay' if events is c.result.events else 'of the run'}, "
+        f"{len(shown)} shown; open faults at the end: "
         f"{', '.join(map(str, open_faults)) or 'none'}."
     ]
     tables = [Table(head=("time [s]", "severity", "code", "text"), rows=rows)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,28 +24,30 @@ from fsw.estimators.recursive.online import OnlineEstimator
 from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.sinks import Message, NullSink
-from fsw.messages import Block, Estimate, FloatArray
+from fsw.messages import Block, Estimate, Event, FloatArray
 
 PACKAGES = ("inertia-daemon", "numpy", "scipy", "pin", "mcap", "pydantic")
-STATUS = "/tm"
+STATUS, EVENTS = "/tm", "/events"
 Progress = Callable[[str], None]
+State = tuple[Problem, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Collected:
     """A replayed recording; times of messages are those of the recording [ns]."""
 
-    recording: Path
-    span: Span
     config: Config
     result: ReplayResult
     estimates: Sequence[Estimate]
     blocks: Sequence[Block]
     residuals: ChannelResiduals | None  # None: no state to predict from
     shares: Mapping[str, Mapping[str, float]]  # per quantity: share of sigma squared by cause
-    flown: Sequence[Mapping[str, Any]]  # status records of the run that was recorded
-    metadata: Mapping[str, Mapping[str, str]]
+    events: Sequence[Event]  # of the run that was recorded; of the replay of a part of it
     versions: Mapping[str, str]
+    name: str = ""  # of the recording
+    span: Span = WHOLE
+    flown: Sequence[Mapping[str, Any]] = ()  # status records of the run that was recorded
+    metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     daemon: Mapping[str, Any] | None = None  # status of the one that still writes the recording
 
 
@@ -99,33 +101,48 @@ def collected_at(
     config: Config,
     result: ReplayResult,
     blocks: Sequence[Block],
-    state: tuple[Problem, FloatArray, FloatArray] | None,
+    state: State | None,
 ) -> Collected:
-    """Return what a report shows of a result and its windows, without estimates over time.
+    """Return what a report shows of a recording, without estimates over time.
 
     Parameters
     ----------
     state : problem, mean (p,) and covariance (p, p) of the whole state; None: there is none
     """
+    parts = parts_of(recording)
+    held = contents_of(parts)
+    flown = messages_of(parts, [STATUS]) if STATUS in held.topics else ()
+    found = collected_of(config, result, blocks, state)
+    events = found.events
+    if EVENTS in held.topics and span == WHOLE:
+        events = [Event(**json.loads(one.data)) for one in messages_of(parts, [EVENTS])]
+    return replace(
+        found,
+        name=recording.name,
+        span=span,
+        events=events,
+        flown=[json.loads(message.data) for message in flown],
+        metadata=held.metadata,
+    )
+
+
+def collected_of(
+    config: Config, result: ReplayResult, blocks: Sequence[Block], state: State | None
+) -> Collected:
+    """Return what a report shows of a result and its windows alone."""
     residuals, shares = None, dict[str, dict[str, float]]()
     if state is not None:
         problem, x, covariance = state
         residuals = _residuals(blocks, x, problem)
         shares = sigma_shares(problem, x, covariance)
-    parts = parts_of(recording)
-    held = contents_of(parts)
-    flown = messages_of(parts, [STATUS]) if STATUS in held.topics else ()
     return Collected(
-        recording=recording,
-        span=span,
         config=config,
         result=result,
         estimates=() if result.estimate is None else (result.estimate,),
         blocks=blocks,
         residuals=residuals,
         shares=shares,
-        flown=[json.loads(message.data) for message in flown],
-        metadata=held.metadata,
+        events=result.events,
         versions=_versions(),
     )
 

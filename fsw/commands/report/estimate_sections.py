@@ -13,7 +13,7 @@ AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 QUANTITIES = (
     ("mass_kg", "mass", "kg", ("mass",)),
     ("com_m", "centre of mass", "m", ("x", "y", "z")),
-    ("inertia_kg_m2", "inertia", "kg m2", AXES),
+    ("inertia_kg_m2", "inertia", "kg m²", AXES),
 )
 SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
 

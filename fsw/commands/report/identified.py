@@ -13,6 +13,7 @@ import numpy as np
 from fsw.commands.identify import Evidence, noise_text
 from fsw.commands.report import channel_sections as channels
 from fsw.commands.report import estimate_sections as estimates
+from fsw.commands.report.build import sections_of
 from fsw.commands.report.collect import Collected, collected_at
 from fsw.commands.report.page import page
 from fsw.commands.report.picture import write_png
@@ -77,14 +78,11 @@ def view(values: Mapping[str, Any], collected: Collected) -> View:
     sections = [
         replace(result, text=told),
         *([] if holdout is None else [_held_out(holdout)]),
-        channels.residuals(collected),
-        estimates.excitation(collected),
-        estimates.limits(collected),
-        channels.timing(collected),
-        channels.configuration(collected),
+        *sections_of(collected),
     ]
+    sections.insert(-1, channels.timing(collected))
     unknown = " and ".join(values["unknown"])
-    title = f"{collected.recording.name}: {unknown} by {values['method']}, one batch"
+    title = f"{collected.name}: {unknown} by {values['method']}, one batch"
     return View(title=title, verdict=verdict, valid=valid, sections=sections)
 
 

@@ -14,6 +14,9 @@ from fsw.messages.errors import ConfigError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+COLOURS = ("#1f5fa8", "#c4511d", "#2a8050", "#8a3d9c", "#8f7a00", "#3f8c99", "#7a4a2b")
+NAMED = {"truth": "#202020", "prior": "#9a9a9a"}  # both as in page.js
+
 
 def write_png(view: View, charts: Sequence[Chart], path: Path) -> None:
     """Draw some charts of a page under its title and verdict.
@@ -32,6 +35,7 @@ def write_png(view: View, charts: Sequence[Chart], path: Path) -> None:
     figure.suptitle(f"{view.title}: {view.verdict}")
     axes = np.atleast_1d(figure.subplots(rows, 2, squeeze=False)).ravel()
     for axis, chart in zip(axes, charts, strict=False):
+        axis.set_prop_cycle(color=COLOURS)
         _draw(axis, chart)
     for axis in axes[len(charts) :]:
         axis.set_visible(False)
@@ -39,8 +43,12 @@ def write_png(view: View, charts: Sequence[Chart], path: Path) -> None:
 
 
 def _draw(axis: Axes, chart: Chart) -> None:
+    if not chart.log:
+        axis.ticklabel_format(useOffset=False, style="plain")
     for k, line in enumerate(chart.lines):
         style: dict[str, Any] = {"marker": ".", "linestyle": "none"} if line.points else {}
+        if line.label in NAMED:
+            style["color"] = NAMED[line.label]
         if chart.bars and k == 0:
             axis.bar(chart.x, _array(line.y), width=0.95 * np.diff(chart.x).mean(), alpha=0.4)
             continue

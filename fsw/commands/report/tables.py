@@ -48,7 +48,7 @@ def tables(collected: Collected) -> dict[str, Table]:
         head = ["t_s", *units, *(f"{name} sigma" for name in units)]
         values = zip(r.t_ns.tolist(), r.value.tolist(), r.sigma.tolist(), strict=True)
         found["residuals"] = Table(head, [[seconds(t), *value, *sig] for t, value, sig in values])
-    events = [[seconds(e.t_ns), e.severity, e.code, e.text] for e in collected.result.events]
+    events = [[seconds(e.t_ns), e.severity, e.code, e.text] for e in collected.events]
     return found | {"events": Table(["t_s", "severity", "code", "text"], events)}
 
 

@@ -21,7 +21,7 @@ from hil.evidence.campaign.config import Campaign
 from hil.evidence.campaign.summary import ERRORS
 from hil.world.scenario import load
 
-UNITS = ("kg", *("kg m",) * 3, *("kg m2",) * 6)
+UNITS = ("kg", *("kg m",) * 3, *("kg m²",) * 6)
 SINGLE = (0.025, 0.975)  # band of one run's NEES
 OUTLIER = 0.999  # beyond this quantile a single run is shown among the bad ones
 MOST_BAD = 50

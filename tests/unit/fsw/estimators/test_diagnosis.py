@@ -90,7 +90,7 @@ def test_verdict_says_how_long_is_needed() -> None:
     assert verdict("target", 100.0, 4.0, 1e6, 10.0) == (
         "target mass identified to +-4 % (1 sigma), needs 150 s more of such motion for 1 %"
     )
-    assert verdict("target", 100.0, 0.5, 1e6, 10.0).endswith("within 1 %")
+    assert verdict("target", 100.0, 0.5, 1e6, 10.0).endswith("the goal of 1 % is reached")
     assert "not identified" in verdict("target", 100.0, 49.9, 50.0, 10.0)
     assert "not identified" in verdict("target", 100.0, 50.0, 50.0, 0.0)
 

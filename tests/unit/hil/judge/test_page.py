@@ -7,12 +7,13 @@ import re
 import numpy as np
 import pytest
 
+from fsw.commands.report.view import Section
 from hil.judge.page import save
 from hil.world.inertia import LABELS
 from hil.world.scenario import mapping_from
 from tests.support.stories import TRUTH, story
 
-SOURCE = b"name: </script>flight\n"
+REST = [Section(title="Configuration", source="name: </script>flight\n")]
 
 
 def outcome(bodies, **changes):
@@ -55,7 +56,7 @@ def charts_of(path):
 @pytest.mark.parametrize("bodies", [("target",), ("base", "target")])
 def test_errors_from_the_truth_are_drawn_with_three_sigma_and_units(tmp_path, bodies):
     told = story(bodies, 8)
-    save(told, outcome(bodies), SOURCE, tmp_path / "report.html")
+    save(told, outcome(bodies), REST, tmp_path / "report.html")
     text, charts = charts_of(tmp_path / "report.html")
     assert f'class="valid">VALID; NEES 9.4 for {10 * len(bodies)} parameters' in text
     assert text.index("VALID") < text.index("<h2>")
@@ -79,7 +80,7 @@ def test_errors_from_the_truth_are_drawn_with_three_sigma_and_units(tmp_path, bo
 
 def test_a_run_that_is_not_valid_or_has_no_estimate_says_so(tmp_path):
     told = outcome(("target",), valid=False, reason="NO_ESTIMATE")
-    save(story(("target",), 0), told, SOURCE, tmp_path / "report.html")
+    save(story(("target",), 0), told, REST, tmp_path / "report.html")
     text, charts = charts_of(tmp_path / "report.html")
     assert 'class="">NOT VALID: NO_ESTIMATE; NEES' in text
     assert not [chart for chart in charts if "less truth" in chart["title"]]
