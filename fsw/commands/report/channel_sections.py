@@ -148,9 +148,10 @@ def health(c: Collected) -> Section:
                 lines=[line_of("valid", valid), line_of("rejected so far", gated)],
             ),
         ]
+    source = " of the run" if events is not c.result.events else " in the replay" if c.name else ""
     open_faults = c.result.status["health"].get("faulty") or {}
     text = [
-        f"{len(events)} events {'in the replay' if events is c.result.events else 'of the run'}, "
+        f"{len(events)} events{source}, "
         f"{len(shown)} shown; open faults at the end: "
         f"{', '.join(map(str, open_faults)) or 'none'}."
     ]
