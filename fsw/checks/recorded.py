@@ -86,7 +86,7 @@ def _compared(
 
 
 def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
-    """Return the white noise of every channel, from what a window's polynomial leaves."""
+    """Compare the noise of every channel, the residuals of polynomial fits, with the declared."""
     found = []
     low = config.estimator.nodes - 1
     high = low + EXTRA_DEGREE

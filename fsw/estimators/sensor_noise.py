@@ -62,7 +62,7 @@ class ChannelNoise:
 
     @property
     def is_white(self) -> bool:
-        """Return whether the noise is taken as declared."""
+        """Return whether no correlation was found; then the declared noise is used."""
         return self.correlation_s == 0.0
 
 

@@ -14,7 +14,7 @@ P = TypeVar("P", FramePort, BytePort)
 
 
 class Link(Generic[P]):
-    """A port, or None while it is lost.
+    """A port that may be lost, and is opened again from time to time.
 
     Parameters
     ----------

@@ -49,7 +49,8 @@ def com_covariance(pi: FloatArray, covariance: FloatArray) -> FloatArray:
 def ellipsoid(covariance_m2: FloatArray, near: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the axes as columns of a rotation (3, 3), and the 3 sigma semi-axes (3,) [m].
 
-    Axes that may be named and turned in several ways are those nearest to the rotation `near`.
+    Order and signs of the axes are free; those nearest to the rotation `near` are chosen, so that
+    an ellipsoid does not jump from one time to the next.
     """
     values, vectors = np.linalg.eigh(covariance_m2)
     semi_m = SIGMAS * np.sqrt(np.maximum(values, 0.0))

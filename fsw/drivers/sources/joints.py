@@ -144,7 +144,10 @@ class JointBusSource:
             self._watch.without_port()
 
     def next_sync(self) -> tuple[int, bytes]:
-        """Return COB-ID and data of the next SYNC to send; tell `sync_sent`, and feed it back."""
+        """Return COB-ID and data of the next SYNC to send.
+
+        Call `sync_sent` once it is sent, and feed the frame when the bus returns it.
+        """
         return canopen.encode_sync(self._syncs.next_counter())
 
     def sync_sent(self) -> None:

@@ -38,10 +38,16 @@ class Rows:
 def base_acceleration(
     block: Block | BlockStack, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return w_NB_B (m, 3) less its bias, and the classical base acceleration (m, 6) in B.
+    """Return w_NB_B (m, 3) less its bias, and the base's acceleration (m, 6) in its axes.
 
-    a_b = f_S - bias - wd x r - w x (w x r) + G r, in free fall, relative to the gravity field G s
-    about the base's origin. Source: rigid-body kinematics.
+    The latter is linear, then angular. In free fall the linear part is that of the base's origin,
+    less gravity there: a_b = f_S - bias - wd x r - w x (w x r) + G r.
+
+    Parameters
+    ----------
+    G : (m, 3, 3) gravity gradient in base axes
+
+    Source: rigid-body kinematics.
     """
     r, wd = problem.place_m(x), block.wd_NB_B_rad_s2
     w, f = block.w_NB_B_rad_s, block.f_NS_B_m_s2

@@ -49,7 +49,7 @@ def present(states: slice) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Thrusters:
-    """What is configured of K thrusters."""
+    """Configured forces and delays of K thrusters."""
 
     ways: FloatArray  # (6, K) nominal force and its moment about the base's origin, base axes
     delay_s: FloatArray  # (K,)

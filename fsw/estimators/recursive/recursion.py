@@ -138,7 +138,7 @@ class Recursion:
         self.pacing.settled = True
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the whole state as plain values; stored blocks by their index."""
+        """Return the whole state as plain values; stored blocks are referred to by their index."""
         return kept(self, _STATE) | {
             "monitor": self.monitor.snapshot(),
             "pacing": self.pacing.snapshot(),

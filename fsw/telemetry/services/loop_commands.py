@@ -134,7 +134,7 @@ class LoopCommands:
             self._finish(job.request, error_of(Code.ESTIMATOR, f"{report.state} {status}"))
 
     def poll(self) -> None:
-        """Give up what the loop does not answer."""
+        """Fail the telecommands that the loop has not answered in time."""
         now_ns = self._host.now_ns()
         late = [n for n, item in self._waiting.items() if now_ns - item.since_ns > TIMEOUT_NS]
         for number in late:
