@@ -9,7 +9,7 @@ from importlib.resources import files
 
 from fsw.commands.report.view import Section, Table, View
 
-UNBROKEN = re.compile(r".{1,8}|[-+]?\d[\d.e+-]*( .{1,12})?")  # a short word, a number with its unit
+NUMBER = re.compile(r"kg m²|[-+]?\d[\d.e+-]*( .{1,12})?")  # with its unit; stays on one line
 LONG = 40  # rows; a longer table scrolls within itself
 
 
@@ -67,7 +67,7 @@ def _table(table: Table) -> str:
 
 
 def _kind(cell: object) -> str:
-    return ' class="unbroken"' if UNBROKEN.fullmatch(str(cell)) else ""
+    return ' class="number"' if NUMBER.fullmatch(str(cell)) else ""
 
 
 def _file(name: str) -> str:
