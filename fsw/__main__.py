@@ -254,9 +254,11 @@ def _identify(arguments: argparse.Namespace) -> int:
     from fsw.commands.robot import Robot
 
     method, weighting, unknown = arguments.method, arguments.weighting, arguments.unknown
-    robot = Robot(arguments.config).with_overlays(*arguments.overlay)
+    given = None if arguments.config is None else Robot(arguments.config)
+    from fsw.commands.api import identify, load  # only now anything that can open a recording
+
+    robot = (given or load(arguments.recording).robot).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))
-    from fsw.commands.api import identify  # only now anything that can open a recording
 
     def progress(_ratio: float, text: str) -> bool:
         print(f"fsw: {method}: {text}", file=sys.stderr)

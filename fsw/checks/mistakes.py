@@ -28,7 +28,7 @@ ITERATIONS = 12
 LARGE = 3.0  # squared residuals over the declared noise: above, something is wrong
 EXPLAINED = 0.1  # of the squared residuals that a mistake may leave to be named
 TOLD = 10  # mistakes from one line of progress to the next
-WELL_EXPLAINED = 25.0  # squared residuals over the noise that may be left of what is named
+WELL_EXPLAINED = 9.0  # squared residuals over the noise that may be left of what is named
 AT_ONCE = 3  # mistakes in one configuration
 
 Change = Callable[[Block], Block]

@@ -19,6 +19,7 @@ from fsw.messages.errors import ConfigError
 
 ROOT_LINK = "the root link"
 WIDE_M = 50.0  # across a link: rather an inertia in kg mm^2, or a mass in tonnes
+DENSE_KG_M3 = 25_000.0  # above osmium: rather a mass in grams
 FAR_M = 10.0  # between two joints: rather millimetres or centimetres
 
 
@@ -105,10 +106,17 @@ def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
         for link, pi in _known_links(config, model)
         if pi[0] > 0.0 and (size_m := _size_m(pi)) > WIDE_M
     ]
+    dense = [
+        f"robot.urdf: {link} (mass {pi[0]:g} kg) is denser than any metal by its inertia; is the "
+        "mass in grams? a URDF is in kg m^2 and kg"
+        for link, pi in _known_links(config, model)
+        if pi[0] > 0.0 and pi[0] > DENSE_KG_M3 * _size_m(pi) ** 3 > 0.0
+    ]
     return [
         *massless,
         *far,
         *wide,
+        *dense,
         *_impossible(config, model),
     ]
 

@@ -19,7 +19,7 @@ MAX_DEPTH = 32
 _INERTIA = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), MAX_INERTIA_KG_M2)
 _LIMIT = dict.fromkeys(("lower", "upper", "effort", "velocity"), 1e9)
 LARGEST: dict[str, dict[str, float]] = {  # absolute value, by element and attribute
-    "origin": {"xyz": MAX_LENGTH_M, "rpy": 100.0},
+    "origin": {"xyz": MAX_LENGTH_M, "rpy": 6.3},
     "mass": {"value": MAX_MASS_KG},
     "inertia": _INERTIA,
     "axis": {"xyz": 1e6},

@@ -39,12 +39,17 @@ class _Nodes(NullSink):
             self._seen |= {(message.bus, i & 0x7F) for i in ids if i & ~0x7F in (TPDO1, HEARTBEAT)}
 
     def strangers(self) -> list[str]:
-        """Return a line per bus on which nodes send that the configuration does not have."""
+        """Return a line per bus for nodes that send and are not configured, or never send."""
         others = sorted(node for node in self._seen - self._known if node[1])
+        silent = sorted(self._known - self._seen)
         return [
             f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
             "and are no nodes of the configuration; is the recording that of another robot?"
             for bus in sorted({bus for bus, _ in others})
+        ] + [
+            f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in silent if b == bus)} of the "
+            "configuration never send; is the recording that of another robot?"
+            for bus in sorted({bus for bus, _ in silent} & {bus for bus, _ in self._seen})
         ]
 
 

@@ -126,7 +126,11 @@ def export(arguments: argparse.Namespace) -> tuple[Body, str]:
     ------
     ConfigError when there is no such body, or the file cannot be written.
     """
-    body = body_of(read_result(arguments.result), arguments.body)
+    try:
+        body = body_of(read_result(arguments.result), arguments.body)
+    except ConfigError as error:
+        path = str(arguments.result)
+        raise ConfigError(str(error) if path in str(error) else f"{path}: {error}") from error
     if arguments.frame is not None:
         body = replace(body, frame=arguments.frame)
     kind, out = arguments.format, arguments.out

@@ -160,6 +160,8 @@ def to_text(result: Mapping[str, Any]) -> str:
     lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {state}"]
     if result["status"] in ("NOT_CONVERGED", "MODEL_MISMATCH"):
         lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
+    if result["status"] == "INSUFFICIENT_EXCITATION":
+        lines.append("the motion does not show every parameter: fsw excite plans one that does")
     if result.get("truncated"):
         lines.append("the recording is cut off at its end")
     lines += [
@@ -174,6 +176,7 @@ def to_text(result: Mapping[str, Any]) -> str:
     diagnosis = result["diagnosis"]
     if diagnosis is not None:
         lines += list(diagnosis["verdict"].values())
+    if diagnosis is not None and result["status"] != "NOT_CONVERGED":
         efficiency = diagnosis["efficiency_volume"]
         lines.append(f"efficiency {efficiency:.3g}; 1 is the Cramer-Rao bound of all sensors")
     lines += noise_text(result)

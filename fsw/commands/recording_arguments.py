@@ -27,7 +27,9 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     """Describe `fsw identify`."""
     identify = commands.add_parser("identify", help="one batch method on a recording")
     identify.add_argument("recording", type=Path, metavar="RECORDING")
-    identify.add_argument("--config", type=Path, metavar="CONFIG", required=True)
+    identify.add_argument(
+        "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
+    )
     overlay_argument(identify)
     identify.add_argument("--method", choices=(*ONLINE, "ce"), default="fused")
     identify.add_argument(

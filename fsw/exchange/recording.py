@@ -259,7 +259,8 @@ def _read_chunk(
         if times_ns and not start_ns <= min(times_ns) <= max(times_ns) < END_NS:
             raise ValueError("messages before the time its index says, or after every time")
     except _BROKEN as error:
-        raise ConfigError(f"{path}: damaged at byte {offset}: {error}") from error
+        words = "what is before may be used: --to S, in seconds from its start"
+        raise ConfigError(f"{path}: damaged at byte {offset}: {error}; {words}") from error
     return found
 
 
