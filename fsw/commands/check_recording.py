@@ -29,6 +29,7 @@ class _Nodes(NullSink):
     """Keeps which nodes send TPDO1 or a heartbeat, by bus."""
 
     def __init__(self, config: Config) -> None:
+        self._joints = config.joints
         self._known = {(node.bus, node.node_id) for node in config.can_nodes}
         self._seen: set[tuple[str, int]] = set()
 
@@ -39,17 +40,22 @@ class _Nodes(NullSink):
             self._seen |= {(message.bus, i & 0x7F) for i in ids if i & ~0x7F in (TPDO1, HEARTBEAT)}
 
     def strangers(self) -> list[str]:
-        """Return a line per bus for nodes that send and are not configured, or never send."""
+        """Return a line per bus on which nodes send that the configuration does not have."""
         others = sorted(node for node in self._seen - self._known if node[1])
-        silent = sorted(self._known - self._seen)
         return [
             f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
             "and are no nodes of the configuration; is the recording that of another robot?"
             for bus in sorted({bus for bus, _ in others})
-        ] + [
-            f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in silent if b == bus)} of the "
-            "configuration never send; is the recording that of another robot?"
-            for bus in sorted({bus for bus, _ in silent} & {bus for bus, _ in self._seen})
+        ]
+
+    def silent(self) -> list[str]:
+        """Return a line for every joint whose node never sends, on a bus where others do."""
+        buses = {bus for bus, _ in self._seen}
+        return [
+            f"WRONG: {joint.bus}: node 0x{joint.node_id:02x} ({joint.name}) never sends; is the "
+            "recording that of another robot?"
+            for joint in self._joints
+            if joint.bus in buses and (joint.bus, joint.node_id) not in self._seen
         ]
 
 
@@ -73,7 +79,7 @@ def check_recording(
     result = replay(recording, config, pipeline=pipeline, span=span, sink=nodes, progress=progress)
     parts = parts_of(recording)
     jumps = stamp_findings(parts, topics_of(config, contents_of(parts).topics))
-    lines = [*nodes.strangers(), *(f"WRONG: {jump}" for jump in jumps)]
+    lines = [*nodes.strangers(), *nodes.silent(), *(f"WRONG: {jump}" for jump in jumps)]
     wrong = len(lines)
     if result.truncated:
         lines.append("the recording is cut off at its end")
