@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fsw.checks import budget
 from fsw.config import BaseConfig, BodyConfig, Config
 from fsw.estimators.model.inertia import PARAMETERS
+from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
 
 
@@ -14,6 +17,7 @@ def describe(config: Config, problem: Problem) -> str:
         ("robot", _robot(config, problem)),
         ("bodies", _bodies(config, problem)),
         *([("wheels", _wheels(config))] if config.wheels else []),
+        *([("modes", _modes(config))] if config.modes else []),
         *([("thrusters", _thrusters(config))] if config.thrusters else []),
         ("buses", _buses(config)),
         ("serial", _serial(config)),
@@ -103,6 +107,24 @@ def _thrusters(config: Config) -> list[str]:
             f"{1e3 * own.rise_s:.3g} +- {1e3 * own.rise_sigma_s:.3g} ms"
         )
     return [*lines, "modelled: force, delay and rise of each; propellant that leaves is not"]
+
+
+def _modes(config: Config) -> list[str]:
+    """Return a line for each mode: what is told of it, and what it would cost if left out."""
+    lines = []
+    for mode in config.modes:
+        inertia, rate_rad_s = modal_inertia(mode), 2.0 * np.pi * mode.frequency_hz
+        is_panel = mode.kind == "panel"
+        size = f"{mode.mass_kg:.4g} kg" + f", {inertia:.4g} kg m^2 about its hinge" * is_panel
+        far, pull = ("rad", "N m") if is_panel else ("m", "N")
+        lines.append(
+            f"{mode.name}: {mode.kind}, {size} +- {mode.mass_sigma_ratio:.0%}, "
+            f"{mode.frequency_hz:.4g} Hz +- {mode.frequency_sigma_ratio:.0%}, damping ratio "
+            f"{mode.damping_ratio:.3g} +- {mode.damping_sigma_ratio:.0%}; left out, it would pull "
+            f"with {inertia * rate_rad_s**2 * mode.amplitude:.2g} {pull} at {mode.amplitude:.3g} "
+            f"{far} unexplained, and faster motions would miss its mass in base"
+        )
+    return [*lines, "at rest every mode belongs to base; stops and walls are not modelled"]
 
 
 def _buses(config: Config) -> list[str]:
@@ -239,6 +261,15 @@ def _off(config: Config) -> list[str]:
     off += [] if config.thrusters else ["thrusters (thrusters)"]
     if config.estimator.outside_wrench == "ignore":
         off.append("unknown firings, contact of the target (estimator.outside_wrench)")
+    for name, body in config.bodies.items():
+        moving_kg = sum(part.mass_kg for part in body.liquid)
+        if moving_kg:
+            off.append(
+                f"motion of {moving_kg:.4g} kg of liquid in {name}, which may cost as much of its "
+                "mass and is in its sigma (modes)"
+            )
+    if not config.modes and not any(body.liquid for body in config.bodies.values()):
+        off.append("panels that bend and liquid that moves: MODEL_MISMATCH at best (modes)")
     return off + ([] if config.orbit is not None else ["gravity gradient (orbit)"])
 
 

@@ -22,6 +22,7 @@ from fsw.config.devices import (
     StarTrackerConfig,
 )
 from fsw.config.health import HealthConfig
+from fsw.config.modes import ModeConfig
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BaseConfig, BodyConfig, BodySigma, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
@@ -42,6 +43,7 @@ __all__ = [
     "HealthConfig",
     "ImuConfig",
     "JointConfig",
+    "ModeConfig",
     "Mounting",
     "NonNegative",
     "OrbitConfig",

@@ -12,6 +12,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from fsw.config.base import BodyName, Section
 from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig, no_imu
 from fsw.config.health import HealthConfig
+from fsw.config.modes import ModeConfig, modes_go_with
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
@@ -38,6 +39,7 @@ class Config(Section):
     joints: Annotated[tuple[JointConfig, ...], Field(min_length=1)]
     wheels: Annotated[tuple[WheelConfig, ...], Field(max_length=16)] = ()
     thrusters: Annotated[tuple[ThrusterConfig, ...], Field(max_length=24)] = ()
+    modes: Annotated[tuple[ModeConfig, ...], Field(max_length=8)] = ()
     imu: ImuConfig = Field(default_factory=no_imu)
     star_tracker: StarTrackerConfig | None = None
     orbit: OrbitConfig | None = None
@@ -186,6 +188,8 @@ class Config(Section):
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")
         _base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
+        _unique([mode.name for mode in self.modes], "modes.name")
+        modes_go_with(self.modes, self.estimator, self.base.motion)
         _bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):
             ratio = self.scheduler.tick_rate_hz / bus.rate_hz

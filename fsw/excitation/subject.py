@@ -91,7 +91,8 @@ def build_subject(
     if config.base.motion != "free":
         raise ConfigError(f"base.motion: {config.base.motion}; motions are planned for a free base")
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    problem = build_problem(config, model, exact=True)
+    locked = config.model_copy(update={"modes": ()})
+    problem = build_problem(locked, model, exact=True)
     noise = noise_model(config, model)
     p = PARAMETERS * len(problem.unknown)
     x, covariance = problem.prior_mean[:p], problem.prior_covariance.copy()

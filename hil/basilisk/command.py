@@ -21,7 +21,16 @@ if TYPE_CHECKING:
     from hil.world.scenario import Scenario
     from hil.world.thrusters import ThrusterSystem
 
-SCENARIOS = ("target_leo", "base", "both", "two_arms", "wheels_leo", "base_slosh", "mev")
+SCENARIOS = (
+    "target_leo",
+    "base",
+    "both",
+    "two_arms",
+    "wheels_leo",
+    "base_slosh",
+    "panel_leo",
+    "mev",
+)
 ENVIRONMENT = Path(sys.prefix) / "basilisk"
 PACKAGES = ("bsk==2.12.1", "numpy>=2,<3")  # bsk's others are for pictures and orbits
 KINK_S = 4e-3  # what a truth's interpolation makes of a kink

@@ -17,8 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from hil.world.history import TruthHistory, slope
 from hil.world.inertia import FloatArray, frame_map, pi_of, report_of, symmetric
-from hil.world.robot import Body, Link, Robot, SloshMass, body_of, link_of, read_links, without
+from hil.world.robot import Body, Link, Robot, body_of, link_of, read_links, without
 from hil.world.scenario import Scenario, ScenarioError
+from hil.world.springs import Panel, SloshMass, Sprung
 
 STEP_S = 1e-3
 WITHIN = 4  # looks at a thruster within a step
@@ -55,7 +56,7 @@ def job_of(
                 f"{scenario.name}: {key}: the second truth floats freely in nothing"
             )
     base = body_of(scenario.truth["base"])
-    hub, chains = _craft(scenario, without(base, scenario.slosh), plan.q[0])
+    hub, chains = _craft(scenario, without(base, (*scenario.slosh, *scenario.panels)), plan.q[0])
     rotors = () if scenario.wheels is None else scenario.wheels.rotors
     about = {
         "dt_s": step_s,
@@ -73,6 +74,7 @@ def job_of(
             for rotor in rotors
         ],
         "slides": [_slide(line) for line in scenario.slosh],
+        "panels": [_hinge(panel) for panel in scenario.panels],
         "sigma_BN": Rotation.from_quat(plan.quat_wxyz[0, [1, 2, 3, 0]]).as_mrp().tolist(),
         "w_NB_B_rad_s": list(scenario.start_rate_rad_s),
     }
@@ -230,8 +232,6 @@ def _chains(
                 "p_PS_P_m": (p + R @ np.array(link.p_PL_P_m)).tolist(),
                 "R_PS": (R @ R_PL).tolist(),
                 "axis": axis.tolist(),
-                "stiffness_nm_rad": 0.0,
-                "damping_nms_rad": 0.0,
                 "q_rad": float(q),
                 "qd_rad_s": 0.0,
             }
@@ -241,13 +241,23 @@ def _chains(
 
 def _slide(line: SloshMass) -> dict[str, Any]:
     """Return a mass of `on_lines`."""
-    rate = 2.0 * np.pi * line.frequency_hz
+    return _sprung(line) | {"mass_kg": line.mass_kg, "place_m": line.place_m}
+
+
+def _hinge(panel: Panel) -> dict[str, Any]:
+    """Return a panel as a chain of one link that a spring and a damper hold, at rest."""
+    body = np.array([panel.mass_kg, *panel.com_m, *panel.inertia_kg_m2])
+    still = {"R_PS": np.eye(3).tolist(), "q_rad": 0.0, "qd_rad_s": 0.0}
+    return _sprung(panel) | still | _named(pi_of(body)) | {"p_PS_P_m": panel.place_m}
+
+
+def _sprung(part: Sprung) -> dict[str, Any]:
+    """Return the axis, and stiffness and damping along or about it."""
+    rate = 2.0 * np.pi * part.frequency_hz
     return {
-        "mass_kg": line.mass_kg,
-        "place_m": line.place_m,
-        "axis": (np.array(line.axes[0]) / np.linalg.norm(line.axes[0])).tolist(),
-        "stiffness_n_m": line.mass_kg * rate**2,
-        "damping_ns_m": 2.0 * line.damping_ratio * line.mass_kg * rate,
+        "axis": (np.array(part.axes[0]) / np.linalg.norm(part.axes[0])).tolist(),
+        "stiffness": part.moved * rate**2,
+        "damping": 2.0 * part.damping_ratio * part.moved * rate,
     }
 
 

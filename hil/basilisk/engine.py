@@ -51,13 +51,14 @@ class Craft:
         craft.hub.omega_BN_BInit = column(about["w_NB_B_rad_s"])
         self.chains = [self._chain(k, links) for k, links in enumerate(about["chains"])]
         self.slides = [self._slide(k, slide) for k, slide in enumerate(about["slides"])]
+        self.panels = [self._bodies(f"panel{k}", [p])[0] for k, p in enumerate(about["panels"])]
         self.wheels = self._wheels(about["wheels"]) if about["wheels"] else None
         self.force = extForceTorque.ExtForceTorque()
         self.force.ModelTag = "force"
         craft.addDynamicEffector(self.force)
         chains = [effector for effector, _, _ in self.chains]
         wheels = [] if self.wheels is None else [self.wheels[0]]
-        self.models = [*chains, *self.slides, *wheels, self.force, craft]
+        self.models = [*chains, *self.slides, *self.panels, *wheels, self.force, craft]
         for model in self.models:
             model.SelfInit()
         for model in self.models:
@@ -67,12 +68,19 @@ class Craft:
         for chain in chains:
             names += [chain.getNameOfThetaState(), chain.getNameOfThetaDotState()]
         names += [s.nameOfRhoState for s in self.slides]
+        names += [panel.getNameOfThetaState() for panel in self.panels]
         names += [wheel.nameOfReactionWheelOmegasState for wheel in wheels]
         self.states = [states(name) for name in names]
 
     def _chain(self, k: int, links: list[dict[str, Any]]) -> tuple[Model, Model, list[Model]]:
+        effector, bodies = self._bodies(f"chain{k}", links)
+        torque = messaging.ArrayMotorTorqueMsg()
+        effector.motorTorqueInMsg.subscribeTo(torque)
+        return effector, torque, bodies
+
+    def _bodies(self, tag: str, links: list[dict[str, Any]]) -> tuple[Model, list[Model]]:
         effector = spinningBodyNDOFStateEffector.SpinningBodyNDOFStateEffector()
-        effector.ModelTag = f"chain{k}"
+        effector.ModelTag = tag
         bodies = []
         for link in links:
             body = spinningBodyNDOFStateEffector.SpinningBody()
@@ -82,16 +90,14 @@ class Craft:
             body.setR_SP_P(column(link["p_PS_P_m"]))
             body.setDCM_S0P(np.array(link["R_PS"]).T.tolist())
             body.setSHat_S(column(link["axis"]))
-            body.setK(link["stiffness_nm_rad"])
-            body.setC(link["damping_nms_rad"])
+            body.setK(link.get("stiffness", 0.0))
+            body.setC(link.get("damping", 0.0))
             body.setThetaInit(link["q_rad"])
             body.setThetaDotInit(link["qd_rad_s"])
             effector.addSpinningBody(body)
             bodies.append(body)
-        torque = messaging.ArrayMotorTorqueMsg()
-        effector.motorTorqueInMsg.subscribeTo(torque)
         self.craft.addStateEffector(effector)
-        return effector, torque, bodies
+        return effector, bodies
 
     def _slide(self, k: int, slide: dict[str, Any]) -> Model:
         effector = linearSpringMassDamper.LinearSpringMassDamper()
@@ -99,7 +105,7 @@ class Craft:
         effector.massInit = slide["mass_kg"]
         effector.r_PB_B = column(slide["place_m"])
         effector.pHat_B = column(slide["axis"])
-        effector.k, effector.c = slide["stiffness_n_m"], slide["damping_ns_m"]
+        effector.k, effector.c = slide["stiffness"], slide["damping"]
         effector.rhoInit = effector.rhoDotInit = 0.0
         self.craft.addStateEffector(effector)
         return effector
@@ -121,7 +127,7 @@ class Craft:
         return effector, torque
 
     def state(self) -> FloatArray:
-        """Return p_N, v_N, sigma, w_B, then q and qd of every chain, slides, wheels."""
+        """Return p_N, v_N, sigma, w_B, then q and qd of every chain, slides, panels, wheels."""
         return np.array([x for state in self.states for row in state.getState() for x in row])
 
     def joints(self) -> list[int]:

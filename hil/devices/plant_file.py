@@ -12,10 +12,11 @@ from pydantic import TypeAdapter
 from hil.devices.plant import Plant
 from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
-from hil.world.robot import Body, Robot, SloshMass
+from hil.world.robot import Body, Robot
 from hil.world.sensors import STRICT, SensorConfig
 from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
+from hil.world.springs import Panel, SloshMass
 from hil.world.stand import Stand
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
@@ -110,6 +111,7 @@ class PlantFile:
     bodies: TrueBodies = TrueBodies()
     environment: EnvironmentSection | None = None
     slosh: tuple[SloshMass, ...] = ()
+    panels: tuple[Panel, ...] = ()
     stand: Stand | None = None
     wheels: WheelSystem | None = None
     thrusters: ThrusterSystem | None = None
@@ -139,6 +141,7 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
         bodies.held,
         file.wheels,
         file.thrusters,
+        file.panels,
     )
     spline = JointSpline.load(folder / file.trajectory)
     tumbles = any(file.start_rate_rad_s)

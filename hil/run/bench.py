@@ -190,6 +190,7 @@ def robot_of(scenario: Scenario) -> Robot:
         {frame: bodies[name] for name, frame in scenario.frames.items()},
         scenario.wheels,
         scenario.thrusters,
+        scenario.panels,
     )
 
 

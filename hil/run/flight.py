@@ -30,6 +30,7 @@ from hil.world.sensors import (
     generator,
     rotation_of,
 )
+from hil.world.springs import Panel, Sprung
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 
@@ -89,7 +90,7 @@ def flight_document(
     The truth's arm and calibration are what the robot file and the scenario say: told as exact.
     The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
     `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions;
-    `seed` fixes the errors of the wheels' inertias and of the thrusters in it.
+    `seed` fixes the errors of wheels' inertias, thrusters and modes in it.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -99,7 +100,7 @@ def flight_document(
         if body in priors:
             prior = priors[body]
             bodies[body] = mapping_from(prior.report) | {"sigma": mapping_from(prior.sigma)}
-            if body == "base" and scenario.slosh:
+            if body == "base" and scenario.slosh and not flight.get("modes"):
                 bodies[body]["liquid"] = [
                     {
                         "mass_kg": part.mass_kg,
@@ -153,6 +154,8 @@ def flight_document(
         document["wheels"] = _wheels(scenario.wheels, sensors.wheels, seed)
     if scenario.thrusters is not None and sensors.thrusters is not None:
         document["thrusters"] = _thrusters(scenario.thrusters, sensors.thrusters, seed)
+    if flight.get("modes"):
+        document["modes"] = _modes(scenario, flight["modes"], seed)
     if sensors.star_tracker is not None:
         document["star_tracker"] = _star_tracker(sensors, folder)
     stand = scenario.stand
@@ -241,6 +244,34 @@ def _thrusters(
         }
         for k, jet in enumerate(system.jets)
     ]
+
+
+def _modes(scenario: Scenario, told: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
+    """Return the section `modes`; mass, frequency and damping of each err by their sigmas."""
+    parts: tuple[Sprung, ...] = (*scenario.slosh, *scenario.panels)
+    kinds = ("mass", "frequency", "damping")
+    sigma = np.array([told[f"{kind}_sigma_ratio"] for kind in kinds])
+    off = generator(seed, "mode", len(parts)).standard_normal((len(parts), len(kinds))) * sigma
+    modes = []
+    for k, (part, (mass, frequency, damping)) in enumerate(zip(parts, off.tolist(), strict=True)):
+        mode: dict[str, Any] = {
+            "name": f"mode{k + 1}",
+            "kind": "slosh",
+            "p_B_m": list(part.place_m),
+            "axes_B": [(np.array(axis) / np.linalg.norm(axis)).tolist() for axis in part.axes],
+            "mass_kg": part.mass_kg / (1.0 + mass),
+            "frequency_hz": part.frequency_hz * math.exp(-frequency),
+            "damping_ratio": part.damping_ratio * math.exp(-damping),
+            **{f"{kind}_sigma_ratio": told[f"{kind}_sigma_ratio"] for kind in kinds},
+        }
+        if isinstance(part, Panel):
+            inertia = [value / (1.0 + mass) for value in part.inertia_kg_m2]
+            mode |= {"kind": "panel", "com_m": list(part.com_m), "inertia_kg_m2": inertia}
+            mode["amplitude_rad"] = told["amplitude_rad"]
+        else:
+            mode["amplitude_m"] = told["amplitude_m"]
+        modes.append(mode)
+    return modes
 
 
 def _orbit(section: OrbitSection, before_s: float) -> dict[str, Any]:
@@ -339,6 +370,7 @@ def plant_document(
             None if scenario.environment is None else scenario.environment.model_dump(mode="json")
         ),
         "slosh": [asdict(part) for part in scenario.slosh],
+        "panels": [asdict(part) for part in scenario.panels],
         "stand": None if scenario.stand is None else asdict(scenario.stand),
         "wheels": None if scenario.wheels is None else asdict(scenario.wheels),
         "thrusters": None if scenario.thrusters is None else asdict(scenario.thrusters),

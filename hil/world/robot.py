@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hil.world.inertia import pi_of, report_of, symmetric
+from hil.world.springs import Panel, SloshMass, Sprung
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 
@@ -42,21 +43,6 @@ def body_of(report: FloatArray) -> Body:
     """Return the body of a report (10,)."""
     mass, cx, cy, cz, xx, xy, xz, yy, yz, zz = (float(x) for x in report)
     return Body(mass, (cx, cy, cz), (xx, xy, xz, yy, yz, zz))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SloshMass:
-    """Liquid that moves in a tank of the base: a mass on springs, one slide per axis.
-
-    It is part of the base's mass; at rest it leaves the base's inertial data as given.
-    """
-
-    mass_kg: float
-    place_m: tuple[float, float, float]  # at rest, base frame
-    axes: tuple[tuple[float, float, float], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-    frequency_hz: float  # with the tank held
-    damping_ratio: float
-    stroke_m: float  # a stiff wall beyond it
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +75,7 @@ class Robot:
     tool_id: int
     mount_p_BM_B_m: FloatArray  # (3,) base of the arm that grasps: frame of its first joint at zero
     mount_R_BM: FloatArray  # (3, 3)
-    slides: tuple[SloshMass, ...] = ()  # the mass of every slide, in order of its coordinate
+    slides: tuple[Sprung, ...] = ()  # the part of every slide and hinge, in order of its coordinate
     wheels: WheelSystem | None = None  # their coordinates stand behind the slides'
     thrusters: ThrusterSystem | None = None
 
@@ -108,6 +94,7 @@ class Robot:
         held: Mapping[str, Body] | None = None,
         wheels: WheelSystem | None = None,
         thrusters: ThrusterSystem | None = None,
+        panels: Sequence[Panel] = (),
     ) -> Robot:
         """Read a URDF.
 
@@ -117,7 +104,7 @@ class Robot:
         tool_frame : name of the link (or of the fixed joint) that grasps
         base : replaces the root link's inertial data
         target : grasped body, in the tool frame; None: nothing is grasped
-        slosh : liquid of the base; its coordinates stand between the base's and the joints'
+        slosh, panels : of the base; their coordinates stand between the base's and the joints'
         held : further bodies by the frame that each is fixed to
         wheels : reaction wheels of the base, part of its mass and, locked, of its inertia
         thrusters : of the base, and when they fire
@@ -141,7 +128,8 @@ class Robot:
             raise ValueError(f"{urdf}: no joint moves {tool.name!r}")
         if base is None and links[0].body is None:
             raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
-        model = _compile(links, base if base is not None else links[0].body, grasped, slosh, wheels)
+        parts: tuple[Sprung, ...] = (*slosh, *panels)
+        model = _compile(links, base if base is not None else links[0].body, grasped, parts, wheels)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         first = model.body(grasping[0].name).id
@@ -155,7 +143,7 @@ class Robot:
             tool_id=int(model.body(tool.name).id),
             mount_p_BM_B_m=data.xpos[first].copy(),
             mount_R_BM=data.xmat[first].reshape(3, 3).copy(),
-            slides=tuple(mass for mass in slosh for _ in mass.axes),
+            slides=tuple(part for part in parts for _ in part.axes),
             wheels=wheels,
             thrusters=thrusters,
         )
@@ -303,21 +291,21 @@ def _joints_to(links: list[Link], tool: Link) -> list[Link]:
     return path
 
 
-def without(body: Body, slosh: Sequence[SloshMass], wheels: WheelSystem | None = None) -> Body:
-    """Return what is rigid of a body that holds liquid at rest and wheels.
+def without(body: Body, parts: Sequence[Sprung], wheels: WheelSystem | None = None) -> Body:
+    """Return what is rigid of a body with liquid and panels at rest, and wheels.
 
     Raises
     ------
     ValueError if nothing physical is left.
     """
-    if not slosh and wheels is None:
+    if not parts and wheels is None:
         return body
     rotors = () if wheels is None else wheels.rotors
-    inside_kg = sum(part.mass_kg for part in slosh) + sum(rotor.mass_kg for rotor in rotors)
+    inside_kg = sum(part.mass_kg for part in parts) + sum(rotor.mass_kg for rotor in rotors)
     if inside_kg >= body.mass_kg:
-        raise ValueError(f"liquid and wheels outweigh the base's {body.mass_kg} kg")
+        raise ValueError(f"liquid, panels and wheels outweigh the base's {body.mass_kg} kg")
     whole = pi_of(np.array([body.mass_kg, *body.com_m, *body.inertia_kg_m2]))
-    points = [pi_of(np.array([part.mass_kg, *part.place_m, *np.zeros(6)])) for part in slosh]
+    points = [part.pi for part in parts]
     points += [rotor.pi for rotor in rotors]
     rest = report_of(whole - np.sum(points, axis=0))
     moments = np.linalg.eigvalsh(symmetric(rest[4:]))
@@ -330,7 +318,7 @@ def _compile(
     links: list[Link],
     base: Body | None,
     grasped: Sequence[tuple[str, str, Body]],
-    slosh: Sequence[SloshMass],
+    parts: Sequence[Sprung],
     wheels: WheelSystem | None,
 ) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
@@ -349,7 +337,7 @@ def _compile(
         inertial = base if link.parent is None else link.body
         if inertial is not None:
             _set_inertia(
-                node, without(inertial, slosh, wheels) if link.parent is None else inertial
+                node, without(inertial, parts, wheels) if link.parent is None else inertial
             )
         if link.parent is None:
             node.add_joint(
@@ -357,7 +345,7 @@ def _compile(
                 type=mujoco.mjtJoint.mjJNT_FREE,
                 align=mujoco.mjtAlignFree.mjALIGNFREE_FALSE,
             )
-            _add_slosh(node, slosh)
+            _add_sprung(node, parts)
             _add_wheels(node, wheels)
         elif link.axis is not None:
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
@@ -367,16 +355,20 @@ def _compile(
     return spec.compile()
 
 
-def _add_slosh(base: mujoco.MjsBody, slosh: Sequence[SloshMass]) -> None:
-    """Add the moving masses; springs and dampers are the truth's."""
-    for k, part in enumerate(slosh):
-        node = base.add_body(name=f"liquid {k}", pos=part.place_m)
-        speck = 1e-9 * part.mass_kg  # a point; MuJoCo wants a positive inertia
-        _set_inertia(node, Body(part.mass_kg, (0.0, 0.0, 0.0), (speck, 0, 0, speck, 0, speck)))
+def _add_sprung(base: mujoco.MjsBody, parts: Sequence[Sprung]) -> None:
+    """Add what moves on springs; springs and dampers are the truth's."""
+    for k, part in enumerate(parts):
+        if isinstance(part, Panel):
+            name, kind = f"panel {k}", mujoco.mjtJoint.mjJNT_HINGE
+            body = Body(part.mass_kg, part.com_m, part.inertia_kg_m2)
+        else:
+            name, kind = f"liquid {k}", mujoco.mjtJoint.mjJNT_SLIDE
+            speck = 1e-9 * part.mass_kg  # a point; MuJoCo wants a positive inertia
+            body = Body(part.mass_kg, (0.0, 0.0, 0.0), (speck, 0, 0, speck, 0, speck))
+        node = base.add_body(name=name, pos=part.place_m)
+        _set_inertia(node, body)
         for axis in part.axes:
-            node.add_joint(
-                type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.array(axis) / np.linalg.norm(axis)
-            )
+            node.add_joint(type=kind, axis=np.array(axis) / np.linalg.norm(axis))
 
 
 def _add_wheels(base: mujoco.MjsBody, wheels: WheelSystem | None) -> None:

@@ -21,8 +21,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, is_physical
-from hil.world.robot import SloshMass
 from hil.world.sensors import SensorConfig
+from hil.world.springs import Panel, SloshMass
 from hil.world.stand import Stand
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
@@ -70,6 +70,16 @@ class TimingSection(_Section):
     after_s: Annotated[float, Field(ge=0)]
 
 
+class ModesSection(_Section):
+    """What is told of every mode of the base: 1 sigma of its errors, and of where it starts."""
+
+    mass_sigma_ratio: float
+    frequency_sigma_ratio: float
+    damping_sigma_ratio: float
+    amplitude_m: float
+    amplitude_rad: float
+
+
 class FlightSection(_Section):
     """Choices of the flight software that are no facts about the devices."""
 
@@ -80,6 +90,7 @@ class FlightSection(_Section):
     speed_limit_rad_s: float
     sync_jitter_s: float  # 1 sigma of a SYNC's stamp from the latch, in real time
     estimator: dict[str, Any]  # as in the configuration
+    modes: ModesSection | None = None  # null: liquid and panels are not declared
 
 
 class FaultEntry(_Section):
@@ -110,6 +121,7 @@ class Document(_Section):
     environment: dict[str, Any] | Path | None = None  # null: nothing acts from outside
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()  # liquid in the base
+    panels: tuple[Panel, ...] = ()  # hinged to the base
     stand: Stand | None = None  # null: the base floats freely
     wheels: WheelSystem | None = None  # reaction wheels that hold the base's attitude
     thrusters: ThrusterSystem | None = None  # of the base, and when they fire
@@ -138,6 +150,7 @@ class Scenario:
     environment: EnvironmentSection | None = None
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()
+    panels: tuple[Panel, ...] = ()
     stand: Stand | None = None
     wheels: WheelSystem | None = None
     thrusters: ThrusterSystem | None = None
@@ -224,6 +237,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         environment=environment,
         faults=document.faults,
         slosh=document.slosh,
+        panels=document.panels,
         stand=document.stand,
         wheels=document.wheels,
         thrusters=document.thrusters,

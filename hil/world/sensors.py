@@ -22,7 +22,7 @@ Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Chunking = Literal["datagram", "ms1", "random"]
 DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5}
-DEVICE_KEYS |= {"wheel": 6, "thruster": 7}
+DEVICE_KEYS |= {"wheel": 6, "thruster": 7, "mode": 8}
 STRICT = ConfigDict(extra="forbid")
 HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: torque that takes a sensor from branch to branch
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from hil.world.history import Field, TruthHistory, TruthState
-from hil.world.robot import BASE_NQ, BASE_NV, Body, Robot, SloshMass, load_bodies
+from hil.world.robot import BASE_NQ, BASE_NV, Body, Robot, load_bodies
 from hil.world.spline import JointSpline
+from hil.world.springs import Springs
 from hil.world.stand import Stand
 
 __all__ = ["Body", "Robot", "TruthHistory", "TruthState", "load_bodies", "simulate"]
@@ -32,7 +33,6 @@ Wrench = Callable[[float, Any], None]
 POSITION_GAIN_1_S2 = 100.0
 SPEED_GAIN_1_S = 20.0
 STILL = (0.0, 0.0, 0.0)
-WALL_HZ = 1.0  # of a liquid's mass against its tank: soft enough for the step
 
 
 class _Plant:
@@ -44,7 +44,7 @@ class _Plant:
 
     def __init__(self, robot: Robot, wrench: Wrench | None, stand: Stand | None) -> None:
         if stand is not None and robot.slides:
-            raise ValueError("a base on a stand holds no liquid here")
+            raise ValueError("a base on a stand holds no liquid and no panel here")
         self.stand = stand
         self.model = robot.model
         self.model.opt.gravity[:] = 0.0 if stand is None else stand.gravity_m_s2
@@ -135,29 +135,6 @@ class _Plant:
             mujoco.mj_applyFT(self.model, data, f, t, data.xipos[body], int(body), force)
         _, acceleration, _ = dposv(self.H, force)
         return np.asarray(acceleration, dtype=np.float64)
-
-
-class Springs:
-    """Springs and dampers of the liquid's slides: k = m w^2, d = 2 zeta m w, and the tank's wall.
-
-    Beyond the stroke a wall pushes back, a spring of WALL_HZ with half its critical damping.
-    """
-
-    def __init__(self, slides: Sequence[SloshMass]) -> None:
-        mass = np.array([part.mass_kg for part in slides])
-        rate = 2.0 * np.pi * np.array([part.frequency_hz for part in slides])
-        self._stiffness = mass * rate**2
-        self._damping = 2.0 * np.array([part.damping_ratio for part in slides]) * mass * rate
-        self._stroke = np.array([part.stroke_m for part in slides])
-        wall_rate = 2.0 * np.pi * WALL_HZ
-        self._wall = mass * wall_rate**2
-        self._wall_damping = mass * wall_rate
-
-    def force_n(self, x_m: FloatArray, v_m_s: FloatArray) -> FloatArray:
-        """Return the force on every slide (s,) at its displacement and speed."""
-        beyond = np.sign(x_m) * np.maximum(np.abs(x_m) - self._stroke, 0.0)
-        wall = self._wall * beyond + self._wall_damping * v_m_s * (beyond != 0.0)
-        return np.asarray(-self._stiffness * x_m - self._damping * v_m_s - wall)
 
 
 def _turned(from_wxyz: FloatArray, to_wxyz: FloatArray) -> FloatArray:

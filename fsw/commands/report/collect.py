@@ -188,9 +188,7 @@ def sigma_shares(
 
 def _causes(problem: Problem) -> dict[str, slice]:
     return {
-        "inertial data of known bodies and links": slice(
-            problem.bodies.stop, problem.inertial.stop
-        ),
+        "inertial data of known bodies and links": problem.known,
         "torque offsets": problem.torque_offset,
         "torque scale": problem.torque_scale,
         "accelerometer bias": problem.acc_bias,
@@ -203,6 +201,7 @@ def _causes(problem: Problem) -> dict[str, slice]:
         ),
         "inertia of wheels": problem.wheel_scale,
         "thrusters": slice(problem.thrust_scale.start, problem.thrust_rise.stop),
+        "modes of the base": slice(problem.mode_mass.start, problem.mode_start.stop),
         "momentum": problem.momentum,
         "external wrench": problem.wrench,
     }

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.config.modes import METHODS_MODES
 from fsw.config.robot import METHODS_HELD
 from fsw.estimators.batch.diagnosis import diagnose_batch
 from fsw.estimators.batch.reference import with_reference
@@ -124,6 +125,9 @@ def _run(
         raise EstimatorError(
             f"method {method!r} needs the torque of every joint; {blind[0]!r} has torque: none"
         )
+    if config.modes and (method not in METHODS_MODES or reference):
+        what = "a reference" if reference else f"method {method!r}"
+        raise EstimatorError(f"{what} knows no modes: {' or '.join(METHODS_MODES)}, without one")
     chosen = config.with_unknown(tuple(unknown)) if unknown else config
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     settings = config.estimator

@@ -55,7 +55,7 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     the base velocity's own derivative drops out.
     """
     m, n, B = s.m, s.n, len(s.blocks)
-    model, pi, k = problem.model, problem.pi(x), problem.inertial
+    model, pi, k = problem.model, problem.pi(x), slice(0, problem.U.shape[1])
     model.set_parameters(pi)
     value, slope = _weak_form(m)
     spans_ns = np.array([block.t_ns[-1] - block.t_ns[0] for block in s.blocks])

@@ -32,6 +32,7 @@ from fsw.estimators.measurement.impulse import (
     needed,
     pulled,
 )
+from fsw.estimators.measurement.modes import Channels, released
 from fsw.estimators.measurement.motion_noise import residual_covariance, smoothed
 from fsw.estimators.measurement.mounting import as_true, turn
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
@@ -114,7 +115,7 @@ def _dynamics(
     if Y_field is not None:
         Y -= Y_field
     by_angle = h_by_angle = None
-    if s.angles_are_noisy or present(problem.joint_zero):
+    if s.angles_are_noisy or present(problem.joint_zero) or present(problem.mode_start):
         by_angle, h_by_angle = np.empty((N, 6 + n, n)), np.empty((N, 6, n))
         for i in range(N):
             by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])
@@ -170,26 +171,16 @@ def predict(
     gained from external moments up to the block.
     """
     s = as_true(block if isinstance(block, BlockStack) else BlockStack((block,)), x, problem)
-    n, r = s.n, problem.place_m(x)
-    G = field(s, problem)
-    L_B, J_L, after = _momentum(s, x, problem, G, before)
-    wheels = turning(s, x, problem)
-    if wheels is not None:  # base and arm have what the wheels do not
-        L_B = L_B - wheels.h_nms
-        J_L = -wheels.J_h if J_L is None else J_L - wheels.J_h
-    d = _dynamics(s, x, problem, rate, (L_B, G, wheels))
-    w, lever = d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
-    f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
-    D = _gains(s, x, problem, d, J_L, r)
+    n = s.n
+    if problem.modes is None:
+        at = _ideal(s, x, problem, rate, before)
+    else:
+        at = released(s, x, problem, rate, before, _ideal)
+    D, D_q, D_wheel, D_start = at.D, at.D_q, at.D_wheel, at.D_start
+    tau, f, w = at.tau, at.f, at.w
     D_w, J = D[:, : n + 3, n : n + 3], D[:, :, 2 * n + 3 :]
-    D_q = _angle_gain(d, D_w, r, rate)
-    D_wheel = _wheel_gain(d, D_w, r, rate)
-    every = [
-        gains for gains in (D, D_q, *(() if D_wheel is None else D_wheel)) if gains is not None
-    ]
-    if present(problem.imu_place):
-        J[:, n : n + 3, problem.imu_place] += _by_place(d.a[:, 3:], w) - G
-    tau = d.force
+    single = [gains for gains in (D, D_q, D_start) if gains is not None]
+    every = [*single, *(() if D_wheel is None else D_wheel)]
     if present(problem.imu_angle):
         f, w = _as_turned((f, w), D, every, x, problem, rate)
     lost, by_rate = friction.torque(s, x, problem)
@@ -226,9 +217,33 @@ def predict(
         D_w=D_w,
         D_q=D_q if s.angles_are_noisy else None,
         D_wheel=D_wheel,
-        after=after[-1],
-        each=after,
+        after=at.each[-1],
+        each=at.each,
+        D_start=D_start,
+        doubt=at.doubt,
     )
+
+
+def _ideal(
+    s: BlockStack, x: FloatArray, problem: Problem, rate: Rate, before: Impulse | None
+) -> Channels:
+    """Return what sensors without errors of their own measure where joints move as told."""
+    n, r = s.n, problem.place_m(x)
+    G = field(s, problem)
+    L_B, J_L, after = _momentum(s, x, problem, G, before)
+    wheels = turning(s, x, problem)
+    if wheels is not None:  # base and arm have what the wheels do not
+        L_B = L_B - wheels.h_nms
+        J_L = -wheels.J_h if J_L is None else J_L - wheels.J_h
+    d = _dynamics(s, x, problem, rate, (L_B, G, wheels))
+    w, lever = d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
+    f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
+    D = _gains(s, x, problem, d, J_L, r)
+    D_w = D[:, : n + 3, n : n + 3]
+    if present(problem.imu_place):
+        D[:, n : n + 3, 2 * n + 3 :][:, :, problem.imu_place] += _by_place(d.a[:, 3:], w) - G
+    D_q, D_wheel = _angle_gain(d, D_w, r, rate), _wheel_gain(d, D_w, r, rate)
+    return Channels(d.force, f, w, D, D_q, D_wheel, after)
 
 
 def _gains(

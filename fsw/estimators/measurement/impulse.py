@@ -6,7 +6,7 @@ carried from block to block by Gauss quadrature over the nodes, with its exact J
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -19,24 +19,36 @@ from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
 
+def _nothing() -> FloatArray:
+    return np.zeros(0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Impulse:
-    """Angular momentum gained from external moments up to a time, in inertial axes."""
+    """Angular momentum gained from external moments up to a time, in inertial axes; modes there."""
 
     end_ns: int
     L_Nms: FloatArray  # (3,)
     J: FloatArray  # (3, p) its derivative by the state
     x: FloatArray  # (p,) the state it was evaluated at
     fired_s: FloatArray | float = 0.0  # (K,) integral of the thrusters' shares up to then
+    modes: FloatArray = field(default_factory=_nothing)  # (2 c,) coordinates, then rates
+    J_modes: FloatArray = field(default_factory=_nothing)  # (2 c, p)
+    doubt: FloatArray = field(default_factory=_nothing)  # (2 c,) variance beside the state's
 
     def at(self, x: FloatArray) -> FloatArray:
         """Return the momentum at another state, to first order."""
         momentum: FloatArray = self.L_Nms + self.J @ (x - self.x)
         return momentum
 
+    def modes_at(self, x: FloatArray) -> FloatArray:
+        """Return the modes at another state, to first order."""
+        modes: FloatArray = self.modes + self.J_modes @ (x - self.x)
+        return modes
+
 
 @lru_cache(maxsize=8)
-def _integration(nodes: int) -> tuple[FloatArray, FloatArray]:
+def integration(nodes: int) -> tuple[FloatArray, FloatArray]:
     """Return the integrals from -1 to each node of the interpolant (m, m), and weights (m,)."""
     points, weights = legendre.leggauss(nodes)
     to_coefficients = np.linalg.solve(legendre.legvander(points, nodes - 1), np.eye(nodes))
@@ -68,7 +80,7 @@ def momentum_at_nodes(
     W, J_W = _wrench(block, x, problem, G)
     centres = _centres(block, x, problem)
     T, J = _about(centres, block, problem, W, J_W)
-    cumulative, weights = _integration(len(T))
+    cumulative, weights = integration(len(T))
     half_s = 0.5 * problem.window_s
     centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
     start_ns, stop_ns = centre_ns - round(half_s * 1e9), centre_ns + round(half_s * 1e9)

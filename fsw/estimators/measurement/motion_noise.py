@@ -38,6 +38,9 @@ def residual_covariance(
     if prediction.D_wheel is not None:
         D_h, k = prediction.D_wheel[:, :, use], s.cov_wheel.shape[1]
         S += through(s, D_h, s.cov_wheel.reshape(B, k, 2, m, 2, m)).reshape(B, size, size)
+    if prediction.D_start is not None and prediction.doubt is not None and prediction.doubt.any():
+        D_e = prediction.D_start[:, use].reshape(B, size, -1)
+        S += (D_e * prediction.doubt[:, None]) @ D_e.transpose(0, 2, 1)
     if rate == "measured":
         D_w = np.zeros((1, B * m, n + 6, 3))
         D_w[0, :, : n + 3] = prediction.D_w

@@ -30,3 +30,5 @@ class Prediction:
     D_wheel: FloatArray | None  # (2, m, n + 6, k): d[tau; f; w]/d[h, d/dt h] of k wheels
     after: Impulse | None  # momentum gained up to the end
     each: tuple[Impulse | None, ...]  # up to the end of each block
+    D_start: FloatArray | None = None  # (m, n + 6, 2 c): by c modes at their block's start
+    doubt: FloatArray | None = None  # (B, 2 c) variances of these beside what the state tells

@@ -4,15 +4,15 @@ State x = [10 parameters per unknown body (base first, then target), ways in whi
 may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
 of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
-the joints (n each), relative errors of the wheels' inertias (k), and of K thrusters relative errors
-of the forces, errors of the delays and of the rise times]. Where a prior sigma is zero there is no
-state.
+the joints (n each), relative errors of the wheels' inertias (k), of K thrusters relative errors of
+the forces, errors of the delays and of the rise times, and what `modes` appends]. Where a prior
+sigma is zero there is no state.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from fsw.estimators.model.inertia import (
     report_jacobian,
     to_parameters,
 )
+from fsw.estimators.model.modes import Modes, with_modes
 from fsw.estimators.model.orbit import CircularOrbit
 from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.messages import FloatArray
@@ -40,6 +41,11 @@ TAIL_RISES = 10.0  # rise times after which a force has settled
 THRUST = ("thrust_scale", "thrust_delay", "thrust_rise")
 CALIBRATION = ("joint_zero", "imu_place", "imu_angle", "wheel_scale", *THRUST)
 IndexArray = NDArray[np.intp]
+
+
+def no_states() -> slice:
+    """Return the place of a nuisance that is not part of the state."""
+    return slice(0, 0)
 
 
 def present(states: slice) -> bool:
@@ -124,6 +130,17 @@ class Problem:
     support_m_s2: FloatArray  # (3,) acceleration by which what holds the base keeps it from falling
     watches_outside: bool  # whether blocks may be marked as those of an unknown momentum
     liquid: FloatArray  # (p, p) covariance that liquid in the bodies adds to what is published
+    mode_mass: slice = field(
+        default_factory=no_states
+    )  # relative error of the inertia of each of the base's modes
+    mode_frequency: slice = field(
+        default_factory=no_states
+    )  # logarithm of the factor on what is configured
+    mode_damping: slice = field(default_factory=no_states)
+    mode_start: slice = field(
+        default_factory=no_states
+    )  # coordinates, then rates, where the data begin [m or rad]
+    modes: Modes | None = None  # None: none, or the robot of this problem has them as joints
 
     @property
     def is_free(self) -> bool:
@@ -136,24 +153,37 @@ class Problem:
         return slice(0, PARAMETERS * len(self.unknown))
 
     @property
-    def inertial(self) -> slice:
-        """Return the states that are inertial data, of unknown bodies and of known ones."""
-        return slice(0, self.U.shape[1])
+    def inertial(self) -> slice | IndexArray:
+        """Return the states that are inertial data, of unknown bodies and of known ones.
+
+        Where the robot has modes as joints, their masses too.
+        """
+        own, count = self.U.shape[1], self.mode_mass.stop - self.mode_mass.start
+        if count == 0 or self.modes is not None:
+            return slice(0, own)
+        return np.concatenate([np.arange(own - count), np.arange(len(self.names))[self.mode_mass]])
+
+    @property
+    def known(self) -> slice:
+        """Return the states by which known bodies may differ."""
+        first = self.bodies.stop
+        return slice(first, first + sum(name.startswith("known.") for name in self.names))
 
     @property
     def published(self) -> IndexArray:
         """Return the states that are published: not the known bodies, zeros and mounting."""
         hidden = (
-            slice(self.bodies.stop, self.inertial.stop),
+            self.known,
             *(self.joint_zero, self.imu_place, self.imu_angle, self.wheel_scale),
-            *(self.thrust_scale, self.thrust_delay, self.thrust_rise),
+            *(self.thrust_scale, self.thrust_delay, self.thrust_rise, self.mode_start),
         )
         return np.delete(np.arange(len(self.names)), np.r_[hidden])
 
     def least_plausible(self, x: FloatArray) -> tuple[str, float]:
         """Return which value of arm and calibration is farthest from its prior, and its sigmas."""
         doubts = np.setdiff1d(np.arange(len(x)), self.published)
-        doubts = np.r_[doubts, np.arange(len(x))[self.torque_scale]]
+        told = (self.torque_scale, self.mode_mass, self.mode_frequency, self.mode_damping)
+        doubts = np.concatenate([doubts, *(np.arange(len(x))[states] for states in told)])
         if not len(doubts):
             return "", 0.0
         sigmas = np.abs((x - self.prior_mean)[doubts]) / np.sqrt(
@@ -399,7 +429,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
     for index, root in enumerate(liquids):
         k = slice(PARAMETERS * index, PARAMETERS * (index + 1))
         liquid[k, k] = root @ root.T
-    return Problem(
+    problem = Problem(
         model=model,
         unknown=unknown,
         pi_known=pi_known,
@@ -452,3 +482,4 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         watches_outside=estimator.outside_wrench == "watch",
         liquid=liquid,
     )
+    return with_modes(problem, config.modes) if config.modes else problem

@@ -8,6 +8,8 @@ so all functions of (q, w, qd) here set v_b = 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,6 +47,16 @@ class Hold:
     map: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Appended:
+    """A joint on the base, or on the one appended before it: revolute or prismatic."""
+
+    is_revolute: bool
+    is_on_last: bool
+    axis: FloatArray  # (3,) unit vector
+    place_m: FloatArray  # (3,) of its frame, whose axes are those of what carries it
+
+
 class RobotModel:
     """Dynamics of base, known arm and grasped target, linear in the inertial parameters.
 
@@ -77,14 +89,18 @@ class RobotModel:
                     f"robot.urdf: joint {self.model.names[index]!r} is {_kind(kind)}; every joint "
                     "must be revolute with limits, or fixed"
                 )
+        self._tool = self.model.getFrameId(tool_frame)
         self.parents = np.array(self.model.parents[2:], np.intp) - 1
         self.tool = self.hold(tool_frame, "robot.tool_frame")
         if self.tool.body in {0, *self.parents.tolist()} and self.n:
             raise ConfigError(
                 f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of an arm"
             )
+        self.set_up()
+
+    def set_up(self) -> None:
+        """Prepare what depends on the joints alone."""
         self.data = self.model.createData()
-        self._tool = self.model.getFrameId(tool_frame)
         self.pi_links = np.concatenate(
             [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
         )
@@ -94,6 +110,21 @@ class RobotModel:
         self._lower = np.tril_indices(self.model.nv, -1)
         self._set = np.full(self.pi_links.size, np.nan)
         self._carries = self._support()
+
+    def with_joints(self, joints: Sequence[Appended]) -> RobotModel:
+        """Return the robot with more joints behind its own; they carry nothing yet."""
+        other = copy(self)
+        other.model, last = self.model.copy(), 1
+        for joint in joints:
+            revolute, sliding = pin.JointModelRevoluteUnaligned, pin.JointModelPrismaticUnaligned
+            own = (revolute if joint.is_revolute else sliding)(joint.axis)
+            place, name = pin.SE3(np.eye(3), joint.place_m), f"appended {other.model.njoints}"
+            last = other.model.addJoint(last if joint.is_on_last else 1, own, place, name)
+        other.n = other.model.nv - 6
+        other.joint_names = tuple(other.model.names[2:])
+        other.parents = np.array(other.model.parents[2:], np.intp) - 1
+        other.set_up()
+        return other
 
     def hold(self, frame_name: str, key: str) -> Hold:
         """Return how a body in a frame of the robot hangs on it.

@@ -124,12 +124,17 @@ class Memory:
             stored.weight *= factor
         self._combine()
 
-    def add(self, block: Block, rows: Rows, at: FloatArray, *, keep: bool) -> None:
-        """Fold in the whitened rows of a block at a state, and keep it for passes if told so."""
+    def add(
+        self, block: Block, rows: Rows, at: FloatArray, *, keep: bool, weight: float = 1.0
+    ) -> None:
+        """Fold in the whitened rows of a block at a state, and keep it for passes if told so.
+
+        Of weight 0 it says nothing, and is only where momentum and modes pass through.
+        """
         c = rows.b + rows.A @ at
-        stored = _Stored(block, rows.A, c, at, self.gained, rows.after)
+        stored = _Stored(block, rows.A, c, at, self.gained, rows.after, weight)
         self.gained = rows.after
-        self.rows += len(c)
+        self.rows += len(c) if weight else 0
         self.data = stored.into(self.data)
         self._combine()
         if not keep:
@@ -266,13 +271,13 @@ class Memory:
 
     def residual_levels(self, x: FloatArray, newest: int) -> tuple[FloatArray, int]:
         """Return squared whitened residuals over rows of the newest blocks, and rows per block."""
-        recent = [self._with_rows(stored) for stored in list(self._store)[-newest:]]
+        recent = [self._with_rows(s) for s in list(self._store)[-newest:] if s.weight]
         levels = [float(np.mean((s.c - s.A @ x) ** 2)) for s in recent if len(s.c)]
         return np.array(levels), len(recent[-1].c) if recent else 0
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """Return the whitened residuals of every stored block, oldest first."""
-        return [s.c - s.A @ x for s in self._store if len(s.c)]
+        return [s.c - s.A @ x for s in self._store if len(s.c) and s.weight]
 
     def tempered(self, level: float) -> SquareRootInformation:
         """Return the information if the data's noise variance is `level` times the declared."""

@@ -244,6 +244,8 @@ class Recursion:
         self.trust.note(self.monitor.level)
         if not judgement.accepted:
             self.gated += 1
+            if self.problem.modes is not None:  # the arm moved, and its modes with it
+                self.memory.add(block, rows, at, keep=not self.linear, weight=0.0)
         else:
             self._absorb(block, rows, at, end_ns)
             if self.blocks % NOISE_BLOCKS == 0:

@@ -59,11 +59,12 @@ def to_information(values: Values) -> SquareRootInformation:
 
 
 def from_impulse(impulse: Impulse | None) -> dict[str, Any] | None:
-    """Return the momentum gained, its derivative, and where it was taken."""
+    """Return the momentum gained, its derivative, and where it was taken; modes if there are."""
     if impulse is None:
         return None
     fired = ("fired_s",) if isinstance(impulse.fired_s, np.ndarray) else ()
-    return kept(impulse, ("end_ns", "L_Nms", "J", "x", *fired))
+    modes = ("modes", "J_modes", "doubt") if len(impulse.modes) else ()
+    return kept(impulse, ("end_ns", "L_Nms", "J", "x", *fired, *modes))
 
 
 def to_impulse(values: Values | None) -> Impulse | None:

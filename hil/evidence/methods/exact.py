@@ -31,7 +31,9 @@ def true_robot(scenario: Scenario) -> Robot:
     """Return the scenario's robot with its true bodies."""
     bodies = {name: _body(report) for name, report in scenario.truth.items()}
     base, target = bodies["base"], bodies.get("target")
-    return Robot.load(scenario.urdf, scenario.tool_frame, base, target, scenario.slosh)
+    return Robot.load(
+        scenario.urdf, scenario.tool_frame, base, target, scenario.slosh, panels=scenario.panels
+    )
 
 
 def base_velocity(state: TruthState) -> FloatArray:

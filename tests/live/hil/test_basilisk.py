@@ -29,7 +29,7 @@ def test_the_target_is_found_from_the_bytes_of_the_second_truth(tmp_path):
     assert outcome["nees"] < CHI2_10_999
 
 
-@pytest.mark.parametrize("name", ["wheels_leo", "base_slosh", "two_arms"])
-def test_wheels_liquid_and_two_arms_move_alike_in_both_engines(tmp_path, name):
+@pytest.mark.parametrize("name", ["wheels_leo", "base_slosh", "panel_leo", "two_arms"])
+def test_wheels_liquid_panel_and_two_arms_move_alike_in_both_engines(tmp_path, name):
     flown = fly(short(tmp_path, name=name, points=1), ENVIRONMENT)
     assert not flown.beyond, flown.apart

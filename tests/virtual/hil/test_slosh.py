@@ -1,4 +1,4 @@
-"""Liquid in the base: nothing at rest, a spring's own frequency, momentum kept, a wall."""
+"""Liquid and panels of the base: nothing at rest, their own frequency, momentum kept, a wall."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hil.world.robot import Robot, SloshMass, without
+from hil.world.robot import Robot, without
+from hil.world.springs import Panel, SloshMass
 from hil.world.truth import simulate
 from tests.support.truth_cases import BODIES, URDF, stand_in
 
@@ -21,6 +22,15 @@ TANKS = (
     SloshMass(
         mass_kg=25.0, place_m=(0.8, -0.8, 0.8), frequency_hz=0.02, damping_ratio=0.01, stroke_m=0.2
     ),
+)
+PANEL = Panel(
+    mass_kg=25.0,
+    place_m=(0.855, -0.408, 1.441),
+    axis=(2.0, 0.0, 0.0),
+    com_m=(0.1, 0.0, 1.5),
+    inertia_kg_m2=(18.75, 0.0, 0.0, 22.8, 0.0, 4.08),
+    frequency_hz=0.5,
+    damping_ratio=1e-6,
 )
 
 
@@ -40,6 +50,8 @@ def test_liquid_at_rest_changes_nothing():
     rigid = Robot.load(URDF, "tool", base=BASE)
     filled = Robot.load(URDF, "tool", base=BASE, slosh=TANKS)
     assert len(filled.slides) == 6
+    winged = Robot.load(URDF, "tool", base=BASE, panels=[PANEL])
+    assert np.allclose(mass_matrix(winged, q), mass_matrix(rigid, q), rtol=1e-9, atol=1e-6)
     assert np.allclose(mass_matrix(filled, q), mass_matrix(rigid, q), rtol=1e-9, atol=1e-6)
     assert np.allclose(filled.tool_poses(q[None])[0], rigid.tool_poses(q[None])[0])
 
@@ -114,3 +126,26 @@ def test_momentum_stays_zero_with_liquid():
         mujoco.mj_forward(robot.model, data)
         centres.append(data.subtree_com[0].copy())
     assert np.abs(np.array(centres) - centres[0]).max() < 1e-8
+
+
+def test_a_panel_swings_at_the_frequency_of_the_free_base():
+    """w^2 = K / (I - s^T H^-1 s), I about the hinge; coupling s with base and locked arm, H."""
+    q = CASE.spline.control_points_rad[0]
+    H = mass_matrix(Robot.load(URDF, "tool", base=BASE), q)[:6, :6]
+    a, c, m = np.array([1.0, 0.0, 0.0]), np.array(PANEL.com_m), PANEL.mass_kg
+    spin = np.diag([18.75, 22.8, 4.08]) @ a
+    momentum = m * np.cross(a, c)
+    s = np.concatenate([momentum, spin + np.cross(np.add(PANEL.place_m, c), momentum)])
+    inertia = a @ spin + np.cross(a, c) @ momentum
+    free = 0.5 * np.sqrt(inertia / (inertia - s @ np.linalg.solve(H, s)))
+
+    def wrench(t_s: float, data: Any) -> None:
+        if t_s < 0.2:
+            data.xfrc_applied[1, 3] = 5.0
+
+    robot = Robot.load(URDF, "tool", base=BASE, panels=[PANEL])
+    history = simulate(robot, CASE.spline.scaled(0.0), 0.0, 12.0, 0.005, wrench=wrench)
+    angle = history.liquid_m[200:, 0]
+    rising = np.flatnonzero((angle[:-1] < 0) & (angle[1:] >= 0))
+    assert 1.0 / (np.diff(history.t_s[rising]).mean()) == pytest.approx(free, rel=5e-3)
+    assert free > 0.52

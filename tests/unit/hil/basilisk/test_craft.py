@@ -28,14 +28,16 @@ def planned(name: str) -> tuple:
     )
 
 
-@pytest.mark.parametrize("name", ["target_leo", "two_payloads", "base_slosh", "wheels_leo"])
+@pytest.mark.parametrize(
+    "name", ["target_leo", "two_payloads", "base_slosh", "panel_leo", "wheels_leo"]
+)
 def test_the_craft_has_the_mass_and_centre_of_mujocos_model(name):
     scenario, robot, plan = planned(name)
     about = json.loads(job_of(scenario, robot, plan)["about"])
     hub = about["hub"]
     parts = [(hub["mass_kg"], np.array(hub["com_m"]))]
     parts += [(part["mass_kg"], np.array(part["place_m"])) for part in about["slides"]]
-    for chain in about["chains"]:
+    for chain in [*about["chains"], *([panel] for panel in about["panels"])]:
         R, p = np.eye(3), np.zeros(3)
         for link in chain:
             p = p + R @ np.array(link["p_PS_P_m"])

@@ -8,8 +8,9 @@ import numpy as np
 
 from fsw.estimators.recursive.change import SLOW_BLOCKS, slow_power
 from fsw.estimators.recursive.online import build_online
-from hil.world.robot import Robot, SloshMass
+from hil.world.robot import Robot
 from hil.world.spline import JointSpline
+from hil.world.springs import SloshMass
 from hil.world.truth import simulate
 from tests.support.estimator_cases import (
     BASE,

@@ -1,0 +1,87 @@
+"""Modes: parts of the base that move on springs, as a hinged panel or liquid in a tank."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from fsw.config.base import InertiaVector, Mass, Position, ScaleSigma, Section, Vector3
+from fsw.config.processing import EstimatorConfig
+
+METHODS_MODES = ("fused", "rda", "cm")
+Frequency = Annotated[float, Field(ge=1e-4, le=1e3, allow_inf_nan=False)]
+DampingRatio = Annotated[float, Field(ge=1e-6, lt=1, allow_inf_nan=False)]
+LogSigma = Annotated[float, Field(ge=0, le=3.0, allow_inf_nan=False)]
+Amplitude = Annotated[float, Field(gt=0, le=10.0, allow_inf_nan=False)]
+TOLERANCE = 1e-6
+CROSSWISE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class ModeConfig(Section):
+    """One part of the base on springs and dampers; at rest it belongs to the base's own data."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    kind: Literal["panel", "slosh"]
+    p_B_m: Position  # of a panel: a point of its hinge; of liquid: where it is at rest
+    axes_B: Annotated[tuple[Vector3, ...], Field(min_length=1, max_length=3)] = CROSSWISE
+    mass_kg: Mass  # of what moves
+    com_m: Position = (0.0, 0.0, 0.0)  # of a panel, from p_B_m
+    inertia_kg_m2: InertiaVector | None = None  # of a panel, about its centre of mass
+    frequency_hz: Frequency  # with the base held
+    damping_ratio: DampingRatio
+    mass_sigma_ratio: ScaleSigma = 0.1
+    frequency_sigma_ratio: LogSigma = 0.1
+    damping_sigma_ratio: LogSigma = 0.5
+    amplitude_m: Amplitude | None = None  # of liquid: how far it may be from rest, 1 sigma
+    amplitude_rad: Amplitude | None = None  # of a panel
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        import numpy as np
+
+        is_panel, axes = self.kind == "panel", np.array(self.axes_B)
+        if is_panel and len(axes) != 1:
+            raise ValueError("axes_B: a panel has one, its hinge")
+        if np.abs(axes @ axes.T - np.eye(len(axes))).max() > TOLERANCE:
+            raise ValueError("axes_B: must have length 1 and stand at right angles")
+        needed, other = ("rad", "m") if is_panel else ("m", "rad")
+        if getattr(self, f"amplitude_{needed}") is None:
+            raise ValueError(f"amplitude_{needed}: missing; a {self.kind} needs it")
+        if getattr(self, f"amplitude_{other}") is not None:
+            raise ValueError(f"amplitude_{other}: not of a {self.kind}; amplitude_{needed} is")
+        if is_panel != (self.inertia_kg_m2 is not None):
+            raise ValueError(f"inertia_kg_m2: {'missing' if is_panel else 'liquid has none'}")
+        if not is_panel and any(self.com_m):
+            raise ValueError("com_m: liquid is a point at p_B_m; leave it out")
+        if self.inertia_kg_m2 is not None:
+            xx, xy, xz, yy, yz, zz = self.inertia_kg_m2
+            moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if moments[0] < 0 or moments[0] + moments[1] < moments[2] * (1.0 - TOLERANCE):
+                raise ValueError(f"inertia_kg_m2: moments {moments.round(6).tolist()} of no body")
+            if np.linalg.norm(np.cross(self.com_m, axes[0])) ** 2 * self.mass_kg + moments[0] <= 0:
+                raise ValueError("inertia_kg_m2: nothing turns about the hinge")
+        return self
+
+    @property
+    def amplitude(self) -> float:
+        """Return how far it may be from rest, 1 sigma [m or rad]."""
+        return self.amplitude_m or self.amplitude_rad or 0.0
+
+
+def modes_go_with(
+    modes: Sequence[ModeConfig], estimator: EstimatorConfig, base_motion: str
+) -> None:
+    """Refuse what knows no modes, where there are some."""
+    if not modes:
+        return
+    if base_motion != "free":
+        raise ValueError(f"modes: base.motion is {base_motion}; they need a free base")
+    if estimator.method not in METHODS_MODES:
+        raise ValueError(
+            f"estimator.method: {estimator.method!r} has no modes; must be "
+            f"{' or '.join(METHODS_MODES)}"
+        )
+    if estimator.outside_wrench == "watch":
+        raise ValueError("estimator.outside_wrench: 'watch' knows no modes; must be ignore")

@@ -1,0 +1,157 @@
+"""Modes of the base as joints of the robot that springs and dampers drive, and their parameters.
+
+A panel turns about its hinge, liquid slides along one to three axes; both hang on the base. In the
+base's own inertial data they are locked at rest. Released, the rigid rest is the base less every
+mode, and each mode a body of its own. With s, f, d the states of a mode (relative error of its mass
+and modal inertia, logarithms of the factors on frequency and damping ratio), M its inertia about
+the hinge or its mass:
+
+    stiffness  K = M (1 + s) w^2 e^(2 f)        damping  C = 2 zeta e^d w e^f M (1 + s)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from fsw.config import ModeConfig
+from fsw.estimators.model.inertia import PARAMETERS, frame_change, to_parameters
+from fsw.estimators.model.robot import Appended
+from fsw.messages import FloatArray
+
+if TYPE_CHECKING:
+    from fsw.estimators.model.problem import Problem
+
+EXACT = 1e-9  # sigma of what is configured as exact
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Modes:
+    """The released robot and the springs of its c modal coordinates.
+
+    Attributes
+    ----------
+    released : the problem whose robot has the modes as joints behind those of the arm
+    of : (c,) mode of each coordinate
+    inertia : (c,) as configured [kg or kg m^2]
+    rate_rad_s, damping_ratio : (c,) of each with the base held, as configured
+    amplitude : (c,) 1 sigma of the distance from rest [m or rad]
+    """
+
+    released: Problem
+    of: NDArray[np.intp]
+    inertia: FloatArray
+    rate_rad_s: FloatArray
+    damping_ratio: FloatArray
+    amplitude: FloatArray
+
+    def springs(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return stiffness and damping (2, c), and their derivatives by the state (2, c, p)."""
+        problem, rows = self.released, np.arange(len(self.of))
+        s, f, d = (
+            x[states][self.of]
+            for states in (problem.mode_mass, problem.mode_frequency, problem.mode_damping)
+        )
+        rate, own = self.rate_rad_s * np.exp(f), self.inertia * (1.0 + s)
+        K, C = own * rate**2, 2.0 * self.damping_ratio * np.exp(d) * rate * own
+        J = np.zeros((2, len(rows), len(x)))
+        J[0, rows, problem.mode_mass.start + self.of] = self.inertia * rate**2
+        J[1, rows, problem.mode_mass.start + self.of] = C / own * self.inertia
+        J[0, rows, problem.mode_frequency.start + self.of] = 2.0 * K
+        J[1, rows, problem.mode_frequency.start + self.of] = C
+        J[1, rows, problem.mode_damping.start + self.of] = C
+        return np.array([K, C]), J
+
+
+def own_parameters(mode: ModeConfig) -> FloatArray:
+    """Return the ten of a mode's body about its point p_B_m, in axes of B."""
+    inertia = np.zeros(6) if mode.inertia_kg_m2 is None else np.array(mode.inertia_kg_m2)
+    return to_parameters(mode.mass_kg, np.array(mode.com_m), inertia)
+
+
+def in_base(mode: ModeConfig) -> FloatArray:
+    """Return the same about the base's origin: what is part of the base's own data at rest."""
+    seen: FloatArray = frame_change(np.eye(3), np.array(mode.p_B_m)) @ own_parameters(mode)
+    return seen
+
+
+def modal_inertia(mode: ModeConfig) -> float:
+    """Return the mass of liquid, a panel's inertia about its hinge."""
+    if mode.kind == "slosh":
+        return mode.mass_kg
+    xx, xy, yy, xz, yz, zz = own_parameters(mode)[4:]
+    axis = np.array(mode.axes_B[0])
+    return float(axis @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axis)
+
+
+def with_modes(problem: Problem, modes: Sequence[ModeConfig]) -> Problem:
+    """Return the problem with the modes' states at its end, and with what they do."""
+    each = [mode for mode in modes for _ in mode.axes_B]
+    amplitude = np.array([mode.amplitude for mode in each])
+    rate_rad_s = 2.0 * np.pi * np.array([mode.frequency_hz for mode in each])
+    names = [mode.name for mode in modes]
+    labels = [f"{mode.name}.{k + 1}" for mode in modes for k in range(len(mode.axes_B))]
+    labels += [f"{label}.rate" for label in labels]
+    states = {
+        "mode_mass": (names, [mode.mass_sigma_ratio for mode in modes]),
+        "mode_frequency": (names, [mode.frequency_sigma_ratio for mode in modes]),
+        "mode_damping": (names, [mode.damping_sigma_ratio for mode in modes]),
+        "mode_start": (labels, [*amplitude, *(rate_rad_s * amplitude)]),
+    }
+    places: dict[str, slice] = {}
+    every, sigma = list(problem.names), []
+    for kind, (own, sigmas) in states.items():
+        places[kind] = slice(len(every), len(every) + len(own))
+        every += [f"{kind}.{label}" for label in own]
+        sigma += sigmas
+    locked = replace(
+        problem,
+        names=tuple(every),
+        prior_mean=np.concatenate([problem.prior_mean, np.zeros(len(sigma))]),
+        prior_covariance=block_diag(
+            problem.prior_covariance, np.diag(np.maximum(sigma, EXACT) ** 2)
+        ),
+        liquid=block_diag(problem.liquid, np.zeros((len(sigma), len(sigma)))),
+        mode_mass=places["mode_mass"],
+        mode_frequency=places["mode_frequency"],
+        mode_damping=places["mode_damping"],
+        mode_start=places["mode_start"],
+    )
+    return replace(
+        locked,
+        modes=Modes(
+            released=_released(locked, modes),
+            of=np.repeat(np.arange(len(modes)), [len(mode.axes_B) for mode in modes]),
+            inertia=np.array([modal_inertia(mode) for mode in each]),
+            rate_rad_s=rate_rad_s,
+            damping_ratio=np.array([mode.damping_ratio for mode in each]),
+            amplitude=amplitude,
+        ),
+    )
+
+
+def _released(locked: Problem, modes: Sequence[ModeConfig]) -> Problem:
+    """Return the problem of the robot with the modes as joints, and the base without them."""
+    joints: list[Appended] = []
+    pi, columns = [locked.pi_known], []
+    for mode in modes:
+        for k, axis in enumerate(mode.axes_B):
+            place = np.zeros(3) if k else np.array(mode.p_B_m)
+            joints.append(Appended(mode.kind == "panel", k > 0, np.array(axis), place))
+            pi.append(np.zeros(PARAMETERS))
+        pi[-1] = own_parameters(mode)
+        column = np.zeros(len(locked.pi_known) + PARAMETERS * sum(len(m.axes_B) for m in modes))
+        stop = len(locked.pi_known) + PARAMETERS * len(joints)
+        column[:PARAMETERS], column[stop - PARAMETERS : stop] = -in_base(mode), pi[-1]
+        columns.append(column)
+    whole = np.concatenate(pi)
+    whole[:PARAMETERS] += np.sum([column[:PARAMETERS] for column in columns], axis=0)
+    U = np.zeros((len(whole), locked.U.shape[1] + len(modes)))
+    U[: len(locked.pi_known), : locked.U.shape[1]] = locked.U
+    U[:, locked.U.shape[1] :] = np.array(columns).T
+    return replace(locked, model=locked.model.with_joints(joints), pi_known=whole, U=U)

@@ -1,0 +1,101 @@
+"""Parts of the base that move on springs: liquid in tanks, hinged panels; and their forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+from hil.world.inertia import pi_of, symmetric
+
+FloatArray = NDArray[np.float64]
+WALL_HZ = 1.0  # of a liquid's mass against its tank: soft enough for the step
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SloshMass:
+    """Liquid that moves in a tank of the base: a mass on springs, one slide per axis.
+
+    It is part of the base's mass; at rest it leaves the base's inertial data as given.
+    """
+
+    mass_kg: float
+    place_m: tuple[float, float, float]  # at rest, base frame
+    axes: tuple[tuple[float, float, float], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    frequency_hz: float  # with the tank held
+    damping_ratio: float
+    stroke_m: float  # a stiff wall beyond it
+
+    @property
+    def pi(self) -> FloatArray:
+        """Return its barycentric parameters (10,) at rest, in the base frame."""
+        return pi_of(np.array([self.mass_kg, *self.place_m, *np.zeros(6)]))
+
+    @property
+    def moved(self) -> float:
+        """Return the mass on the spring [kg]."""
+        return self.mass_kg
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """A panel hinged to the base, with a spring and a damper; part of the base's data at rest."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    mass_kg: float
+    place_m: tuple[float, float, float]  # of the hinge, base frame
+    axis: tuple[float, float, float]  # of the hinge, any length
+    com_m: tuple[float, float, float]  # from the hinge
+    inertia_kg_m2: tuple[float, float, float, float, float, float]  # about the centre of mass
+    frequency_hz: float  # with the base held
+    damping_ratio: float
+    stroke_m: float = np.inf  # rad: it has no stop
+
+    @property
+    def axes(self) -> tuple[tuple[float, float, float], ...]:
+        """Return the hinge's axis."""
+        return (self.axis,)
+
+    @property
+    def pi(self) -> FloatArray:
+        """Return its barycentric parameters (10,) at rest, in the base frame."""
+        com = np.add(self.place_m, self.com_m)
+        return pi_of(np.array([self.mass_kg, *com, *self.inertia_kg_m2]))
+
+    @property
+    def moved(self) -> float:
+        """Return its inertia about the hinge [kg m^2]."""
+        a = np.array(self.axis) / np.linalg.norm(self.axis)
+        lever = np.cross(a, self.com_m)
+        own = a @ symmetric(np.array(self.inertia_kg_m2)) @ a
+        return float(own + self.mass_kg * lever @ lever)
+
+
+Sprung = SloshMass | Panel
+
+
+class Springs:
+    """Springs and dampers: k = m w^2, d = 2 zeta m w, m a mass or an inertia; and a tank's wall.
+
+    Beyond the stroke a wall pushes back, a spring of WALL_HZ with half its critical damping.
+    """
+
+    def __init__(self, parts: Sequence[Sprung]) -> None:
+        """`parts`: one for every coordinate."""
+        mass = np.array([part.moved for part in parts])
+        rate = 2.0 * np.pi * np.array([part.frequency_hz for part in parts])
+        self._stiffness = mass * rate**2
+        self._damping = 2.0 * np.array([part.damping_ratio for part in parts]) * mass * rate
+        self._stroke = np.array([part.stroke_m for part in parts])
+        wall_rate = 2.0 * np.pi * WALL_HZ
+        self._wall = mass * wall_rate**2
+        self._wall_damping = mass * wall_rate
+
+    def force_n(self, x_m: FloatArray, v_m_s: FloatArray) -> FloatArray:
+        """Return the force on every coordinate (s,) at its displacement and speed."""
+        beyond = np.sign(x_m) * np.maximum(np.abs(x_m) - self._stroke, 0.0)
+        wall = self._wall * beyond + self._wall_damping * v_m_s * (beyond != 0.0)
+        return np.asarray(-self._stiffness * x_m - self._damping * v_m_s - wall)
