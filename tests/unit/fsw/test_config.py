@@ -59,7 +59,7 @@ SPOILED = [
     ("joints.0.sign", 2, ("joints.0.sign", "2", "-1 or 1")),
     ("joints.0.format", "fd", ("joints.0.format", "fd", "buses.arm.fd: true")),
     ("joints.0.bus", "leg", ("joints.0.bus", "leg", "['arm']")),
-    ("joints.1.node_id", 0x11, ("joints.node_id", "arm:17", "unique")),
+    ("joints.1.node_id", 0x11, ("joints.node_id", "arm:0x11", "unique")),
     ("joints.1.name", "axis1", ("joints.name", "axis1", "unique")),
     ("joints.0.driver", "ethercat", ("joints.0.driver", "ethercat", "canopen")),
     ("joints", [], ("joints", "[]", "at least 1")),
