@@ -139,8 +139,10 @@ def _warnings(config: Config) -> list[str]:
             "the momentum needs the attitude, only the measured rate is used"
         )
     cpus = os.cpu_count() or 1
-    if config.scheduler.cpu is not None and config.scheduler.cpu >= cpus:
-        found.append(f"scheduler.cpu: {config.scheduler.cpu} is not below this machine's {cpus}")
+    for key in ("cpu", "estimation_cpu"):
+        cpu = getattr(config.scheduler, key)
+        if cpu is not None and cpu >= cpus:
+            found.append(f"scheduler.{key}: {cpu} is not below this machine's {cpus}")
     return [*found, *_telemetry_warnings(config)]
 
 

@@ -17,7 +17,6 @@ from fsw.estimators.conditioning import build_conditioner
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Estimator
 from fsw.estimators.recursive.online import build_online
-from fsw.estimators.stages import complete
 from fsw.messages import ChannelWindow, Estimate, FloatArray, Window
 from fsw.messages.errors import ConfigError, unforeseen
 
@@ -47,11 +46,11 @@ def rehearse(config: Config, problem: Problem) -> None:
 
 
 def _update(config: Config, problem: Problem, estimator: Estimator) -> Estimate:
-    block = complete(build_conditioner(config, problem.model).stages(_window(config)))
+    block = build_conditioner(config, problem.model).condition(_window(config))
     if block is None:
         raise ConfigError("a dry update fails: a window of correct samples gives no block")
-    complete(estimator.stages(block))
-    return complete(estimator.stages(replace(block, index=block.index + 1)))  # and what is due
+    estimator.push(block)
+    return estimator.push(replace(block, index=block.index + 1))  # and what is due
 
 
 def _window(config: Config) -> Window:

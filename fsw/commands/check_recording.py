@@ -18,8 +18,7 @@ from fsw.estimators.model.problem import Problem, joint_order
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
 from fsw.exchange.recording_parts import contents_of, parts_of
-from fsw.exchange.sinks import CanTraffic, Message, NullSink
-from fsw.loop.ports import IMU, STAR_TRACKER
+from fsw.exchange.sinks import IMU, STAR_TRACKER, CanTraffic, Message, NullSink
 
 FEW_BLOCKS = 3
 TPDO1, HEARTBEAT = 0x180, 0x700

@@ -1,7 +1,7 @@
-"""Replay: the same daemon on a recording, as fast as it can, with the same result as live.
+"""Replay: the same estimation on a recording, as fast as it can, with the same result as live.
 
-Ports hand out recorded frames and chunks with their recorded stamps; the SYNC frames come from the
-recording and nothing is sent. The tick grid is free: results depend on the stamps alone.
+Recorded frames and chunks are handed over with their recorded stamps, as the loop does it; how long
+a batch is does not matter: results depend on the stamps alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from fsw.clock import MonotonicClock
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
-from fsw.drivers.wire import NO_FRAMES, ByteChunk, CanFrame, FrameArray
+from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
 from fsw.exchange.recording import (
@@ -31,16 +31,25 @@ from fsw.exchange.recording import (
 )
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.restart import Mode, Restart
-from fsw.exchange.sinks import Fanout, Message, NullSink, Sink
-from fsw.loop.daemon import Daemon
-from fsw.loop.ports import IMU, JOINTS, STAR_TRACKER, Ports
-from fsw.loop.wiring import build
+from fsw.exchange.sinks import (
+    IMU,
+    JOINTS,
+    STAR_TRACKER,
+    BatchEnd,
+    CanTraffic,
+    Fanout,
+    Message,
+    NullSink,
+    SerialTraffic,
+    Sink,
+)
+from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
-from fsw.messages.errors import ConfigError, PortError
+from fsw.messages.errors import ConfigError
 from fsw.service.recorder import CHECKPOINT
 
-TICK_RATE_HZ = 5.0
+BATCH_NS = 200_000_000
 PROGRESS_NS = 10 * 10**9
 CAN_TOPIC = "/can/"
 REPLAYED = (
@@ -109,7 +118,7 @@ class _Track:
 
 
 class RecordingFeed:
-    """Traffic of a recording, handed out topic by topic as simulated time passes."""
+    """Traffic of a recording, handed out as simulated time passes."""
 
     def __init__(self, pieces: Iterator[tuple[Piece, int]], topics: Sequence[str]) -> None:
         self._pieces = pieces
@@ -133,8 +142,8 @@ class RecordingFeed:
             for topic, column in piece.read().items():
                 self._tracks[topic].add(column)
 
-    def advance(self, until_ns: int) -> None:
-        """Make everything stamped at or before `until_ns` available, and that the time.
+    def until(self, until_ns: int) -> Iterator[Message]:
+        """Yield everything stamped at or before a time, and the end of the batch.
 
         Time ends with the recording.
         """
@@ -144,85 +153,14 @@ class RecordingFeed:
             track.release(until_ns)
         newest_ns = max(track.newest_ns() for track in self._tracks.values())
         self.now_ns = max(self.now_ns, newest_ns if self.exhausted else until_ns)
-
-    def take(self, topic: str) -> Traffic:
-        """Return what has become available of a topic since the last call."""
-        return self._tracks[topic].take()
-
-
-class ReplayClock:
-    """Simulated time: a wait is a jump, and time ends with the recording."""
-
-    def __init__(self, feed: RecordingFeed) -> None:
-        self._feed = feed
-
-    def now_ns(self) -> int:
-        """Return simulated time [ns]."""
-        return self._feed.now_ns
-
-    def cpu_time_ns(self) -> int:
-        """Return 0: work takes no simulated time."""
-        return 0
-
-    def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:  # noqa: ARG002
-        """Jump."""
-        self._feed.advance(deadline_ns)
-        return True
-
-
-class ReplayFramePort:
-    """A recorded bus."""
-
-    hands_back = False
-
-    def __init__(self, feed: RecordingFeed, topic: str) -> None:
-        self._feed, self._topic = feed, topic
-
-    def drain(self) -> None:
-        """Nothing to do: what is recorded waits."""
-
-    def read(self) -> FrameArray:
-        """Return recorded frames up to now; what is no frame is left out."""
-        frames = self._feed.take(self._topic)
-        return frames if isinstance(frames, np.ndarray) else NO_FRAMES
-
-    def write(self, can_id: int, data: bytes) -> CanFrame:
-        """Refuse: a recorded bus takes nothing."""
-        raise PortError(f"{self._topic}: a recording cannot be written to ({can_id:#x} {data!r})")
-
-    def take_dropped(self) -> int:
-        """Return 0: what was lost is not in a recording."""
-        return 0
-
-    def wake_fds(self) -> tuple[int, ...]:
-        """Return none."""
-        return ()
-
-    def close(self) -> None:
-        """Nothing to release."""
-
-
-class ReplayBytePort:
-    """A recorded serial line."""
-
-    def __init__(self, feed: RecordingFeed, topic: str) -> None:
-        self._feed, self._topic = feed, topic
-
-    def read(self) -> list[ByteChunk]:
-        """Return recorded chunks up to now."""
-        chunks = self._feed.take(self._topic)
-        return chunks if isinstance(chunks, list) else []
-
-    def write(self, data: bytes) -> None:
-        """Refuse: a recorded line takes nothing."""
-        raise PortError(f"{self._topic}: a recording cannot be written to ({data!r})")
-
-    def wake_fds(self) -> tuple[int, ...]:
-        """Return none."""
-        return ()
-
-    def close(self) -> None:
-        """Nothing to release."""
+        for topic, track in self._tracks.items():
+            name = topic.rsplit("/", 1)[1]
+            taken = track.take()
+            if isinstance(taken, list):
+                yield SerialTraffic(name, taken)
+            else:
+                yield CanTraffic(name, taken)
+        yield BatchEnd(now_ns=self.now_ns)
 
 
 class _EventCollector(NullSink):
@@ -233,7 +171,7 @@ class _EventCollector(NullSink):
 
     def put(self, message: Message) -> None:
         """Keep an event, discard everything else."""
-        if isinstance(message, Event) and message.code != "STOPPED":  # of the replay, not the run
+        if isinstance(message, Event):
             self.events.append(message)
 
 
@@ -246,11 +184,11 @@ def replay(
     span: Span = WHOLE,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> ReplayResult:
-    """Run the daemon on a recording.
+    """Run the estimation on a recording.
 
     Parameters
     ----------
-    sink : takes what the daemon produces; None: nothing is kept but the result
+    sink : takes what is found; None: nothing is kept but the result
     pipeline : conditioning and estimation; None: as the configuration says
     span : the part of the recording; less than the whole begins without its commands and checkpoint
     progress : called with a line of text every ten seconds of the recording
@@ -277,36 +215,37 @@ def replay(
     if feed.exhausted:
         raise ConfigError(f"{recording}: holds no message of its sensors{span.words()}")
     collector, start_ns = _EventCollector(), feed.now_ns
-    scheduler = config.scheduler.model_copy(update={"tick_rate_hz": TICK_RATE_HZ})
-    daemon = build(
-        config.model_copy(update={"scheduler": scheduler}),
-        ReplayClock(feed),
-        _ports(topics, feed),
+    estimation = Estimation(
+        config,
+        lambda: feed.now_ns,
         Fanout(collector, *([] if sink is None else [sink])),
         pipeline=pipeline,
+        sampled=[t.removeprefix(SAMPLES) for t in topics if t.startswith(SAMPLES)],
+        replays=True,
     )
     whole = "/tc" in held.topics and span == WHOLE
     commands = list(messages_of(parts, ["/tc"])) if whole else []
-    end_ns = _plan(daemon, commands, held.attachments.get(CHECKPOINT))
+    end_ns = _plan(estimation, commands, held.attachments.get(CHECKPOINT))
     said_ns = start_ns
     while not feed.exhausted:
-        daemon.step()
+        for message in feed.until(feed.now_ns + BATCH_NS):
+            estimation.put(message)
         if feed.now_ns >= said_ns + PROGRESS_NS:
             said_ns += (feed.now_ns - said_ns) // PROGRESS_NS * PROGRESS_NS
             progress(f"{(said_ns - start_ns) // 10**9} s replayed")
     if end_ns is not None:
         feed.now_ns = max(feed.now_ns, end_ns)
-        daemon.step()
-    if not daemon.aligner.started:
+        estimation.put(BatchEnd(now_ns=feed.now_ns))
+    if not estimation.aligner.started:
         raise ConfigError(f"{recording}: no SYNC frame (0x080) on {', '.join(topics)}")
-    daemon.apply_planned(daemon.aligner.next_index)
-    estimate = daemon.shutdown()
+    estimation.apply_planned(estimation.aligner.next_index)
+    estimate = estimation.shutdown()
     return ReplayResult(
-        diagnosis=daemon.diagnosis() if estimate is not None else None,
+        diagnosis=estimation.diagnosis() if estimate is not None else None,
         estimate=estimate,
         unknown=tuple(config.unknown),
         method=estimate.method if estimate is not None else config.estimator.method,
-        status=daemon.status(feed.now_ns),
+        status=estimation.status(),
         truncated=held.truncated,
         dropped=int(held.metadata.get("recorder", {}).get("dropped", "0")),
         wall_s=(wall.now_ns() - began_ns) * 1e-9,
@@ -337,21 +276,8 @@ def _refuse_other_robot(recording: Path, config: Config, sampled: str | None) ->
         )
 
 
-def _ports(topics: Sequence[str], feed: RecordingFeed) -> Ports:
-    buses = {t.removeprefix(CAN_TOPIC): t for t in topics if t.startswith(CAN_TOPIC)}
-    sampled = {t.removeprefix(SAMPLES): t for t in topics if t.startswith(SAMPLES)}
-    lines = {t: ReplayBytePort(feed, t) for t in topics if not t.startswith(CAN_TOPIC)}
-    return Ports(
-        can={name: ReplayFramePort(feed, topic) for name, topic in buses.items()},
-        imu=lines.get(f"/serial/{IMU}"),
-        star_tracker=lines.get(f"/serial/{STAR_TRACKER}"),
-        samples={name: lines[topic] for name, topic in sampled.items()},
-        passive=True,
-    )
-
-
 def _plan(
-    daemon: Daemon, commands: Sequence[RecordedMessage], checkpoint: bytes | None
+    estimation: Estimation, commands: Sequence[RecordedMessage], checkpoint: bytes | None
 ) -> int | None:
     """Plan the recorded commands; return when the run ended [ns], None if it was killed.
 
@@ -362,13 +288,13 @@ def _plan(
         values = json.loads(record.data)
         if values.get("command") == "restart" and checkpoint is not None:
             found = Restart(checkpoint=decode(checkpoint), mode=Mode(values["mode"]), age_s=None)
-            daemon.restart(found)
+            estimation.restart(found)
         elif values.get("command") == "end":
-            daemon.limit_windows(int(values["next_window"]))
+            estimation.window_limit = int(values["next_window"])
             end_ns = record.t_ns
         elif values.get("command") in REPLAYED:
             name = CommandName(values["command"])
             command = Command(name=name, id=int(values["id"]), args=values["args"])
             windows = int(values["next_window"]), int(values.get("clean_window", 0))
-            daemon.dispatcher.plan(windows[0], command, windows[1])
+            estimation.dispatcher.plan(windows[0], command, windows[1])
     return end_ns

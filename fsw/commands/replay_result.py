@@ -54,7 +54,6 @@ class ReplayResult:
                 }
                 for event in self.events
             ],
-            "slips": self.status["slips"],
             "truncated": self.truncated,
             "dropped": self.dropped,
             "wall_s": self.wall_s,
@@ -87,7 +86,7 @@ class ReplayResult:
             for event in shown
         ]
         lines.append(f"{len(self.events)} events, {len(shown)} shown; --json has all")
-        lines.append(f"slips {values['slips']}, wall {self.wall_s:.2f} s")
+        lines.append(f"wall {self.wall_s:.2f} s")
         return "\n".join(lines)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-
 from fsw.config import Config
 from fsw.estimators.conditioning import Conditioner
 from fsw.messages import Block, Window
@@ -18,10 +16,10 @@ class Watching(Conditioner):
         self.blocks: list[Block] = []
         self._alone = alone
 
-    def stages(self, window: Window) -> Generator[None, None, Block | None]:
+    def condition(self, window: Window) -> Block | None:
         """Keep the window and its block."""
         self.windows.append(window)
-        block = yield from super().stages(window)
+        block = super().condition(window)
         if block is not None:
             self.blocks.append(block)
         return None if self._alone else block

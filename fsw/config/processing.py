@@ -24,13 +24,31 @@ from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
 
 
 class SchedulerConfig(Section):
-    """The loop's grid."""
+    """The loop's grid; processors and priorities of loop and estimation."""
 
     tick_rate_hz: Rate
     batch_s: float = Field(default=0.04, gt=0.0, le=0.05)  # inputs are judged in batches so long
     work_budget_s: Duration | None = None  # processor time of a tick; null: the tick's period
     realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
     cpu: int | None = Field(default=None, ge=0)
+    estimation_priority: int | None = Field(default=None, ge=0, le=98)  # null: half of the loop's
+    estimation_cpu: int | None = Field(default=None, ge=0)
+
+    @property
+    def estimation_fifo(self) -> int:
+        """Priority of the estimation; 0: no SCHED_FIFO."""
+        given = self.estimation_priority
+        return self.realtime_priority // 2 if given is None else given
+
+    @model_validator(mode="after")
+    def _below_the_loop(self) -> Self:
+        priority = self.estimation_priority
+        if priority and priority >= self.realtime_priority:
+            raise ValueError(
+                f"estimation_priority: {priority} must be below realtime_priority "
+                f"{self.realtime_priority}: the loop comes first"
+            )
+        return self
 
 
 class EstimatorConfig(Section):

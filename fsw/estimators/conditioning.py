@@ -8,7 +8,6 @@ distance from the window's own polynomial and counted.
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +26,6 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
 from fsw.estimators.sensor_noise import LAGS
-from fsw.estimators.stages import complete
 from fsw.estimators.valves import Valves, changes
 from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.estimators.window_fit import NO_FIT, ChannelFit, Instants
@@ -102,11 +100,7 @@ class Conditioner:
         return found
 
     def condition(self, window: Window) -> Block | None:
-        """Return the block of a window, or None when the arm's motion cannot be known in it."""
-        return complete(self.stages(window))
-
-    def stages(self, window: Window) -> Generator[None, None, Block | None]:
-        """Do what `condition` does in bounded units.
+        """Return the block of a window, or None when the arm's motion cannot be known in it.
 
         A joint without position makes the window unusable; a missing gyro or accelerometer is
         marked in the block and its rows stay out of the update.
@@ -118,18 +112,16 @@ class Conditioner:
         turns, firings = self._turns(window, t_ns), self._firings(window)
         edges = firings.get("edges") if firings else None
         changing = edges is not None and changes(edges, self._tail_s, -half_s)
-        arm = yield from self._arm(window, centre_ns, half_s, gated=not changing)
+        arm = self._arm(window, centre_ns, half_s, gated=not changing)
         if arm is None or turns is None or firings is None:
             self.unusable_windows += 1
             return None
-        yield
-        gyro, cov_gyro, has_gyro, left_gyro = yield from self._inertial(
+        gyro, cov_gyro, has_gyro, left_gyro = self._inertial(
             window, window.gyro, self._sigma_gyro, (0, 1), GYRO_FAULTS, gated=not changing
         )
-        force, cov_acc, has_acc, left_acc = yield from self._inertial(
+        force, cov_acc, has_acc, left_acc = self._inertial(
             window, window.accelerometer, self._sigma_acc, (0,), ACC_FAULTS, gated=not changing
         )
-        yield
         rate = gyro @ self._R_BS.T
         return Block(
             index=window.index,
@@ -156,9 +148,7 @@ class Conditioner:
             **firings,
         )
 
-    def _arm(
-        self, window: Window, centre_ns: int, half_s: float, *, gated: bool
-    ) -> Generator[None, None, _Arm | None]:
+    def _arm(self, window: Window, centre_ns: int, half_s: float, *, gated: bool) -> _Arm | None:
         """Return the arm's motion and torques; None where a joint's position cannot be known.
 
         Not `gated`, torques are no polynomials: none of their samples is an outlier.
@@ -175,10 +165,8 @@ class Conditioner:
         for offsets_ns, own in latched.items():
             instants = Instants(offsets_ns, half_s, self._nodes, high)
             values = np.concatenate([channels[k].values for k in own], axis=1)
-            angles = yield from instants.fitted(
-                values[:, ::2], self._position_sigma[own], high, MOTION
-            )
-            forces = yield from instants.fitted(
+            angles = instants.fitted(values[:, ::2], self._position_sigma[own], high, MOTION)
+            forces = instants.fitted(
                 values[:, 1::2],
                 self._torque_gate[own] if gated else np.full(len(own), np.inf),
                 low,
@@ -299,7 +287,7 @@ class Conditioner:
         faults: tuple[str, Fault, Fault],
         *,
         gated: bool,
-    ) -> Generator[None, None, tuple[FloatArray, FloatArray, bool, FloatArray]]:
+    ) -> tuple[FloatArray, FloatArray, bool, FloatArray]:
         """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable.
 
         And the mean products (L,) of the three axes; zero where they do not tell of the noise.
@@ -312,7 +300,7 @@ class Conditioner:
             high = m - 1 + EXTRA_DEGREE
             enough = len(channel.t_ns) > high + 1
             instants = Instants(offsets_ns, half_s, m, high if enough else m - 1)
-            (found,) = yield from instants.fitted(
+            (found,) = instants.fitted(
                 channel.values, np.array([sigma if gated else np.inf]), m - 1, orders, width=3
             )
             if self._is_doubtful(found.removed, len(channel.t_ns)):

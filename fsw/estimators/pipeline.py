@@ -1,8 +1,7 @@
-"""Conditioning and estimation as the loop sees them, and how the configured ones are made."""
+"""The protocols of conditioning and estimation, and how the configured ones are made."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -14,24 +13,24 @@ from fsw.messages.findings import Finding
 class BlockSource(Protocol):
     """Signal conditioning: windows to blocks."""
 
-    def stages(self, window: Window) -> Generator[None, None, Block | None]:
-        """Work in bounded units; return the block of a window, None when it is unusable."""
+    def condition(self, window: Window) -> Block | None:
+        """Return the block of a window, None when it is unusable."""
         ...
 
 
 class Estimator(Protocol):
-    """The online estimator as the loop sees it."""
+    """The online estimator."""
 
-    def stages(self, block: Block) -> Generator[None, None, Estimate]:
-        """Fold in one block in bounded units; return the estimate after it."""
+    def push(self, block: Block) -> Estimate:
+        """Fold in one block; return the estimate after it."""
         ...
 
-    def work(self) -> bool:
-        """Do one bounded unit of background work."""
+    def work(self) -> None:
+        """Do what is due before the next block, if anything is."""
         ...
 
-    def finishing(self) -> Generator[None, None, Estimate]:
-        """Settle completely, in bounded units."""
+    def finish(self) -> Estimate:
+        """Settle completely; return the estimate."""
         ...
 
     def reset(self) -> None:

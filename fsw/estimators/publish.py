@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-
 import numpy as np
 
 from fsw.estimators.model.inertia import (
     from_parameters,
     is_consistent,
-    nearest_consistent_stages,
+    nearest_consistent,
     report_jacobian,
 )
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.stages import complete
 from fsw.messages import BodyEstimate, FloatArray
 
 
@@ -25,18 +22,11 @@ def body_estimate(
     The published body is physically consistent: where the state's is not, the nearest one in the
     covariance's metric stands for it and `physically_consistent` is False.
     """
-    return complete(body_estimate_stages(problem, name, x, covariance))
-
-
-def body_estimate_stages(
-    problem: Problem, name: str, x: FloatArray, covariance: FloatArray
-) -> Generator[None, None, tuple[BodyEstimate, float]]:
-    """Do what `body_estimate` does in bounded units."""
     k = problem.body(name)
     pi, distance = x[k], 0.0
     consistent = is_consistent(pi)
     if not consistent:
-        pi = yield from nearest_consistent_stages(pi, covariance[k, k])
+        pi = nearest_consistent(pi, covariance[k, k])
         step = pi - x[k]
         distance = float(step @ np.linalg.solve(covariance[k, k], step))
     return _report(pi, covariance[k, k], consistent), distance

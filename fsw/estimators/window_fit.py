@@ -6,7 +6,6 @@ again without them. Outliers are judged by their distance from the window's own 
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,8 +56,8 @@ class Instants:
         *,
         width: int = 1,
         min_fill: float = 0.0,
-    ) -> Generator[None, None, list[ChannelFit]]:
-        """Fit channels, all in one product; those with an outlier again, each a unit of its own.
+    ) -> list[ChannelFit]:
+        """Fit channels, all in one product; those with an outlier again.
 
         Parameters
         ----------
@@ -78,7 +77,6 @@ class Instants:
                 found.append(ChannelFit(fit, at_nodes[:, own], 0))
             else:
                 found.append(self._robust(values[:, own], sigmas[i], degree, orders, min_fill))
-                yield
         return found
 
     def products(self, values: FloatArray, samples: int) -> FloatArray:

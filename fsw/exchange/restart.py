@@ -136,7 +136,13 @@ def judge(checkpoint: Checkpoint, boot_id: str, now_ns: int, hold_s: float) -> R
 
 
 def resume(
-    found: Restart, estimator: Resettable, aligner: Aligner, sink: Sink, now_ns: int
+    found: Restart,
+    estimator: Resettable,
+    aligner: Aligner,
+    sink: Sink,
+    now_ns: int,
+    *,
+    recorded: bool = True,
 ) -> Estimate | None:
     """Continue from a checkpoint; None, reported as an event, when it does not fit.
 
@@ -153,8 +159,9 @@ def resume(
         return None
     if exact and snapshot.grid_ns is not None:
         aligner.resume(snapshot.grid_ns)
-    sink.put(StateRestored(sequence))
-    record = {"command": "restart", "mode": str(found.mode), "sequence": sequence}
-    sink.put(AppliedCommand(now_ns, record))
+    if recorded:
+        sink.put(StateRestored(sequence))
+        record = {"command": "restart", "mode": str(found.mode), "sequence": sequence}
+        sink.put(AppliedCommand(now_ns, record))
     sink.put(Event(now_ns, "info", "STATE_RESTORED", found.text()))
     return estimate

@@ -6,7 +6,8 @@ and counted; the writer never waits. Every record carries its sequence number an
 is not visible in whole yet (weakly ordered memory) is left for the next look.
 
 Layout: 64 bytes of header (u64 each: capacity, bytes written, bytes read, records written, records
-dropped), then `capacity` bytes of records: u32 length, kind, sequence, CRC; payload; padding to 16.
+dropped, two numbers that the reader leaves for the writer and for the reader after it), then
+`capacity` bytes of records: u32 length, kind, sequence, CRC; payload; padding to 16.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import NamedTuple
 HEADER_BYTES = 64
 ALIGN = 16
 PAD = 0xFFFFFFFF  # length of a filler up to the end of the ring
-_CAPACITY, _WRITTEN, _READ, _RECORDS, _DROPPED = range(5)
+_CAPACITY, _WRITTEN, _READ, _RECORDS, _DROPPED, _NOTE = range(6)
 _RECORD = struct.Struct("=IIII")
 
 
@@ -67,6 +68,11 @@ class _Ring:
     def capacity_bytes(self) -> int:
         """Size of the ring."""
         return self._capacity
+
+    @property
+    def notes(self) -> tuple[int, int]:
+        """What the reader has left; 0 at first."""
+        return self._header[_NOTE], self._header[_NOTE + 1]
 
     def close(self) -> None:
         """Unmap and close the descriptor."""
@@ -124,11 +130,16 @@ class RingReader(_Ring):
         super().__init__(fd)
         self._sequence: int | None = None  # of the next record; a later reader takes it from there
 
-    def read(self, limit: int = 1 << 30) -> Iterator[RingRecord]:
+    def note(self, first: int, second: int) -> None:
+        """Leave two numbers, at least 0, for the writer and the reader after this one."""
+        self._header[_NOTE], self._header[_NOTE + 1] = first, second
+
+    def read(self, limit: int = 1 << 30, *, once: bool = False) -> Iterator[RingRecord]:
         """Yield what waits, at most `limit` records.
 
         A record counts as read when the consumer comes back for more, or stops: what a reader was
-        at when it was killed is there for the next one.
+        at when it was killed is there for the next one. With `once` it counts as read before: what
+        has killed a reader does not kill the next.
         """
         header, data, capacity = self._header, self._data, self._capacity
         for _ in range(limit):
@@ -149,8 +160,10 @@ class RingReader(_Ring):
             payload = bytes(data[offset + _RECORD.size : offset + _RECORD.size + length])
             if zlib.crc32(payload) != crc:
                 return
+            end = position + ((_RECORD.size + length + ALIGN - 1) & -ALIGN)
+            if once:
+                self._sequence, header[_READ] = sequence + 1, end
             try:
                 yield RingRecord(kind, payload)
             finally:
-                self._sequence = sequence + 1
-                header[_READ] = position + ((_RECORD.size + length + ALIGN - 1) & -ALIGN)
+                self._sequence, header[_READ] = sequence + 1, end

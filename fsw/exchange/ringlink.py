@@ -1,7 +1,8 @@
-"""Records of the rings: messages from the loop to the service, and commands back."""
+"""Records of the rings: messages between the processes, and commands back."""
 
 from __future__ import annotations
 
+import os
 import pickle
 import struct
 from dataclasses import replace
@@ -9,12 +10,37 @@ from enum import IntEnum
 
 from fsw.drivers.wire import ByteChunk, rows_of
 from fsw.exchange.ring import RingReader, RingRecord, RingWriter
-from fsw.exchange.sinks import CanTraffic, Message, SerialTraffic, StatusReport
-from fsw.messages import Snapshot
-from fsw.messages.commands import Command
+from fsw.exchange.sinks import (
+    AppliedCommand,
+    BatchEnd,
+    CanTraffic,
+    EstimationStatus,
+    Message,
+    ScienceRecord,
+    SerialTraffic,
+    StateRestored,
+    StatusReport,
+)
+from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.messages.commands import Command, Reply
 
-DOWN_BYTES = 8 << 20  # loop to service: some 20 s of everything
+DOWN_BYTES = 8 << 20  # from the loop and from the estimation: some 10 s of everything
 UP_BYTES = 1 << 20  # service to loop
+TO_ESTIMATION = (CanTraffic, SerialTraffic, BatchEnd, Command, StatusReport)
+TO_SERVICE = (
+    CanTraffic,
+    SerialTraffic,
+    Block,
+    Estimate,
+    Event,
+    Snapshot,
+    Reply,
+    StatusReport,
+    EstimationStatus,
+    ScienceRecord,
+    AppliedCommand,
+    StateRestored,
+)
 COMMANDS_AT_ONCE = 16
 _STAMPED = struct.Struct("<qI")  # stamp [ns], length
 
@@ -61,18 +87,31 @@ def unpack_traffic(record: RingRecord) -> CanTraffic | SerialTraffic:
 
 
 class RingSink:
-    """The sink of a loop process: every message goes into the ring; lost ones are counted there."""
+    """The sink of a process: messages go into the ring; what is lost is counted.
 
-    def __init__(self, ring: RingWriter) -> None:
-        self._ring = ring
+    Parameters
+    ----------
+    accepted : types of the messages that the reader wants
+    wake : event (eventfd) that wakes the reader at the end of a batch; None: it looks by itself
+    """
+
+    def __init__(
+        self, ring: RingWriter, accepted: tuple[type, ...], wake: int | None = None
+    ) -> None:
+        self._ring, self._accepted, self._wake = ring, accepted, wake
+        self.lost = 0  # frames and chunks that found no room
 
     def put(self, message: Message) -> None:
         """Pass a message; a snapshot goes without its blocks, since the service has seen them."""
+        if not isinstance(message, self._accepted):
+            return
         if isinstance(message, CanTraffic):
-            self._ring.push(Kind.FRAMES, pack_frames(message))
+            if not self._ring.push(Kind.FRAMES, pack_frames(message)):
+                self.lost += len(message.frames)
             return
         if isinstance(message, SerialTraffic):
-            self._ring.push(Kind.CHUNKS, pack_chunks(message))
+            if not self._ring.push(Kind.CHUNKS, pack_chunks(message)):
+                self.lost += len(message.chunks)
             return
         if isinstance(message, Snapshot):
             message = replace(message, blocks=())
@@ -80,14 +119,21 @@ class RingSink:
             ring = {"records": self._ring.records, "dropped": self._ring.dropped}
             message = StatusReport(message.t_ns, {**message.values, "ring": ring})
         self._ring.push(Kind.MESSAGE, pickle.dumps(message, protocol=5))
+        if isinstance(message, BatchEnd | Command):
+            self._raise()
 
     def close(self) -> None:
         """Say that no message follows."""
         self._ring.push(Kind.END, b"")
+        self._raise()
+
+    def _raise(self) -> None:
+        if self._wake is not None:
+            os.eventfd_write(self._wake, 1)
 
 
 def message_of(record: RingRecord) -> Message | None:
-    """Return the loop's message of a record; None for a record of another kind."""
+    """Return the message of a record; None for a record of another kind."""
     if record.kind in (Kind.FRAMES, Kind.CHUNKS):
         return unpack_traffic(record)
     if record.kind == Kind.MESSAGE:

@@ -1,4 +1,4 @@
-"""Messages of the loop and where they go: the Sink protocol, the null sink and the fan-out."""
+"""Messages between the processes and where they go: the Sink protocol, null sink and fan-out."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any, Protocol
 
 from fsw.drivers.wire import ByteChunk, FrameArray
 from fsw.messages import Block, Estimate, Event, Snapshot
-from fsw.messages.commands import Reply
+from fsw.messages.commands import Command, Reply
+from fsw.messages.findings import Stall
 
 Record = Mapping[str, Any]  # plain JSON values only
+JOINTS = "joints"  # of all buses together, where their samples come decoded
+IMU, STAR_TRACKER = "imu", "star_tracker"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +32,18 @@ class SerialTraffic:
     chunks: Sequence[ByteChunk]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchEnd:
+    """All that had come by a time is handed over; what the loop knows of itself since the last."""
+
+    now_ns: int
+    lost: tuple[str, ...] = ()  # inputs that have no port
+    tick: int = 0
+    slips: int = 0  # so far
+    stalls: tuple[Stall, ...] = ()
+    over_budget_ns: int = 0  # longest work of a tick over the budget; 0: none
+
+
 @dataclass(frozen=True, slots=True)
 class StatusReport:
     """Health and counters at one time."""
@@ -38,8 +53,15 @@ class StatusReport:
 
 
 @dataclass(frozen=True, slots=True)
+class EstimationStatus:
+    """The estimation's part of the status, joined with the loop's by `JoinedStatus`."""
+
+    values: Record
+
+
+@dataclass(frozen=True, slots=True)
 class ScienceRecord:
-    """The newest sample of every channel, packed (`fsw.loop.science`)."""
+    """The newest sample of every channel, packed (`fsw.loop.estimation.science`)."""
 
     t_ns: int
     data: bytes
@@ -63,12 +85,15 @@ class StateRestored:
 Message = (
     CanTraffic
     | SerialTraffic
+    | BatchEnd
+    | Command
     | Block
     | Estimate
     | Event
     | Snapshot
     | Reply
     | StatusReport
+    | EstimationStatus
     | ScienceRecord
     | AppliedCommand
     | StateRestored
@@ -76,7 +101,7 @@ Message = (
 
 
 class Sink(Protocol):
-    """Accepts every message of the loop; in the daemon it never blocks and never raises."""
+    """Accepts every message; in the daemon it never blocks and never raises."""
 
     def put(self, message: Message) -> None:
         """Accept one message; a sink ignores the types it has no use for."""
@@ -112,3 +137,24 @@ class Fanout:
         """Close all."""
         for sink in self._sinks:
             sink.close()
+
+
+class JoinedStatus:
+    """Passes everything on, the status once it has both parts: the loop's, and the estimation's."""
+
+    def __init__(self, sink: Sink) -> None:
+        self._sink = sink
+        self._estimation: Record | None = None
+
+    def put(self, message: Message) -> None:
+        """Keep the estimation's part until the loop's comes."""
+        if isinstance(message, EstimationStatus):
+            self._estimation = message.values
+        elif not isinstance(message, StatusReport):
+            self._sink.put(message)
+        elif self._estimation is not None:
+            self._sink.put(StatusReport(message.t_ns, {**message.values, **self._estimation}))
+
+    def close(self) -> None:
+        """Close the sink behind."""
+        self._sink.close()

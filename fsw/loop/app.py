@@ -1,4 +1,4 @@
-"""The loop process: the daemon on the machine's clock and devices, until SIGTERM or SIGINT."""
+"""The loop process on the machine's clock and devices, until SIGTERM or SIGINT."""
 
 from __future__ import annotations
 
@@ -12,23 +12,19 @@ from typing import TypeVar
 from fsw.clock import Clock, MonotonicClock
 from fsw.config import Config
 from fsw.drivers.wire import BytePort, FramePort
-from fsw.exchange.checkpoint_store import CheckpointStore, boot_id, identity_of
-from fsw.exchange.restart import judge
-from fsw.exchange.sinks import Sink
-from fsw.loop import realtime
-from fsw.loop.daemon import Daemon
+from fsw.exchange.sinks import IMU, STAR_TRACKER, Sink
 from fsw.loop.notify import Notifier
-from fsw.loop.ports import IMU, SECOND, STAR_TRACKER, Ports
-from fsw.loop.service_process import ServiceProcess, lock_state
+from fsw.loop.ports import SECOND, Ports
+from fsw.loop.processes import Processes, lock_state
 from fsw.loop.wiring import build
 from fsw.messages import Event
 from fsw.messages.errors import PortError
+from fsw.scheduler import realtime
 from fsw.scheduler.tasks import is_due
-
-__all__ = ["Daemon", "Ports", "build", "open_ports", "run_live"]
 
 RESTART_EXIT = 75  # the caller is to start again
 SERVICE_WAIT_S = 20.0  # for the service to write what is left
+SETTLE_WAIT_S = 20.0  # for the estimation to work off what is left
 P = TypeVar("P", FramePort, BytePort)
 
 
@@ -97,35 +93,34 @@ def run_live(config: Config, *, cold: bool = False) -> int:
         )
 
         config = effective_config(config)
-    service = ServiceProcess(config, clock)
-    sink = service.sink
-    _import_all()
-    sink.put(Event(clock.now_ns(), "info", "STARTED", f"imports done; process {os.getpid()}"))
-    daemon = build(config, clock, open_ports(config, clock, sink), sink)
-    if not cold and config.service.checkpoint_period_s is not None:
-        go_on(daemon, config, clock, sink)
-    for text in realtime.prepare(config.scheduler):
+    processes = Processes(config, clock, clock.now_ns() if cold else 0)
+    sink = processes.sink
+    sink.put(Event(clock.now_ns(), "info", "STARTED", f"process {os.getpid()}"))
+    loop = build(config, clock, open_ports(config, clock, sink), sink, processes.deadline_ns)
+    for text in realtime.prepare(config.scheduler.cpu, config.scheduler.realtime_priority):
         sink.put(Event(clock.now_ns(), "low", "REALTIME", text))
     realtime.freeze_garbage()
     ticks_per_s = max(1, round(config.scheduler.tick_rate_hz))
     notifier.send("READY=1")
 
     def turn() -> int:
-        index = daemon.step().index
-        for command in service.commands():
-            daemon.submit(command)
+        index = loop.step().index
+        for command in processes.commands():
+            processes.submit(command, loop)
         return index
 
     def each_second() -> None:
         realtime.collect_young()
-        if service.watch():
+        if processes.watch():
             notifier.send("WATCHDOG=1")
 
-    drive(turn, each_second, ticks_per_s, lambda: stop.received or daemon.dispatcher.stop_requested)
+    drive(turn, each_second, ticks_per_s, lambda: stop.received or loop.stop_requested)
     notifier.send("STOPPING=1")
-    daemon.shutdown()
-    ended = service.wait(SERVICE_WAIT_S)
-    if daemon.dispatcher.restart_requested:
+    loop.finish()
+    processes.settle(SETTLE_WAIT_S)
+    loop.close()
+    ended = processes.service.wait(SERVICE_WAIT_S)
+    if loop.restart_requested:
         return RESTART_EXIT
     return 0 if ended else 1
 
@@ -147,30 +142,3 @@ def drive(
         before, index = index, turn()
         if is_due(ticks_per_s, index, before):
             each_second()
-
-
-def _import_all() -> None:
-    """Import what the loop needs and has not imported yet: the heavy libraries."""
-    import fsw.drivers.ports.can_bus
-    import fsw.drivers.ports.serial_line
-    import fsw.drivers.sources
-    import fsw.estimators.conditioning
-    import fsw.estimators.model.robot
-    import fsw.estimators.recursive.online  # noqa: F401
-
-
-def go_on(daemon: Daemon, config: Config, clock: Clock, sink: Sink) -> bool:
-    """Continue from the newest good checkpoint; why others were refused are events."""
-    directory = config.resolve(config.service.state_directory)
-    try:
-        store = CheckpointStore(directory, identity_of(config))
-    except OSError as error:
-        text = f"{config.robot.urdf}: {error.strerror or error}"
-        sink.put(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
-        return False
-    good, refused = store.read()
-    for text in refused:
-        sink.put(Event(clock.now_ns(), "medium", "CHECKPOINT_REFUSED", text))
-    hold_s = config.service.checkpoint_hold_s
-    found = (judge(checkpoint, boot_id(), clock.now_ns(), hold_s) for checkpoint in good)
-    return any(daemon.restart(restart) for restart in found)

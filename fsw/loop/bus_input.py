@@ -1,20 +1,21 @@
-"""A bus as an input of the loop: link + source + what was drained but not accepted yet.
+"""A bus as an input of the loop: link, what was drained but not handed over yet, SYNC out.
 
-Every tick drains the ports; what they gave is accepted in batches: ordered, recorded, decoded. Per
-bus, frames are ordered as they were on the wire around a SYNC of ours, and stamps never run
-backwards; the recording holds this order.
+Every tick drains the ports; what they gave is handed over in batches. Per bus, frames are ordered
+as they were on the wire around a SYNC of ours, and stamps never run backwards; recording and
+estimation get this order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.clock import Clock
+from fsw.drivers.codecs.canopen import encode_sync
 from fsw.drivers.wire import (
     NO_FRAMES,
     SFF_MASK,
@@ -26,75 +27,14 @@ from fsw.drivers.wire import (
 )
 from fsw.exchange.sinks import CanTraffic, Sink
 from fsw.loop.link import Link
-from fsw.messages import Event, JointSamples, ThrusterSamples, WheelSamples
-from fsw.messages.findings import Finding
+from fsw.messages import Event
 
-COB_SYNC = 0x080
 COB_HEARTBEAT = 0x700
 NODE_MASK = 0x07F
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
 BACK_TOLERANCE_NS = 1_000_000  # of two clocks read at different moments; less than a period
 LATE_NS = 2_000_000_000  # what was sent and has not come back by then never will
-
-
-class FrameSource(Protocol):
-    """Codec and counters of one bus's joint nodes."""
-
-    @property
-    def counters(self) -> dict[str, int]:
-        """Counters by name."""
-        ...
-
-    def feed(self, frames: FrameArray) -> JointSamples:
-        """Decode frames in order."""
-        ...
-
-    def watch(self, now_ns: int, *, up: bool) -> None:
-        """Note whether the bus has its port."""
-        ...
-
-    def next_sync(self) -> tuple[int, bytes]:
-        """Return identifier and payload of the next SYNC."""
-        ...
-
-    def sync_sent(self) -> None:
-        """Note that the next SYNC was sent."""
-        ...
-
-    def events(self) -> Sequence[tuple[str, str, str]]:
-        """Return and forget what happened: severity, code, text."""
-        ...
-
-    def motor_side(self) -> Mapping[str, Mapping[str, float]]:
-        """Return the newest slow values of every joint by name."""
-        ...
-
-    def findings(self) -> Sequence[Finding]:
-        """Return and forget what was found wrong."""
-        ...
-
-
-class OtherFrames(Protocol):
-    """Codec and counters of one bus's wheel or thruster nodes."""
-
-    kind: str  # of what these nodes are, as the status names them
-
-    def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
-        """Return which frames are such a node's own."""
-        ...
-
-    def feed(self, frames: FrameArray) -> WheelSamples | ThrusterSamples:
-        """Decode frames in order."""
-        ...
-
-    def findings(self) -> Sequence[Finding]:
-        """Return which nodes are silent."""
-        ...
-
-    def status(self) -> Mapping[str, Mapping[str, Any]]:
-        """Return the newest values and counters of every wheel or thruster by name."""
-        ...
 
 
 class Selector(Protocol):
@@ -125,11 +65,10 @@ class BusInput:
         name: str,
         nodes: Mapping[int, tuple[int, bytes]],
         links: Sequence[Link[FramePort]],
-        source: FrameSource,
+        sync_counter_max: int,
         clock: Clock,
         heartbeat: tuple[int, bytes],
         selector: Selector | None = None,
-        others: Sequence[OtherFrames] = (),
     ) -> None:
         """Nothing is opened.
 
@@ -140,10 +79,8 @@ class BusInput:
         """
         self.name = name
         self.links = tuple(links)
-        self.source = source
         self.selector = selector
-        self.others = tuple(others)
-        self._other_samples: list[WheelSamples | ThrusterSamples] = []  # in what was decoded last
+        self._sync_counter, self._sync_counter_max = 0, sync_counter_max  # of the last SYNC sent
         self._heartbeat = heartbeat
         self._talking_since_ns: int | None = None  # on the active bus
         self._nodes = nodes
@@ -160,17 +97,11 @@ class BusInput:
         for node in nodes:
             self._places[node :: NODE_MASK + 1] = True
         self._read = NO_FRAMES
-        self._accepted = NO_FRAMES
 
     @property
     def link(self) -> Link[FramePort]:
         """The active bus."""
         return self.links[0 if self.selector is None else self.selector.active]
-
-    @property
-    def waiting(self) -> int:
-        """Frames accepted and not decoded yet."""
-        return len(self._accepted)
 
     def summary(self) -> dict[str, int | str]:
         """Return the bus's own health as plain values."""
@@ -186,8 +117,9 @@ class BusInput:
 
     def send_sync(self) -> None:
         """Send the next SYNC. Raises PortError."""
-        if self.link.up and self._send(*self.source.next_sync()):
-            self.source.sync_sent()
+        counter = self._sync_counter % self._sync_counter_max + 1
+        if self.link.up and self._send(*encode_sync(counter)):
+            self._sync_counter = counter
 
     def send_heartbeat(self) -> None:
         """Send the computer's heartbeat. Raises PortError."""
@@ -225,7 +157,7 @@ class BusInput:
             self.link.port.drain()
 
     def keep(self) -> None:
-        """Take over what the port has drained, which is about to close or to be accepted."""
+        """Take over what the port has drained, which is about to close or to be handed over."""
         self._keep(self.link)
 
     def _keep(self, link: Link[FramePort]) -> None:
@@ -233,8 +165,8 @@ class BusInput:
             frames = link.port.read()
             self._read = np.concatenate([self._read, frames]) if len(self._read) else frames
 
-    def accept(self, sink: Sink) -> None:
-        """Put what was drained and sent in order, record it, start nodes that wait for it.
+    def hand_over(self, sink: Sink) -> None:
+        """Hand over what was drained and sent, in order; start nodes that wait for it.
 
         Raises PortError when a node cannot be started.
         """
@@ -243,10 +175,10 @@ class BusInput:
         if self.link.port is not None:
             self.overflowed += self.link.port.take_dropped()
             self._report_trouble(sink)
-        self._accepted = self._in_order(read)
-        if not len(self._accepted):
+        frames = self._in_order(read)
+        if not len(frames):
             return
-        sink.put(CanTraffic(self.name, self._accepted))
+        sink.put(CanTraffic(self.name, frames))
         words = read["word"]
         own = words <= SFF_MASK
         own[own] = self._places[words[own]]
@@ -259,37 +191,6 @@ class BusInput:
             frame = frame_at(read, row)
             if frame.data in NOT_STARTED:
                 self._send(*self._nodes[frame.can_id & NODE_MASK])
-
-    def first_sync_ns(self) -> int | None:
-        """Stamp of the first SYNC among what was accepted [ns]."""
-        rows = np.flatnonzero(self._accepted["word"] == COB_SYNC)
-        return int(self._accepted["t_ns"][rows[0]]) if rows.size else None
-
-    def feed(self) -> JointSamples | None:
-        """Decode what was accepted; None where that was nothing."""
-        accepted, self._accepted = self._accepted, NO_FRAMES
-        self._other_samples = []
-        if not len(accepted):
-            return None
-        for other in self.others:
-            self._other_samples.append(other.feed(accepted))
-            accepted = accepted[~other.owns(accepted)]
-        return self.source.feed(accepted)
-
-    def other_samples(self) -> list[WheelSamples | ThrusterSamples]:
-        """Return what wheels and thrusters reported in what was decoded last."""
-        return [samples for samples in self._other_samples if len(samples)]
-
-    def findings(self) -> list[Finding]:
-        """Return and forget what was found wrong."""
-        found = list(self.source.findings())
-        for other in self.others:
-            found += other.findings()
-        return found
-
-    def watch(self, now_ns: int) -> None:
-        """Report to the source whether it has its port; a lost port is an event."""
-        self.source.watch(now_ns, up=self.link.up)
 
     def _send(self, can_id: int, data: bytes) -> bool:
         """Send one frame; False when it is not out."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import Any
 
 from fsw.clock import Clock
 from fsw.config import Config
@@ -15,7 +16,7 @@ from fsw.exchange.sinks import Sink
 from fsw.loop.bus_input import BusInput
 from fsw.loop.line_input import LineInput
 from fsw.loop.link import Link
-from fsw.loop.ports import JOINTS
+from fsw.loop.ports import CAN
 from fsw.messages import Event
 from fsw.messages.errors import PortError
 
@@ -23,29 +24,18 @@ BATCHES_TO_LOSE = 4  # a bus of a pair is lost after no fewer batches without a 
 
 
 def batch_s(config: Config) -> float:
-    """Return how long a batch of inputs is [s]: shorter where a bus is lost after so little."""
+    """Return how long a batch is [s]: shorter where a bus is lost after so little."""
     lost_s = [bus.redundant.lost_after_s for bus in config.buses if bus.redundant is not None]
     return min([config.scheduler.batch_s, *(s / BATCHES_TO_LOSE for s in lost_s)])
 
 
 class Inputs:
-    """Buses and serial lines.
-
-    Parameters
-    ----------
-    passive : nothing is ever sent (replay)
-    """
+    """Buses and serial lines; what they give goes into the sink."""
 
     def __init__(
-        self,
-        buses: Sequence[BusInput],
-        lines: Sequence[LineInput],
-        clock: Clock,
-        sink: Sink,
-        *,
-        passive: bool,
+        self, buses: Sequence[BusInput], lines: Sequence[LineInput], clock: Clock, sink: Sink
     ) -> None:
-        self.buses, self.lines, self.passive = tuple(buses), tuple(lines), passive
+        self.buses, self.lines = tuple(buses), tuple(lines)
         self._clock, self._sink = clock, sink
         self._started = False
 
@@ -55,7 +45,7 @@ class Inputs:
 
     def start(self) -> None:
         """Start every device, once."""
-        if self._started or self.passive:
+        if self._started:
             return
         self._started = True
         for bus in self.buses:
@@ -82,21 +72,27 @@ class Inputs:
                 self._guard(bus.link, bus.start_nodes)
                 self._guard(bus.link, bus.send_heartbeat)
 
-    def accept(self) -> None:
-        """Order and record what has come."""
+    def hand_over(self) -> None:
+        """Hand over what has come, in order."""
         self.stamp_lines()
         for bus in self.buses:
-            self._guard(bus.link, partial(bus.accept, self._sink))
+            self._guard(bus.link, partial(bus.hand_over, self._sink))
             for link in bus.idle_links:
                 self._guard(link, partial(bus.drain_idle, link))
         for line in self.lines:
-            line.accept(self._sink)
+            line.hand_over(self._sink)
 
-    def first_sync_ns(self) -> int | None:
-        """Return the stamp of the first SYNC of any bus, or sample of the joints; None before."""
-        stamps = [bus.first_sync_ns() for bus in self.buses]
-        stamps += [line.first_ns() for line in self.lines if line.name == JOINTS]
-        return min((t_ns for t_ns in stamps if t_ns is not None), default=None)
+    def lost(self) -> tuple[str, ...]:
+        """Return the names of the inputs that have no port."""
+        return tuple(member.name for member in self if not member.link.up)
+
+    def status(self) -> dict[str, Any]:
+        """Return the state of links and buses as plain values."""
+        links = [link for member in self for link in member.links]
+        return {
+            "links": {link.name.removeprefix(CAN): link.summary() for link in links},
+            "buses": {bus.name: bus.summary() for bus in self.buses},
+        }
 
     def retry(self) -> None:
         """Open lost links again as soon as they can be, and start their devices."""

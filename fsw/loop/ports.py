@@ -7,9 +7,6 @@ from dataclasses import dataclass, field
 
 from fsw.drivers.wire import BytePort, FramePort
 
-JOINTS = "joints"  # of all buses together, where their samples come decoded
-IMU = "imu"
-STAR_TRACKER = "star_tracker"
 CAN = "can/"  # before the name of a bus's link
 SECOND = ".redundant"  # behind a bus's name: the other one of the pair
 
@@ -18,7 +15,7 @@ SECOND = ".redundant"  # behind a bus's name: the other one of the pair
 class Ports:
     """Open ports by name, and how to open a lost one again.
 
-    A port that is None counts as lost. `passive`: nothing is ever sent (replay).
+    A port that is None counts as lost.
     """
 
     can: Mapping[str, FramePort | None]
@@ -26,5 +23,3 @@ class Ports:
     star_tracker: BytePort | None = None
     can_openers: Mapping[str, Callable[[], FramePort]] = field(default_factory=dict)
     line_openers: Mapping[str, Callable[[], BytePort]] = field(default_factory=dict)
-    samples: Mapping[str, BytePort] = field(default_factory=dict)  # decoded, in place of a device
-    passive: bool = False

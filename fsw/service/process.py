@@ -1,7 +1,8 @@
 """The service process: recorder, status file, event log, control socket, batch worker.
 
-The loop process starts `python -m fsw.service.process --down FD --up FD` on two inherited rings.
-When the loop ends, however it ends, what is left in the ring is written and the recording closed.
+The loop process starts `python -m fsw.service.process` on inherited rings: from the loop, from the
+estimation, and one back. When the loop ends, however it ends, what is left in the rings is written
+and the recording closed.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from fsw.clock import Clock, MonotonicClock, utc_correlation
 from fsw.config import Config
 from fsw.exchange.checkpoint_store import boot_id
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import Kind, message_of
+from fsw.exchange.ringlink import Kind
 from fsw.exchange.sinks import (
     Message,
     Record,
@@ -41,6 +42,7 @@ from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.console import Console
 from fsw.service.control import SOCKET_NAME, ControlServer, refused
 from fsw.service.disk_sync import DiskSync
+from fsw.service.inbox import Inbox
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
 from fsw.telemetry.ports import Host
@@ -54,7 +56,6 @@ EVENTS_NAME = "events.jsonl"
 BLOCKS_NAME = "blocks.bin"
 STATUS_NAME = "status.json"
 POLL_S = 0.01
-BATCH_RECORDS = 2000  # taken from the ring before clients are looked at again
 LOG_LIMIT_BYTES = 8 << 20
 NICE = 5
 LOCK_NAME = "service.lock"
@@ -64,11 +65,24 @@ class Service:
     """Everything that touches files and sockets."""
 
     def __init__(
-        self, config: Config, clock: Clock, down: RingReader, up: RingWriter, *, resume: bool
+        self,
+        config: Config,
+        clock: Clock,
+        down: RingReader,
+        found: RingReader,
+        up: RingWriter,
+        *,
+        resume: bool,
     ) -> None:
-        """`resume`: continue the files of a service process of the same loop that has died."""
+        """Nothing is opened.
+
+        Parameters
+        ----------
+        down, found : what comes from the loop, and from the estimation
+        resume : continue the files of a service process of the same loop that has died
+        """
         self._config, self._clock, self._resume = config, clock, resume
-        self._down, self._up = down, up
+        self.inbox, self._up = Inbox(down, found, self, self._report), up
         self._directory = config.resolve(config.service.state_directory)
         self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
@@ -83,7 +97,6 @@ class Service:
         self._control: ControlServer | None = None
         self._jobs = BatchJobs(config, self._directory / BLOCKS_NAME, self._report)
         self._answers: list[Reply] = []  # of commands carried out here
-        self._drops_told = 0
         self._console = Console()
         self._disk = DiskSync(self._files, partial(self._report, "high", "DISK_SYNC_FAILED"))
 
@@ -137,21 +150,8 @@ class Service:
             self._telemetry.open()
 
     def cycle(self) -> bool:
-        """Empty the ring, serve clients, follow the worker; False when the loop has ended."""
-        going = True
-        taken = 0
-        for record in self._down.read(BATCH_RECORDS):
-            taken += 1
-            if record.kind == Kind.END:
-                going = False
-            elif (message := message_of(record)) is not None:
-                if isinstance(message, StatusReport):
-                    values = {**message.values, "job": self._jobs.summary()}
-                    message = replace(message, values=values)
-                if self._switch.sink is not None:
-                    self._switch.sink.put(message)
-                self.put(message)
-        self._watch_drops()
+        """Empty the rings, serve clients, follow the worker; False when the loop has ended."""
+        more = self.inbox.take()
         answers, self._answers = self._answers, []
         for answer in answers:
             self._reply(answer)
@@ -161,26 +161,30 @@ class Service:
         if self._telemetry is not None:
             self._telemetry.poll(self._clock.now_ns())
         self._disk.poll(self._clock.now_ns())
-        wait_s = 0.0 if taken >= BATCH_RECORDS or not going else POLL_S
+        wait_s = 0.0 if more or not self.inbox.is_open else POLL_S
         if self._control is not None:
             self._control.serve(wait_s, self._clock.now_ns())
         else:
             self._clock.sleep_until_ns(self._clock.now_ns() + round(wait_s * 1e9))
-        return going
+        return self.inbox.is_open
 
     def close(self) -> None:
         """Write the rest and close everything."""
         self._jobs.close()
         if self._telemetry is not None:
             self._telemetry.close()
-        self._switch.close(self._down.dropped)
+        self._switch.close(self.inbox.dropped)
         if self._control is not None:
             self._control.close()
         self._write_status(running=False)
         self._disk.close()
 
     def put(self, message: Message) -> None:
-        """Act on one message of the loop; traffic and commands are for the recorder alone."""
+        """Record one message and act on it; traffic and commands are for the recorder alone."""
+        if isinstance(message, StatusReport):
+            message = replace(message, values={**message.values, "job": self._jobs.summary()})
+        if self._switch.sink is not None:
+            self._switch.sink.put(message)
         match message:
             case Event():
                 self.event(message)
@@ -233,7 +237,7 @@ class Service:
         """Keep and publish the newest summary."""
         self._status = status
         if self._switch.sink is not None:
-            self._switch.sink.dropped = self._down.dropped
+            self._switch.sink.dropped = self.inbox.dropped
             self._switch.sink.sync()
         if self._telemetry is not None:
             self._telemetry.status(status)
@@ -266,7 +270,7 @@ class Service:
         recorder: Mapping[str, Any] = {
             "path": str(path) if path is not None else None,
             "failed_messages": self._switch.lost,
-            "dropped": self._down.dropped,
+            "dropped": self.inbox.dropped,
         }
         extra = {
             "running": running,
@@ -285,13 +289,6 @@ class Service:
             temporary.replace(path)
         except OSError:
             return
-
-    def _watch_drops(self) -> None:
-        dropped = self._down.dropped
-        if dropped > self._drops_told:
-            text = f"{dropped - self._drops_told} records lost between loop and service"
-            self._drops_told = dropped
-            self._report("high", "RING_DROPS", text)
 
     def _forward_local(self, command: Command) -> bool:
         """Forward a command of the local control socket, and note it and its end."""
@@ -350,10 +347,10 @@ def wait_for_turn(directory: Path) -> None:
         return  # whatever is to be written there reports the directory
 
 
-def serve(service: Service, down: RingReader, parent: int, clock: Clock) -> int:
+def serve(service: Service, parent: int, clock: Clock) -> int:
     """Serve one loop process to its end; return the exit code."""
     while service.cycle():
-        if os.getppid() != parent and not down.used_bytes:
+        if os.getppid() != parent and service.inbox.is_idle:
             service.event(Event(clock.now_ns(), "high", "LOOP_LOST", "the loop process has died"))
             break
     service.close()
@@ -364,6 +361,7 @@ def main(argv: list[str]) -> int:
     """Run the service process."""
     parser = argparse.ArgumentParser(prog="fsw.service.process", description=__doc__)
     parser.add_argument("--down", type=int, required=True, help="descriptor of the loop's ring")
+    parser.add_argument("--found", type=int, required=True, help="of the estimation's ring")
     parser.add_argument("--up", type=int, required=True, help="descriptor of the ring to the loop")
     parser.add_argument("--config", type=int, required=True, help="descriptor of the configuration")
     parser.add_argument("--parent", type=int, required=True, help="process of the loop")
@@ -374,22 +372,21 @@ def main(argv: list[str]) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
     os.nice(NICE)
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # not where the loop is pinned
     with os.fdopen(arguments.config, "rb", closefd=False) as file:
         file.seek(0)
         config: Config = pickle.load(file)
-    down, up = RingReader(arguments.down), RingWriter(arguments.up)
+    rings = RingReader(arguments.down), RingReader(arguments.found), RingWriter(arguments.up)
     wait_for_turn(config.resolve(config.service.state_directory))
     if arguments.resume and config.telemetry is not None:
         from fsw.telemetry.tables.effective import effective_config
 
         config = effective_config(config.as_read())  # tables may have been changed since the start
-    service = Service(config, clock, down, up, resume=arguments.resume)
+    service = Service(config, clock, *rings, resume=arguments.resume)
     service.open()
     if arguments.resume:
         service.event(Event(began_ns, "info", "SERVICE_BACK", f"process {os.getpid()}"))
     try:
-        return serve(service, down, arguments.parent, clock)
+        return serve(service, arguments.parent, clock)
     except MemoryError:
         return MEMORY_EXIT
 

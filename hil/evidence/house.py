@@ -22,7 +22,12 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("fsw", "hil", "ground", "file_delivery")
-ENTRIES = ("fsw.__main__", "fsw.service.process", "fsw.service.worker")
+ENTRIES = (
+    "fsw.__main__",
+    "fsw.loop.estimation.process",
+    "fsw.service.process",
+    "fsw.service.worker",
+)
 
 Edges = set[tuple[str, str]]
 

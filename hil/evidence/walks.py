@@ -7,7 +7,7 @@ value there. A hop is a function of fsw that is entered on the way from the main
 the station included; each counts once. The forms are the types of the arguments. So what a hop
 computes in functions that come back before the next station is not counted.
 
-Loop, service and worker run in one process here; their rings and the worker's pipes are real.
+Loop, estimation, service and worker run in one process here; their rings and pipes are real.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ from typing import Any
 
 import fsw
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import DOWN_BYTES, UP_BYTES, RingSink
+from fsw.exchange.ringlink import DOWN_BYTES, TO_ESTIMATION, TO_SERVICE, UP_BYTES, RingSink
+from fsw.exchange.sinks import Fanout
+from fsw.loop.estimation.estimation import Estimation
+from fsw.loop.estimation.process import work_off
 from fsw.loop.ports import SECOND, Ports
 from fsw.loop.wiring import build
 from fsw.service import batch_jobs, worker
@@ -70,7 +73,7 @@ TORQUE = (
     Station("decode_tpdo1", "data", "ndarray"),
     Station("Aligner.push", "samples", "JointSamples"),
     Station("_Channel.window", "values", "ndarray"),
-    Station("Conditioner.stages", "window", "Window"),
+    Station("Conditioner.condition", "window", "Window"),
     Station("Instants.fitted", "values", "ndarray"),
     Station("Recursion.fold", "block", "Block"),
     Station("predict", "block", "BlockStack"),
@@ -172,7 +175,7 @@ class EndedWorker:
 
 
 class WalkedBench:
-    """Loop and service of a flight in one process and in virtual time."""
+    """Loop, estimation and service of a flight in one process and in virtual time."""
 
     def __init__(self, folder: Path) -> None:
         telemetry = {"port": 0, "housekeeping_interval_s": 0.1, "science_interval_s": 0.1}
@@ -185,11 +188,15 @@ class WalkedBench:
             imu=world.imu,
             star_tracker=world.star_tracker,
         )
-        down, up = RingWriter.create(DOWN_BYTES), RingWriter.create(UP_BYTES)
-        self._clock = world.clock
-        self._daemon = build(setup.config, world.clock, ports, RingSink(down))
-        reader = RingReader(os.dup(down.fd))
-        self._service = Service(setup.config, world.clock, reader, up, resume=False)
+        down, found, stream = (RingWriter.create(DOWN_BYTES) for _ in range(3))
+        sink = Fanout(RingSink(stream, TO_ESTIMATION), RingSink(down, TO_SERVICE))
+        config, self._clock = setup.config, world.clock
+        self._loop = build(config, world.clock, ports, sink, lambda: stream.notes[0])
+        found_sink = RingSink(found, TO_SERVICE)
+        self._estimation = Estimation(config, world.clock.now_ns, found_sink)
+        self._stream, *inbox = (RingReader(os.dup(ring.fd)) for ring in (stream, down, found))
+        up = RingWriter.create(UP_BYTES)
+        self._service = Service(config, world.clock, inbox[0], inbox[1], up, resume=False)
         self._service.open()
         self.state = setup.config.resolve(setup.config.service.state_directory)
 
@@ -197,7 +204,8 @@ class WalkedBench:
         """Let virtual time pass, or less when a walk ends."""
         end_ns = self._clock.now_ns() + round(duration_s * 1e9)
         while self._clock.now_ns() < end_ns and not (walk and walk.is_over):
-            self._daemon.step()
+            self._loop.step()
+            work_off(self._estimation, self._stream)
             self._service.cycle()
 
     def walk(self, stations: Sequence[Station]) -> Walk:
@@ -214,7 +222,7 @@ class WalkedBench:
 
     def close(self) -> None:
         """Close everything."""
-        self._daemon.shutdown()
+        self._loop.close()
         self._service.close()
 
 

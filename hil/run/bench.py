@@ -1,6 +1,6 @@
 """One run: truth, devices and daemon put together, in virtual or real time.
 
-The daemon is the flight software's own `fsw.loop.wiring.build`; in real time it is `fsw run` in a
+The daemon is the flight software's own loop and estimation; in real time it is `fsw run` in a
 process of its own. What is judged later comes from its estimates, or from its recording.
 """
 
@@ -20,7 +20,6 @@ from fsw.drivers.wire import ByteChunk
 from fsw.exchange.sinks import Fanout, Message, NullSink, SerialTraffic, Sink
 from fsw.exchange.status import estimate_summary
 from fsw.loop.ports import SECOND, Ports
-from fsw.loop.wiring import build
 from fsw.messages import Block, Estimate, Event
 from fsw.service.recorder import RecorderSink, open_recording
 from hil.devices.plant import Plant
@@ -29,6 +28,7 @@ from hil.judge.outcome import result_from_json, result_of
 from hil.judge.score import Result
 from hil.links.virtual import VirtualBench
 from hil.run import live
+from hil.run.daemon import Daemon
 from hil.run.flight import (
     flight_document,
     plant_document,
@@ -262,13 +262,13 @@ class VirtualRun:
             can_openers={name: port.open for name, port in cans.items()},
             line_openers={name: serial.reopen for name, serial in world.serials.items()},
         )
-        self._daemon = build(setup.config, world.clock, ports, sink)
+        self.daemon = Daemon(setup.config, world.clock, ports, sink)
         self._wall_s = 0.0
         self._shown_s = 0.0
 
     def advance(self, until_s: float, meter: Meter) -> None:
         """Continue until the given time after power-on."""
-        clock, daemon = self.world.clock, self._daemon
+        clock, daemon = self.world.clock, self.daemon
         end_ns = T0_NS + round(until_s * 1e9)
         began_s = time.perf_counter()
 
@@ -285,11 +285,11 @@ class VirtualRun:
 
     def finish(self, meter: Meter) -> Recorded:
         """Settle the estimate and return what the run left behind."""
-        setup, collector, daemon = self.setup, self._collector, self._daemon
+        setup, collector, daemon = self.setup, self._collector, self.daemon
         began_s = time.perf_counter()
         final = daemon.shutdown()
         self._wall_s += time.perf_counter() - began_s
-        status = daemon.status(self.world.clock.now_ns())
+        status = daemon.status()
         meter.update(setup.total_s, estimate_summary(final))
         times = self._plant.times()
         return Recorded(

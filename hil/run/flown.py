@@ -6,15 +6,15 @@ For measurements that need the daemon's own input and must not ask the user for 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from fsw.config import Config
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block
 from hil.run.bench import prepare, run_virtual
+from hil.run.progress import Quiet
 from hil.world.scenario import load
 
 
@@ -27,18 +27,11 @@ class Flown:
     blocks: Sequence[Block]
 
 
-class _Silent:
-    """A meter nobody looks at."""
-
-    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
-        """Show nothing."""
-
-
 def fly(scenario: str, seed: int) -> Flown:
     """Fly a scenario in virtual time; blocks depend on scenario and seed alone."""
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         setup = prepare(load(scenario), seed, Path(folder))
-        recorded = run_virtual(setup, _Silent(), record=False)
+        recorded = run_virtual(setup, Quiet(), record=False)
         robot = setup.config.robot
         model = RobotModel(setup.config.resolve(robot.urdf), robot.tool_frame)
     return Flown(config=setup.config, model=model, blocks=recorded.blocks)

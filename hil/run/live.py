@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -25,6 +26,7 @@ READY_TIMEOUT_S = 60.0
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
 POLL_S = 0.1
+PROCESS = re.compile(r"fsw\.(?:loop\.)?(\w+)\.process")  # the module of one of the daemon's
 
 
 class LiveError(RuntimeError):
@@ -72,6 +74,16 @@ def children(pid: int) -> list[int]:
     except (FileNotFoundError, ProcessLookupError):  # ended before, or while it was read
         return []
     return [int(word) for word in text.split()]
+
+
+def processes_of(daemon: int) -> dict[str, int]:
+    """Return the identifiers of a daemon's own processes: `service`, `estimation`."""
+    found: dict[str, int] = {}
+    for pid in children(daemon):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            words = Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").split("\0")
+            found |= {named[1]: pid for word in words if (named := PROCESS.fullmatch(word))}
+    return found
 
 
 def nothing(_done_s: float, _plant: int, _daemon: int) -> None:

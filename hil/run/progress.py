@@ -18,6 +18,13 @@ class Meter(Protocol):
         ...
 
 
+class Quiet:
+    """A meter nobody looks at."""
+
+    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
+        """Show nothing."""
+
+
 class RichMeter:
     """A bar on a console."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -216,8 +216,7 @@ class FakeConditioner:
     def __init__(self) -> None:
         self.windows: list[Window] = []
 
-    def stages(self, window: Window) -> Generator[None, None, Block | None]:
-        yield
+    def condition(self, window: Window) -> Block | None:
         self.windows.append(window)
         return make_block(window.index)
 
@@ -230,22 +229,15 @@ class FakeEstimator:
         self.pushed: list[int] = []
         self.adopted: list = []
 
-    def stages(self, block: Block) -> Generator[None, None, Estimate]:
-        yield
-        return self.push(block)
-
     def push(self, block: Block) -> Estimate:
         self.pushed.append(block.index)
         self.calls.append("push")
         return make_estimate(int(block.t_ns[0]), len(self.pushed))
 
-    def work(self) -> bool:
+    def work(self) -> None:
         self.calls.append("work")
-        return False
 
-    def finishing(self) -> Generator[None, None, Estimate]:
-        while self.work():
-            yield
+    def finish(self) -> Estimate:
         self.calls.append("finish")
         return make_estimate(0, len(self.pushed))
 

@@ -50,10 +50,11 @@ def is_health(sample: Sample, log: DaemonLog) -> bool:
     summary = log.by_ticks[values["ticks"]]
     counts = {f"windows_{name}": count for name, count in summary["windows"].items()}
     ring = {f"ring_{name}": count for name, count in summary["ring"].items()}
-    times = {"work": summary["work_us"], **summary["tasks_us"]}
+    delays = {name: summary[f"{name}_us"] for name in ("sampled", "published")}
+    times = {"work": summary["work_us"], **summary["tasks_us"], **delays}
     spent = {
         f"{name}_{kind}_us": single(times[name][kind])
-        for name in ("work", "drain", "ingest", "estimate", "commands")
+        for name in ("work", "drain", "hand_over", "sampled", "published")
         for kind in TIMES
     }
     more = {"slips": summary["slips"], "max_late_us": single(summary["max_late_us"])}

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw.clock import MonotonicClock
-from fsw.config import SchedulerConfig
-from fsw.loop import realtime
+from fsw.scheduler import realtime
 from fsw.scheduler.executive import Executive
 
 RATE_HZ = 500.0
@@ -33,8 +32,7 @@ class Lateness:
 def executive(rate_hz: float, seconds: float, priority: int) -> Lateness:
     """Return the lateness of the executive's ticks with nothing to do."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
-    wanted = SchedulerConfig(tick_rate_hz=rate_hz, realtime_priority=priority)
-    refused = realtime.prepare(wanted)
+    refused = realtime.prepare(None, priority)
     is_fifo = bool(priority) and not any("realtime_priority" in text for text in refused)
     try:
         loop = Executive(MonotonicClock(), round(1e9 / rate_hz), ())

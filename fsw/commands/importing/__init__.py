@@ -12,7 +12,7 @@ from fsw.commands.importing.mapping import read_mapping
 from fsw.commands.importing.samples import sampled_channels
 from fsw.config import Config
 from fsw.exchange.recording import SAMPLED, SAMPLES
-from fsw.loop.ports import IMU, JOINTS, STAR_TRACKER
+from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER
 from fsw.messages.errors import ConfigError
 from fsw.service.recorder import open_recording
 

@@ -143,21 +143,6 @@ class JointBusSource:
         if not up:
             self._watch.without_port()
 
-    def next_sync(self) -> tuple[int, bytes]:
-        """Return COB-ID and data of the next SYNC to send.
-
-        Call `sync_sent` once it is sent, and feed the frame when the bus returns it.
-        """
-        return canopen.encode_sync(self._syncs.next_counter())
-
-    def sync_sent(self) -> None:
-        """Note that the SYNC was sent; it may be fed later."""
-        self._syncs.issue()
-
-    def start_frames(self) -> list[tuple[int, bytes]]:
-        """Return the NMT frames that start every configured node."""
-        return [canopen.encode_nmt(canopen.NmtCommand.START, node) for node in self._ids.tolist()]
-
     def feed(self, frames: FrameArray) -> JointSamples:
         """Accept frames in order, sent SYNCs included, and return the samples they hold."""
         ends = np.flatnonzero(frames["word"] == canopen.COB_SYNC)[MOST_SYNCS::MOST_SYNCS]

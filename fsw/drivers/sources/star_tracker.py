@@ -10,11 +10,9 @@ from fsw.config import HealthConfig, StarTrackerConfig
 from fsw.drivers.codecs.framing import Frame
 from fsw.drivers.codecs.sagitta import (
     PLAIN_SOLUTION_BYTES,
-    SOLUTION_ID,
     SagittaCodec,
     Solution,
     Telemetry,
-    encode_subscribe,
 )
 from fsw.drivers.sources.arrival import ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
@@ -99,10 +97,6 @@ class StarTrackerSource:
     def watch(self, now_ns: int, *, up: bool) -> None:
         """Look whether the unit has fallen silent; everything received has been fed."""
         self._watch.watch(now_ns, up=up)
-
-    def start_bytes(self) -> bytes:
-        """Return what to send at start: the subscription, or nothing."""
-        return encode_subscribe((SOLUTION_ID,)) if self._config.subscribe else b""
 
     def feed(self, chunks: Sequence[ByteChunk]) -> AttitudeSamples:
         """Accept chunks in order and return the attitudes they complete."""

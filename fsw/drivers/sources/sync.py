@@ -28,7 +28,6 @@ class SyncHistory:
         self._new: list[tuple[int, int, int]] = []  # counter, stamp, row
         self._echo_ns = 0.5e9 * counter_max / rate_hz
         self._last_counter = 0
-        self._issued = 0  # counter of the last one sent from here
         self.echoes = 0  # the same SYNC seen again: as sent, and as the bus handed it back
         self.count = 0
         self.lost = 0  # gaps in the counter as seen here
@@ -57,14 +56,6 @@ class SyncHistory:
         before = self._latest[counter]
         recent = before is not None and t_ns - before < self._echo_ns
         return recent and behind < max(1, self._counter_max // 4)
-
-    def next_counter(self) -> int:
-        """Return the counter that follows the last one sent or, before that, seen."""
-        return (self._issued or self._last_counter) % self._counter_max + 1
-
-    def issue(self) -> None:
-        """Note that a SYNC with `next_counter` was sent; it may be added much later."""
-        self._issued = self.next_counter()
 
     def match(
         self, counters: IntArray, rows: IntArray, t_ns: IntArray

@@ -8,13 +8,12 @@ as xx xy xz yy yz zz).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from fsw.estimators.stages import complete
 from fsw.messages import FloatArray
 
 PARAMETERS = 10
@@ -187,7 +186,6 @@ def log_cholesky_jacobian(theta: FloatArray) -> FloatArray:
 
 
 _UNIT_PSEUDO_INERTIAS = np.stack([pseudo_inertia(e) for e in np.eye(PARAMETERS)])
-STEPS_PER_UNIT = 5
 ROUNDING = 1e-12  # added to the unit diagonal of a correlation that has no root without
 _GAP = 1e-6  # of the squared distance, and absolutely in squared sigmas, left by the barrier
 
@@ -203,32 +201,6 @@ def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1
 
     Source: Boyd, Vandenberghe, Convex Optimization (2004), sec. 11.3 (gap: 4 mu for a 4 x 4 P).
     """
-    return complete(nearest_consistent_stages(pi, covariance, margin))
-
-
-def consistent_stages(
-    x: FloatArray, bodies: Sequence[slice], covariance: Callable[[], FloatArray]
-) -> Generator[None, None, FloatArray]:
-    """Return a state with each of its bodies moved to the nearest consistent one, in bounded units.
-
-    Parameters
-    ----------
-    x : (p,) state; returned itself where all bodies are consistent
-    bodies : the states of each body
-    covariance : returns that of the state (p, p)
-    """
-    moved = x
-    for k in bodies:
-        if not is_consistent(x[k]):
-            moved = x.copy() if moved is x else moved
-            moved[k] = yield from nearest_consistent_stages(x[k], covariance()[k, k])
-    return moved
-
-
-def nearest_consistent_stages(
-    pi: FloatArray, covariance: FloatArray, margin: float = 1e-3
-) -> Generator[None, None, FloatArray]:
-    """Do what `nearest_consistent` does in bounded units, a few of Newton's steps each."""
     if is_consistent(pi):
         return pi
     W = _root(covariance)
@@ -238,9 +210,7 @@ def nearest_consistent_stages(
     x = from_pseudo_inertia((vectors * clipped) @ vectors.T)
     y = solve_triangular(W, x - pi, lower=True)
     mu = max(float(y @ y), 1.0)
-    for iteration in range(200):
-        if iteration % STEPS_PER_UNIT == STEPS_PER_UNIT - 1:
-            yield
+    for _ in range(200):
         root = np.linalg.cholesky(pseudo_inertia(x))
         F = np.linalg.solve(root, np.linalg.solve(root, directions).swapaxes(1, 2))
         F = F.reshape(PARAMETERS, 16)
@@ -255,6 +225,25 @@ def nearest_consistent_stages(
                 break
             mu *= 0.05
     return x
+
+
+def consistent_state(
+    x: FloatArray, bodies: Sequence[slice], covariance: Callable[[], FloatArray]
+) -> FloatArray:
+    """Return a state with each of its bodies moved to the nearest consistent one.
+
+    Parameters
+    ----------
+    x : (p,) state; returned itself where all bodies are consistent
+    bodies : the states of each body
+    covariance : returns that of the state (p, p)
+    """
+    moved = x
+    for k in bodies:
+        if not is_consistent(x[k]):
+            moved = x.copy() if moved is x else moved
+            moved[k] = nearest_consistent(x[k], covariance()[k, k])
+    return moved
 
 
 def _root(covariance: FloatArray) -> FloatArray:

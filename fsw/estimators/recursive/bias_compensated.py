@@ -16,7 +16,7 @@ residuals' variance, and the published covariance contains it.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,7 +36,6 @@ from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.outcome import outcome
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
-from fsw.estimators.stages import complete
 from fsw.messages import Block, Estimate, FloatArray
 from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 
@@ -354,33 +353,19 @@ class BiasCompensatedEstimator:
 
     def push(self, block: Block) -> Estimate:
         """Fold in one block and return the estimate after it."""
-        return complete(self.stages(block))
-
-    def stages(self, block: Block) -> Generator[None, None, Estimate]:
-        """Fold in one block in bounded units; the estimate after it is returned at the end."""
         if block.index <= self._after:
             self._ignored += 1
         else:
             self._after = block.index
-            sums = self._usable_sums(block)
-            yield
-            self._fold(block, sums)
-        yield
-        return (yield from self._published(int(block.t_ns[-1])))
+            self._fold(block, self._usable_sums(block))
+        return self.estimate(int(block.t_ns[-1]))
 
-    def work(self) -> bool:
-        """Return False: there is no background work."""
-        return False
+    def work(self) -> None:
+        """Do nothing: there is no background work."""
 
     def finish(self) -> Estimate:
         """Return the estimate; there is nothing to settle."""
         return self.estimate(self._span_ns[1] if self._span_ns else 0)
-
-    def finishing(self) -> Generator[None, None, Estimate]:
-        """Do what is due in bounded units, and return the estimate."""
-        while self.work():
-            yield
-        return self.finish()
 
     def events(self) -> list[tuple[str, str, str]]:
         """Return what has happened since the last call: severity, code, text."""
@@ -405,18 +390,15 @@ class BiasCompensatedEstimator:
 
     def estimate(self, t_ns: int) -> Estimate:
         """Return the published view; its sigma contains what may be left of the bias."""
-        return complete(self._published(t_ns))
-
-    def _published(self, t_ns: int) -> Generator[None, None, Estimate]:
         try:
-            return (yield from self._outcome(t_ns))
+            return self._outcome(t_ns)
         except NUMERICAL as error:
             self.reset()
             why = f"the estimate was not proper ({unforeseen(error)})"
             self._events.append(("high", "ESTIMATOR_RESET", why))
-        return (yield from self._outcome(t_ns))
+        return self._outcome(t_ns)
 
-    def _outcome(self, t_ns: int) -> Generator[None, None, Estimate]:
+    def _outcome(self, t_ns: int) -> Estimate:
         scale = np.sqrt(np.diag(self._covariance))
         condition = float(np.sqrt(np.linalg.cond(self._covariance / np.outer(scale, scale))))
         reason = ""
@@ -425,26 +407,24 @@ class BiasCompensatedEstimator:
         elif not self._solved or condition > self._settings.condition_limit:
             reason = "INSUFFICIENT_EXCITATION"
         removed = float(np.sqrt(np.mean((self._bias / scale) ** 2)))
-        return (
-            yield from outcome(
-                self._problem,
-                self._settings.method,
-                self._x,
-                self._covariance,
-                reason=reason,
-                t_ns=t_ns,
-                q_rad=self._q_rad,
-                blocks=self._blocks,
-                gated=self._gated,
-                nis=0.0,
-                nis_dof=0,
-                condition_number=condition,
-                extra={
-                    "biased": 1.0,
-                    "bias_removed_sigma": removed,
-                    "ignored": float(self._ignored),
-                },
-            )
+        return outcome(
+            self._problem,
+            self._settings.method,
+            self._x,
+            self._covariance,
+            reason=reason,
+            t_ns=t_ns,
+            q_rad=self._q_rad,
+            blocks=self._blocks,
+            gated=self._gated,
+            nis=0.0,
+            nis_dof=0,
+            condition_number=condition,
+            extra={
+                "biased": 1.0,
+                "bias_removed_sigma": removed,
+                "ignored": float(self._ignored),
+            },
         )
 
     def _usable_sums(self, block: Block) -> CompensatedSums | None:

@@ -10,7 +10,7 @@ the retired information, the stored rows and a pass under way alike; the prior i
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -181,19 +181,16 @@ class Memory:
         self._combine()
         return True
 
-    def pull(
-        self, rows: SafeRows, at: FloatArray, samples: int
-    ) -> Generator[None, None, FloatArray | None]:
+    def pull(self, rows: SafeRows, at: FloatArray, samples: int) -> FloatArray | None:
         """Return by how much a pass at a point would change the normal equations' right side.
 
-        Estimated from some stored blocks, one per unit, evenly spread; None where one of them
-        cannot be re-linearised. Leaves no trace.
+        Estimated from some stored blocks, evenly spread; None where one of them cannot be
+        re-linearised. Leaves no trace.
         """
         total = np.zeros(len(at))
         for index in np.linspace(0, len(self._store) - 1, samples).astype(int).tolist():
             stored = self._with_rows(self._store[index])
             new = rows(stored.block, at, stored.before)
-            yield
             if new is None:
                 return None
             old = stored.A.T @ (stored.c - stored.A @ at)

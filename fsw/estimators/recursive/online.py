@@ -1,15 +1,15 @@
-"""The recursive estimator as the loop sees it: blocks in, estimates out, work in bounded units.
+"""The recursive estimator: blocks in, estimates out, re-linearisation between two blocks.
 
 A new block is folded into the square-root information at once. Because the rows depend on the
 unknowns, one pass linearised at a wrong start is not the batch; so the blocks are kept, and passes
-re-linearise them all at the current estimate, a block per unit. Passes run while they are expected
-to move the estimate; what moves it otherwise is data. How many units are due between two blocks is
-fixed, so nothing depends on how many ticks lie between them.
+re-linearise them all at the current estimate. Passes run while they are expected to move the
+estimate; what moves it otherwise is data. How many blocks are re-linearised between two new ones is
+fixed, so nothing depends on when that is done.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,11 @@ from fsw.estimators.recursive.outcome import WEAKEST_GAIN, outcome, weakest_gain
 from fsw.estimators.recursive.recursion import EventWords, Recursion
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.estimators.stages import complete
 from fsw.messages import Block, Estimate, FloatArray
 from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 from fsw.messages.findings import Finding
 
-WORK_PER_BLOCK = 18  # of background work due between two blocks, each a unit or a few
+WORK_PER_BLOCK = 18  # units of re-linearisation due between two blocks
 _STATE = ("_after", "_ignored", "_due")
 
 
@@ -108,31 +107,24 @@ class OnlineEstimator:
         put(self, _STATE, values)
 
     def push(self, block: Block) -> Estimate:
-        """Fold in one block and return the estimate after it."""
-        return complete(self.stages(block))
+        """Fold in one block and return the estimate after it.
 
-    def stages(self, block: Block) -> Generator[None, None, Estimate]:
-        """Fold in one block in bounded units; the estimate after it is returned at the end.
-
-        Background work that is due comes first, so that the result does not depend on how often
-        `work` was called before. A block not newer than the newest is ignored. Between two units
-        nothing else may be asked of the estimator. Where arithmetic fails the estimate begins again
-        at the prior, and an event says why; the block is part of what is discarded.
+        Work that is due comes first, so that the result does not depend on whether `work` was
+        called. A block not newer than the newest is ignored. Where arithmetic fails the estimate
+        begins again at the prior, and an event says why; the block is part of what is discarded.
         """
-        while self.work():
-            yield
+        self.work()
         fresh = block.index > self._after
         if fresh:
             self._after = block.index
             try:
-                yield from self.recursion.fold(block)
+                self.recursion.fold(block)
             except NUMERICAL as error:
                 self._begin_again(error)
             self._due = 0 if self.linear else WORK_PER_BLOCK
         else:
             self._ignored += 1
-        yield
-        estimate = yield from self._published(int(block.t_ns[-1]))
+        estimate = self.estimate(int(block.t_ns[-1]))
         self.recursion.armed |= fresh and estimate.valid and not self.linear
         return estimate
 
@@ -141,32 +133,22 @@ class OnlineEstimator:
         used = self.recursion.used
         return block if used is None or used.index != block.index else used
 
-    def work(self) -> bool:
-        """Do at most one unit of what is due; True while more is due before the next block."""
+    def work(self) -> None:
+        """Re-linearise what is due before the next block."""
+        due, self._due = self._due, 0
         try:
-            if self._due <= 0 or not self.recursion.has_work:
-                self._due = 0
-                self.recursion.memory.make_one()
-                return False
-            self._due -= self.recursion.work()
+            while due > 0 and self.recursion.has_work:
+                self.recursion.work()
+                due -= 1
+            self.recursion.memory.make_one()
         except NUMERICAL as error:
             self._begin_again(error)
-            self._due = 0
-        return self._due > 0
 
     def finish(self, max_passes: int = 30) -> Estimate:
         """Re-linearise everything until it has settled; for the end of a run or a replay."""
-        return complete(self.finishing(max_passes))
-
-    def finishing(self, max_passes: int = 30) -> Generator[None, None, Estimate]:
-        """Do what `finish` does in bounded units.
-
-        What is due comes first, so that the result does not depend on how often `work` was called.
-        """
-        while self.work():
-            yield
+        self.work()
         try:
-            yield from self.recursion.settling(max_passes)
+            self.recursion.settle(max_passes)
         except NUMERICAL as error:
             self._begin_again(error)
         return self.estimate(self._now_ns())
@@ -215,23 +197,20 @@ class OnlineEstimator:
 
     def estimate(self, t_ns: int) -> Estimate:
         """Return the published view of the current state; start over if it is not proper."""
-        return complete(self._published(t_ns))
-
-    def _published(self, t_ns: int) -> Generator[None, None, Estimate]:
         try:
-            estimate = yield from self._outcome(t_ns)
+            estimate = self._outcome(t_ns)
             if np.isfinite(estimate.mean).all() and np.isfinite(estimate.covariance).all():
                 return estimate
             self._begin_again(EstimatorError("the estimate is not finite"))
         except NUMERICAL as error:
             self._begin_again(error)
-        return (yield from self._outcome(t_ns))
+        return self._outcome(t_ns)
 
     def _begin_again(self, error: Exception) -> None:
         words = str(error) if isinstance(error, EstimatorError) else unforeseen(error)
         self.recursion.begin_again(f"the estimate was not proper ({words})")
 
-    def _outcome(self, t_ns: int) -> Generator[None, None, Estimate]:
+    def _outcome(self, t_ns: int) -> Estimate:
         recursion, monitor = self.recursion, self.recursion.monitor
         information = recursion.memory.tempered(monitor.level)
         covariance = information.covariance()
@@ -242,10 +221,8 @@ class OnlineEstimator:
             )
             covariance = covariance * recursion.residual_variance()
         condition = information.scaled_condition_number()
-        yield
         if recursion.blocks and self._bent:
             covariance = self._by_mobility(covariance)
-            yield
         lag, bound = monitor.whiteness()
         extra = {
             "ignored": float(self._ignored),
@@ -260,23 +237,21 @@ class OnlineEstimator:
             extra["outside"] = float(("", "base", "target").index(recursion.outside.place))
         if self.linear:
             extra["biased"] = 1.0
-        return (
-            yield from outcome(
-                self.problem,
-                self._settings.method,
-                recursion.x,
-                covariance,
-                reason=self._reason(condition) or ("" if enough else "INSUFFICIENT_EXCITATION"),
-                t_ns=t_ns,
-                q_rad=recursion.q_rad,
-                blocks=recursion.blocks,
-                gated=recursion.gated,
-                nis=monitor.nis,
-                nis_dof=monitor.nis_dof,
-                condition_number=condition,
-                extra=extra,
-                prior=recursion.widened_prior,
-            )
+        return outcome(
+            self.problem,
+            self._settings.method,
+            recursion.x,
+            covariance,
+            reason=self._reason(condition) or ("" if enough else "INSUFFICIENT_EXCITATION"),
+            t_ns=t_ns,
+            q_rad=recursion.q_rad,
+            blocks=recursion.blocks,
+            gated=recursion.gated,
+            nis=monitor.nis,
+            nis_dof=monitor.nis_dof,
+            condition_number=condition,
+            extra=extra,
+            prior=recursion.widened_prior,
         )
 
     @property

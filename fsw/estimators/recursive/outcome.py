@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-
 import numpy as np
 from scipy.special import chdtri
 
 from fsw.estimators.diagnosis import gains
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.publish import body_estimate_stages, whole_estimate
+from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.messages import Estimate, FloatArray
 
 INCONSISTENT = 1e-3  # probability of so large a projection onto the consistent bodies by noise
@@ -39,8 +37,8 @@ def outcome(
     condition_number: float,
     extra: dict[str, float],
     prior: FloatArray | None = None,
-) -> Generator[None, None, Estimate]:
-    """Return, in bounded units, the published view: bodies made consistent, the whole as posed.
+) -> Estimate:
+    """Return the published view: bodies made consistent, the whole as posed.
 
     Liquid in an unknown body widens what is published of it, not what is weighed.
 
@@ -59,8 +57,7 @@ def outcome(
     covariance = covariance + problem.liquid
     bodies = {}
     for name in problem.unknown:
-        bodies[name], distance = yield from body_estimate_stages(problem, name, x, covariance)
-        yield
+        bodies[name], distance = body_estimate(problem, name, x, covariance)
         if not reason and distance > chdtri(PARAMETERS, INCONSISTENT):
             reason = "NOT_CONSISTENT"
     whole = None if q_rad is None else whole_estimate(problem, x, covariance, q_rad)

@@ -10,7 +10,7 @@ like a wrench in one block; but one change explains several, and a wrench does n
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -100,8 +100,8 @@ class OutsideWatch:
 
     def judge(
         self, block: Block, x: FloatArray, covariance_root: FloatArray, level: float
-    ) -> Generator[None, None, Verdict]:
-        """Return what a block is, in bounded units.
+    ) -> Verdict:
+        """Return what a block is.
 
         Parameters
         ----------
@@ -115,11 +115,9 @@ class OutsideWatch:
             return undecided
         V = found.J[:, : len(x)] @ covariance_root
         S = found.S + V @ V.T
-        yield
         if found.r @ np.linalg.solve(S, found.r) <= self._limit(len(found.r)):
             return self._fits(int(block.t_ns[0]))
         place = self._explained(found, S)
-        yield
         if not place:
             return undecided
         if not self._in_question:
@@ -130,7 +128,7 @@ class OutsideWatch:
             self._suspects.append(block)
             self._places.append(place)
             if len(self._suspects) == DECIDING_BLOCKS:
-                if (yield from self._is_change(x, level)):
+                if self._is_change(x, level):
                     self.momentum_lost = False
                     return Verdict.CHANGE
                 self._begin(int(block.t_ns[-1]))
@@ -214,7 +212,7 @@ class OutsideWatch:
         sizes = [np.linalg.norm(w[:, k], axis=1).max() for k in (slice(0, 3), slice(3, 6))]
         self._largest = np.maximum(self._largest, sizes)
 
-    def _is_change(self, x: FloatArray, level: float) -> Generator[None, None, bool]:
+    def _is_change(self, x: FloatArray, level: float) -> bool:
         """Return whether one change of the bodies, within their prior, explains the suspects."""
         k = self._problem.bodies
         prior = np.linalg.solve(self._problem.prior_covariance[k, k], np.eye(k.stop))
@@ -223,7 +221,6 @@ class OutsideWatch:
             information, rhs, nis, dof = prior.copy(), -prior @ (at - x)[k], 0.0, 0
             for block in self._suspects:
                 found = self._innovation(block, at, level)
-                yield
                 if found is None:
                     continue
                 weighted = np.linalg.solve(found.S, np.column_stack([found.J[:, k], found.r]))

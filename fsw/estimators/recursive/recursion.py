@@ -9,7 +9,7 @@ widened. Both are reported as events. When units are run is for `online` to deci
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
-from fsw.estimators.model.inertia import consistent_stages
+from fsw.estimators.model.inertia import consistent_state
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive import pacing
@@ -114,7 +114,6 @@ class Recursion:
         self.armed = self.conflict = False
         self.trust = Trust()
         self._check_due = self._level_due = False
-        self._pointing: Generator[None, None, tuple[FloatArray, float | None]] | None = None
         self._rss = 0.0
         self.span_ns: tuple[int, int] | None = None
         if self.outside is not None:
@@ -156,7 +155,6 @@ class Recursion:
         self.noise.restore(values["noise"])
         self.memory = memory
         put(self, _STATE, values)
-        self._pointing = None
         self.monitor.restore(values["monitor"])
         self.pacing.restore(values["pacing"])
         self.trust.restore(values["trust"])
@@ -187,12 +185,8 @@ class Recursion:
     def _after_pass(self) -> bool:
         return self._level_due or self._check_due
 
-    def work(self) -> bool:
-        """Do one unit: learn the noise level, check the prior, begin a pass, or advance it.
-
-        False while a beginning pass's point is still being found; that leaves no trace in the state
-        but its result.
-        """
+    def work(self) -> None:
+        """Do one unit: learn the noise level, check the prior, begin a pass, or advance it."""
         if self._level_due:
             self._learn_level()
         elif self._check_due:
@@ -200,11 +194,10 @@ class Recursion:
         elif self.memory.in_pass:
             self._advance_pass()
         else:
-            return self._begin_pass()
-        return True
+            self._begin_pass()
 
-    def settling(self, max_passes: int) -> Generator[None, None, None]:
-        """Re-linearise everything, in units, until it no longer moves the estimate noticeably."""
+    def settle(self, max_passes: int) -> None:
+        """Re-linearise everything until it no longer moves the estimate noticeably."""
         if self.linear or not len(self.memory):
             return
         limit = self.memory.passes + max_passes
@@ -213,21 +206,19 @@ class Recursion:
             if rests and self._drift() < SETTLED / 10:
                 break
             self.work()
-            yield
 
-    def fold(self, block: Block) -> Generator[None, None, None]:
-        """Linearise a new block, judge it, and fold it in if it fits; in bounded units."""
+    def fold(self, block: Block) -> None:
+        """Linearise a new block, judge it, and fold it in if it fits."""
         if self.outside is not None:
             block = self.outside.marked(block)
-            if self.armed and (yield from self._is_outside(block, self.outside)):
+            if self.armed and self._is_outside(block, self.outside):
                 return
-        at = self.memory.at if self._in_doubt else (yield from self._point())
+        at = self.memory.at if self._in_doubt else self._point()
         if not self.linear and not len(self.memory) and not self.since:
             self.memory.at = at = at_first_rate(block, at, self.problem)
         rows = self._usable_rows(block, at, self.memory.gained) if plausible(block) else None
-        yield
         if rows is not None and self.armed:
-            block, rows = yield from self._screened(block, rows, at)
+            block, rows = self._screened(block, rows, at)
         self.used = block
         if rows is None:
             self.gated += 1
@@ -249,40 +240,32 @@ class Recursion:
         else:
             self._absorb(block, rows, at, end_ns)
             if self.blocks % NOISE_BLOCKS == 0:
-                yield
                 self._learn_noise()
         if judgement.changed:
-            yield from self._reopen()
+            self._reopen()
 
-    def _is_outside(self, block: Block, watch: OutsideWatch) -> Generator[None, None, bool]:
+    def _is_outside(self, block: Block, watch: OutsideWatch) -> bool:
         """Return whether a block was left out, for a wrench from outside or a change of bodies."""
         if not plausible(block):
             return False
         root = self.memory.information.covariance_root()
-        verdict = yield from watch.judge(
-            self.noise.applied(block), self.x, root, self.monitor.level
-        )
+        verdict = watch.judge(self.noise.applied(block), self.x, root, self.monitor.level)
         if verdict is Verdict.FITS:
             return False
         nothing = np.zeros_like(block.has_joint)
         self.used = replace(block, has_joint=nothing, has_gyro=False, has_accelerometer=False)
         self.gated += 1
         if verdict is Verdict.CHANGE:
-            yield from self._reopen()
+            self._reopen()
         return True
 
-    def _screened(
-        self, block: Block, rows: Rows, at: FloatArray
-    ) -> Generator[None, None, tuple[Block, Rows | None]]:
+    def _screened(self, block: Block, rows: Rows, at: FloatArray) -> tuple[Block, Rows | None]:
         """Return the block without the channels that do not fit the model, and its rows."""
         root, level = self.memory.information.covariance_root(), self.monitor.level
         used = self.screen.judge(block, rows, self.x - at, root, level)
-        yield
         if used is block:
             return block, rows
-        made = self._usable_rows(used, at, self.memory.gained)
-        yield
-        return used, made
+        return used, self._usable_rows(used, at, self.memory.gained)
 
     @property
     def widened_prior(self) -> FloatArray | None:
@@ -339,8 +322,8 @@ class Recursion:
         except EstimatorError as error:
             self.begin_again(str(error))
 
-    def _reopen(self) -> Generator[None, None, None]:
-        mean, blocks = (yield from self._point()), self.since
+    def _reopen(self) -> None:
+        mean, blocks = self._point(), self.since
         self.changes += 1
         trust = self.trust.successor(blocks, self.changes)
         self.start(mean, self._spread())
@@ -353,16 +336,8 @@ class Recursion:
         text += "; it did not fit before either and must fit for longer now" * trust.suspect
         self._events.append(("medium", "CHANGE_DETECTED", text))
 
-    def _begin_pass(self) -> bool:
-        if self._pointing is None:
-            self._pointing = self._next_point()
-        try:
-            next(self._pointing)
-        except StopIteration as end:
-            wanted, step = end.value
-        else:
-            return False
-        self._pointing = None
+    def _begin_pass(self) -> None:
+        wanted, step = self._next_point()
         memory, previous = self.memory, self.memory.at
         point = self.pacing.point(wanted, previous)
         self.pacing.begin(distance(memory.information.R, point - previous), self.since)
@@ -372,21 +347,20 @@ class Recursion:
             memory.at = point
             self.pacing.found_idle(step)
             self._level_due = self._check_due = True
-        return True
 
-    def _next_point(self) -> Generator[None, None, tuple[FloatArray, float | None]]:
+    def _next_point(self) -> tuple[FloatArray, float | None]:
         """Return where to re-linearise, and the step that would make if it is not worth its time.
 
         Where only the distance speaks for a pass, some of the blocks show its effect.
         """
         drift, expected = self._drift(), True
-        wanted = yield from self._point()
+        wanted = self._point()
         memory = self.memory
         if len(memory) > 2 * SAMPLES and drift > pacing.FAR:
             expected = self.pacing.is_expected_to_move(drift, self.since)
         if expected:
             return wanted, None
-        pull = yield from memory.pull(self._usable_rows, wanted, SAMPLES)
+        pull = memory.pull(self._usable_rows, wanted, SAMPLES)
         if pull is None:
             return wanted, None
         step = pacing.rms(solve_triangular(memory.information.R, pull, trans=1))
@@ -450,10 +424,10 @@ class Recursion:
         """Whitened rms distance of the estimate from the point of the last pass."""
         return distance(self.memory.information.R, self.x - self.memory.at)
 
-    def _point(self) -> Generator[None, None, FloatArray]:
+    def _point(self) -> FloatArray:
         """Return the estimate with every body moved to the nearest physically consistent one."""
         if self.linear:
             return self.problem.prior_mean
         problem = self.problem
         bodies = [problem.body(name) for name in problem.unknown]
-        return (yield from consistent_stages(self.x, bodies, self.memory.information.covariance))
+        return consistent_state(self.x, bodies, self.memory.information.covariance)

@@ -225,3 +225,4 @@ class Health(IntEnum):
     SENSOR_FAULT = 17
     BUS = 18
     SECURITY = 19
+    ESTIMATION = 20

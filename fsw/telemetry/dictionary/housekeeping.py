@@ -34,7 +34,8 @@ from fsw.telemetry.dictionary.types import Enumeration, Field, Limits, Packet, T
 SCIENCE_SID = 20
 AXES = ("x", "y", "z")
 INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
-TASKS = ("drain", "ingest", "estimate", "commands")
+TASKS = ("drain", "hand_over")  # of the loop
+DELAYS = {"sampled": "frame to sample", "published": "window closed to estimate published"}
 REASONS = ("sync", "length", "crc", "sequence", "range", "status", "node", "stale")
 # the estimation coordinates of one body: mass, mass x centre of mass, inertia about its origin
 COORDINATES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -119,6 +120,7 @@ HEALTH_FIELDS = (
     number("max_late_us", Type.F32, "us", "latest wake of the loop"),
     *_times("work", "time of all tasks of one tick"),
     *(part for task in TASKS for part in _times(task, f"task {task}")),
+    *(part for name, doc in DELAYS.items() for part in _times(name, doc)),
     number(
         "summary_age_s",
         Type.F32,

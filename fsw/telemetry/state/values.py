@@ -17,6 +17,7 @@ from fsw.telemetry.dictionary.codes import (
 from fsw.telemetry.dictionary.housekeeping import (
     AXES,
     COORDINATES,
+    DELAYS,
     INERTIA,
     REASONS,
     STATES,
@@ -46,6 +47,8 @@ def loop_values(status: Mapping[str, Any], age_s: float) -> Values:
     values |= _times("work", status.get("work_us", {}))
     for task in TASKS:
         values |= _times(task, status.get("tasks_us", {}).get(task, {}))
+    for name in DELAYS:
+        values |= _times(name, status.get(f"{name}_us", {}))
     words = ("closed", "unusable", "outliers", "early", "future", "overflow")
     return values | {f"windows_{word}": windows.get(word, 0) for word in words}
 

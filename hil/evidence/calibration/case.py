@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from hil.evidence.store import Row
 from hil.run.bench import VirtualRun, prepare
 from hil.run.processes import tied
+from hil.run.progress import Quiet
 from hil.world.scenario import Scenario, at_rates, changed, load
 from hil.world.sensors import ImuErrors, JointErrors, SensorConfig
 
@@ -61,13 +62,6 @@ class Case:
         return f"{self.scenario} {self.mode} {self.seed}"
 
 
-class _Silent:
-    """A meter nobody looks at."""
-
-    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
-        """Show nothing."""
-
-
 def work(case: Case) -> dict[str, Row]:
     """Return, under the case's name, its figures, each with the truth and the error in sigmas.
 
@@ -82,8 +76,8 @@ def work(case: Case) -> dict[str, Row]:
         setup = prepare(scenario, case.seed, folder, overrides={"lag_s": LAG_S})
         run = VirtualRun(setup, record=True)
         seconds = REST_S if case.mode == "rest" else scenario.before_s + MOTION_S
-        run.advance(seconds, _Silent())
-        run.finish(_Silent())
+        run.advance(seconds, Quiet())
+        run.finish(Quiet())
         config = setup.config_path.read_text(encoding="utf-8")
         wrong, errors = configured_errors(scenario, case.seed, yaml.safe_load(config))
         (folder / "wrong.yaml").write_text(yaml.safe_dump(wrong), encoding="utf-8")

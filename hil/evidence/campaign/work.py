@@ -6,7 +6,6 @@ import hashlib
 import tempfile
 import time
 import traceback
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +24,7 @@ from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import normalised_error_squared
 from hil.run.bench import prepare, run_virtual
+from hil.run.progress import Quiet
 from hil.world.history import TruthState
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario, load
@@ -84,7 +84,7 @@ def _device(run: CampaignRun) -> dict[str, Any]:
             rest_s = setup.spline.duration_s + scenario.after_s - run.duration_s
             shorter = replace(scenario, after_s=scenario.after_s - rest_s)
             setup = replace(setup, scenario=shorter)
-        final = run_virtual(setup, _Silent(), record=False).final
+        final = run_virtual(setup, Quiet(), record=False).final
     k = slice(0, 10 * len(scenario.unknown))
     covariance = np.array(final.covariance[k, k])
     status = "OK" if final.valid else final.reason
@@ -135,10 +135,3 @@ def _exact(
     robot = true_robot(scenario)
     history = simulate_in(scenario.environment, robot, spline, 0.0, end_s + STEP_S, STEP_S)
     return history.at(np.arange(round(end_s * rate_hz)) / rate_hz)
-
-
-class _Silent:
-    """A meter nobody looks at."""
-
-    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
-        """Show nothing."""

@@ -29,6 +29,7 @@ from hil.judge.outcome import result_from_json
 from hil.judge.score import Result, normalised_error_squared
 from hil.run import bench, live
 from hil.run.flight import plant_document, write_yaml
+from hil.run.progress import Quiet
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario
 
@@ -120,7 +121,7 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
                 times_ns["returned"] = time.monotonic_ns()
                 act.end(hold)
 
-        outcome = live.run(setup.config_path, plant_path, setup.total_s, run.Quiet(), disturb)
+        outcome = live.run(setup.config_path, plant_path, setup.total_s, Quiet(), disturb)
     end_s = setup.total_s - setup.scenario.before_s
     end_ns = int(outcome.plant["origin_ns"]) + round(1e9 * end_s)
     final = live.estimate_by(outcome.recordings, end_ns)

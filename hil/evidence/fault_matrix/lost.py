@@ -23,8 +23,7 @@ from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, unpack_frame
 from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.recording_writer import RecordingWriter
-from fsw.exchange.sinks import CanTraffic, SerialTraffic
-from fsw.loop.ports import IMU, STAR_TRACKER
+from fsw.exchange.sinks import IMU, STAR_TRACKER, CanTraffic, SerialTraffic
 from hil.judge.outcome import result_of
 from hil.judge.score import Result
 from hil.run.bench import Collector

@@ -16,7 +16,7 @@ from pathlib import Path
 from hil.evidence.fault_matrix.live_rows import Act, Hold, Lane
 from hil.evidence.fault_matrix.run import SCENARIO
 from hil.run import live
-from hil.run.live import LiveError, children
+from hil.run.live import LiveError, children, processes_of
 from hil.run.processes import tied
 from hil.world.scenario import at_rates, load
 
@@ -42,10 +42,10 @@ LEAST_MAPPED = "MALLOC_MMAP_THRESHOLD_"  # of glibc: larger pieces are the syste
 
 def service_of(hold: Hold) -> int:
     """Return the process identifier of the daemon's service. Raises LiveError without one."""
-    for child in children(hold.daemon):
-        if b"fsw.service.process" in Path(f"/proc/{child}/cmdline").read_bytes():
-            return child
-    raise LiveError("the daemon has no service process")
+    service = processes_of(hold.daemon).get("service")
+    if service is None:
+        raise LiveError("the daemon has no service process")
+    return service
 
 
 def _hog(hold: Hold) -> None:

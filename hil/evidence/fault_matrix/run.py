@@ -20,19 +20,13 @@ from hil.faults.script import install
 from hil.judge.score import Result, normalised_error_squared
 from hil.run import bench
 from hil.run.processes import end_with
+from hil.run.progress import Quiet
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario
 from hil.world.scenario import load as load_scenario
 
 SCENARIO = "target_leo"
 MARGIN_S = 0.1  # before the first fault
-
-
-class Quiet:
-    """A meter nobody looks at."""
-
-    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
-        """Show nothing."""
 
 
 def prepare(

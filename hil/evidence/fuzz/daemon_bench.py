@@ -17,7 +17,6 @@ from typing import Any
 from fsw.config import Config
 from fsw.exchange.sinks import Message, ScienceRecord, StatusReport
 from fsw.loop.ports import Ports
-from fsw.loop.wiring import build
 from fsw.messages import Block, Estimate, Event
 from fsw.messages.commands import Code, Command, CommandName, Reply
 from fsw.messages.errors import CommandError
@@ -36,6 +35,7 @@ from hil.evidence.fuzz.hostile import Grammar, named_telecommand
 from hil.evidence.fuzz.oracle import require
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, prepare
+from hil.run.daemon import Daemon
 from hil.world.scenario import load
 from hil.world.sensors import SensorConfig
 
@@ -108,7 +108,7 @@ class OperationsBench:
         ports = Ports(
             can=dict.fromkeys(names, world.can), imu=world.imu, star_tracker=world.star_tracker
         )
-        self.daemon = build(config, world.clock, ports, self)
+        self.daemon = Daemon(config, world.clock, ports, self)
         robot = config.resolve(config.robot.urdf).read_text(encoding="utf-8")
         self.grammar = Grammar(tuple(joint.name for joint in config.joints), robot)
 
@@ -207,7 +207,7 @@ class OperationsBench:
             self.daemon.submit(self._commands.popleft())
         for _ in range(count):
             self.daemon.step()
-        self.daemon.dispatcher.stop_requested = False  # a RESTART that was accepted
+        self.daemon.loop.stop_requested = False  # a RESTART that was accepted
 
     def look(self, later_ns: int = LOOK_NS) -> None:
         """Let the service look at everything once, some time later."""

@@ -30,7 +30,7 @@ from hil.evidence.fuzz.operations import play
 from hil.evidence.fuzz.oracle import require
 from hil.run.bench import prepare
 from hil.run.flight import plant_document, write_yaml
-from hil.run.live import LiveError, children, process_of, read_status, started_plant
+from hil.run.live import LiveError, process_of, processes_of, read_status, started_plant
 from hil.run.processes import resident_bytes
 from hil.world.scenario import at_rates, load
 
@@ -240,7 +240,7 @@ def _attack(
     seed: int,
     advance: Callable[[int], None],
 ) -> dict[str, Any]:
-    pids = (loop, *children(loop)[:1])
+    pids = (loop, *processes_of(loop).values())
     marks = [_mark(state)]
     target.tick(round(QUIET_S * RATE_HZ))
     marks.append(_mark(state))
@@ -259,8 +259,8 @@ def _attack(
     before, attacked, after = (b.since(a) for a, b in pairwise(marks))
     own = dict(zip(STRETCHES, (b.own_since(a) for a, b in pairwise(marks)), strict=True))
     faults = []
-    if pids[1] not in children(loop):
-        faults.append("the service process has ended")
+    if set(pids[1:]) != set(processes_of(loop).values()):
+        faults.append("a process of the daemon has ended")
     if max(grown) > MOST_GROWTH_MB:
         faults.append("memory has grown")
     return {

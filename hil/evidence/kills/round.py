@@ -22,7 +22,7 @@ from hil.evidence.kills.watch import Observer, alive, wait_for
 from hil.run import live
 from hil.run.bench import prepare
 from hil.run.flight import plant_document, write_yaml
-from hil.run.live import LiveError, children
+from hil.run.live import LiveError, processes_of
 from hil.run.processes import tied
 from hil.world.scenario import BUS, at_rates, load
 
@@ -34,8 +34,9 @@ WRITE_S = 0.5  # a state on its way to the disk when the kill came
 UNFLUSHED_S = 1.5  # a chunk is finished every second, at a status
 WARM_S = 3.0
 PAUSE_S = (0.05, 2.5)  # from the return to the next kill
-VICTIMS = ("loop", "service", "both")
-WEIGHTS = (0.45, 0.3, 0.25)
+PROCESSES = ("loop", "estimation", "service")
+VICTIMS = (*PROCESSES, "both")  # loop and service
+WEIGHTS = (0.35, 0.25, 0.2, 0.2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,13 +78,13 @@ class KilledDaemon:
         )
 
     @property
-    def pids(self) -> tuple[int, int]:
-        """Loop and service."""
+    def pids(self) -> dict[str, int]:
+        """Return the processes: loop, estimation, service. Raises LiveError without all three."""
         loop = self.loop()
-        started = children(loop)
-        if not started:
-            raise LiveError("the daemon has no service")
-        return loop, started[-1]
+        pids = {"loop": loop, **processes_of(loop)}
+        if len(pids) < len(PROCESSES):
+            raise LiveError(f"the daemon has only {', '.join(pids)}")
+        return pids
 
     def loop(self) -> int:
         """Return the loop's process identifier. Raises LiveError when it has ended."""
@@ -154,16 +155,17 @@ class Round:
 
     def _kill(self, daemon: KilledDaemon, number: int, up_ns: int) -> Kill:
         victim = str(self._rng.choice(VICTIMS, p=WEIGHTS))
-        loop, service = daemon.pids
+        pids = daemon.pids
+        service = pids["service"]
         self._events()
         killed_ns = time.monotonic_ns()
-        if victim in ("loop", "both"):
-            os.kill(loop, signal.SIGKILL)
-        if victim in ("service", "both"):
-            os.kill(service, signal.SIGKILL)
+        for name in ("loop", "service") if victim == "both" else (victim,):
+            os.kill(pids[name], signal.SIGKILL)
         lost_s = 0.0
-        if victim == "service":
-            imports_s, back_s, faults = self._service_is_back(killed_ns, service)
+        if victim in ("service", "estimation"):
+            imports_s, back_s, faults = self._child_is_back(victim, killed_ns, pids[victim])
+            if victim == "estimation":
+                lost_s, faults = self._restored(killed_ns)
         else:
             daemon.reap()
             daemon.start(cold=False)
@@ -176,7 +178,8 @@ class Round:
         if ratio > BOUND_RATIO:
             late.append(f"back after {ratio:.2f} times the imports")
         faults += unreadable_checkpoints(self._state)
-        wait_for(lambda: not alive(service), "the old service has ended")
+        if victim != "estimation":
+            wait_for(lambda: not alive(service), "the old service has ended")
         faults += self._recordings(killed_ns, late, ended=victim == "loop")
         self._back_ns = back_ns
         return Kill(
@@ -199,23 +202,26 @@ class Round:
         began_ns = daemon.started_ns
         wait_for(lambda: self._observer.status_since(began_ns), "a restored estimate")
         back_s = (time.monotonic_ns() - began_ns) * 1e-9
-        started, restored = (
-            self._event("STARTED", began_ns),
-            self._event("STATE_RESTORED", began_ns),
-        )
+        lost_s, faults = self._restored(began_ns, killed_ns)
+        restored_ns = self._event("STATE_RESTORED", began_ns)["t_ns"]
+        return (restored_ns - began_ns) * 1e-9, back_s, lost_s, faults
+
+    def _restored(self, since_ns: int, killed_ns: int | None = None) -> tuple[float, list[str]]:
+        """Wait for the restored state; return what is lost [s], and what is wrong with it."""
+        restored = self._event("STATE_RESTORED", since_ns)
         faults = [e["text"] for e in self._seen if e["code"] == "CHECKPOINT_REFUSED"]
         match = re.search(r"([\d.]+) s old; all of it", restored["text"])
         if match is None:
-            return 0.0, back_s, 0.0, [*faults, f"not restored whole: {restored['text']}"]
-        lost_s = float(match[1]) - (restored["t_ns"] - killed_ns) * 1e-9
-        return (started["t_ns"] - began_ns) * 1e-9, back_s, lost_s, faults
+            return 0.0, [*faults, f"not restored whole: {restored['text']}"]
+        before_ns = since_ns if killed_ns is None else killed_ns
+        return float(match[1]) - (restored["t_ns"] - before_ns) * 1e-9, faults
 
-    def _service_is_back(self, killed_ns: int, old: int) -> tuple[float, float, list[str]]:
-        """Wait for a status of the new service; times from the loop's start of it."""
-        wait_for(lambda: not alive(old), "the service is dead")
-        back = self._event("SERVICE_BACK", killed_ns)
-        lost = self._event("SERVICE_LOST", killed_ns)
-        wait_for(lambda: self._observer.status_since(back["t_ns"]), "a status of the new service")
+    def _child_is_back(self, name: str, killed_ns: int, old: int) -> tuple[float, float, list[str]]:
+        """Wait for a status after a process's return; times from the loop's start of it."""
+        wait_for(lambda: not alive(old), f"the {name} is dead")
+        back = self._event(f"{name.upper()}_BACK", killed_ns)
+        lost = self._event(f"{name.upper()}_LOST", killed_ns)
+        wait_for(lambda: self._observer.status_since(back["t_ns"]), f"a status after the {name}")
         imports_s = (back["t_ns"] - lost["t_ns"]) * 1e-9
         back_s = (time.monotonic_ns() - lost["t_ns"]) * 1e-9
         return imports_s, back_s, []

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from hil.judge.score import BOUND_RATE_HZ
 from hil.run.bench import EDGE_S, Setup, run_virtual
 from hil.run.flight import bound_sensors
 from hil.run.flown import with_estimator
+from hil.run.progress import Quiet
 from hil.world.history import TruthHistory
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.robot import Robot
@@ -93,15 +93,8 @@ def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
         history=history,
         bus_ports=scenario.bus_ports,
     )
-    recorded = run_virtual(setup, _Silent(), record=False)
+    recorded = run_virtual(setup, Quiet(), record=False)
     return config, recorded.blocks
-
-
-class _Silent:
-    """A meter nobody looks at."""
-
-    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
-        """Show nothing."""
 
 
 @lru_cache(maxsize=3)

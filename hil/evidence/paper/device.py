@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +16,7 @@ from hil.evidence.methods.flight_side import priors_of, write_config
 from hil.evidence.paper.cases import PaperUnit, scenario_of
 from hil.evidence.paper.identify import scored
 from hil.run.bench import Setup, run_virtual, truth_of
+from hil.run.progress import Quiet
 from hil.world.history import TruthHistory
 from hil.world.robot import Robot
 from hil.world.scenario import FOLDER, Scenario
@@ -50,7 +50,7 @@ def run_device(unit: PaperUnit) -> dict[str, Any]:
             history=history,
             bus_ports=scenario.bus_ports,
         )
-        final = run_virtual(setup, _Silent(), record=False).final
+        final = run_virtual(setup, Quiet(), record=False).final
     k = slice(0, 10 * len(scenario.unknown))
     covariance = np.array(final.covariance[k, k])
     found = scored(unit, final.x[k], covariance, final.reason or "OK")
@@ -71,10 +71,3 @@ def _motion(orbit: str, system: str, acting: str) -> tuple[Robot, JointSpline, T
     scenario = scenario_of(orbit, system, acting)
     robot, spline = true_robot(scenario), JointSpline.load(scenario.identification)
     return robot, spline, truth_of(scenario, robot, spline)
-
-
-class _Silent:
-    """A meter nobody looks at."""
-
-    def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
-        """Show nothing."""

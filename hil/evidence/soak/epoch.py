@@ -13,8 +13,6 @@ import numpy as np
 
 from fsw.exchange.recording_parts import contents_of
 from fsw.exchange.sinks import Fanout, Message, NullSink
-from fsw.loop.daemon import Daemon
-from fsw.loop.wiring import build
 from fsw.messages import Estimate, Event
 from fsw.messages.commands import Command, CommandName
 from fsw.service.recorder import Parts, RecorderSink
@@ -24,6 +22,7 @@ from hil.evidence.soak.ports import PortLane, Reversed
 from hil.judge.score import normalised_error_squared
 from hil.links.virtual import VirtualBench
 from hil.run.bench import Setup
+from hil.run.daemon import Daemon
 from hil.run.processes import resident_bytes
 from hil.world.inertia import pi_of
 from hil.world.sensors import SensorConfig
@@ -112,7 +111,7 @@ class SoakEpoch:
         )
         self._lane = PortLane(self._bench(0, T0_NS))
         sink = Fanout(self._watch, self._recorder)
-        self._daemon: Daemon = build(setup.config, self._lane, self._lane.ports(), sink)
+        self._daemon = Daemon(setup.config, self._lane, self._lane.ports(), sink)
         self._injected = 0
 
     def run(self, segments: int) -> Iterator[SoakSegment]:
@@ -150,9 +149,9 @@ class SoakEpoch:
 
     def _queues(self) -> list[str]:
         daemon, config = self._daemon, self._setup.config
-        waiting = {m.name: m.waiting for m in daemon._inputs}  # noqa: SLF001 - the instrument
+        waiting = {name: c.waiting for name, c in daemon.estimation.channels.items()}
         found = [f"{name}: {n} items wait" for name, n in waiting.items() if n > MOST_PENDING]
-        stored = len(getattr(daemon._pipeline.estimator, "blocks", ()))  # noqa: SLF001
+        stored = len(getattr(daemon.estimation.estimator, "blocks", ()))
         if stored > config.estimator.store_blocks:
             found.append(f"{stored} blocks stored")
         return found

@@ -245,8 +245,7 @@ def endure(
     due = max(due, min(2 * len(flown.blocks), count // 2))
     looks: list[Look] = []
     for k in range(count):
-        while online.work():
-            pass
+        online.work()
         block = again(flown.blocks, k, round(window_s * 1e9))
         tally.before_push(block)
         online.push(block)
@@ -257,8 +256,7 @@ def endure(
             due *= 10
         if k % SHOW_BLOCKS == 0:
             show((k + 1) * per_block)
-    while online.work():
-        pass
+    online.work()
     batch, got = tally.covariances()
     sigma = np.sqrt(np.diag(batch))
     return Endurance(

@@ -29,10 +29,11 @@ import numpy as np
 
 from fsw.clock import MonotonicClock
 from fsw.config import load
-from fsw.loop import realtime
-from fsw.loop.app import build, open_ports
-from fsw.loop.daemon import Daemon
-from fsw.loop.service_process import ServiceProcess, lock_state
+from fsw.loop.app import open_ports
+from fsw.loop.loop import Loop
+from fsw.loop.processes import Processes, lock_state
+from fsw.loop.wiring import build
+from fsw.scheduler import realtime
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.packets import telecommand_packet
 from hil.run import live
@@ -62,6 +63,7 @@ class Phase:
     seconds: float = 0.0
     service_cpu_s: float = 0.0
     loop_cpu_s: float = 0.0
+    estimation_cpu_s: float = 0.0
     packets: int = 0  # telemetry sent, as far as the daemon counted it
 
     def add(self, other: Phase) -> None:
@@ -76,8 +78,8 @@ class Phase:
 
     @property
     def cpu_ratio(self) -> float:
-        """Cores used by loop and service."""
-        return (self.service_cpu_s + self.loop_cpu_s) / self.seconds
+        """Cores used by loop, estimation and service."""
+        return (self.service_cpu_s + self.loop_cpu_s + self.estimation_cpu_s) / self.seconds
 
 
 def is_on(now_ns: int) -> bool:
@@ -159,39 +161,42 @@ def _fly(path: Path, port: int | None, seconds: int) -> tuple[Phase, Phase]:
     clock, config = MonotonicClock(), load(path)
     state = config.resolve(config.service.state_directory)
     lock_state(state, clock)
-    service = ServiceProcess(config, clock)
-    daemon = build(config, clock, open_ports(config, clock, service.sink), service.sink)
-    realtime.prepare(config.scheduler)
+    processes = Processes(config, clock, clock.now_ns())
+    ports = open_ports(config, clock, processes.sink)
+    loop = build(config, clock, ports, processes.sink, processes.deadline_ns)
+    realtime.prepare(config.scheduler.cpu, config.scheduler.realtime_priority)
     realtime.freeze_garbage()
     phases = (Phase(), Phase())
     settled_ns = clock.now_ns() + SETTLE_S * SECOND_NS
     while clock.now_ns() < settled_ns:
-        daemon.step()
-    with nullcontext() if port is None else _asking(daemon, port, state):
+        loop.step()
+    with nullcontext() if port is None else _asking(loop, port, state):
         before = sent_packets(state)
-        _count(daemon, service, phases, seconds)
-        daemon.shutdown()
-        service.wait(20.0)
+        _count(loop, processes, phases, seconds)
+        loop.finish()
+        processes.settle(20.0)
+        loop.close()
+        processes.service.wait(20.0)
     phases[1].packets = sent_packets(state) - before
     return phases
 
 
 @contextmanager
-def _asking(daemon: Daemon, port: int, state: Path) -> Iterator[None]:
+def _asking(loop: Loop, port: int, state: Path) -> Iterator[None]:
     """Run a client process during the block; the loop ticks until telemetry reaches it."""
     command = [sys.executable, "-m", "hil.evidence.speed.telemetry_cost", "--client", str(port)]
     with subprocess.Popen(tied(command), env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}) as process:
         try:
-            _tick_until_heard(daemon, state)
+            _tick_until_heard(loop, state)
             yield
         finally:
             process.terminate()
 
 
-def _tick_until_heard(daemon: Daemon, state: Path) -> None:
+def _tick_until_heard(loop: Loop, state: Path) -> None:
     began_ns = look_ns = time.monotonic_ns()
     while (now_ns := time.monotonic_ns()) - began_ns < START_NS:
-        daemon.step()
+        loop.step()
         if now_ns >= look_ns:
             look_ns = now_ns + LOOK_NS
             if sent_packets(state) >= LEAST_PACKETS:
@@ -199,36 +204,34 @@ def _tick_until_heard(daemon: Daemon, state: Path) -> None:
     raise live.LiveError(f"{sent_packets(state)} packets in {START_NS / SECOND_NS:.0f} s")
 
 
-def _count(
-    daemon: Daemon, service: ServiceProcess, phases: tuple[Phase, Phase], seconds: int
-) -> None:
+def _count(loop: Loop, processes: Processes, phases: tuple[Phase, Phase], seconds: int) -> None:
     """Tick for so many seconds; sort what is seen by the second's kind."""
-    slips, pid = daemon.executive.slips, os.getpid()
+    slips, pids = loop.executive.slips, (processes.service.pid, processes.estimation.pid)
     began_ns = time.monotonic_ns()
     told_s, counting, on = 0, False, False
-    before = (0, 0, 0.0, 0.0)
+    before = (0, 0, 0.0, 0.0, 0.0)
     while (now_ns := time.monotonic_ns()) - began_ns < seconds * SECOND_NS:
         inside = EDGE_NS < now_ns % SECOND_NS < SECOND_NS - EDGE_NS // 4
         if inside and not counting:
             counting, on = True, is_on(now_ns)
-            before = (now_ns, slips.slips, cpu_s(service.pid), cpu_s(pid))
+            before = (now_ns, slips.slips, cpu_s(pids[0]), cpu_s(pids[1]), cpu_s(os.getpid()))
         elif counting and not inside:
             counting = False
             phase = phases[on]
             phase.seconds += (now_ns - before[0]) * 1e-9
             phase.slips += slips.slips - before[1]
-            phase.service_cpu_s += cpu_s(service.pid) - before[2]
-            phase.loop_cpu_s += cpu_s(pid) - before[3]
+            phase.service_cpu_s += cpu_s(pids[0]) - before[2]
+            phase.estimation_cpu_s += cpu_s(pids[1]) - before[3]
+            phase.loop_cpu_s += cpu_s(os.getpid()) - before[4]
             done_s = (now_ns - began_ns) // SECOND_NS
             if done_s >= told_s + TELL_S:
                 told_s = done_s
                 tell(f"{done_s} of {seconds} s")
-        daemon.hands_over = is_on(time.monotonic_ns())
-        daemon.step()
+        loop.step()
         if counting and inside:
             phases[on].work_us.append(slips.work.last_ns / 1e3)
-        for command in service.commands():
-            daemon.submit(command)
+        for command in processes.commands():
+            processes.submit(command, loop)
 
 
 def tell(text: str) -> None:
@@ -259,7 +262,7 @@ def report(without: tuple[Phase, Phase], off: Phase, on: Phase) -> int:
     none = sum(phase.cpu_ratio for phase in without) / 2.0
     extra, whole, ratio = on.cpu_ratio - off.cpu_ratio, on.cpu_ratio - none, on.p99_us / off.p99_us
     chance = 3.0 * np.sqrt(off.slips + on.slips + 1.0)  # three sigma of a count's difference
-    lines = [f"{'':14}{'none':>10}{'':10}{'off':>10}{'on':>10}"]
+    lines = [f"{'':15}{'none':>10}{'':10}{'off':>10}{'on':>10}"]
     phases = (*without, off, on)
     for name, values in (
         ("ticks", [len(p.work_us) for p in phases]),
@@ -268,9 +271,10 @@ def report(without: tuple[Phase, Phase], off: Phase, on: Phase) -> int:
         ("packets", [p.packets for p in phases]),
         ("slips", [p.slips for p in phases]),
         ("service core", [p.service_cpu_s / p.seconds for p in phases]),
+        ("estimation core", [p.estimation_cpu_s / p.seconds for p in phases]),
         ("loop core", [p.loop_cpu_s / p.seconds for p in phases]),
     ):
-        lines.append(f"{name:14}" + "".join(f"{value:>10.4g}" for value in values))
+        lines.append(f"{name:15}" + "".join(f"{value:>10.4g}" for value in values))
     lines.append(
         f"telemetry: {extra:.1%} of a core more than off, {whole:.1%} more than none (bound 5 %); "
         f"p99 x {ratio:.3f} (bound 1.1)"

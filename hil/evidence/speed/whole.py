@@ -127,8 +127,7 @@ class _Watch:
         status = live.read_status(self._state)
         if status is None:
             return
-        pids = {"loop": daemon, "plant": plant}
-        pids |= dict(zip(("service",), live.children(daemon), strict=False))
+        pids = {"loop": daemon, **live.processes_of(daemon), "plant": plant}
         look = _Look(done_s, {name: _cpu_s(pid) for name, pid in pids.items()}, status)
         self.resident_mb = {name: resident_bytes(pid) / 1e6 for name, pid in pids.items()}
         if self.first is None:
@@ -192,7 +191,9 @@ def _condition(
     return Condition(
         name=name,
         seconds=seconds,
-        core_percent={k: 100.0 * (v - first.cpu_s[k]) / seconds for k, v in last.cpu_s.items()},
+        core_percent={
+            k: 100.0 * (v - first.cpu_s.get(k, 0.0)) / seconds for k, v in last.cpu_s.items()
+        },
         resident_mb=watch.resident_mb,
         ticks=grown("ticks"),
         slips=grown("slips"),
@@ -273,6 +274,7 @@ def summary(rounds: list[list[Condition]]) -> str:
         runs = [conditions[k] for conditions in rounds]
         figures = {
             "loop [% of a core]": [run.core_percent["loop"] for run in runs],
+            "estimation [% of a core]": [run.core_percent.get("estimation", 0.0) for run in runs],
             "service [% of a core]": [run.core_percent.get("service", 0.0) for run in runs],
             "slips of 1000": [run.slips_per_1000 for run in runs],
             "slips of 1000, cyclictest": [run.timer_slips_per_1000 for run in runs],

@@ -24,7 +24,7 @@ import numpy as np
 from hil.errors import same_settings
 from hil.evidence.transfers.cable import Cable
 from hil.run.bench import prepare
-from hil.run.live import LiveError, children
+from hil.run.live import LiveError, processes_of
 from hil.run.processes import tied
 from hil.world.scenario import at_rates, load
 
@@ -109,7 +109,7 @@ class TransferDaemon:
         """Kill the service process; wait for its successor's link. Raises LiveError."""
         status = self.state / "status.json"
         before = status.stat().st_mtime_ns
-        (old, *_) = children(self._process.pid)
+        old = processes_of(self._process.pid)["service"]
         os.kill(old, signal.SIGKILL)
         status.write_text("{}", encoding="utf-8")  # the port in it is of the one that died
         until_s = time.monotonic() + PATIENCE_S

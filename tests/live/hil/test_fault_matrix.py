@@ -18,6 +18,7 @@ from hil.evidence.fault_matrix import lost, machine, real_bus, run, table, work
 from hil.evidence.store import Store
 from hil.faults.script import TYPES, install
 from hil.run import bench
+from hil.run.progress import Quiet
 from hil.world.scenario import FaultEntry, ScenarioError
 
 BOUNDS = table.load()
@@ -50,8 +51,8 @@ def test_a_branch_is_the_run_from_the_start(trunk: Any) -> None:
     flown = run.branch(before, BOUNDS, row)
     whole = bench.VirtualRun(before.setup, record=False)
     install([BOUNDS.entry(row)], whole.world, SEED, bench.T0_NS)
-    whole.advance(before.setup.total_s, run.Quiet())
-    recorded = whole.finish(run.Quiet())
+    whole.advance(before.setup.total_s, Quiet())
+    recorded = whole.finish(Quiet())
     assert np.array_equal(recorded.final.x, flown.final.x)
     assert np.array_equal(recorded.final.covariance, flown.final.covariance)
     assert [e.code for e in recorded.events] == [e.code for e in flown.events]
@@ -61,7 +62,7 @@ def test_a_branch_is_the_run_from_the_start(trunk: Any) -> None:
 def test_a_clean_run_raises_no_fault(tmp_path: Any, seed: int) -> None:
     bounds = BOUNDS.model_copy(update={"total_s": 7.0})
     setup = run.prepare(bounds, seed, tmp_path)
-    recorded = bench.run_virtual(setup, run.Quiet(), record=False)
+    recorded = bench.run_virtual(setup, Quiet(), record=False)
     assert recorded.status["health"]["incidents"] == {}
     assert not {e.code for e in recorded.events} & set(Fault)
     assert len(recorded.blocks) == recorded.status["windows"]["closed"] > 10
@@ -150,8 +151,8 @@ def test_what_a_fault_took_is_left_out_of_the_clean_run_s_recording(tmp_path: Pa
         flight = bench.VirtualRun(setup, record=True)
         entries = [] if name == "clean" else [bounds.entry(row)]
         install(entries, flight.world, SEED, bench.T0_NS, reference=name == "reference")
-        flight.advance(setup.total_s, run.Quiet())
-        finals[name] = flight.finish(run.Quiet()).final
+        flight.advance(setup.total_s, Quiet())
+        finals[name] = flight.finish(Quiet()).final
         recordings[name] = setup.folder / "recording.mcap"
     began_ns = bench.T0_NS + 4_000_000_000
     span_ns = began_ns, began_ns + round(1e9 * (row.for_s or 0.0))

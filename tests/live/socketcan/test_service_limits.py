@@ -10,10 +10,9 @@ import pytest
 
 LIMITED = """
 import json, os
-from fsw.config import SchedulerConfig
-from fsw.loop.realtime import prepare
+from fsw.scheduler.realtime import prepare
 capabilities = next(l for l in open("/proc/self/status") if l.startswith("CapEff")).split()[1]
-refused = prepare(SchedulerConfig(tick_rate_hz=500.0, realtime_priority=80))
+refused = prepare(None, 80)
 locked = next(l for l in open("/proc/self/status") if l.startswith("VmLck")).split()[1]
 policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
 print(json.dumps([int(capabilities, 16), refused, policy == os.SCHED_FIFO, int(locked) > 0]))

@@ -11,8 +11,8 @@ from fsw.config import load
 from fsw.drivers.wire import CanFrame
 from fsw.estimators.pipeline import Pipeline
 from fsw.loop.ports import Ports
-from fsw.loop.wiring import build
 from fsw.messages.errors import ConfigError
+from hil.run.daemon import Daemon
 from tests.conftest import ArmProject
 from tests.support.loop_cases import (
     MS,
@@ -42,7 +42,7 @@ class Pair:
         self.clock, self.sink = FakeClock(10**9), KeepSink()
         self.cans = (FakeCan(self.clock), FakeCan(self.clock))
         self.line: int | None = 0
-        self.daemon = build(
+        self.daemon = Daemon(
             arm_config(arm),
             self.clock,
             Ports(
@@ -75,7 +75,7 @@ class Pair:
         return [code for code in self.sink.codes if code.startswith(("BUS_SW", "PORT_", "CAN_"))]
 
     def status(self, part: str):
-        return self.daemon.status(0)[part]
+        return self.daemon.status()[part]
 
 
 @pytest.fixture
@@ -179,11 +179,11 @@ def test_lost_and_unsent_frames_are_told_once_a_second(pair: Pair):
 
 
 def test_a_sync_that_waits_to_be_fed_is_followed_by_the_next_counter(pair: Pair):
-    (bus,) = pair.daemon._inputs.buses
+    (bus,) = pair.daemon.loop._inputs.buses
     for _ in range(3):
         bus.send_sync()
     bus.drain()
-    bus.accept(pair.sink)
+    bus.hand_over(pair.sink)
     bus.send_sync()
     assert [data for _, i, data in pair.cans[0].written if i == 0x080] == [
         b"\1",

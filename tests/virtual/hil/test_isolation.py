@@ -15,6 +15,7 @@ from hil.evidence.fault_matrix import run, table
 from hil.judge.score import normalised_error_squared
 from hil.run import bench
 from hil.run.bench import Collector, Setup
+from hil.run.progress import Quiet
 from hil.world.inertia import pi_of
 
 pytestmark = pytest.mark.timeout(600)
@@ -30,7 +31,7 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, bench.Record
     (row,) = [row for row in BOUNDS.faults if row.type == "torque_scale"]
     scenario = dataclasses.replace(setup.scenario, faults=(BOUNDS.entry(row),))
     setup = dataclasses.replace(setup, scenario=scenario)
-    return setup, bench.run_virtual(setup, run.Quiet(), record=True)
+    return setup, bench.run_virtual(setup, Quiet(), record=True)
 
 
 def test_batch_jobs_get_no_torque_that_was_found_not_to_fit(

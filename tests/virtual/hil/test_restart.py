@@ -14,15 +14,15 @@ from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.exchange.restart import Mode, judge
 from fsw.exchange.sinks import Fanout, Message, NullSink
-from fsw.loop.daemon import Daemon
 from fsw.loop.ports import Ports
-from fsw.loop.wiring import build
 from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.messages.commands import Command, CommandName
 from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.recorder import CHECKPOINT, RecorderSink, open_recording
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, Setup
+from hil.run.daemon import Daemon
 from hil.world.scenario import BUS
 from hil.world.sensors import SensorConfig
 from tests.support.malformed_cases import CHI2_10_999, normalised_error, short
@@ -64,7 +64,7 @@ def bench_of(setup: Setup) -> VirtualBench:
 
 def daemon_on(setup: Setup, bench: VirtualBench, sink: Any) -> Daemon:
     ports = Ports(can={BUS: bench.can}, imu=bench.imu, star_tracker=bench.star_tracker)
-    return build(setup.config, bench.clock, ports, sink)
+    return Daemon(setup.config, bench.clock, ports, sink)
 
 
 def fly(daemon: Daemon, bench: VirtualBench, until_s: float) -> None:
@@ -114,40 +114,24 @@ def test_a_restart_goes_on_and_its_replay_is_the_same(
     assert np.array_equal(again.covariance, final.covariance)
 
 
-def test_a_state_wanted_in_the_middle_of_a_window_is_kept_at_its_end(
-    story: tuple[Setup, VirtualBench, Kept], monkeypatch: pytest.MonkeyPatch
+def test_a_state_that_is_put_back_goes_on_to_the_last_bit(
+    story: tuple[Setup, VirtualBench, Kept],
 ) -> None:
-    """What half a window would be in it is not: the state goes on to the last bit."""
-    monkeypatch.setattr("fsw.loop.daemon.UNITS", 1)
     setup, _, _ = story
-    service = setup.config.service.model_copy(update={"checkpoint_period_s": 1000.0})
-    setup = replace(setup, config=setup.config.model_copy(update={"service": service}))
-    bench, sink = bench_of(setup), Kept()
+    bench, sink, after = bench_of(setup), Kept(), Kept()
     daemon = daemon_on(setup, bench, sink)
     fly(daemon, bench, 8.0)
     sink.snapshots.clear()
-    while not daemon._windows.is_busy:
-        daemon.step()
-    daemon.step()  # the first unit of it
-    daemon.dispatcher.checkpoint_due = True
-    blocks = len(sink.blocks)
-    waited = 0
-    while daemon._windows.is_busy:
-        assert sink.snapshots == []
-        daemon.step()
-        waited += 1
-    assert waited > 1
+    daemon.submit(Command(name=CommandName.SAVE_STATE))
     (kept,) = sink.snapshots
-    assert len(sink.blocks) == blocks + 1
-    assert kept.refers[-1] == sink.blocks[-1].index
     whole = replace(kept, blocks=tuple(sink.blocks))
-    after = Kept()
     restored = daemon_on(setup, bench_of(setup), after)
     checkpoint = Checkpoint(identity=Identity(1, 2), sequence=1, boot_id="b", snapshot=whole)
     assert restored.restart(judge(decode(encode(checkpoint)), "b", kept.t_ns, 60.0))
-    assert after.estimates[-1].blocks == sink.estimates[-1].blocks
-    assert np.array_equal(after.estimates[-1].mean, sink.estimates[-1].mean)
-    assert np.array_equal(after.estimates[-1].covariance, sink.estimates[-1].covariance)
+    (first,), now = after.estimates, daemon.estimation.estimator.estimate(kept.t_ns)
+    assert first.blocks == now.blocks > 10
+    assert np.array_equal(first.mean, now.mean)
+    assert np.array_equal(first.covariance, now.covariance)
 
 
 @pytest.mark.parametrize(("boot_id", "later_s"), [("another", 1.0), ("boot", 3600.0)])
@@ -163,7 +147,7 @@ def test_after_a_boot_or_a_long_pause_only_the_bodies_hold(
     found = judge(checkpoint, boot_id, now_ns, 60.0)
     assert found.mode is Mode.BODIES
     daemon = daemon_on(setup, bench, sink)
-    cold = daemon._pipeline.estimator.estimate(0)
+    cold = daemon.estimation.estimator.estimate(0)
     assert daemon.restart(found)
     was, now = before.estimates[-1], sink.estimates[0]
     k, rest = slice(0, 10), slice(10, None)
@@ -184,16 +168,16 @@ def test_a_state_of_other_software_is_refused_and_the_start_is_cold(
     checkpoint = Checkpoint(identity=Identity(1, 2), sequence=4, boot_id="b", snapshot=spoiled)
     sink = Kept()
     daemon = daemon_on(setup, bench_of(setup), sink)
-    cold = daemon._pipeline.estimator.estimate(0)
+    cold = daemon.estimation.estimator.estimate(0)
     assert not daemon.restart(judge(checkpoint, "b", spoiled.t_ns, 60.0))
     assert [event.code for event in sink.events] == ["CHECKPOINT_REFUSED"]
-    assert np.array_equal(daemon._pipeline.estimator.estimate(0).mean, cold.mean)
+    assert np.array_equal(daemon.estimation.estimator.estimate(0).mean, cold.mean)
 
 
 def test_the_service_has_every_block_a_state_needs(
     story: tuple[Setup, VirtualBench, Kept], tmp_path: Path
 ) -> None:
-    """What the loop's ring carries, blocks and states apart, is put together again."""
+    """What the ring carries, blocks and states apart, is put together again."""
     setup, _, before = story
     keeper = CheckpointKeeper(setup.config, tmp_path, pytest.fail)
     for block in before.blocks:

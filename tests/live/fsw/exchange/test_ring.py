@@ -104,3 +104,24 @@ def test_another_process_reads_everything_by_the_inherited_descriptor():
 def test_a_capacity_off_the_alignment_is_refused(capacity: int):
     with pytest.raises(ValueError, match="capacity_bytes"):
         RingWriter.create(capacity)
+
+
+@pytest.mark.parametrize("once", [False, True])
+def test_what_a_reader_was_at_when_it_died_is_there_for_the_next_unless_it_reads_once(ring, once):
+    writer, reader = ring
+    for kind in (1, 2):
+        writer.push(kind, b"x")
+    dying = reader.read(once=once)
+    assert next(dying).kind == 1
+    following = RingReader(os.dup(writer.fd))  # before the first has come back for more
+    assert [record.kind for record in following.read()] == ([2] if once else [1, 2])
+    following.close()
+
+
+def test_the_writer_and_the_next_reader_see_what_a_reader_left(ring):
+    writer, reader = ring
+    assert writer.notes == (0, 0)
+    reader.note(7, 1 << 60)
+    following = RingReader(os.dup(writer.fd))
+    assert writer.notes == following.notes == (7, 1 << 60)
+    following.close()

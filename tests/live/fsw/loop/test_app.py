@@ -1,4 +1,4 @@
-"""The loop process and its service as real processes, on pseudo-terminals and a virtual bus."""
+"""Loop, estimation and service as real processes, on pseudo-terminals and a virtual bus."""
 
 import json
 import os
@@ -19,7 +19,7 @@ from fsw.drivers.wire import unpack_frame
 from fsw.exchange.checkpoint import decode
 from fsw.exchange.recording import contents, messages, messages_of
 from fsw.exchange.recording_parts import parts_of
-from fsw.loop import service_process
+from fsw.loop import processes
 from fsw.loop.app import drive
 from fsw.messages.errors import PortError
 from fsw.service.control import control
@@ -129,9 +129,12 @@ def test_when_the_loop_is_killed_the_service_closes_the_recording(run: Run):
     assert "LOOP_LOST" in events
 
 
-def children(pid: int) -> list[int]:
-    """Processes started by a process."""
-    return [int(text) for text in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+def child(pid: int, name: str) -> int:
+    """The child process of a daemon that is its service, or its estimation."""
+    pids = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    module = f".{name}.process".encode()
+    (found,) = [int(k) for k in pids if module in Path(f"/proc/{k}/cmdline").read_bytes()]
+    return found
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -163,7 +166,7 @@ def test_a_killed_daemon_goes_on_from_its_checkpoint(run: Run):
 
 def test_a_killed_service_is_started_again_and_nothing_flushed_is_lost(run: Run):
     before = run.wait_status(running=True)
-    (service,) = children(run.process.pid)
+    service = child(run.process.pid, "service")
     os.kill(service, signal.SIGKILL)
     run.wait_event("SERVICE_LOST")
     wait_for(lambda: run.wait_status(running=True)["ticks"] > before["ticks"] + 1000)
@@ -175,23 +178,66 @@ def test_a_killed_service_is_started_again_and_nothing_flushed_is_lost(run: Run)
     parts = parts_of(run.recording)
     assert len(parts) == 2
     assert not contents(parts[1]).truncated
-    frames = [unpack_frame(r.t_ns, r.data) for r in messages_of(parts, ["/can/arm"])]
-    counters = [f.data[0] for f in frames if f is not None and f.can_id == 0x080]
+    counters = syncs_of(parts)
     breaks = [k for k, c in enumerate(counters[1:]) if c != counters[k] % 240 + 1]
     assert len(breaks) <= 1  # the chunk that was not flushed
 
 
-def test_the_watchdog_is_stroked_while_loop_and_service_are_at_work_and_only_then(run: Run):
+def syncs_of(parts: list[Path]) -> list[int]:
+    """Counters of the recorded SYNCs."""
+    frames = [unpack_frame(r.t_ns, r.data) for r in messages_of(parts, ["/can/arm"])]
+    return [f.data[0] for f in frames if f is not None and f.can_id == 0x080]
+
+
+def test_a_killed_estimation_stops_no_acquisition_and_goes_on_from_its_checkpoint(run: Run):
+    run.wait_status(running=True)
+    wait_for((run.state / "checkpoint.1").exists)
+    os.kill(child(run.process.pid, "estimation"), signal.SIGKILL)
+    for code in ("ESTIMATION_LOST", "ESTIMATION_BACK", "STATE_RESTORED"):
+        run.wait_event(code)
+    before = run.wait_status(running=True)
+    wait_for(lambda: run.wait_status(running=True)["windows"]["closed"] > 5)
+    wait_for(lambda: run.wait_status(running=True)["ticks"] > before["ticks"] + 500)
+    assert control(run.state, {"command": "save_state"})["code"] == "ACCEPTED"
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    status = run.wait_status(running=False)
+    assert status["event_counts"]["ESTIMATION_LOST"] == 1
+    assert status["ring"]["dropped"] == status["recorder"]["dropped"] == 0
+    counters = syncs_of(parts_of(run.recording))
+    assert counters == [k % 240 + 1 for k in range(len(counters))]
+    assert len(counters) > 500
+
+
+def test_a_stalled_estimation_holds_nothing_up(run: Run):
+    before = run.wait_status(running=True)
+    estimation = child(run.process.pid, "estimation")
+    os.kill(estimation, signal.SIGSTOP)
+    wait_for(lambda: run.wait_status(running=True)["ticks"] > before["ticks"] + 1500)
+    os.kill(estimation, signal.SIGCONT)
+    closed = before["windows"]["closed"]
+    wait_for(lambda: run.wait_status(running=True)["windows"]["closed"] > closed + 5)
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    status = run.wait_status(running=False)
+    assert "ESTIMATION_LOST" not in status["event_counts"]
+    counters = syncs_of(parts_of(run.recording))
+    assert counters == [k % 240 + 1 for k in range(len(counters))]
+    assert status["samples"]["arm"]["sync"] == len(counters)
+
+
+@pytest.mark.parametrize("name", ["service", "estimation"])
+def test_the_watchdog_is_stroked_while_all_are_at_work_and_only_then(run: Run, name: str):
     assert [run.told_systemd() for _ in range(3)] == ["READY=1", "WATCHDOG=1", "WATCHDOG=1"]
-    (service,) = children(run.process.pid)
-    os.kill(service, signal.SIGSTOP)
+    stopped = child(run.process.pid, name)
+    os.kill(stopped, signal.SIGSTOP)
     stopped_s = time.monotonic()
     run.manager.settimeout(2.5)  # longer than the second between two strokes
     with suppress(TimeoutError):
         while run.told_systemd() == "WATCHDOG=1":
             assert time.monotonic() - stopped_s < 20.0
     assert time.monotonic() - stopped_s < 20.0
-    os.kill(service, signal.SIGCONT)
+    os.kill(stopped, signal.SIGCONT)
     run.manager.settimeout(PATIENCE_S)
     assert run.told_systemd() == "WATCHDOG=1"
     run.process.send_signal(signal.SIGTERM)
@@ -222,9 +268,9 @@ def test_what_is_due_each_second_is_done_whichever_ticks_are_missed(step: int):
 
 def test_a_second_daemon_on_the_same_state_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch):
     run.wait_status(running=True)
-    monkeypatch.setattr(service_process, "LOCK_WAIT_NS", 0)
+    monkeypatch.setattr(processes, "LOCK_WAIT_NS", 0)
     with pytest.raises(PortError, match="another daemon"):
-        service_process.lock_state(run.state, MonotonicClock())
+        processes.lock_state(run.state, MonotonicClock())
 
 
 def test_the_command_stop_ends_the_daemon(run: Run):

@@ -6,7 +6,12 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parents[4]
-ENTRIES = ("fsw.loop.app", "fsw.commands.identify", "fsw.commands.replay", "fsw.service.worker")
+ENTRIES = (
+    "fsw.loop.estimation.process",
+    "fsw.commands.identify",
+    "fsw.commands.replay",
+    "fsw.service.worker",
+)
 
 
 def modules() -> dict[str, Path]:

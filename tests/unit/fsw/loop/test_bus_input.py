@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fsw.drivers.wire import CanFrame, frame_list
+from fsw.drivers.wire import CanFrame
 from fsw.loop.bus_input import BusInput
 from fsw.loop.link import Link
 from tests.support.loop_cases import MS, FakeCan, FakeClock, KeepSink
@@ -12,31 +12,12 @@ from tests.support.loop_cases import MS, FakeCan, FakeClock, KeepSink
 US = 1000
 
 
-class Counting:
-    """A source that numbers SYNCs and keeps what it is fed."""
-
-    counters: dict[str, int] = {}  # noqa: RUF012
-
-    def __init__(self) -> None:
-        self.number = 0
-        self.fed: list[CanFrame] = []
-
-    def feed(self, frames):
-        self.fed += frame_list(frames)
-
-    def next_sync(self):
-        return 0x080, bytes([self.number + 1])
-
-    def sync_sent(self):
-        self.number += 1
-
-
 class Line:
     """One bus input on a fake port; a send takes 40 us of the clock, and `late_ns` after it."""
 
     def __init__(self) -> None:
         self.clock = FakeClock(10**9)
-        self.can, self.sink, self.source = FakeCan(self.clock), KeepSink(), Counting()
+        self.can, self.sink = FakeCan(self.clock), KeepSink()
         self.late_ns = 0
         self.can.hands_back = True
         write = self.can.write
@@ -47,14 +28,14 @@ class Line:
 
         self.can.write = slow  # type: ignore[method-assign]
         link = Link("arm", self.can, None)
-        self.bus = BusInput("arm", {}, [link], self.source, self.clock, (0x70A, b"\x05"))
+        self.bus = BusInput("arm", {}, [link], 240, self.clock, (0x70A, b"\x05"))
 
     def sync(self, back_after_ns: int | None) -> int:
         """Send a SYNC that comes back stamped so long after its sending began; return that time."""
         before_ns = self.clock.now
-        payload = self.source.next_sync()[1]
         self.bus.send_sync()
         if back_after_ns is not None:
+            payload = self.can.written[-1][2]
             self.can.queue.append(CanFrame(before_ns + back_after_ns, 0x080, payload))
         return before_ns
 
@@ -64,10 +45,7 @@ class Line:
     def drained(self) -> list[tuple[int, int]]:
         self.sink.frames.clear()
         self.bus.drain()
-        self.bus.accept(self.sink)
-        self.source.fed.clear()
-        self.bus.feed()
-        assert self.source.fed == self.sink.frames  # recorded as it is decoded
+        self.bus.hand_over(self.sink)
         return [(frame.t_ns, frame.can_id) for frame in self.sink.frames]
 
 
@@ -130,7 +108,6 @@ def test_syncs_that_a_stalled_kernel_hands_back_late_are_recorded_once(line: Lin
     line.can.hands_back = True
     sent = []
     for counter in range(1, 18):  # seen on a busy machine: 17 of them, 170 ms after the first
-        line.source.next_sync = lambda data=bytes([counter]): (0x080, data)
         sent.append(CanFrame(line.sync(back_after_ns=None), 0x080, bytes([counter])))
         line.clock.now = sent[0].t_ns + counter * 10 * MS
         assert len(line.drained()) == 1
@@ -140,11 +117,11 @@ def test_syncs_that_a_stalled_kernel_hands_back_late_are_recorded_once(line: Lin
 
 def test_a_late_one_does_not_stand_for_the_next(line: Line):
     line.can.hands_back = True
-    line.source.next_sync = lambda: (0x080, b"")  # no counter: all alike
+    line.bus._sync_counter_max = 1  # all alike
     first_ns = line.sync(back_after_ns=None)
     assert len(line.drained()) == 1
     line.clock.now += 2 * MS
-    line.can.queue.append(CanFrame(first_ns + 25 * US, 0x080, b""))
+    line.can.queue.append(CanFrame(first_ns + 25 * US, 0x080, b"\x01"))
     second_ns = line.sync(back_after_ns=20 * US)
     assert line.drained() == [(second_ns + 20 * US, 0x080)]
 
@@ -184,7 +161,7 @@ def test_a_sync_that_came_back_before_the_port_was_lost_keeps_the_stamp_of_the_b
     line.bus.keep()
     line.bus.link.lose(line.clock.now)
     line.sink.frames.clear()
-    line.bus.accept(line.sink)
+    line.bus.hand_over(line.sink)
     assert [(f.t_ns, f.can_id) for f in line.sink.frames] == [(before_ns + 25 * US, 0x080)]
 
 
@@ -206,10 +183,16 @@ def test_a_sync_that_comes_back_when_the_bus_is_changed_is_not_another_one(line:
     second = FakeCan(line.clock)
     second.hands_back = True
     links = [line.bus.link, Link("arm.redundant", second, None)]
-    line.bus = BusInput("arm", {}, links, line.source, line.clock, (0x70A, b"\x05"), Changing())
+    line.bus = BusInput("arm", {}, links, 240, line.clock, (0x70A, b"\x05"), Changing())
     before_ns = line.sync(back_after_ns=None)
     assert line.drained() == [(before_ns + 40 * US, 0x080)]
     line.can.queue.append(CanFrame(before_ns + 25 * US, 0x080, b"\x01"))
     line.bus.drain()
     assert line.bus.select(line.sink)
     assert line.drained() == []
+
+
+def test_sync_counts_to_its_maximum_and_starts_again(line: Line):
+    for _ in range(500):
+        line.sync(back_after_ns=None)
+    assert [data[0] for *_, data in line.can.written] == [k % 240 + 1 for k in range(500)]

@@ -113,8 +113,9 @@ def test_a_failure_is_reported_once_and_the_other_files_are_not_left_out(
 def test_the_service_brings_recording_and_logs_to_the_disk(arm: ArmProject, disk: Disk):
     config = flight_config(arm)
     state = config.resolve(config.service.state_directory)
-    down, up = RingWriter.create(1 << 20), RingWriter.create(1 << 20)
-    service = Service(config, MonotonicClock(), RingReader(os.dup(down.fd)), up, resume=False)
+    down, found, up = (RingWriter.create(1 << 20) for _ in range(3))
+    inbox = RingReader(os.dup(down.fd)), RingReader(os.dup(found.fd))
+    service = Service(config, MonotonicClock(), *inbox, up, resume=False)
     service.open()
     for code in ("TC_GARBAGE", "STOPPED"):
         service.event(Event(1, "low", code, ""))

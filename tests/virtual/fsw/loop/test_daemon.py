@@ -9,17 +9,14 @@ import pytest
 
 from fsw.drivers.wire import CanFrame
 from fsw.estimators.pipeline import Pipeline
-from fsw.loop import daemon as daemon_module
-from fsw.loop.batch_work import MOST_STAGES
-from fsw.loop.daemon import Daemon
+from fsw.loop.estimation.science import Science
 from fsw.loop.ports import Ports
-from fsw.loop.science import Science
-from fsw.loop.wiring import build
 from fsw.messages import Block
 from fsw.messages.commands import Command, CommandName
 from fsw.messages.errors import EstimatorError, PortError
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.packets import Layout
+from hil.run.daemon import Daemon
 from tests.conftest import ArmProject
 from tests.support.loop_cases import (
     MS,
@@ -34,7 +31,6 @@ from tests.support.loop_cases import (
 from tests.support.samples import attitude_samples, imu_samples
 
 EVERY_TICK_S = 1e-6
-UNITS = 6  # of a window, with the fakes: judged, conditioned and folded in in two, published
 
 
 class Bench:
@@ -46,7 +42,7 @@ class Bench:
         self.tracker = FakeSerial(self.clock)
         self.sink, self.estimator = KeepSink(), FakeEstimator()
         self.conditioner = FakeConditioner()
-        self.daemon: Daemon = build(
+        self.daemon: Daemon = Daemon(
             arm_config(
                 arm,
                 estimator={"window_s": 0.1, "lag_s": 0.05},
@@ -82,8 +78,15 @@ def test_the_first_tick_starts_the_nodes_subscribes_and_sends_the_first_sync(ben
     bench.daemon.step()
     sent = [(can_id, data.hex()) for _, can_id, data in bench.can.written]
     assert sent == [(0, "0111"), (0, "0112"), (0, "0113"), (0x080, "01")]
-    assert bench.tracker.written[0][2][:2] == b"\xc0\x21"
+    assert bench.tracker.written[0][2].hex().startswith("c02100121800")
     assert bench.can.written[-1][0] == 10**9
+
+
+def test_a_tracker_that_talks_by_itself_is_asked_nothing(arm: ArmProject):
+    arm.data["star_tracker"]["subscribe"] = False
+    bench = Bench(arm)
+    bench.daemon.step()
+    assert bench.tracker.written == []
 
 
 def test_sync_goes_out_at_the_bus_rate_and_every_frame_is_recorded_in_order(bench: Bench):
@@ -98,25 +101,25 @@ def test_sync_goes_out_at_the_bus_rate_and_every_frame_is_recorded_in_order(benc
 def test_windows_are_closed_by_the_lag_and_pushed_once_in_order(bench: Bench):
     bench.run(175)
     assert len(bench.conditioner.windows) == 2
-    bench.run(2)  # a tick is at 350 ms: window 2 ends at 300 ms and closes there
+    bench.run(1)  # at 350 ms: window 2 ends at 300 ms and closes there
     assert bench.estimator.pushed == [0, 1, 2]
     joints = bench.conditioner.windows[1].joints
     assert [len(j.t_ns) for j in joints] == [25, 25, 25]
     assert joints[0].t_ns[0] == 10**9 + 100 * MS
     assert [e.blocks for e in bench.sink.estimates] == [1, 2, 3]
-    assert bench.estimator.calls.count("work") == 177 - 3 * 2, "a window takes two ticks"
+    assert bench.estimator.calls == ["push", "work"] * 3
 
 
 @pytest.mark.parametrize("batch_s", [0.007, 0.02, 0.04, 0.05])
 def test_windows_do_not_depend_on_the_length_of_a_batch(
     arm: ArmProject, tmp_path: Path, batch_s: float
 ):
-    """A window begins a batch at its deadline; it is worked off beside the next batch's stages."""
+    """A batch ends at a window's deadline, too."""
     benches = [Bench(arm), Bench(ArmProject(tmp_path), batch_s)]
     for bench in benches:
         bench.run(175)
         assert len(bench.conditioner.windows) == 2
-        bench.run(1 + 2 * MOST_STAGES + UNITS)
+        bench.run(1)
         assert bench.estimator.pushed == [0, 1, 2]
     fine, coarse = (bench.conditioner.windows for bench in benches)
     assert str(fine) == str(coarse)
@@ -133,44 +136,11 @@ def test_samples_are_judged_in_batches_and_read_at_every_tick(arm: ArmProject):
         assert len(bench.sink.frames) == recorded
 
 
-def test_a_window_is_worked_off_in_bounded_units(bench: Bench, monkeypatch):
-    """Judging, conditioning, folding in and publishing take units; a command waits for the last."""
-    monkeypatch.setattr(daemon_module, "UNITS", 1)
-    bench.run(75)  # window 0 closes in the next tick
-    for done in range(UNITS):
-        assert bench.sink.estimates == []
-        assert len(bench.sink.blocks) == len(bench.estimator.pushed) == (done > 4)
-        if done == 2:
-            bench.daemon.submit(Command(name=CommandName.RESET))
-        bench.daemon.step()
-    assert bench.estimator.pushed == [0]
-    assert bench.estimator.calls[-2:] == ["push", "reset"]
-    assert bench.sink.commands[-1]["next_window"] == 1
-
-
-@pytest.mark.parametrize("cost_ns", [0, 1_000_000])
-def test_a_tick_that_has_taken_long_begins_no_further_unit(bench: Bench, monkeypatch, cost_ns):
-    unit = bench.daemon._unit
-    ticks: list[int] = []
-
-    def timed() -> None:
-        ticks.append(bench.daemon.executive.slips.ticks)
-        bench.clock.now += cost_ns
-        unit()
-
-    monkeypatch.setattr(bench.daemon, "_unit", timed)
-    bench.run(90)
-    most = max(ticks.count(tick) for tick in ticks)
-    assert most == (1 if cost_ns else daemon_module.UNITS)
-    assert bench.estimator.pushed == [0]
-
-
 def test_a_window_that_began_before_a_reset_does_not_reach_the_estimator(bench: Bench):
     """Windows of 100 ms from 1 s on; the reset at 1.122 s, in window 1, which closes at 1.25 s."""
     bench.run(61)
     bench.daemon.submit(Command(name=CommandName.RESET))
     bench.run(115)
-    bench.run(UNITS)
     assert bench.estimator.pushed == [2]
     assert [block.index for block in bench.sink.blocks] == [0, 1, 2]
 
@@ -189,9 +159,9 @@ def test_a_backlog_of_windows_is_worked_off_in_order_before_the_newest(bench: Be
     """A stall of three windows: when it ends, no window waits behind another."""
     bench.run(20)
     bench.clock.now += 320 * MS
-    bench.run(UNITS)
-    assert bench.estimator.pushed == sorted(bench.estimator.pushed)
-    assert bench.daemon.aligner.next_index == len(bench.conditioner.windows)
+    bench.run(1)
+    assert bench.estimator.pushed == [0, 1, 2]
+    assert bench.daemon.estimation.aligner.next_index == len(bench.conditioner.windows)
 
 
 def test_status_reports_sources_links_windows_and_tasks(bench: Bench):
@@ -202,7 +172,7 @@ def test_status_reports_sources_links_windows_and_tasks(bench: Bench):
     assert set(status["samples"]) == {"arm", "imu", "star_tracker"}
     assert status["links"]["imu"] == {"up": True, "losses": 0}
     assert status["slips"] == 0
-    assert {"sync_arm", "drain", "ingest", "estimate"} <= set(status["tasks_us"])
+    assert {"sync_arm", "drain", "hand_over"} <= set(status["tasks_us"])
 
 
 def test_serial_bytes_read_at_an_early_wake_keep_that_stamp(bench: Bench):
@@ -244,12 +214,12 @@ def test_a_lost_port_is_an_event_and_comes_back_with_its_devices_started(arm: Ar
     pauses = [attempts[1] - attempts[0], attempts[2] - attempts[1]]
     assert all(500 * MS <= pause <= 700 * MS for pause in pauses)
     assert [can_id for _, can_id, _ in fresh[0].written[:4]] == [0, 0, 0, 0x080]
-    assert bench.daemon.status(0)["links"]["arm"] == {"up": True, "losses": 1}
+    assert bench.daemon.status()["links"]["arm"] == {"up": True, "losses": 1}
 
 
 def test_a_port_that_could_not_be_opened_does_not_stop_the_rest(arm: ArmProject):
     clock, sink = FakeClock(), KeepSink()
-    daemon = build(
+    daemon = Daemon(
         arm_config(arm),
         clock,
         Ports(can={"arm": FakeCan(clock)}, imu=None, star_tracker=None),
@@ -258,8 +228,8 @@ def test_a_port_that_could_not_be_opened_does_not_stop_the_rest(arm: ArmProject)
     )
     for _ in range(500):
         daemon.step()
-    assert daemon.status(0)["links"]["imu"] == {"up": False, "losses": 1}
-    assert daemon.aligner.next_index > 0
+    assert daemon.status()["links"]["imu"] == {"up": False, "losses": 1}
+    assert daemon.estimation.aligner.next_index > 0
 
 
 def test_a_node_that_boots_again_is_started_again(bench: Bench):
@@ -269,12 +239,14 @@ def test_a_node_that_boots_again_is_started_again(bench: Bench):
     assert bench.can.written[-1][1:] == (0, b"\x01\x12")
 
 
-def test_commands_apply_at_the_tick_boundary_and_stop_ends_the_run(bench: Bench):
+def test_commands_apply_between_two_windows_and_stop_ends_the_run(bench: Bench):
+    bench.run(78)  # window 0 has been worked off
     bench.daemon.submit(Command(name=CommandName.RESET))
+    assert bench.estimator.calls == ["push", "work", "reset"]
+    assert bench.sink.commands[-1]["next_window"] == 1
     bench.daemon.submit(Command(name=CommandName.STOP))
     bench.daemon.run(lambda: False)
-    assert "reset" in bench.estimator.calls
-    assert bench.daemon.executive.slips.ticks == 1
+    assert bench.daemon.executive.slips.ticks == 78
 
 
 @pytest.mark.parametrize(
@@ -288,7 +260,7 @@ def test_a_failing_estimator_is_reset_and_reported(bench: Bench, error: Exceptio
     bench.estimator.push = fail
     bench.run(82)
     assert bench.sink.codes == ["ESTIMATOR_RESET"]
-    assert bench.estimator.calls[-1] == "work"
+    assert bench.estimator.calls[-1] == "reset"
 
 
 def test_shutdown_settles_publishes_and_releases_everything(bench: Bench):
@@ -305,14 +277,6 @@ def test_shutdown_settles_publishes_and_releases_everything(bench: Bench):
 def test_shutdown_before_any_window_has_no_estimate(bench: Bench):
     bench.daemon.step()
     assert bench.daemon.shutdown() is None
-
-
-def test_passive_ports_get_nothing(arm: ArmProject):
-    bench = Bench(arm, passive=True)
-    for _ in range(600):
-        bench.daemon.step()
-    assert bench.can.written == []
-    assert bench.tracker.written == []
 
 
 def test_a_sent_frame_stands_before_what_was_stamped_after_its_send_began(bench: Bench):
@@ -343,7 +307,7 @@ def test_at_rest_windows_are_stored_but_reach_no_estimator(bench: Bench):
     bench.daemon.submit(Command(name=CommandName.RESUME))
     bench.run(100)
     assert len(bench.estimator.pushed) > 0
-    assert bench.daemon.status(0)["identifying"]
+    assert bench.daemon.status()["identifying"]
 
 
 def test_without_telemetry_nothing_is_handed_over(bench: Bench):

@@ -192,19 +192,6 @@ def test_other_services_are_routed_or_ignored_and_never_rejected() -> None:
     assert [m["temperature_degc"] for m in bus.motor_side().values()] == [25.0]
 
 
-def test_sync_counts_to_its_maximum_and_starts_again() -> None:
-    bus = source(1)
-    seen = []
-    for k in range(500):
-        can_id, data = bus.next_sync()
-        assert can_id == 0x080
-        seen.append(data[0])
-        bus.feed([CanFrame(T0 + 2 * MS * k, can_id, data)])
-    assert seen == [k % 240 + 1 for k in range(500)]
-    assert bus.counters["sync_lost"] == 0
-    assert bus.start_frames() == [(0x000, b"\x01\x11")]
-
-
 def test_an_echo_of_a_sync_moves_no_time() -> None:
     clean, dirty = source(), source()
     reference = run(clean, range(300))

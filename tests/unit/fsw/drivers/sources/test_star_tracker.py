@@ -152,11 +152,6 @@ def test_what_this_computer_read_late_is_no_fault_of_the_unit(together: bool, ti
     assert unit.counters["lost"] == 0
 
 
-def test_subscription_is_configuration() -> None:
-    assert RowSource(star_tracker_config()).start_bytes().hex().startswith("c02100121800")
-    assert RowSource(star_tracker_config(subscribe=False)).start_bytes() == b""
-
-
 @given(st.lists(st.binary(max_size=200), max_size=6))
 def test_arbitrary_bytes_never_raise_and_are_conserved(parts: list[bytes]) -> None:
     mounted = Mounting(p_BS_m=(0, 0, 0), q_BS_xyzw=(0.6, 0.0, 0.0, 0.8))

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from fsw.loop.command_queue import CommandQueue
+from fsw.loop.estimation.dispatcher import Dispatcher
 from fsw.telemetry.services.executor import TelecommandExecutor
 from hil.evidence.fuzz import many
 from hil.evidence.fuzz.choices import Choices
@@ -50,7 +50,7 @@ def test_an_error_nobody_foresaw_is_noticed(
     def unforeseen(*_arguments: object) -> None:
         raise RuntimeError("nobody foresaw this")
 
-    monkeypatch.setattr(CommandQueue, "_execute", unforeseen)
+    monkeypatch.setattr(Dispatcher, "_execute", unforeseen)
     with pytest.raises(OracleError, match="nobody foresaw"):
         spoilt.line(b'{"command": "reset"}')
 

@@ -1,4 +1,4 @@
-"""Real-time settings of the loop process, each best effort: what the system refuses is reported."""
+"""Real-time settings of a process, each best effort: what the system refuses is reported."""
 
 from __future__ import annotations
 
@@ -6,31 +6,37 @@ import ctypes
 import gc
 import os
 
-from fsw.config import SchedulerConfig
-
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 
 
-def prepare(config: SchedulerConfig) -> list[str]:
-    """Set timer slack, memory locking, processor and priority; return what was refused."""
+def prepare(
+    cpu: int | None, priority: int, keys: tuple[str, str] = ("cpu", "realtime_priority")
+) -> list[str]:
+    """Set timer slack, memory locking, processor and priority; return what was refused.
+
+    Parameters
+    ----------
+    cpu : the only processor to run on; None: any
+    priority : of SCHED_FIFO; 0: none
+    keys : what the configuration calls the two, in its section `scheduler`
+    """
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) != 0:
         refused.append(f"memory is not locked: {os.strerror(ctypes.get_errno())}")
-    if config.cpu is not None:
+    if cpu is not None:
         try:
-            os.sched_setaffinity(0, {config.cpu})
+            os.sched_setaffinity(0, {cpu})
         except OSError as error:
-            refused.append(f"scheduler.cpu {config.cpu}: {error.strerror}")
-    if config.realtime_priority > 0:
+            refused.append(f"scheduler.{keys[0]} {cpu}: {error.strerror}")
+    if priority > 0:
         try:
             policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-            os.sched_setscheduler(0, policy, os.sched_param(config.realtime_priority))
+            os.sched_setscheduler(0, policy, os.sched_param(priority))
         except OSError as error:
-            text = f"scheduler.realtime_priority {config.realtime_priority}: {error.strerror}"
-            refused.append(text)
+            refused.append(f"scheduler.{keys[1]} {priority}: {error.strerror}")
     return refused
 
 

@@ -1,6 +1,6 @@
 """The newest sample of every channel as one record, laid out as the science packet has it.
 
-The loop packs it; the service only puts headers around it. Order and types are those of
+The estimation packs it; the service only puts headers around it. Order and types are those of
 `fsw.telemetry.dictionary.housekeeping.SCIENCE_FIELDS` (a test compares), big-endian.
 """
 

@@ -1,12 +1,11 @@
-"""The command queue of the loop, applied between two windows."""
+"""Commands, applied between two windows."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, runtime_checkable
 
-from fsw.estimators.stages import complete
 from fsw.exchange.restart import Adopting, put_back, take
 from fsw.exchange.sinks import AppliedCommand, Sink
 from fsw.messages import Estimate, Event, Snapshot
@@ -18,7 +17,6 @@ from fsw.messages.commands import (
 )
 from fsw.messages.errors import CommandError, ConfigError, EstimatorError, unforeseen
 
-QUEUE_LIMIT = 64
 KEPT_AFTER = (
     CommandName.RESET,
     CommandName.ADOPT,
@@ -37,12 +35,8 @@ UNFINISHED = (CommandName.FINISH, CommandName.ADOPT, CommandName.RESTORE_STATE)
 class Resettable(Protocol):
     """The part of an estimator that commands use."""
 
-    def work(self) -> bool:
-        """Do one bounded unit of background work; True while more is due."""
-        ...
-
-    def finishing(self) -> Generator[None, None, Estimate]:
-        """Settle completely, in bounded units."""
+    def finish(self) -> Estimate:
+        """Settle completely; return the estimate."""
         ...
 
     def reset(self) -> None:
@@ -62,8 +56,8 @@ class Reporting(Protocol):
 Reconfigure = Callable[[Mapping[str, Any]], Resettable]
 
 
-class CommandQueue:
-    """Applies commands in order of arrival.
+class Dispatcher:
+    """Applies commands, each whole, between two windows.
 
     Every applied command is handed to the sink with the index of the window it came before, and
     with what it needs to be applied again: so a replay applies it at the same place.
@@ -82,21 +76,9 @@ class CommandQueue:
         self.identifying = identifying  # whether windows reach the estimator
         self.first_window = 0  # that reaches it
         self.changes: list[Mapping[str, Any]] = []  # other unknowns, in order: for checkpoints
-        self._queue: deque[Command] = deque()
-        self._job: Generator[None, None, Estimate | None] | None = None  # half applied
         self._planned: deque[tuple[int, int, Command]] = deque()
-        self.stop_requested = False
-        self.restart_requested = False
         self.saved: Snapshot | None = None  # what restore_state goes back to
         self.checkpoint_due = False  # a command has changed the state, or wants it kept
-
-    def submit(self, command: Command) -> None:
-        """Queue a command; refuse it at once when the queue is full."""
-        if len(self._queue) >= QUEUE_LIMIT:
-            text = f"{QUEUE_LIMIT} commands wait already"
-            self._answer(command, Code.QUEUE_FULL, text)
-            return
-        self._queue.append(command)
 
     def plan(self, window: int, command: Command, clean_window: int = 0) -> None:
         """Apply a recorded command right before the given window; call in order.
@@ -110,59 +92,26 @@ class CommandQueue:
         estimates = []
         while self._planned and self._planned[0][0] <= index:
             window, clean_window, command = self._planned.popleft()
-            estimate = complete(self._applied(command, now_ns, window, clean_window))
+            estimate = self.apply(command, now_ns, window, clean_window)
             if estimate is not None:
                 estimates.append(estimate)
         return estimates
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether a command is half applied: no window may be worked off then."""
-        return self._job is not None
-
-    def run(
-        self,
-        now_ns: int,
-        next_window: int,
-        clean_window: int = 0,
-        *,
-        held: bool = False,
-        has_time: Callable[[], bool] = lambda: True,
-    ) -> list[Estimate]:
-        """Apply the queued commands in order; return the estimates that they gave.
-
-        A command is cut into bounded units. One that is not finished continues in the next call.
+    def apply(
+        self, command: Command, now_ns: int, next_window: int, clean_window: int = 0
+    ) -> Estimate | None:
+        """Apply one command; return the estimate it gives, if any.
 
         Parameters
         ----------
         next_window : index of the window that closes next
-        clean_window : index of the first window that begins after now
-        held : finish the command that is half applied, and begin no other
-        has_time : whether there is time for another unit in this call
+        clean_window : of the first that begins from now on
         """
-        estimates = []
-        while self._job is not None or (self._queue and not held):
-            if self._job is None:
-                command = self._queue.popleft()
-                self._job = self._applied(command, now_ns, next_window, clean_window)
-            try:
-                next(self._job)
-            except StopIteration as end:
-                self._job = None
-                estimates += [] if end.value is None else [end.value]
-            if not has_time():
-                break
-        return estimates
-
-    def _applied(
-        self, command: Command, now_ns: int, next_window: int, clean_window: int
-    ) -> Generator[None, None, Estimate | None]:
-        """Apply one command in bounded units; return the estimate it gives, if any."""
         data: Mapping[str, Any] = {}
         try:
             if command.name is CommandName.REPORT:
                 data = self.diagnose()
-            args, estimate = yield from self._execute(command, now_ns)
+            args, estimate = self._execute(command, now_ns)
         except CommandError as error:
             self._answer(command, Code(error.code), str(error))
             return None
@@ -203,9 +152,7 @@ class CommandQueue:
             raise CommandError(Code.NOT_SUPPORTED, "this estimator gives no report")
         return self._estimator.report()
 
-    def _execute(
-        self, command: Command, now_ns: int
-    ) -> Generator[None, None, tuple[Mapping[str, Any], Estimate | None]]:
+    def _execute(self, command: Command, now_ns: int) -> tuple[Mapping[str, Any], Estimate | None]:
         name = command.name
         estimate: Estimate | None = None
         args: Mapping[str, Any] = command.args
@@ -221,10 +168,7 @@ class CommandQueue:
                 raise CommandError(Code.NO_STATE, "nothing was saved or restored before")
             estimate = put_back(self._estimator, self.saved)
         elif name is CommandName.FINISH:
-            estimate = yield from self._estimator.finishing()
-        elif name in (CommandName.STOP, CommandName.RESTART):
-            self.stop_requested = True
-            self.restart_requested = name is CommandName.RESTART
+            estimate = self._estimator.finish()
         elif name in (CommandName.RUN_BATCH, CommandName.ABORT_BATCH):
             raise CommandError(Code.NOT_SUPPORTED, "batch jobs belong to the service process")
         elif name is CommandName.ADOPT:

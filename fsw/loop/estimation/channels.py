@@ -1,0 +1,179 @@
+"""What decodes the traffic of each bus and line: batches of frames and chunks to samples."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from fsw.config import BusConfig, Config
+from fsw.drivers.codecs.canopen import COB_SYNC
+from fsw.drivers.sources import (
+    ImuSource,
+    JointBusSource,
+    StarTrackerSource,
+    ThrusterBusSource,
+    WheelBusSource,
+)
+from fsw.drivers.sources.samples import attitude_samples, imu_samples, joint_samples
+from fsw.drivers.wire import ByteChunk, FrameArray
+from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, CanTraffic, SerialTraffic
+from fsw.exchange.status import source_samples
+from fsw.messages import Samples
+from fsw.messages.findings import Finding
+from fsw.scheduler.align import Aligner
+
+
+class BusChannel:
+    """Joints, wheels and thrusters of one bus."""
+
+    def __init__(self, config: Config, bus: BusConfig) -> None:
+        joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
+        wheels = [(i, wheel) for i, wheel in enumerate(config.wheels) if wheel.bus == bus.name]
+        self.name = bus.name
+        self.source = JointBusSource(bus, joints, config.health)
+        thrusters = [(i, own) for i, own in enumerate(config.thrusters) if own.bus == bus.name]
+        self.others: list[WheelBusSource | ThrusterBusSource] = []
+        self.others += [WheelBusSource(bus, wheels)] if wheels else []
+        self.others += [ThrusterBusSource(bus, thrusters)] if thrusters else []
+        self._waiting: list[FrameArray] = []
+
+    @property
+    def waiting(self) -> int:
+        """Frames not decoded yet."""
+        return sum(map(len, self._waiting))
+
+    def put(self, traffic: CanTraffic | SerialTraffic) -> None:
+        """Keep frames until the end of the batch."""
+        if isinstance(traffic, CanTraffic) and len(traffic.frames):
+            self._waiting.append(traffic.frames)
+
+    def first_ns(self) -> int | None:
+        """Stamp of the first SYNC among what waits [ns]."""
+        syncs = [part["t_ns"][part["word"] == COB_SYNC] for part in self._waiting]
+        return next((int(t_ns[0]) for t_ns in syncs if t_ns.size), None)
+
+    def decoded(self) -> Iterator[tuple[Samples, bool]]:
+        """Yield the samples in what waits, and whether their steps are known."""
+        waiting, self._waiting = self._waiting, []
+        if not waiting:
+            return
+        frames = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
+        for other in self.others:
+            yield other.feed(frames), False
+            frames = frames[~other.owns(frames)]
+        yield self.source.feed(frames), True
+
+    def findings(self) -> list[Finding]:
+        """Return and forget what was found wrong."""
+        return [found for part in (self.source, *self.others) for found in part.findings()]
+
+    def events(self) -> Sequence[tuple[str, str, str]]:
+        """Return and forget what an operator should know: severity, code, text."""
+        return self.source.events()
+
+
+class ChunkSource(Protocol):
+    """Codec and counters of one serial device."""
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters by name."""
+        ...
+
+    def feed(self, chunks: Sequence[ByteChunk]) -> Samples:
+        """Decode chunks in order."""
+        ...
+
+    def findings(self) -> Sequence[Finding]:
+        """Return and forget what was found wrong."""
+        ...
+
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Look whether the device has fallen silent; `up`: whether it has its port."""
+        ...
+
+
+class LineChannel:
+    """One serial device; or samples of one sensor that another program decoded (`is_sampled`)."""
+
+    def __init__(self, name: str, source: ChunkSource, *, is_sampled: bool) -> None:
+        self.name, self.source = name, source
+        self._is_sampled = is_sampled
+        self._waiting: list[ByteChunk] = []
+
+    @property
+    def waiting(self) -> int:
+        """Chunks not decoded yet."""
+        return len(self._waiting)
+
+    def put(self, traffic: CanTraffic | SerialTraffic) -> None:
+        """Keep chunks until the end of the batch."""
+        if isinstance(traffic, SerialTraffic):
+            self._waiting += traffic.chunks
+
+    def first_ns(self) -> int | None:
+        """Stamp of the first sample of the joints in what waits [ns]."""
+        return self._waiting[0].t_ns if self._waiting and self.name == JOINTS else None
+
+    def decoded(self) -> Iterator[tuple[Samples, bool]]:
+        """Yield the samples in what waits, and whether their steps are known."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            yield self.source.feed(waiting), not self._is_sampled
+
+    def findings(self) -> Sequence[Finding]:
+        """Return and forget what was found wrong."""
+        return self.source.findings()
+
+    def events(self) -> Sequence[tuple[str, str, str]]:
+        """Return nothing."""
+        return ()
+
+
+Channel = BusChannel | LineChannel
+
+
+def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
+    """Return the channels of a configuration by name, in the order in which they are decoded.
+
+    `sampled`: sensors whose samples come decoded.
+    """
+    found: list[Channel] = []
+    if JOINTS in sampled:
+        found.append(LineChannel(JOINTS, joint_samples(config), is_sampled=True))
+    else:
+        found += [BusChannel(config, bus) for bus in config.buses]
+    imu, tracker, health = config.imu, config.star_tracker, config.health
+    if IMU in sampled:
+        found.append(LineChannel(IMU, imu_samples(imu), is_sampled=True))
+    elif imu.present:
+        found.append(LineChannel(IMU, ImuSource(imu, None, health), is_sampled=False))
+    if tracker is not None:
+        is_sampled = STAR_TRACKER in sampled
+        source = attitude_samples(tracker) if is_sampled else StarTrackerSource(tracker, health)
+        found.append(LineChannel(STAR_TRACKER, source, is_sampled=is_sampled))
+    return {channel.name: channel for channel in found}
+
+
+def sample_status(
+    config: Config, align: Aligner, channels: Mapping[str, Channel]
+) -> dict[str, Any]:
+    """Return the counters and slow values of the sources as plain values."""
+    buses = [channel for channel in channels.values() if isinstance(channel, BusChannel)]
+    late = align.counters().late
+    for bus in config.buses:
+        late[bus.name] = sum(late[joint.name] for joint in config.joints if joint.bus == bus.name)
+    late[JOINTS] = sum(late[joint.name] for joint in config.joints)
+    found: dict[str, Any] = {
+        "samples": {
+            name: source_samples(channel.source.counters, late[name])
+            for name, channel in channels.items()
+        },
+        "joints": {name: slow for b in buses for name, slow in b.source.motor_side().items()},
+        "late_joints": {joint.name: late[joint.name] for joint in config.joints},
+    }
+    for other in (own for bus in buses for own in bus.others):
+        found.setdefault(other.kind, {}).update(other.status())
+    return found

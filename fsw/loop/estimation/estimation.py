@@ -1,0 +1,305 @@
+"""From batches of traffic to published estimates: decode, watch, align, condition, estimate.
+
+Live, the batches come through a ring, in a replay from a recording, in virtual time from the loop
+in the same process: nothing here knows which. A window is worked off as soon as it closes; commands
+come between two windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+from fsw.config import Config
+from fsw.config.overlay import overlay
+from fsw.estimators.pipeline import (
+    Estimator,
+    Eventful,
+    Finder,
+    Gating,
+    Pipeline,
+    Screening,
+    default_pipeline,
+)
+from fsw.exchange.restart import Restart, resume, take
+from fsw.exchange.sinks import (
+    AppliedCommand,
+    BatchEnd,
+    CanTraffic,
+    EstimationStatus,
+    Message,
+    NullSink,
+    ScienceRecord,
+    SerialTraffic,
+    Sink,
+    StatusReport,
+)
+from fsw.exchange.status import estimate_summary, time_values
+from fsw.health import Health
+from fsw.loop.estimation.channels import channels_of, sample_status
+from fsw.loop.estimation.dispatcher import Dispatcher
+from fsw.loop.estimation.science import Science
+from fsw.messages import Estimate, Event, Window
+from fsw.messages.commands import Command
+from fsw.messages.errors import CommandError, EstimatorError, unforeseen
+from fsw.scheduler.align import Aligner
+from fsw.scheduler.tasks import TaskTimes
+
+FOREVER_NS = 1 << 62
+
+
+class Estimation(NullSink):
+    """The sink of a loop's traffic.
+
+    Parameters
+    ----------
+    now_ns : returns the time [ns]
+    pipeline : conditioning and estimation; None: as the configuration says
+    sampled : sensors whose samples come decoded
+    replays : nothing of this run is kept for the next, and nobody looks at it
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        now_ns: Callable[[], int],
+        sink: Sink,
+        *,
+        pipeline: Pipeline | None = None,
+        sampled: Collection[str] = (),
+        replays: bool = False,
+    ) -> None:
+        self._config, self._now_ns, self._sink = config, now_ns, sink
+        self._pipeline = pipeline or default_pipeline(config)
+        self._urdf_text: str | None = None  # of a robot that was uplinked
+        self.channels = channels_of(config, sampled)
+        self.aligner = Aligner(config, len(config.joints))
+        self.health = Health(config)
+        telemetry = config.telemetry
+        self.dispatcher = Dispatcher(
+            self._pipeline.estimator,
+            sink,
+            reconfigure=self._reconfigure,
+            identifying=telemetry is None or telemetry.start_mode == "identify",
+        )
+        self._science = None if telemetry is None or replays else Science()
+        rate_hz = 1.0 if telemetry is None else telemetry.science_rate_hz
+        self._science_ns, self._science_next = round(1e9 / rate_hz), 0
+        period_s = None if replays else config.service.checkpoint_period_s
+        self._keep_ns = None if period_s is None else round(period_s * 1e9)
+        self._began_ns = now_ns()
+        self._kept_ns = self._began_ns  # when the newest checkpoint was handed out
+        self.window_limit = FOREVER_NS  # no window is closed from this index on
+        self.latest: Estimate | None = None
+        self.unusable_windows = 0
+        self._sampled, self._published = TaskTimes(), TaskTimes()
+        self._end_ns: int | None = None  # of the newest batch
+
+    @property
+    def estimator(self) -> Estimator:
+        """The recursive estimator."""
+        return self._pipeline.estimator
+
+    def put(self, message: Message) -> None:
+        """Accept traffic, work off what the end of a batch makes due, apply a command."""
+        match message:
+            case CanTraffic(bus=name) | SerialTraffic(device=name) if name in self.channels:
+                self.channels[name].put(message)
+            case BatchEnd():
+                self._batch(message)
+            case Command():
+                self._apply(message)
+            case StatusReport():
+                self._sink.put(EstimationStatus(self.status()))
+            case _:
+                return
+
+    def restart(self, found: Restart, *, recorded: bool = True) -> bool:
+        """Go on from a checkpoint, before the first batch, and publish; False: a cold start.
+
+        `recorded`: the recording begins here, so that its replay begins with the same checkpoint.
+        """
+        now_ns, snapshot = self._now_ns(), found.checkpoint.snapshot
+        try:
+            for changes in snapshot.changes[len(self.dispatcher.changes) :]:
+                self.dispatcher.configure(changes)
+        except CommandError as error:
+            self._report("medium", "CHECKPOINT_REFUSED", str(error))
+            return False
+        self.dispatcher.identifying = snapshot.identifying
+        estimator = self._pipeline.estimator
+        estimate = resume(found, estimator, self.aligner, self._sink, now_ns, recorded=recorded)
+        if estimate is None:
+            return False
+        self.dispatcher.saved = take(estimator, snapshot.t_ns)
+        self._publish(estimate)
+        self._sink.put(EstimationStatus(self.status()))
+        return True
+
+    def apply_planned(self, window: int) -> None:
+        """Apply the recorded commands that came before this window."""
+        for estimate in self.dispatcher.before_window(window, self._now_ns()):
+            self._publish(estimate)
+
+    def shutdown(self) -> Estimate | None:
+        """Settle the estimator, publish the last estimate and status."""
+        now_ns = self._now_ns()
+        stop = {"command": "end", "next_window": self.aligner.next_index}
+        self._sink.put(AppliedCommand(now_ns, stop))
+        if self.latest is not None:
+            self._publish(self._pipeline.estimator.finish())
+            self._keep()
+        self._sink.put(EstimationStatus(self.status()))
+        return self.latest
+
+    def diagnosis(self) -> Mapping[str, Any] | None:
+        """Return the diagnosis of the estimate; None where there is no proper one."""
+        try:
+            return self.dispatcher.diagnose()
+        except (CommandError, EstimatorError):
+            return None
+
+    def status(self) -> dict[str, Any]:
+        """Return health and counters as plain values."""
+        conditioner, counters = self._pipeline.conditioner, self.aligner.counters()
+        return {
+            **sample_status(self._config, self.aligner, self.channels),
+            "windows": {
+                "closed": self.aligner.next_index,
+                "unusable": self.unusable_windows,
+                "outliers": conditioner.outliers if isinstance(conditioner, Gating) else 0,
+                "early": counters.early,
+                "future": counters.future,
+                "overflow": counters.overflow,
+            },
+            "sampled_us": time_values(self._sampled),
+            "published_us": time_values(self._published),
+            "health": self.health.status(),
+            "identifying": self.dispatcher.identifying,
+            "unknown": list(self._config.unknown),
+            "estimate": estimate_summary(self.latest),
+        }
+
+    def _batch(self, end: BatchEnd) -> None:
+        """Decode what has come, work off the windows due by its end, look at the findings."""
+        align, channels = self.aligner, self.channels.values()
+        if not align.started:
+            first = [t_ns for channel in channels if (t_ns := channel.first_ns()) is not None]
+            if first:
+                align.start(min(first))
+        for channel in channels:
+            for samples, known_steps in channel.decoded():
+                if len(samples):
+                    align.push(self.health.screen(samples) if known_steps else samples)
+                    if self._science is not None:
+                        self._science.keep(samples)
+        if self._end_ns is not None and self._began_ns <= self._end_ns < end.now_ns:
+            self._sampled.add(self._now_ns() - self._end_ns)
+        self._end_ns = end.now_ns
+        while (deadline_ns := align.deadline_ns) is not None and deadline_ns <= end.now_ns:
+            if align.next_index >= self.window_limit:
+                break
+            for window in align.close(deadline_ns):
+                self.work_off(window)
+        self._look(end)
+        self._hand_over(end.now_ns)
+        if self._keep_ns is not None and end.now_ns - self._kept_ns >= self._keep_ns:
+            self._keep()
+
+    def _use(self, window: Window) -> None:
+        self.apply_planned(window.index)
+        block = self._pipeline.conditioner.condition(self.health.judge(window))
+        if block is None:
+            self.unusable_windows += 1
+            return
+        if not self.dispatcher.identifying or window.index < self.dispatcher.first_window:
+            self._sink.put(block)
+            return
+        estimator = self._pipeline.estimator
+        try:
+            estimate = estimator.push(block)
+        finally:
+            # without what was found not to fit: batch jobs and checkpoints are to have the same
+            self._sink.put(estimator.screened(block) if isinstance(estimator, Screening) else block)
+        self._publish(estimate)
+        closed_ns = window.stop_ns + round(self._config.estimator.lag_s * 1e9)
+        if closed_ns >= self._began_ns:  # not what has waited for the start
+            self._published.add(self._now_ns() - closed_ns)
+        estimator.work()
+
+    def _look(self, end: BatchEnd) -> None:
+        """Take what was found wrong; turn it into events."""
+        health, now_ns = self.health, end.now_ns
+        health.stalled(end.stalls, now_ns)
+        health.over_budget(end.over_budget_ns, now_ns)
+        for channel in self.channels.values():
+            channel.source.watch(now_ns, up=channel.name not in end.lost)
+            for words in channel.events():
+                self._report(*words)
+            health.take(channel.findings(), now_ns)
+        # the estimator first: what does not fit the model explains what does not fit its window
+        for part in (self._pipeline.estimator, self._pipeline.conditioner):
+            if isinstance(part, Finder):
+                health.take(part.findings(), now_ns)
+        health.tick(end.tick, end.slips, now_ns)
+        for event in health.events():
+            self._sink.put(event)
+
+    def _hand_over(self, now_ns: int) -> None:
+        """Hand the newest samples to telemetry, at most once a period."""
+        if self._science is not None and now_ns // self._science_ns >= self._science_next:
+            self._science_next = now_ns // self._science_ns + 1
+            nis = self.latest.nis if self.latest is not None else 0.0
+            self._sink.put(ScienceRecord(now_ns, self._science.record(nis)))
+
+    def _apply(self, command: Command) -> None:
+        now_ns = self._now_ns()
+        windows = self.aligner.next_index, self.aligner.first_after(now_ns)
+        estimate = self.dispatcher.apply(command, now_ns, *windows)
+        if estimate is not None:
+            self._publish(estimate)
+        if self.dispatcher.checkpoint_due:
+            self._keep()
+
+    def _reconfigure(self, changes: Mapping[str, Any]) -> Estimator:
+        """Begin at the prior with other unknowns, noise, robot or settings.
+
+        Raises
+        ------
+        ConfigError when they do not fit; then nothing has changed.
+        """
+        changed = overlay(self._config, changes)
+        text = changes.get("urdf_text", self._urdf_text)
+        self._pipeline = default_pipeline(changed, text)
+        self._config, self._urdf_text = changed, text
+        return self._pipeline.estimator
+
+    def work_off(self, window: Window) -> None:
+        """Work off a window whole; where arithmetic fails the estimate begins at the prior."""
+        try:
+            self._use(window)
+        except (EstimatorError, ArithmeticError, ValueError) as error:  # LinAlgError too
+            self._pipeline.estimator.reset()
+            self._report("high", "ESTIMATOR_RESET", unforeseen(error))
+
+    def _publish(self, estimate: Estimate) -> None:
+        self.latest = estimate
+        self._sink.put(estimate)
+        if isinstance(self._pipeline.estimator, Eventful):
+            for severity, code, text in self._pipeline.estimator.events():
+                self._report(severity, code, text)
+
+    def _keep(self) -> None:
+        """Hand out the estimator's state; kept by the service."""
+        self.dispatcher.checkpoint_due = False
+        if self._keep_ns is None:
+            return
+        self._kept_ns = self._now_ns()
+        snapshot = take(self._pipeline.estimator, self._kept_ns, self.aligner.grid_ns)
+        if snapshot is not None:
+            changes, identifying = tuple(self.dispatcher.changes), self.dispatcher.identifying
+            self._sink.put(replace(snapshot, changes=changes, identifying=identifying))
+
+    def _report(self, severity: str, code: str, text: str) -> None:
+        self._sink.put(Event(self._now_ns(), severity, code, text))

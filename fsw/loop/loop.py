@@ -1,0 +1,159 @@
+"""The loop: SYNC out, everything in, handed over in batches; what it means is decided elsewhere.
+
+`wiring.build` makes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from fsw.clock import Clock
+from fsw.config import Config
+from fsw.exchange.sinks import BatchEnd, Sink, StatusReport
+from fsw.exchange.status import task_summary, time_values
+from fsw.loop.bus_input import BusInput
+from fsw.loop.inputs import Inputs, batch_s
+from fsw.messages import Event
+from fsw.messages.commands import Command, CommandName
+from fsw.scheduler.executive import Executive
+from fsw.scheduler.tasks import Task, Tick
+
+
+def nothing_due() -> int:
+    """Return 0: nobody waits for a window's end."""
+    return 0
+
+
+class Loop:
+    """SYNC, heartbeats, drain, hand over, ports that are lost and come back, status.
+
+    Parameters
+    ----------
+    inputs : they hand over to the same sink
+    deadline_ns : when the next window closes [ns]: a batch ends then; 0 when that is not known
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        sink: Sink,
+        inputs: Inputs,
+        deadline_ns: Callable[[], int] = nothing_due,
+    ) -> None:
+        self._config, self._clock, self._sink, self._inputs = config, clock, sink, inputs
+        self._deadline_ns = deadline_ns
+        rate_hz, budget_s = config.scheduler.tick_rate_hz, config.scheduler.work_budget_s
+        self._batch_ticks = max(1, round(rate_hz * batch_s(config)))
+        self._next_batch = 0  # tick at which one ends
+        self._handed_ns = -1  # when the newest ended
+        self.stop_requested = self.restart_requested = False
+        period_ns = round(1e9 / rate_hz)
+        self.executive = Executive(
+            clock,
+            period_ns,
+            self._table(),
+            wake_fds=inputs.wake_fds,
+            drain=inputs.stamp_lines,
+            cpu_time_ns=clock.cpu_time_ns,
+            stall_ns=round(config.health.stall_s * 1e9),
+            budget_ns=period_ns if budget_s is None else round(budget_s * 1e9),
+        )
+
+    def step(self) -> Tick:
+        """Wait for the next grid point and run one tick."""
+        return self.executive.step()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Tick until stopped by `stop` or by a command."""
+        while not (stop() or self.stop_requested):
+            self.step()
+
+    def submit(self, command: Command) -> None:
+        """Pass a command on; one that ends the run ends it here too."""
+        self.stop_requested |= command.name in (CommandName.STOP, CommandName.RESTART)
+        self.restart_requested |= command.name is CommandName.RESTART
+        self._sink.put(command)
+
+    def finish(self) -> None:
+        """Hand over what is left, so that the recording ends when the run does."""
+        self._inputs.drain()
+        self._hand_over(self._clock.now_ns(), self.executive.slips.ticks)
+
+    def close(self) -> None:
+        """Report the end and release the ports: after the estimation has ended."""
+        now_ns = self._clock.now_ns()
+        text = f"stopped after {self.executive.slips.ticks} ticks"
+        self._sink.put(Event(now_ns, "info", "STOPPED", text))
+        self._sink.put(StatusReport(now_ns, self.status(now_ns)))
+        self._inputs.close()
+        self._sink.close()
+
+    def status(self, now_ns: int) -> dict[str, Any]:
+        """Return the loop's counters as plain values."""
+        slips = self.executive.slips
+        return {
+            "t_ns": now_ns,
+            "ticks": slips.ticks,
+            "slips": slips.slips,
+            "stalls": slips.stalls,
+            "over_budget": slips.over_budget,
+            "max_late_us": slips.max_late_ns / 1e3,
+            "work_us": time_values(slips.work),
+            "tasks_us": task_summary(slips),
+            **self._inputs.status(),
+        }
+
+    def _table(self) -> list[Task]:
+        rate_hz, inputs = self._config.scheduler.tick_rate_hz, self._inputs
+        rates = {bus.name: bus for bus in self._config.buses}
+        table = [Task("start", 1, lambda _: inputs.start())]
+        for bus in inputs.buses:
+            config = rates[bus.name]
+            if config.heartbeat_s is not None:
+                divisor = max(1, round(rate_hz * config.heartbeat_s))
+                table.append(Task(f"heartbeat_{bus.name}", divisor, partial(self._beat, bus)))
+            if config.sync == "producer":
+                divisor = round(rate_hz / config.rate_hz)
+                table.append(Task(f"sync_{bus.name}", divisor, partial(self._sync, bus)))
+        status = max(1, round(rate_hz / self._config.service.status_rate_hz))
+        return [
+            *table,
+            Task("drain", 1, lambda _: inputs.drain()),
+            Task("hand_over", 1, self._hand_over_if_due),
+            Task("links", max(1, round(rate_hz / 10.0)), lambda _: inputs.retry()),
+            Task("status", status, self._status),
+        ]
+
+    def _sync(self, bus: BusInput, _tick: Tick) -> None:
+        self._inputs.sync(bus)
+
+    def _beat(self, bus: BusInput, _tick: Tick) -> None:
+        self._inputs.beat(bus)
+
+    def _hand_over_if_due(self, tick: Tick) -> None:
+        """End a batch when it is long enough, and when a window closes."""
+        is_closing = self._handed_ns < self._deadline_ns() <= tick.now_ns
+        if is_closing or tick.index >= self._next_batch:
+            self._next_batch = (tick.index // self._batch_ticks + 1) * self._batch_ticks
+            self._hand_over(tick.now_ns, tick.index)
+
+    def _hand_over(self, now_ns: int, index: int) -> None:
+        """End a batch; what arrives meanwhile belongs to the next."""
+        self._handed_ns = now_ns
+        self._inputs.hand_over()
+        self._sink.put(
+            BatchEnd(
+                now_ns=now_ns,
+                lost=self._inputs.lost(),
+                tick=index,
+                slips=self.executive.slips.slips,
+                stalls=tuple(self.executive.take_stalls()),
+                over_budget_ns=self.executive.take_over_budget_ns(),
+            )
+        )
+
+    def _status(self, tick: Tick) -> None:
+        self._sink.put(StatusReport(tick.now_ns, self.status(tick.now_ns)))

@@ -1,0 +1,230 @@
+"""The loop's end of the other processes: starts them, watches them, starts again what dies."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from fsw.clock import Clock
+from fsw.config import Config
+from fsw.exchange.ring import RingReader, RingWriter
+from fsw.exchange.ringlink import (
+    DOWN_BYTES,
+    TO_ESTIMATION,
+    TO_SERVICE,
+    UP_BYTES,
+    RingSink,
+    commands_of,
+)
+from fsw.exchange.sinks import Fanout, Sink
+from fsw.loop.loop import Loop
+from fsw.messages import Event
+from fsw.messages.commands import Code, Command, Reply
+from fsw.messages.errors import MEMORY_EXIT, PortError
+
+LOCK_NAME = "loop.lock"
+LOCK_WAIT_NS = 1_000_000_000  # for the kernel to be done with a loop that was killed
+LOCK_POLL_NS = 20_000_000
+MOST_RESTARTS = 5  # within RESTARTS_NS
+RESTARTS_NS = 60_000_000_000
+STALL_NS = 5_000_000_000  # who leaves its ring alone for so long is not healthy
+
+
+def lock_state(directory: Path, clock: Clock) -> int:
+    """Return the descriptor that holds a state directory for this loop.
+
+    The kernel releases it when the loop has ended, however it ends.
+
+    Raises
+    ------
+    PortError when another daemon keeps it.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        fd = os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise PortError(f"{directory}: {error.strerror or error}") from error
+    deadline_ns = clock.now_ns() + LOCK_WAIT_NS
+    while True:
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            if clock.now_ns() >= deadline_ns:
+                os.close(fd)
+                raise PortError(f"{directory}: another daemon is running on it") from error
+            clock.sleep_until_ns(clock.now_ns() + LOCK_POLL_NS)
+        else:
+            return fd
+
+
+class Child:
+    """A process at the other end of a ring, and what becomes of it.
+
+    Parameters
+    ----------
+    name : `service` or `estimation`, as in the names of its events
+    without : what is not done when it has died too often
+    module : what is run
+    arguments : of the module
+    fds : descriptors it inherits
+    inbox : the ring that it reads
+    sink : takes the events of its end
+    """
+
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        without: str,
+        arguments: Sequence[str],
+        fds: Sequence[int],
+        inbox: RingWriter,
+        sink: Sink,
+        clock: Clock,
+    ) -> None:
+        self._name, self._module, self._without, self._sink = name, module, without, sink
+        self._arguments, self._fds, self._inbox, self._clock = arguments, fds, inbox, clock
+        self._cpus = os.sched_getaffinity(0)  # before the loop is pinned to one
+        self._deaths_ns: list[int] = []
+        self.gave_up = False
+        self._consumed, self._consumed_ns = -1, clock.now_ns()
+        self._process = self._start(resume=False)
+
+    @property
+    def pid(self) -> int:
+        """Process identifier."""
+        return self._process.pid
+
+    def watch(self) -> bool:
+        """Start it again if it has died; return whether it is alive and at work."""
+        now_ns = self._clock.now_ns()
+        if self.gave_up:
+            return False
+        if self._process.poll() is not None:
+            self._died(now_ns)
+            return False
+        consumed = self._inbox.consumed_bytes
+        if consumed != self._consumed or not self._inbox.used_bytes:
+            self._consumed, self._consumed_ns = consumed, now_ns
+        return now_ns - self._consumed_ns < STALL_NS
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for its end; False when it does not end."""
+        try:
+            self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    def kill(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
+
+    def _died(self, now_ns: int) -> None:
+        status = self._process.returncode
+        code = "MEMORY" if status == MEMORY_EXIT else "LOST"
+        recent = [t_ns for t_ns in self._deaths_ns if now_ns - t_ns < RESTARTS_NS]
+        self._deaths_ns = [*recent, now_ns]
+        self.gave_up = len(self._deaths_ns) > MOST_RESTARTS
+        what = f"too often: {self._without}" if self.gave_up else "started again"
+        text = f"{self._name} process ended with {status}; {what}"
+        self._sink.put(Event(now_ns, "high", f"{self._name.upper()}_{code}", text))
+        if not self.gave_up:
+            self._process = self._start(resume=True)
+
+    def _start(self, *, resume: bool) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", self._module, *self._arguments]
+        process = subprocess.Popen(
+            [*command, *(["--resume"] if resume else [])],
+            pass_fds=self._fds,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        )
+        os.sched_setaffinity(process.pid, self._cpus)
+        return process
+
+
+class Processes:
+    """Service and estimation, and the rings between the three.
+
+    Parameters
+    ----------
+    since_ns : the estimation goes on from no checkpoint of before it; 0: from any
+    """
+
+    def __init__(self, config: Config, clock: Clock, since_ns: int) -> None:
+        down, found = RingWriter.create(DOWN_BYTES), RingWriter.create(DOWN_BYTES)
+        up, self._stream = RingWriter.create(UP_BYTES), RingWriter.create(DOWN_BYTES)
+        wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        config_fd = os.memfd_create("fsw-config")
+        with os.fdopen(config_fd, "wb", closefd=False) as file:
+            pickle.dump(config, file)
+        self._commands, self._clock = RingReader(os.dup(up.fd)), clock
+        self._to_estimation = RingSink(self._stream, TO_ESTIMATION, wake)
+        self._to_service = RingSink(down, TO_SERVICE)
+        self.sink = Fanout(self._to_estimation, self._to_service)
+        self._told_lost = 0
+        common = ["--config", str(config_fd), "--parent", str(os.getpid())]
+        self.service = Child(
+            "service",
+            "fsw.service.process",
+            "nothing is recorded",
+            ["--down", str(down.fd), "--found", str(found.fd), "--up", str(up.fd), *common],
+            (down.fd, found.fd, up.fd, config_fd),
+            down,
+            self._to_service,
+            clock,
+        )
+        own = ["--ring", str(self._stream.fd), "--wake", str(wake), "--down", str(found.fd)]
+        self.estimation = Child(
+            "estimation",
+            "fsw.loop.estimation.process",
+            "nothing is estimated",
+            [*own, "--since", str(since_ns), *common],
+            (self._stream.fd, wake, found.fd, config_fd),
+            self._stream,
+            self._to_service,
+            clock,
+        )
+
+    def deadline_ns(self) -> int:
+        """Return when the estimation's next window closes [ns]; 0 before it has said so."""
+        return self._stream.notes[0]
+
+    def commands(self) -> list[Command]:
+        """Return the commands that have come from the service since the last call."""
+        return commands_of(self._commands)
+
+    def submit(self, command: Command, loop: Loop) -> None:
+        """Give the loop a command; one that does not reach the estimation is answered here."""
+        dropped = self._stream.dropped
+        loop.submit(command)
+        if self.estimation.gave_up or self._stream.dropped > dropped:
+            name, text = str(command.name), "no estimation takes it now"
+            code = Code.QUEUE_FULL
+            self._to_service.put(
+                Reply(id=command.id, command=name, accepted=False, code=code, text=text)
+            )
+
+    def watch(self) -> bool:
+        """Start again what has died, report lost traffic; return whether both are at work."""
+        lost = self._to_estimation.lost
+        if lost > self._told_lost and not self.estimation.gave_up:
+            text = f"{lost - self._told_lost} frames and chunks lost between loop and estimation"
+            self._to_service.put(Event(self._clock.now_ns(), "high", "ESTIMATION_DROPS", text))
+        self._told_lost = lost
+        watched = [self.service.watch(), self.estimation.watch()]
+        return all(watched)
+
+    def settle(self, timeout_s: float) -> None:
+        """Have the estimation work off what is left, and end."""
+        self._to_estimation.close()
+        if not self.estimation.gave_up and not self.estimation.wait(timeout_s):
+            self.estimation.kill()

@@ -1,0 +1,60 @@
+"""Messages through a ring: what the other end gets, and what found no room."""
+
+import os
+
+import numpy as np
+
+from fsw.drivers.wire import ByteChunk, CanFrame, frame_array
+from fsw.exchange.ring import RingReader, RingWriter
+from fsw.exchange.ringlink import TO_ESTIMATION, TO_SERVICE, Kind, RingSink, message_of
+from fsw.exchange.sinks import BatchEnd, CanTraffic, SerialTraffic
+from fsw.messages import Event
+from fsw.messages.commands import Command, CommandName
+from fsw.messages.findings import Stall
+
+FRAMES = frame_array([CanFrame(k, 0x181, bytes(8)) for k in range(10)])
+STREAM = [
+    CanTraffic("arm", FRAMES),
+    SerialTraffic("imu", [ByteChunk(5, b"abc"), ByteChunk(6, b"")]),
+    BatchEnd(now_ns=9, lost=("imu",), tick=3, slips=2, stalls=(Stall(1, 2, 1),), over_budget_ns=4),
+    Command(name=CommandName.RESET, id=8),
+]
+
+
+def test_the_estimation_gets_the_stream_and_is_called_at_the_end_of_a_batch() -> None:
+    ring, wake = RingWriter.create(1 << 16), os.eventfd(0, os.EFD_NONBLOCK)
+    sink = RingSink(ring, TO_ESTIMATION, wake)
+    for message in [*STREAM, Event(1, "info", "STARTED", "")]:
+        sink.put(message)
+    assert os.eventfd_read(wake) == 2
+    found = [message_of(record) for record in RingReader(os.dup(ring.fd)).read()]
+    assert np.array_equal(found[0].frames, FRAMES)
+    assert found[1:] == STREAM[1:]
+    os.close(wake)
+
+
+def test_the_service_gets_traffic_and_events_and_no_end_of_a_batch() -> None:
+    ring = RingWriter.create(1 << 16)
+    sink = RingSink(ring, TO_SERVICE)
+    for message in [*STREAM, Event(1, "info", "STARTED", "")]:
+        sink.put(message)
+    sink.close()
+    records = list(RingReader(os.dup(ring.fd)).read())
+    assert [type(message_of(record)) for record in records[:-1]] == [
+        CanTraffic,
+        SerialTraffic,
+        Event,
+    ]
+    assert records[-1].kind == Kind.END
+
+
+def test_what_finds_no_room_is_counted_to_the_frame() -> None:
+    ring = RingWriter.create(2048)
+    sink = RingSink(ring, TO_ESTIMATION)
+    for _ in range(5):
+        sink.put(STREAM[0])
+        sink.put(STREAM[1])
+    found = [message_of(record) for record in RingReader(os.dup(ring.fd)).read()]
+    frames = sum(len(m.frames) for m in found if isinstance(m, CanTraffic))
+    chunks = sum(len(m.chunks) for m in found if isinstance(m, SerialTraffic))
+    assert sink.lost == 5 * (len(FRAMES) + 2) - frames - chunks > 0
