@@ -28,11 +28,12 @@ def test_starts_a_process_and_waits():
 """
 HIL = (sys.executable, "-m", "hil")
 PYTEST = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", f"--rootdir={ROOT}")
+DAEMON = ("fsw run", "fsw.loop.estimation.process", "fsw.service.process")
 # the command in a folder, and what is to be seen among its processes before it is killed
 COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
     "run": (
         lambda folder: [*HIL, "run", "target_leo", "--json", "--out", str(folder)],
-        ("hil.devices", "fsw run", "fsw.service.process"),
+        ("hil.devices", *DAEMON),
     ),
     "seeds": (
         lambda _: [*HIL, "seeds", "target_leo", "--jobs", "2"],
@@ -51,11 +52,11 @@ COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
     ),
     "kills": (
         lambda folder: [*HIL, "kills", "--out", str(folder)],
-        ("hil.devices", "fsw run", "fsw.service.process"),
+        ("hil.devices", *DAEMON),
     ),
     "transfers": (
         lambda folder: [*HIL, "transfers", "--out", str(folder)],
-        ("fsw run", "fsw.service.process", "-m ground"),
+        (*DAEMON, "-m ground"),
     ),
     "study": (
         lambda folder: [*HIL, "study", "methods", "--quick", "--out", str(folder)],
@@ -127,7 +128,7 @@ def test_an_interrupted_live_test_leaves_no_process_behind(name, short_path):
     """The tests themselves, while one of them has a daemon, its devices and a ground."""
     live = str(Path(__file__).with_name("test_transfers.py"))
     command = [*PYTEST, "-n", "2", "-c", str(ROOT / "pyproject.toml"), live]
-    wanted = ("hil transfers", "fsw run", "fsw.service.process")
+    wanted = ("hil transfers", *DAEMON)
     assert_nothing_left(command, wanted, short_path, INTERRUPTIONS[name])
 
 
