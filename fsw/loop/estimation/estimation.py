@@ -88,8 +88,8 @@ class Estimation(NullSink):
         self._science_ns, self._science_next = round(1e9 / rate_hz), 0
         period_s = None if replays else config.service.checkpoint_period_s
         self._keep_ns = None if period_s is None else round(period_s * 1e9)
-        self._began_ns = now_ns()
-        self._kept_ns = self._began_ns  # when the newest checkpoint was handed out
+        self.counts_from_ns = now_ns()  # delays of before it are those of a start
+        self._kept_ns = self.counts_from_ns  # when the newest checkpoint was handed out
         self.window_limit = FOREVER_NS  # no window is closed from this index on
         self.latest: Estimate | None = None
         self.unusable_windows = 0
@@ -194,7 +194,7 @@ class Estimation(NullSink):
                     align.push(self.health.screen(samples) if known_steps else samples)
                     if self._science is not None:
                         self._science.keep(samples)
-        if self._end_ns is not None and self._began_ns <= self._end_ns < end.now_ns:
+        if self._end_ns is not None and self.counts_from_ns <= self._end_ns < end.now_ns:
             self._sampled.add(self._now_ns() - self._end_ns)
         self._end_ns = end.now_ns
         while (deadline_ns := align.deadline_ns) is not None and deadline_ns <= end.now_ns:
@@ -224,7 +224,7 @@ class Estimation(NullSink):
             self._sink.put(estimator.screened(block) if isinstance(estimator, Screening) else block)
         self._publish(estimate)
         closed_ns = window.stop_ns + round(self._config.estimator.lag_s * 1e9)
-        if closed_ns >= self._began_ns:  # not what has waited for the start
+        if closed_ns >= self.counts_from_ns:  # not what has waited for the start
             self._published.add(self._now_ns() - closed_ns)
         estimator.work()
 

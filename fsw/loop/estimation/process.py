@@ -74,12 +74,14 @@ def work_off(estimation: Estimation, ring: RingReader) -> bool:
     return True
 
 
-def serve(estimation: Estimation, ring: RingReader, wake: int, parent: int) -> bool:
+def serve(estimation: Estimation, ring: RingReader, wake: int, parent: int, clock: Clock) -> bool:
     """Work off what the loop hands over until it ends; False when it has died."""
     poll = select.poll()
     poll.register(wake, select.POLLIN)
+    going = work_off(estimation, ring)  # what has come during the start
+    estimation.counts_from_ns = clock.now_ns()
     while os.getppid() == parent:
-        if not work_off(estimation, ring):
+        if not (going and work_off(estimation, ring)):
             return True
         if poll.poll(LOOK_MS):
             os.eventfd_read(wake)
@@ -123,7 +125,7 @@ def main(argv: list[str]) -> int:
     for text in realtime.prepare(settings.estimation_cpu, settings.estimation_fifo, keys):
         sink.put(Event(clock.now_ns(), "low", "REALTIME", text))
     gc.freeze()
-    if serve(estimation, ring, arguments.wake, arguments.parent):
+    if serve(estimation, ring, arguments.wake, arguments.parent, clock):
         estimation.shutdown()
     return 0
 
