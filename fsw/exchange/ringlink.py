@@ -8,6 +8,7 @@ import struct
 from dataclasses import replace
 from enum import IntEnum
 
+from fsw.config import Config
 from fsw.drivers.wire import ByteChunk, rows_of
 from fsw.exchange.ring import RingReader, RingRecord, RingWriter
 from fsw.exchange.sinks import (
@@ -53,6 +54,23 @@ class Kind(IntEnum):
     MESSAGE = 3  # any other message, pickled
     END = 12
     COMMAND = 20  # service to loop
+
+
+def hand_down(config: Config) -> int:
+    """Return the descriptor of a memory file with a configuration, for processes to inherit."""
+    fd = os.memfd_create("fsw-config")
+    with os.fdopen(fd, "wb", closefd=False) as file:
+        pickle.dump(config, file)
+    return fd
+
+
+def handed_down(fd: int) -> Config:
+    """Return the configuration in a memory file.
+
+    Everyone who inherits the descriptor shares its place in the file: nobody may move it.
+    """
+    config: Config = pickle.loads(os.pread(fd, os.fstat(fd).st_size, 0))
+    return config
 
 
 def pack_frames(traffic: CanTraffic) -> bytes:

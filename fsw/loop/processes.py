@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from fsw.exchange.ringlink import (
     UP_BYTES,
     RingSink,
     commands_of,
+    hand_down,
 )
 from fsw.exchange.sinks import Fanout, Sink
 from fsw.loop.loop import Loop
@@ -163,9 +163,7 @@ class Processes:
         down, found = RingWriter.create(DOWN_BYTES), RingWriter.create(DOWN_BYTES)
         up, self._stream = RingWriter.create(UP_BYTES), RingWriter.create(DOWN_BYTES)
         wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        config_fd = os.memfd_create("fsw-config")
-        with os.fdopen(config_fd, "wb", closefd=False) as file:
-            pickle.dump(config, file)
+        config_fd = hand_down(config)
         self._commands, self._clock = RingReader(os.dup(up.fd)), clock
         self._to_estimation = RingSink(self._stream, TO_ESTIMATION, wake)
         self._to_service = RingSink(down, TO_SERVICE)

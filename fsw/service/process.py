@@ -25,7 +25,7 @@ from fsw.clock import Clock, MonotonicClock, utc_correlation
 from fsw.config import Config
 from fsw.exchange.checkpoint_store import boot_id
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import Kind
+from fsw.exchange.ringlink import Kind, handed_down
 from fsw.exchange.sinks import (
     Message,
     Record,
@@ -372,9 +372,7 @@ def main(argv: list[str]) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
     os.nice(NICE)
-    with os.fdopen(arguments.config, "rb", closefd=False) as file:
-        file.seek(0)
-        config: Config = pickle.load(file)
+    config = handed_down(arguments.config)
     rings = RingReader(arguments.down), RingReader(arguments.found), RingWriter(arguments.up)
     wait_for_turn(config.resolve(config.service.state_directory))
     if arguments.resume and config.telemetry is not None:

@@ -11,7 +11,6 @@ import argparse
 import ctypes
 import gc
 import os
-import pickle
 import select
 import signal
 import sys
@@ -21,7 +20,7 @@ from fsw.config import Config
 from fsw.exchange.checkpoint_store import CheckpointStore, boot_id, identity_of
 from fsw.exchange.restart import judge
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import TO_SERVICE, Kind, RingSink, message_of
+from fsw.exchange.ringlink import TO_SERVICE, Kind, RingSink, handed_down, message_of
 from fsw.exchange.sinks import BatchEnd, Sink
 from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
@@ -102,9 +101,7 @@ def main(argv: list[str]) -> int:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the estimation
-    with os.fdopen(arguments.config, "rb", closefd=False) as file:
-        file.seek(0)
-        config: Config = pickle.load(file)
+    config = handed_down(arguments.config)
     if arguments.resume and config.telemetry is not None:
         from fsw.telemetry.tables.effective import effective_config
 

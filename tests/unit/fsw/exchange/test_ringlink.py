@@ -4,13 +4,23 @@ import os
 
 import numpy as np
 
+from fsw.config import load
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array
 from fsw.exchange.ring import RingReader, RingWriter
-from fsw.exchange.ringlink import TO_ESTIMATION, TO_SERVICE, Kind, RingSink, message_of
+from fsw.exchange.ringlink import (
+    TO_ESTIMATION,
+    TO_SERVICE,
+    Kind,
+    RingSink,
+    hand_down,
+    handed_down,
+    message_of,
+)
 from fsw.exchange.sinks import BatchEnd, CanTraffic, SerialTraffic
 from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
 from fsw.messages.findings import Stall
+from tests.conftest import ArmProject
 
 FRAMES = frame_array([CanFrame(k, 0x181, bytes(8)) for k in range(10)])
 STREAM = [
@@ -58,3 +68,15 @@ def test_what_finds_no_room_is_counted_to_the_frame() -> None:
     frames = sum(len(m.frames) for m in found if isinstance(m, CanTraffic))
     chunks = sum(len(m.chunks) for m in found if isinstance(m, SerialTraffic))
     assert sink.lost == 5 * (len(FRAMES) + 2) - frames - chunks > 0
+
+
+def test_processes_that_share_a_descriptor_read_the_configuration_whole(
+    arm: ArmProject,
+) -> None:
+    """Both are started at once: where one has read to is no matter of the other."""
+    config = load(arm.write())
+    fd = hand_down(config)
+    os.lseek(fd, 100, os.SEEK_SET)
+    assert handed_down(fd) == config
+    assert os.lseek(fd, 0, os.SEEK_CUR) == 100
+    os.close(fd)
