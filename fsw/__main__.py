@@ -260,8 +260,10 @@ def _identify(arguments: argparse.Namespace) -> int:
     robot = (given or load(arguments.recording).robot).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))
 
+    tell = _progress("identify")
+
     def progress(_ratio: float, text: str) -> bool:
-        print(f"fsw: {method}: {text}", file=sys.stderr)
+        tell(text)
         return True
 
     result = identify(

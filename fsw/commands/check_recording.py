@@ -75,7 +75,9 @@ def check_recording(
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     progress(f"reading {recording}")
     nodes = _Nodes(config)
-    result = replay(recording, config, pipeline=pipeline, span=span, sink=nodes, progress=progress)
+    result = replay(
+        recording, config, pipeline=pipeline, span=span, traffic=nodes, progress=progress
+    )
     parts = parts_of(recording)
     jumps = stamp_findings(parts, topics_of(config, contents_of(parts).topics))
     lines = [*nodes.strangers(), *nodes.silent(), *(f"WRONG: {jump}" for jump in jumps)]

@@ -180,6 +180,7 @@ def replay(
     config: Config,
     *,
     sink: Sink | None = None,
+    traffic: Sink | None = None,
     pipeline: Pipeline | None = None,
     span: Span = WHOLE,
     progress: Callable[[str], None] = lambda _text: None,
@@ -189,6 +190,7 @@ def replay(
     Parameters
     ----------
     sink : takes what is found; None: nothing is kept but the result
+    traffic : takes what the estimation is given
     pipeline : conditioning and estimation; None: as the configuration says
     span : the part of the recording; less than the whole begins without its commands and checkpoint
     progress : called with a line of text every ten seconds of the recording
@@ -230,6 +232,8 @@ def replay(
     while not feed.exhausted:
         for message in feed.until(feed.now_ns + BATCH_NS):
             estimation.put(message)
+            if traffic is not None:
+                traffic.put(message)
         if feed.now_ns >= said_ns + PROGRESS_NS:
             said_ns += (feed.now_ns - said_ns) // PROGRESS_NS * PROGRESS_NS
             progress(f"{(said_ns - start_ns) // 10**9} s replayed")

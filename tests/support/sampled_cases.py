@@ -29,8 +29,9 @@ Columns = dict[str, np.ndarray]
 
 
 def faults(said: str) -> list[str]:
-    """Return the lines of stderr that are no progress of `fsw import`."""
-    return [line for line in said.splitlines() if not line.startswith("fsw: import: ")]
+    """Return the lines of stderr that are no progress."""
+    progress = ("fsw: import: ", "fsw: identify: ")
+    return [line for line in said.splitlines() if not line.startswith(progress)]
 
 
 def sampled_config(setup: Setup, name: str = "sampled.yaml", **changes: Any) -> Path:
