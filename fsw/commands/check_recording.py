@@ -103,7 +103,7 @@ def check_recording(
     judged = config.imu.present and not (mounted or jumps)  # the tracker, by the gyro over time
     turned = tracker_findings(config, watching.windows) if judged else []
     lines += [f"WRONG: {text}" for text in [*turned, *verdict.found]]
-    lines.append(_residual_words(verdict))
+    lines.append(_residual_words(verdict, config))
     return lines, not (wrong or turned or verdict.before > LARGE)
 
 
@@ -117,16 +117,17 @@ def _unusable(source: str, counts: Mapping[str, int]) -> str:
     return f"{words}; compare {source}.baud_rate and {source}.driver with the device"
 
 
-def _residual_words(verdict: Verdict) -> str:
+def _residual_words(verdict: Verdict, config: Config) -> str:
     level = f"residuals {verdict.before**0.5:.3g} times the declared noise"
     after = f"{verdict.after**0.5:.3g} times"
     if verdict.before <= LARGE:
         return f"signs, order of joints, mounting of the inertial unit: fit ({level})"
     if verdict.found:
         return f"{level}, {after} with these changes"
+    lever = "the lever arm imu.mounting.p_BS_m, " if config.imu.present else ""
     near = f" (nearest, {after}: {'; '.join(verdict.nearest)})" if verdict.nearest else ""
     return (
         f"WRONG: {level}, and none of {verdict.tried} usual mistakes explains them{near}; is it a "
         "recording of this robot and base? Look at the masses of the links (kg), the priors of "
-        "bodies, zero offsets, the lever arm imu.mounting.p_BS_m, delays, the tool frame"
+        f"bodies, zero offsets, {lever}delays, the tool frame"
     )

@@ -320,7 +320,7 @@ def test_health_is_given_in_words_and_labels(assets):
             words = await (await client.get("/words")).json()
             assert words["bits"]["1"] == "port lost"
             assert words["bits"]["14"] == "loop silent"
-            assert len(words["bits"]) == 20
+            assert len(words["bits"]) == 21
             assert words["labels"]["health.mode"]["3"] == "IDENTIFY"
             assert words["may_command"] is False
             assert words["commands"] == []

@@ -16,7 +16,7 @@ class Silent:
 def test_a_run_tells_what_its_processes_took(name: str) -> None:
     condition = measure("target_leo", name, 6.0, Silent())
     assert 4.0 < condition.seconds <= 7.0
-    assert set(condition.core_percent) == {"loop", "plant", "service"}
+    assert set(condition.core_percent) == {"loop", "estimation", "plant", "service"}
     assert all(0.0 < share < 100.0 for share in condition.core_percent.values())
     assert all(10.0 < size < 1000.0 for size in condition.resident_mb.values())
     grid = condition.seconds * 500.0

@@ -169,7 +169,7 @@ def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so(
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), ZeroDivisionError()])
-@pytest.mark.parametrize("unit", ["fold", "work", "settling"])
+@pytest.mark.parametrize("unit", ["fold", "work", "settle"])
 def test_any_failing_unit_of_the_recursion_is_a_reset(
     unit: str, error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:

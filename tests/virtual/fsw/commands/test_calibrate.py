@@ -90,7 +90,7 @@ def test_without_a_tracker_a_base_that_turns_is_not_taken_for_a_bias(rested, tmp
     recording = str(rested / "recording.mcap")
     code = main(["calibrate", "rest", recording, "--config", str(config), "--to", str(REST_S)])
     assert code == 1
-    assert "cannot be told from a bias" in capsys.readouterr().err.splitlines()[-1]
+    assert "cannot be distinguished from a bias" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_a_turn_that_the_tracker_sees_is_no_rest(rested, monkeypatch, capsys):

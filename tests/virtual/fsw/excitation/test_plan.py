@@ -62,7 +62,7 @@ def test_a_random_feasible_motion_touches_a_limit():
 def test_progress_names_criterion_and_worst_limit():
     told = []
     Planner(subject(), limits(), None, replace(SHORT, iterations=3), told.append).plan()
-    assert any("iteration 2: sigma" in line and "worst" in line for line in told)
+    assert any("evaluation 2: sigma" in line and "worst" in line for line in told)
 
 
 @pytest.mark.parametrize(
