@@ -110,7 +110,7 @@ def _thrusters(config: Config) -> list[str]:
 
 
 def _modes(config: Config) -> list[str]:
-    """Return a line for each mode: what is told of it, and what it would cost if left out."""
+    """Return a line for each mode: its declared values, and the cost of leaving it out."""
     lines = []
     for mode in config.modes:
         inertia, rate_rad_s = modal_inertia(mode), 2.0 * np.pi * mode.frequency_hz

@@ -137,7 +137,7 @@ def loaded(path: Path, config: Config) -> spline.Trajectory:
 
     Raises
     ------
-    ConfigError when it is none, or that of another robot.
+    ConfigError when the file is no trajectory, or one of a robot with another number of joints.
     """
     trajectory = spline.load(path)
     if trajectory.n != len(config.joints):

@@ -156,7 +156,7 @@ class Processes:
 
     Parameters
     ----------
-    since_ns : the estimation goes on from no checkpoint of before it; 0: from any
+    since_ns : the estimation continues from no older checkpoint; 0: from any
     """
 
     def __init__(self, config: Config, clock: Clock, since_ns: int) -> None:

@@ -71,7 +71,7 @@ class TimingSection(_Section):
 
 
 class ModesSection(_Section):
-    """What is told of every mode of the base: 1 sigma of its errors, and of where it starts."""
+    """Errors with which every mode of the base is declared; its distance at the start; 1 sigma."""
 
     mass_sigma_ratio: float
     frequency_sigma_ratio: float

@@ -1,8 +1,8 @@
 """The estimation process: reads from a ring what a replay reads from a recording.
 
-The loop process starts `python -m fsw.loop.estimation.process` on two inherited rings. It ends with
-the loop, however that one ends. One that follows another that has died goes on from the newest
-checkpoint, with what waits in the ring.
+The loop process starts `python -m fsw.loop.estimation.process` on two inherited rings. It ends
+when the loop ends, also when the loop is killed. After an estimation has died, the next one
+continues from the newest checkpoint and reads what waits in the ring.
 """
 
 from __future__ import annotations
