@@ -59,9 +59,11 @@ EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.ACC_STUCK: frozenset({Fault.ACC_INCONSISTENT, Fault.ACC_SPIKE}),
     Fault.ACC_INCONSISTENT: frozenset({Fault.ACC_SPIKE}),
 }
-# what a stall of the loop explains: all that a clock shows, and samples there was no room for
+# what a stall of the loop explains: all that a clock shows, samples there was no room for, and the
+# work that has waited
 OF_A_STALL = frozenset(
     {
+        Fault.LOOP_OVER_BUDGET,
         Fault.SYNC_LOST,
         Fault.BUS_SILENT,
         Fault.JOINT_SILENT,

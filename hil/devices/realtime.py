@@ -30,6 +30,10 @@ PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
 AHEAD_NS = 100_000  # bytes are ready that long before their time; what is left of it is waited out
 HANG_UP_NS = 1_000_000_000
+STALL_NS = (
+    2_000_000  # what comes so much later than a device would send it, this process has delayed
+)
+MOST_STALLS = 10_000  # told at the end
 
 
 def monotonic_less_realtime_ns() -> int:
@@ -42,11 +46,28 @@ def monotonic_less_realtime_ns() -> int:
     return (before_ns + after_ns) // 2 - realtime_ns
 
 
+class Stalls:
+    """Times in which this process had to act and did not: no device is as late as that."""
+
+    def __init__(self) -> None:
+        self.found: list[tuple[int, int]] = []  # from when it had to act to when it did [ns]
+
+    def note(self, due_ns: int, now_ns: int) -> None:
+        """Note that something due was done now; stalls that overlap are one."""
+        if now_ns - due_ns < STALL_NS:
+            return
+        if self.found and due_ns <= self.found[-1][1]:
+            due_ns = min(self.found.pop()[0], due_ns)
+        if len(self.found) < MOST_STALLS:
+            self.found.append((due_ns, now_ns))
+
+
 class BusEnd:
     """One bus and the frames waiting for their time on it."""
 
-    def __init__(self, link: BusLink, plant: Plant, line: int = 0) -> None:
+    def __init__(self, link: BusLink, plant: Plant, stalls: Stalls, line: int = 0) -> None:
         """`line` 1 is the redundant bus of a pair."""
+        self._stalls = stalls
         is_multicast = link.interface == "udp_multicast"
         self._port = MulticastPort(link) if is_multicast else LibraryPort(link)
         self._plant, self._name, self._line = plant, link.name, line
@@ -70,8 +91,10 @@ class BusEnd:
         for stamp_ns, can_id, data in self._port.receive():
             if can_id == SYNC_ID and self._producer is not None:
                 continue
-            self.sync_seen |= can_id == SYNC_ID
             t_ns = stamp_ns + offset_ns
+            if self.sync_seen:
+                self._stalls.note(t_ns, time.monotonic_ns())
+            self.sync_seen |= can_id == SYNC_ID
             self._queue += self._plant.on_frame(t_ns, can_id, data, self._name, self._line)
 
     def send_due(self, now_ns: int) -> None:
@@ -183,6 +206,7 @@ def serve(
     ptys: list[PtyEnd],
     stopping: Callable[[], bool],
     hang_ups: list[int],
+    stalls: Stalls,
 ) -> None:
     """Answer and transmit until it is stopped; hang up the first terminal on request.
 
@@ -195,15 +219,17 @@ def serve(
         serial_ns = plant.next_serial_ns()
         if serial_ns is not None:
             due.append(serial_ns - AHEAD_NS)
-        wait_ns = max(0, min([now_ns + IDLE_NS, *due]) - now_ns)
+        due_ns = min([now_ns + IDLE_NS, *due])
         if hang_ups:
             hang_ups.clear()
             ptys[0].hang_up(now_ns + HANG_UP_NS)
         ends: list[BusEnd | PtyEnd] = [*buses, *(pty for pty in ptys if pty.is_up)]
-        readable, _, _ = select.select(ends, (), (), wait_ns * 1e-9)
+        readable, _, _ = select.select(ends, (), (), max(0, due_ns - now_ns) * 1e-9)
         for end in readable:
             end.receive()
         now_ns = time.monotonic_ns()
+        if any(bus.sync_seen for bus in buses):
+            stalls.note(due_ns, now_ns)
         for bus in buses:
             bus.send_due(now_ns)
         for pty in ptys:
@@ -211,9 +237,9 @@ def serve(
         listening = any(bus.sync_seen for bus in buses)
         ready = plant.serial_until(time.monotonic_ns() + AHEAD_NS)
         timed = [(t, device, data) for device, chunks in ready.items() for t, data in chunks]
-        for due_ns, device, data in sorted(timed):
+        for at_ns, device, data in sorted(timed):
             if listening and device in by_device:
-                while time.monotonic_ns() < due_ns:
+                while time.monotonic_ns() < at_ns:
                     pass
                 by_device[device].send(data)
 
@@ -223,10 +249,12 @@ def _say(line: dict[str, Any]) -> None:
     sys.stdout.flush()
 
 
-def _open(file: PlantFile, folder: Path, plant: Plant) -> tuple[list[BusEnd], list[PtyEnd]]:
+def _open(
+    file: PlantFile, folder: Path, plant: Plant, stalls: Stalls
+) -> tuple[list[BusEnd], list[PtyEnd]]:
     paths = {"imu": file.links.imu, "star_tracker": file.links.star_tracker}
     buses = [
-        BusEnd(link, plant, line)
+        BusEnd(link, plant, stalls, line)
         for pair in file.links.buses
         for line, link in enumerate(pair.lines())
     ]
@@ -244,7 +272,8 @@ def run(path: Path) -> int:
         file = load(path)
         folder = path.absolute().parent
         plant = build(file, folder, time.monotonic_ns())
-        buses, ptys = _open(file, folder, plant)
+        stalls = Stalls()
+        buses, ptys = _open(file, folder, plant, stalls)
     except (ValueError, OSError, can.CanError) as error:
         sys.stderr.write(f"{path}: {error}\n")
         return 2
@@ -259,7 +288,7 @@ def run(path: Path) -> int:
     gc.disable()
     _say({"ready": True, "pid": os.getpid(), **granted, **{p.device: str(p.path) for p in ptys}})
     try:
-        serve(plant, buses, ptys, lambda: bool(stop), hang_ups)
+        serve(plant, buses, ptys, lambda: bool(stop), hang_ups, stalls)
     finally:
         for bus in buses:
             bus.close()
@@ -268,5 +297,6 @@ def run(path: Path) -> int:
                 pty.close()
     dropped = {pty.device: pty.dropped_bytes for pty in ptys}
     errors = sum(bus.send_errors for bus in buses)
-    _say({"stopped": True, "dropped_bytes": dropped, "send_errors": errors, **plant.times()})
+    ended = {"dropped_bytes": dropped, "send_errors": errors, "stalls_ns": stalls.found}
+    _say({"stopped": True, **ended, **plant.times()})
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,15 +32,25 @@ def show(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> 
         console.print(f"IMU time of validity: {1e6 * validity['rms_s']:.1f} us rms after 5 s")
     for source, counters in outcome["samples"].items():
         console.print(f"{source}: " + ", ".join(f"{v} {k}" for k, v in counters.items()))
-    if outcome["events"]:
-        found = ", ".join(f"{count} {code}" for code, count in outcome["events"].items())
-        console.print(f"events above info: {found}; docs/faults.md has each")
+    stalls = outcome.get("bench_stalls") or {"count": 0, "explains": {}}
+    explained = Counter(stalls["explains"])
+    if found := Counter(outcome["events"]) - explained:
+        console.print(f"events above info: {_counts(found)}; docs/faults.md has each")
+    if stalls["count"]:
+        console.print(
+            f"bench stalled {stalls['count']} times, at most {1e3 * stalls['longest_s']:.0f} ms: the"
+            f" simulated devices were late; explains {_counts(explained) or 'no event'}"
+        )
     console.print(
         f"{outcome['slips']} slips (ticks that this machine began a period or more late); "
         f"{outcome['simulated_s']:.0f} s in {outcome['wall_s']:.1f} s"
     )
     if picture is not None:
         console.print(f"page: {picture.with_suffix('.html')}\npicture: {picture}")
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {code}" for code, count in counts.items())
 
 
 def _body(outcome: Mapping[str, Any], body: str, console: Console) -> None:

@@ -26,6 +26,7 @@ from hil.devices.plant import Plant
 from hil.faults.script import install
 from hil.judge.outcome import result_from_json, result_of
 from hil.judge.score import Result
+from hil.judge.stalls import bench_stalls
 from hil.links.virtual import VirtualBench
 from hil.run import live
 from hil.run.daemon import Daemon
@@ -342,12 +343,13 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
     final = outcome.final
     result = result_from_json(final, scenario.unknown)
     again = result_of(replayed.estimate, scenario.unknown)
+    events = live.events_of(outcome.recordings)
     scale = np.sqrt(np.diag(result.covariance))
     return Recorded(
         estimates=collector.estimates,
         blocks=collector.blocks,
         imu_chunks=collector.imu_chunks,
-        events=collector.events,
+        events=events,
         final=result,
         method=str(final["method"]),
         status=outcome.status,
@@ -360,5 +362,6 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
             "replay_difference_sigma": float(np.max(np.abs(again.x - result.x) / scale)),
             "recorder_dropped": replayed.dropped,
             "daemon_exit_code": outcome.exit_code,
+            "bench_stalls": bench_stalls(events, outcome.plant["stalls_ns"]),
         },
     )

@@ -19,6 +19,7 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
+from fsw.messages import Event
 from hil.run.processes import tied
 from hil.run.progress import Meter
 
@@ -40,7 +41,7 @@ class Outcome:
     recordings: tuple[Path, ...]  # the parts this run has left
     final: Mapping[str, Any]  # the last /estimate message
     status: Mapping[str, Any]  # the last /tm message
-    plant: Mapping[str, Any]  # the plant's closing line: origin_ns, imu
+    plant: Mapping[str, Any]  # the plant's closing line: origin_ns, imu, stalls_ns
     exit_code: int
     wall_s: float
 
@@ -240,6 +241,16 @@ def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
         for _, channel, message in messages:
             last[channel.topic] = message.data
     return {topic: json.loads(data) for topic, data in last.items()}
+
+
+def events_of(recordings: Sequence[Path]) -> list[Event]:
+    """Return the daemon's own events; a replay, which has no clock, does not know its stalls."""
+    events = []
+    for part in recordings:
+        with part.open("rb") as file, suppress(McapError):
+            messages = NonSeekingReader(file).iter_messages(["/events"], log_time_order=False)
+            events += [Event(**json.loads(message.data)) for _, _, message in messages]
+    return events
 
 
 def estimate_by(recordings: Sequence[Path], end_ns: int) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
@@ -25,6 +26,7 @@ import numpy as np
 
 from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
 from hil.evidence.speed.link_delay import LinkDelays
+from hil.judge.stalls import bench_stalls
 from hil.run import live
 from hil.run.bench import prepare
 from hil.run.flight import plant_document, write_yaml
@@ -59,6 +61,7 @@ class Condition:
     sample_packet_p99_ms: float = 0.0  # age of the newest joint sample in a packet; 0: none sent
     estimate_packet_p99_ms: float = 0.0  # from a window's closing to its telemetry packet
     incidents: dict[str, int] = field(default_factory=dict)
+    bench: dict[str, Any] = field(default_factory=dict)  # stalls of the devices' own process
     dropped: int = 0  # messages the recorder or the ring lost
     lost: dict[str, int] = field(default_factory=dict)  # samples, by source
     timer_wakes: int = 0  # of cyclictest; 0: not installed
@@ -74,6 +77,12 @@ class Condition:
         """Wake-ups of cyclictest later than a period, of a thousand."""
         return 1000.0 * self.timer_slips / max(1, self.timer_wakes)
 
+    @property
+    def unexplained(self) -> int:
+        """Incidents that are neither a stall nor explained by one, of the loop or of the bench."""
+        left = Counter(self.incidents) - Counter(self.bench["explains"])
+        return left.total() - left["LOOP_STALLED"]
+
     def to_json(self) -> dict[str, Any]:
         """Return plain values."""
         shares = {"slips_per_1000": self.slips_per_1000}
@@ -84,7 +93,14 @@ class Condition:
         cores = ", ".join(f"{k} {v:.1f} %" for k, v in self.core_percent.items())
         memory = ", ".join(f"{k} {v:.0f}" for k, v in self.resident_mb.items())
         timer = f"{self.timer_slips_per_1000:.1f}" if self.timer_wakes else "not measured"
-        incidents = ", ".join(f"{k} {v}" for k, v in self.incidents.items()) or "none"
+        late = Counter(self.bench["explains"])
+        incidents, late_ones = (
+            ", ".join(f"{k} {v}" for k, v in counts.items()) or "none"
+            for counts in (Counter(self.incidents) - late, late)
+        )
+        sent = ""
+        if self.sample_packet_p99_ms:
+            sent = f", to its packet {self.sample_packet_p99_ms:.1f} ms"
         return "\n".join(
             [
                 f"{self.name}: {self.seconds:.0f} s",
@@ -93,11 +109,11 @@ class Condition:
                 f"  slips of 1000 ticks: {self.slips_per_1000:.1f}; of cyclictest: {timer}",
                 f"  work of a tick: mean {self.work_mean_us:.0f} us, p99 {self.work_p99_us:.0f} us;"
                 f" {self.over_budget} over budget; {self.stalls} stalls",
-                f"  p99: frame to sample {self.sampled_p99_us / 1e3:.1f} ms, to its packet"
-                f" {self.sample_packet_p99_ms:.1f} ms; window closed to estimate published"
-                f" {self.published_p99_us / 1e3:.1f} ms, to its packet"
+                f"  p99: frame to sample {self.sampled_p99_us / 1e3:.1f} ms{sent};"
+                f" window closed to estimate published {self.published_p99_us / 1e3:.1f} ms, to its packet"
                 f" {self.estimate_packet_p99_ms:.1f} ms",
-                f"  incidents: {incidents}; lost: {sum(self.lost.values())} samples,"
+                f"  bench stalled {self.bench['count']} times; incidents: {late_ones} by that,"
+                f" {incidents} otherwise; lost: {sum(self.lost.values())} samples,"
                 f" {self.dropped} messages",
             ]
         )
@@ -168,6 +184,8 @@ def measure(scenario: str, name: str, seconds: float, meter: Meter) -> Condition
             client.close()
         stack.close()
         condition = _condition(name, watch, outcome.status, wakes, 1e6 / rate_hz)
+        events = live.events_of(outcome.recordings)
+        condition.bench = bench_stalls(events, outcome.plant["stalls_ns"])
         condition.sample_packet_p99_ms = clients[0].p99_ms("science")
         condition.estimate_packet_p99_ms = clients[0].p99_ms("estimate")
         return condition
@@ -281,10 +299,13 @@ def summary(rounds: list[list[Condition]]) -> str:
             "work of a tick, p99 [us]": [run.work_p99_us for run in runs],
             "work of a tick, mean [us]": [run.work_mean_us for run in runs],
             "frame to sample, p99 [ms]": [run.sampled_p99_us / 1e3 for run in runs],
-            "sample's packet, p99 [ms]": [run.sample_packet_p99_ms for run in runs],
-            "estimate's packet, p99 [ms]": [run.estimate_packet_p99_ms for run in runs],
             "estimate published, p99 [ms]": [run.published_p99_us / 1e3 for run in runs],
+            "estimate's packet, p99 [ms]": [run.estimate_packet_p99_ms for run in runs],
+            "incidents that no stall of the bench explains": [run.unexplained for run in runs],
         }
+        samples = [run.sample_packet_p99_ms for run in runs]
+        if any(samples):  # sent to clients only
+            figures["sample's packet, p99 [ms]"] = samples
         lines += [
             f"{condition.name}: {what} {np.median(values):.1f} ({min(values):.1f} to"
             f" {max(values):.1f})"

@@ -36,7 +36,7 @@ def ends(monkeypatch):
     plant = Listener()
     link = BusLink(name="arm", interface="socketcan", channel=FAR, stamped_at=NEAR)
     with cable(NEAR, FAR):
-        end = realtime.BusEnd(link, plant)
+        end = realtime.BusEnd(link, plant, realtime.Stalls())
         options = {"interface": "socketcan", "channel": NEAR}
         with can.Bus(**options, receive_own_messages=True) as host:
             yield host, end, plant

@@ -1,0 +1,42 @@
+"""What stalls of the simulated devices' own process explain of the daemon's events.
+
+No device answers milliseconds late because the computer beside it had no time; the bench's do. The
+bench notes when it did so, and what the daemon then rightly reports is no fault of the daemon.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from fsw.messages import Event
+
+LATENESS = frozenset(  # events that a device gives which is late, and is whole
+    {
+        "BUS_SILENT",
+        "IMU_JITTER",
+        "IMU_SILENT",
+        "JOINT_LATE",
+        "JOINT_SILENT",
+        "SYNC_LOST",
+        "TRACKER_LATE",
+        "TRACKER_SILENT",
+    }
+)
+FOUND_NS = 150_000_000  # behind a stall: what waited is sent, a batch ends, it is judged
+
+
+def bench_stalls(events: Iterable[Event], stalls_ns: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Return number and length of the bench's stalls, and the events they explain, by code.
+
+    `stalls_ns` : start and end of each on the daemon's clock
+    """
+    explains = Counter(
+        event.code
+        for event in events
+        if event.code in LATENESS
+        and any(start <= event.t_ns <= end + FOUND_NS for start, end in stalls_ns)
+    )
+    longest_ns = max((end - start for start, end in stalls_ns), default=0)
+    return {"count": len(stalls_ns), "longest_s": 1e-9 * longest_ns, "explains": dict(explains)}
