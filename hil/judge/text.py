@@ -38,8 +38,8 @@ def show(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> 
         console.print(f"events above info: {_counts(found)}; docs/faults.md has each")
     if stalls["count"]:
         console.print(
-            f"bench stalled {stalls['count']} times, at most {1e3 * stalls['longest_s']:.0f} ms: the"
-            f" simulated devices were late; explains {_counts(explained) or 'no event'}"
+            f"bench stalled {stalls['count']} times, at most {1e3 * stalls['longest_s']:.0f} ms:"
+            f" its devices were late; explains {_counts(explained) or 'no event'}"
         )
     console.print(
         f"{outcome['slips']} slips (ticks that this machine began a period or more late); "

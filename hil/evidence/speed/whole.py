@@ -110,8 +110,8 @@ class Condition:
                 f"  work of a tick: mean {self.work_mean_us:.0f} us, p99 {self.work_p99_us:.0f} us;"
                 f" {self.over_budget} over budget; {self.stalls} stalls",
                 f"  p99: frame to sample {self.sampled_p99_us / 1e3:.1f} ms{sent};"
-                f" window closed to estimate published {self.published_p99_us / 1e3:.1f} ms, to its packet"
-                f" {self.estimate_packet_p99_ms:.1f} ms",
+                f" window closed to estimate published {self.published_p99_us / 1e3:.1f} ms,"
+                f" to its packet {self.estimate_packet_p99_ms:.1f} ms",
                 f"  bench stalled {self.bench['count']} times; incidents: {late_ones} by that,"
                 f" {incidents} otherwise; lost: {sum(self.lost.values())} samples,"
                 f" {self.dropped} messages",
