@@ -97,6 +97,9 @@ class BusInput:
         for node in nodes:
             self._places[node :: NODE_MASK + 1] = True
         self._read = NO_FRAMES
+        self._taken = NO_FRAMES  # for a batch, and what was sent until then
+        self._taken_sent: list[tuple[int, CanFrame]] = []
+        self._ordered = NO_FRAMES
 
     @property
     def link(self) -> Link[FramePort]:
@@ -165,17 +168,27 @@ class BusInput:
             frames = link.port.read()
             self._read = np.concatenate([self._read, frames]) if len(self._read) else frames
 
+    def take(self) -> None:
+        """End a batch: what was drained and sent until now belongs to it."""
+        self.keep()
+        self._taken, self._read = self._read, NO_FRAMES
+        self._taken_sent, self._sent = self._sent, []
+
+    def order(self) -> None:
+        """Put the batch in order."""
+        self._ordered = self._in_order(self._taken)
+        self._taken_sent = []
+
     def hand_over(self, sink: Sink) -> None:
-        """Hand over what was drained and sent, in order; start nodes that wait for it.
+        """Hand over the batch; start nodes that wait for it.
 
         Raises PortError when a node cannot be started.
         """
-        self.keep()
-        read, self._read = self._read, NO_FRAMES
         if self.link.port is not None:
             self.overflowed += self.link.port.take_dropped()
             self._report_trouble(sink)
-        frames = self._in_order(read)
+        frames, read = self._ordered, self._taken
+        self._ordered = self._taken = NO_FRAMES
         if not len(frames):
             return
         sink.put(CanTraffic(self.name, frames))
@@ -226,7 +239,7 @@ class BusInput:
 
     def _in_order(self, read: FrameArray) -> FrameArray:
         """Merge sent and read frames; stamps never run backwards."""
-        frames = self._with_sent(read) if self._sent or self._awaited else read
+        frames = self._with_sent(read) if self._taken_sent or self._awaited else read
         if len(frames):
             t_ns = np.maximum.accumulate(np.maximum(frames["t_ns"], self._newest_ns))
             frames["t_ns"] = t_ns
@@ -244,23 +257,25 @@ class BusInput:
         back_at = self._all_back(read)
         if back_at is not None:
             back_frames = read[back_at]
-            before_ns = [before_ns for before_ns, _ in self._sent]
+            before_ns = [before_ns for before_ns, _ in self._taken_sent]
+            steps_ns = np.diff(read["t_ns"], prepend=np.int64(0))
+            is_in_place = (steps_ns >= 0).all() and (steps_ns[back_at] > 0).all()
+            if is_in_place and (back_frames["t_ns"] >= before_ns).all():
+                return read
             back_frames["t_ns"] = np.maximum(back_frames["t_ns"], before_ns)
-            self._sent = []
             return _inserted(np.delete(read, back_at), back_frames, back_frames["t_ns"])
         now_ns = self._clock.now_ns()
-        identifiers = {item.can_id for _, item in (*self._sent, *self._awaited)}
+        identifiers = {item.can_id for _, item in (*self._taken_sent, *self._awaited)}
         rows: list[int] = []
         if self._hands_back:
             rows = np.flatnonzero(np.isin(read["word"], list(identifiers))).tolist()
         back = {row: frame_at(read, row) for row in rows}
-        sent = [(item, _take_back(back, item)) for item in self._sent]
+        sent = [(item, _take_back(back, item)) for item in self._taken_sent]
         self._awaited = [
             item
             for item in self._awaited
             if _take_back(back, item) is None and now_ns - item[0] < LATE_NS
         ]
-        self._sent = []
         own, after_ns = [], []
         for item, frame in sent:
             first_after_ns, stamped = item
@@ -279,7 +294,7 @@ class BusInput:
         """Return where exactly what was sent stands in what was read; None where it does not."""
         if self._awaited or not self._hands_back:
             return None
-        before_ns, sent = zip(*self._sent, strict=True)
+        before_ns, sent = zip(*self._taken_sent, strict=True)
         is_ours = np.zeros(len(read), np.bool_)
         for can_id in {item.can_id for item in sent}:
             is_ours |= read["word"] == can_id

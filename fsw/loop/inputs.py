@@ -72,13 +72,21 @@ class Inputs:
                 self._guard(bus.link, bus.start_nodes)
                 self._guard(bus.link, bus.send_heartbeat)
 
-    def hand_over(self) -> None:
-        """Hand over what has come, in order."""
+    def hand_over(self) -> Iterator[None]:
+        """Hand over what has come until the first of three steps, in order."""
         self.stamp_lines()
+        for line in self.lines:
+            line.take()
         for bus in self.buses:
-            self._guard(bus.link, partial(bus.hand_over, self._sink))
+            self._guard(bus.link, bus.take)
             for link in bus.idle_links:
                 self._guard(link, partial(bus.drain_idle, link))
+        yield
+        for bus in self.buses:
+            bus.order()
+        yield
+        for bus in self.buses:
+            self._guard(bus.link, partial(bus.hand_over, self._sink))
         for line in self.lines:
             line.hand_over(self._sink)
 

@@ -16,6 +16,7 @@ class LineInput:
         self.links = (link,)
         self._start_bytes = start_bytes
         self._read: list[ByteChunk] = []
+        self._taken: list[ByteChunk] = []  # for a batch
 
     def start(self) -> None:
         """Ask the device for its data. Raises PortError."""
@@ -27,8 +28,11 @@ class LineInput:
         if self.link.port is not None:
             self._read += self.link.port.read()
 
+    def take(self) -> None:
+        """End a batch: what was drained until now belongs to it."""
+        self._taken, self._read = self._read, []
+
     def hand_over(self, sink: Sink) -> None:
-        """Hand over what was drained."""
-        read, self._read = self._read, []
-        if read:
-            sink.put(SerialTraffic(self.name, read))
+        """Hand over the batch."""
+        if self._taken:
+            sink.put(SerialTraffic(self.name, self._taken))

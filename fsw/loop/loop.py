@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,8 @@ from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
+
+SPREAD_TICKS = 16  # a batch of so many is handed over in steps, one a tick
 
 
 def nothing_due() -> int:
@@ -48,6 +50,7 @@ class Loop:
         rate_hz, budget_s = config.scheduler.tick_rate_hz, config.scheduler.work_budget_s
         self._batch_ticks = max(1, round(rate_hz * batch_s(config)))
         self._next_batch = 0  # tick at which one ends
+        self._handing: Iterator[None] = iter(())  # the steps of a batch that are left
         self._handed_ns = -1  # when the newest ended
         self.stop_requested = self.restart_requested = False
         period_ns = round(1e9 / rate_hz)
@@ -80,7 +83,7 @@ class Loop:
     def finish(self) -> None:
         """Hand over what is left, so that the recording ends when the run does."""
         self._inputs.drain()
-        self._hand_over(self._clock.now_ns(), self.executive.slips.ticks)
+        self._hand_over_whole(self._clock.now_ns(), self.executive.slips.ticks)
 
     def close(self) -> None:
         """Report the end and release the ports: after the estimation has ended."""
@@ -134,16 +137,35 @@ class Loop:
         self._inputs.beat(bus)
 
     def _hand_over_if_due(self, tick: Tick) -> None:
-        """End a batch when it is long enough, and when a window closes."""
-        is_closing = self._handed_ns < self._deadline_ns() <= tick.now_ns
-        if is_closing or tick.index >= self._next_batch:
-            self._next_batch = (tick.index // self._batch_ticks + 1) * self._batch_ticks
-            self._hand_over(tick.now_ns, tick.index)
+        """End a batch when it is long enough, and when a window closes.
 
-    def _hand_over(self, now_ns: int, index: int) -> None:
+        The work for a long one is spread over ticks; a window that closes waits for nothing.
+        """
+        is_closing = self._handed_ns < self._deadline_ns() <= tick.now_ns
+        if not is_closing and tick.index < self._next_batch:
+            next(self._handing, None)
+            return
+        self._next_batch = (tick.index // self._batch_ticks + 1) * self._batch_ticks
+        if is_closing or self._batch_ticks < SPREAD_TICKS:
+            self._hand_over_whole(tick.now_ns, tick.index)
+            return
+        self._end_handing()
+        self._handing = self._hand_over(tick.now_ns, tick.index)
+        next(self._handing)
+
+    def _hand_over_whole(self, now_ns: int, index: int) -> None:
+        self._end_handing()
+        self._handing = self._hand_over(now_ns, index)
+        self._end_handing()
+
+    def _end_handing(self) -> None:
+        for _ in self._handing:
+            pass
+
+    def _hand_over(self, now_ns: int, index: int) -> Iterator[None]:
         """End a batch; what arrives meanwhile belongs to the next."""
         self._handed_ns = now_ns
-        self._inputs.hand_over()
+        yield from self._inputs.hand_over()
         self._sink.put(
             BatchEnd(
                 now_ns=now_ns,

@@ -45,8 +45,13 @@ class Line:
     def drained(self) -> list[tuple[int, int]]:
         self.sink.frames.clear()
         self.bus.drain()
-        self.bus.hand_over(self.sink)
+        self.handed_over()
         return [(frame.t_ns, frame.can_id) for frame in self.sink.frames]
+
+    def handed_over(self) -> None:
+        self.bus.take()
+        self.bus.order()
+        self.bus.hand_over(self.sink)
 
 
 @pytest.fixture
@@ -161,7 +166,7 @@ def test_a_sync_that_came_back_before_the_port_was_lost_keeps_the_stamp_of_the_b
     line.bus.keep()
     line.bus.link.lose(line.clock.now)
     line.sink.frames.clear()
-    line.bus.hand_over(line.sink)
+    line.handed_over()
     assert [(f.t_ns, f.can_id) for f in line.sink.frames] == [(before_ns + 25 * US, 0x080)]
 
 
