@@ -290,7 +290,7 @@ def summary(rounds: list[list[Condition]]) -> str:
     lines = []
     for k, condition in enumerate(rounds[0]):
         runs = [conditions[k] for conditions in rounds]
-        figures = {
+        figures: dict[str, list[float]] = {
             "loop [% of a core]": [run.core_percent["loop"] for run in runs],
             "estimation [% of a core]": [run.core_percent.get("estimation", 0.0) for run in runs],
             "service [% of a core]": [run.core_percent.get("service", 0.0) for run in runs],
