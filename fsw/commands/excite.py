@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from fsw.commands.motion import bounds, knowledge, loaded, planned
+from fsw.commands.motion import bounds, judged, knowledge, loaded, planned
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.exchange.sinks import Message, NullSink
-from fsw.excitation import assess, criteria, spline
+from fsw.excitation import assess, criteria, foreseen, spline
 from fsw.excitation.collision import Collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.plan import DENSER, InfeasibleError, MotionRequest
@@ -44,7 +45,6 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
         both = ("base", "target")
         config = config.with_unknown(both if arguments.unknown == "both" else (arguments.unknown,))
     _check_numbers(arguments)
-    config = with_all_still(config)
     weights = dict(_weight(text) for text in arguments.weight)
     subject = build_subject(
         config,
@@ -59,21 +59,23 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
     if arguments.limits is None:
         raise ConfigError("--limits: missing; which limits hold is never assumed")
     limits, collisions = bounds(config, subject, arguments.limits, _tell)
+    for line in what_stands_still(config, limits.firings):
+        _tell(line)
     if arguments.evaluate is not None:
         return _evaluate(arguments, subject, limits, collisions)
     return _plan(arguments, subject, limits, collisions)
 
 
-def with_all_still(config: Config) -> Config:
-    """Return the configuration without wheels and thrusters: no plan knows what they will do."""
+def what_stands_still(config: Config, firings: Sequence[spline.Firing]) -> list[str]:
+    """Return a line for each part whose own motion no plan knows."""
+    lines = []
     if config.wheels:
-        _tell(
-            "wheels: the motion is planned and judged as if they stood still relative to the base"
-        )
-    if config.thrusters:
-        _tell("thrusters: the motion is planned and judged without a firing")
-    idle = {"wheels": (), "thrusters": ()}
-    return config.with_sections(**idle) if config.wheels or config.thrusters else config
+        lines.append("wheels: counted as if they stood still relative to the base")
+    if config.thrusters and not firings:
+        lines.append("thrusters: counted without a firing; name them in `firings`")
+    if config.thrusters and firings:
+        lines.append("thrusters: limits of the base do not count what the firings move")
+    return lines
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:
@@ -138,8 +140,7 @@ def _evaluate(
     rate_hz = arguments.rate_hz
     members = [subject.x, *subject.draws]
     uses = every_limit(subject, limits, collisions, trajectory, DENSER * rate_hz, members)
-    values = assess.all_criteria(subject, trajectory, rate_hz, _gamma(arguments))
-    root = assess.information_root(subject, trajectory, rate_hz)
+    values, root = judged(subject, trajectory, rate_hz, _gamma(arguments))
     sys.stdout.write(_text(subject, root, values, uses) + "\n")
     if arguments.out is not None:
         _picture(subject, limits, collisions, trajectory, arguments.out.with_suffix(".png"))
@@ -162,7 +163,7 @@ def _recorded(recording: Path, config: Config, subject: Subject) -> int:
     """Judge the motion of a recording by the estimator's own rows of it."""
     sink = _Blocks()
     replay(recording, config, sink=sink)
-    root = assess.block_root(subject, sink.blocks)
+    root = foreseen.block_root(subject, sink.blocks)
     values = assess.fused_criteria(subject, root)
     sys.stdout.write(_text(subject, root, values, []) + f"\n{len(sink.blocks)} windows\n")
     return DONE

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from fsw.config import Config
 from fsw.estimators.model.inertia import from_parameters
 from fsw.estimators.parameter_verdicts import in_words, predicted_verdicts
-from fsw.excitation import assess, criteria, export, spline
+from fsw.excitation import assess, criteria, export, foreseen, spline
 from fsw.excitation.collision import Collisions, build_collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
@@ -22,8 +22,12 @@ from fsw.excitation.verify import Use
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
-RATE_HZ = 2.5  # of a motion that is judged alone
 Report = Callable[[str], None]
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -82,6 +86,8 @@ def bounds(
     ConfigError when the limits are wrong.
     """
     limits, collisions = load_limits(path), None
+    _check_names(path, "mode_amplitude", limits.mode_amplitude, config.modes)
+    _check_names(path, "firings", [f.thruster for f in limits.firings], config.thrusters)
     if limits.clearance_m is None:
         report("clearance_m is null: collisions are NOT checked; look at the motion with fsw view")
     else:
@@ -108,15 +114,33 @@ def planned(
     """
     found = Planner(subject, limits, collisions, request, report).plan(guess)
     report("judging the motion")
-    rate_hz = request.rate_hz
+    trajectory = replace(found.trajectory, firings=limits.firings)
+    values, root = judged(subject, trajectory, request.rate_hz, request.gamma)
     return PlannedMotion(
-        trajectory=found.trajectory,
+        trajectory=trajectory,
         request=request,
         subject=subject,
-        values=assess.all_criteria(subject, found.trajectory, rate_hz, request.gamma),
-        root=assess.information_root(subject, found.trajectory, rate_hz),
+        values=values,
+        root=root,
         uses=found.uses,
     )
+
+
+def judged(
+    subject: Subject, trajectory: spline.Trajectory, rate_hz: float, gamma: criteria.Gamma
+) -> tuple[dict[str, float], FloatArray]:
+    """Return every criterion, and the information root after the motion, with every state."""
+    root = foreseen.foreseen_root(subject, trajectory)
+    values = assess.all_criteria(subject, trajectory, rate_hz, gamma)
+    return values | assess.fused_criteria(subject, root), root
+
+
+def _check_names(path: Path, key: str, named: Iterable[str], known: Iterable[_Named]) -> None:
+    names = [own.name for own in known]
+    for name in named:
+        if name not in names:
+            there = ", ".join(names) or "none configured"
+            raise ConfigError(f"{path}: {key}: {name!r} is not one of them: {there}")
 
 
 def check_motion(config: Config, path: Path) -> list[str]:
@@ -127,7 +151,7 @@ def check_motion(config: Config, path: Path) -> list[str]:
     ConfigError when motion and robot do not go together.
     """
     subject, trajectory = build_subject(config), loaded(path, config)
-    root = assess.information_root(subject, trajectory, RATE_HZ)
+    root = foreseen.foreseen_root(subject, trajectory)
     words = f"{path}: motion of {trajectory.duration_s:g} s; expected after it, by these sensors:"
     return [words, *knowledge(subject, root)]
 
@@ -142,6 +166,7 @@ def loaded(path: Path, config: Config) -> spline.Trajectory:
     trajectory = spline.load(path)
     if trajectory.n != len(config.joints):
         raise ConfigError(f"{path}: has {trajectory.n} joints; the robot has {len(config.joints)}")
+    _check_names(path, "firings", [f.thruster for f in trajectory.firings], config.thrusters)
     return trajectory
 
 

@@ -1,19 +1,17 @@
-"""Information of a trajectory or of a recording about the unknown bodies."""
+"""Information of a trajectory about the unknown bodies, by the solver's own rows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fsw.estimators.measurement.fused import fused_rows
 from fsw.excitation import criteria
 from fsw.excitation.design import Grid
 from fsw.excitation.spline import Trajectory
-from fsw.excitation.subject import Subject, prior_root
+from fsw.excitation.subject import Subject
 from fsw.excitation.verify import free_layout
-from fsw.messages import Block, FloatArray
+from fsw.messages import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,20 +37,6 @@ def information_root(subject: Subject, trajectory: Trajectory, rate_hz: float) -
     X = information_rows(subject, trajectory, rate_hz)
     stacked = np.vstack([subject.prior_root, X.reshape(-1, X.shape[2])])
     return criteria.triangular_root(stacked)
-
-
-def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
-    """Return the square root R of the information R^T R of recorded blocks and prior.
-
-    The estimator's own rows, linearised at the nominal body with zero biases.
-    """
-    state = subject.problem.prior_mean.copy()
-    state[: len(subject.x)] = subject.x
-    root = prior_root(subject.state_covariance)
-    for block in blocks:
-        rows = fused_rows(block, state, subject.problem)
-        root = criteria.triangular_root(np.vstack([root, rows.A]))
-    return root
 
 
 def growth(subject: Subject, trajectory: Trajectory, rate_hz: float, step: int = 5) -> Growth:

@@ -14,7 +14,9 @@ import numpy as np
 
 from fsw.excitation import attitude, criteria
 from fsw.excitation.collision import Collisions
+from fsw.excitation.kernel import MOTION_OUTPUTS
 from fsw.excitation.limits import JointLimits, MotionLimits
+from fsw.excitation.shaking import Shaking
 from fsw.excitation.spline import SplineLayout
 from fsw.excitation.subject import Subject
 from fsw.messages import FloatArray
@@ -149,6 +151,17 @@ class LimitRows:
         self.subject, self.grid, self.limits, self.collisions = subject, grid, limits, collisions
         self.joints = JointLimits(limits, subject.model)
         self.names = subject.model.joint_names
+        self.modes = [
+            (
+                f"mode {mode.name}" + f" {k}" * (len(mode.axes_B) > 1),
+                "rad" if mode.kind == "panel" else "m",
+                limits.mode_amplitude[mode.name],
+                Shaking(mode, k, grid.count, grid.step_s),
+            )
+            for mode in subject.config.modes
+            if mode.name in limits.mode_amplitude
+            for k in range(len(mode.axes_B))
+        ]
 
     def rows(
         self, z: FloatArray, members: Sequence[FloatArray], *, derivatives: bool = False
@@ -199,11 +212,12 @@ class LimitRows:
         J: FloatArray | None = None
         if derivatives:
             out, D = (np.asarray(part.full()) for part in kernel.motion_jacobian(*inputs))
-            D = D.reshape(n + 9, grid.count, 3, n)
-            J = np.einsum("ckdj,dkr->ckrj", D, grid.weights[:3]).reshape(n + 9, grid.count, -1)
+            rows = n + MOTION_OUTPUTS
+            D = D.reshape(rows, grid.count, 3, n)
+            J = np.einsum("ckdj,dkr->ckrj", D, grid.weights[:3]).reshape(rows, grid.count, -1)
         else:
             out = np.asarray(kernel.motion(*inputs).full())
-        tau, w, wd, p_BE = out[:n], out[n : n + 3].T, out[n + 3 : n + 6].T, out[n + 6 :].T
+        tau, (w, wd, p_BE, a) = out[:n], out[n:].reshape(4, 3, -1).transpose(0, 2, 1)
         found = []
         for j, name in enumerate(self.names):
             bound = self.joints.torque_nm[j]
@@ -215,8 +229,12 @@ class LimitRows:
         bound_wd = bounds.base_acceleration_rad_s2
         found.append(_square("base_acceleration", "rad/s^2", wd, J_wd, bound_wd))
         found.append(self._attitude_rows(w, J_w))
+        J_a = None if J is None else J[n + 9 :].transpose(1, 0, 2)
+        for name, unit, amplitude, shaking in self.modes:
+            by_z = None if J_a is None or J_w is None or J_wd is None else (J_a, J_wd, J_w)
+            found.append(_square(name, unit, *shaking.swing((a, wd, w), by_z), amplitude))
         if geometric:
-            J_p = None if J is None else J[n + 6 :].transpose(1, 0, 2)
+            J_p = None if J is None else J[n + 6 : n + 9].transpose(1, 0, 2)
             found += self._tool_rows(p_BE, J_p)
         return found
 

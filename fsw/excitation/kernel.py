@@ -31,7 +31,7 @@ from fsw.excitation.chain import (
 from fsw.excitation.noise import NoiseModel
 from fsw.messages import FloatArray
 
-MOTION_OUTPUTS = 9  # base rate, base angular acceleration, tool position; three each
+MOTION_OUTPUTS = 12  # base's w, wd, tool's place, base's acceleration; three each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,13 +40,14 @@ class Kernel:
 
     Attributes
     ----------
-    motion : -> g (n + 9,): torque, w_NB_B, wd_NB_B, p_BE_B
-    motion_jacobian : -> g, (n + 9, 3 n) its derivative by [q; qd; qdd]
+    motion : -> g (n + 12,): torque, w_NB_B, wd_NB_B, p_BE_B, a_NB_B of the base's origin
+    motion_jacobian : -> g, (n + 12, 3 n) its derivative by [q; qd; qdd]
     information : -> X (r, s): rows of the state whitened per second of data
     information_adjoint : with the seed of X -> seed of [q; qd; qdd] (3 n,)
     regressor : -> [J_tau (n, p), tau (n,)], unweighted
     regressor_adjoint : likewise
     predictions : -> [tau; f; w] (n + 6,), [J_tau; J_f; J_w] (n + 6, p)
+    signals : -> [tau; f; w] (n + 6,)
     """
 
     n: int
@@ -58,6 +59,7 @@ class Kernel:
     regressor: ca.Function
     regressor_adjoint: ca.Function
     predictions: ca.Function
+    signals: ca.Function
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,7 +96,7 @@ def build_kernel(
     s = _sample(arm, unknown, base, target, (q, qd, qdd))
     inputs = [q, qd, qdd, x]
     motion = ca.vertcat(q, qd, qdd)
-    g = ca.vertcat(s.tau, s.w, s.a[3:], s.p_tool)
+    g = ca.vertcat(s.tau, s.w, s.a[3:], s.p_tool, s.a[:3])
     y, J, D = _rows(s, noise)
     X = _whitened(J, D, noise, s)
     J_tau = J[:n, :]
@@ -108,6 +110,7 @@ def build_kernel(
         regressor=ca.Function("regressor", inputs, [J_tau, s.tau]),
         regressor_adjoint=_adjoint("regressor_adjoint", inputs, motion, [J_tau, s.tau]),
         predictions=ca.Function("predictions", inputs, [y, J]),
+        signals=ca.Function("signals", inputs, [y]),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from pydantic import Field, ValidationError
 from fsw.config import Finite, NonNegative, Positive, PositiveVector3, Section, Vector3
 from fsw.config.text import TextError, explain, read_yaml
 from fsw.estimators.model.robot import RobotModel
+from fsw.excitation.spline import Firing
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
@@ -43,6 +45,10 @@ class MotionLimits(Section):
     tool_distance_m: NonNegative  # the tool keeps out of this sphere about the arm's base
     clearance_m: NonNegative | None = None  # of collision geometry; null: unchecked
     target_box: TargetBox | None = None
+    mode_amplitude: Mapping[str, Positive] = Field(
+        default_factory=dict
+    )  # panels [rad] and liquid [m], by a mode's name
+    firings: tuple[Firing, ...] = ()  # of thrusters, that are flown beside the motion
     start_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
 

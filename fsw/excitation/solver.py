@@ -131,7 +131,7 @@ class _Problem:
         """Return which variables a row can ever depend on: those of its sample, or all before."""
         grid, n = self._limits.grid, self._limits.grid.layout.n
         support = np.any(grid.weights[:3] != 0, axis=0)
-        if row.kind == "base_attitude":
+        if row.kind == "base_attitude" or row.kind.startswith("mode "):
             support = np.cumsum(support, axis=0) > 0
         elif row.kind.startswith("joint_"):
             joint = self._limits.names.index(row.kind.split(" ", 1)[1])

@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 from scipy.interpolate import BSpline
 
+from fsw.config import NonNegative, Positive, Section
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
@@ -23,12 +24,21 @@ REST_POINTS = 4
 DERIVATIVES = 4  # position, velocity, acceleration, jerk
 
 
+class Firing(Section):
+    """One pulse of a thruster, at times of the motion."""
+
+    thruster: str
+    on_s: NonNegative
+    for_s: Positive
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
     """A joint motion over [0, duration_s]; the arm rests before and after it."""
 
     duration_s: float
     points_rad: FloatArray  # (k, n) control points
+    firings: tuple[Firing, ...] = ()
 
     @property
     def n(self) -> int:
@@ -44,7 +54,9 @@ class Trajectory:
         """Return the same motion with all excursions from its start pose times `factor`."""
         start = self.points_rad[0]
         return Trajectory(
-            duration_s=self.duration_s, points_rad=start + factor * (self.points_rad - start)
+            duration_s=self.duration_s,
+            points_rad=start + factor * (self.points_rad - start),
+            firings=self.firings,
         )
 
 
@@ -103,7 +115,7 @@ def basis(duration_s: float, points: int, t_s: tuple[float, ...]) -> FloatArray:
 
 
 def load(path: Path) -> Trajectory:
-    """Read a trajectory file (YAML: degree, duration_s, control_points_rad).
+    """Read a trajectory file (YAML: degree, duration_s, control_points_rad, firings).
 
     Raises
     ------
@@ -116,10 +128,11 @@ def load(path: Path) -> Trajectory:
     if not isinstance(document, dict) or document.get("degree") != DEGREE:
         raise ConfigError(f"{path}: must be a joint trajectory with degree: {DEGREE}")
     try:
+        firings = tuple(Firing.model_validate(firing) for firing in document.get("firings") or ())
         duration_s = float(document["duration_s"])
         points = np.array(document["control_points_rad"], dtype=np.float64)
     except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{path}: duration_s or control_points_rad: {error}") from error
+        raise ConfigError(f"{path}: duration_s, control_points_rad or firings: {error}") from error
     if points.ndim != 2 or len(points) < 2 * REST_POINTS or not np.isfinite(points).all():
         raise ConfigError(
             f"{path}: control_points_rad must be (k, n) finite numbers, "
@@ -131,7 +144,7 @@ def load(path: Path) -> Trajectory:
             f"{path}: duration_s must be positive, and the first and last {REST_POINTS} control "
             "points equal (rest to rest)"
         )
-    return Trajectory(duration_s=duration_s, points_rad=points)
+    return Trajectory(duration_s=duration_s, points_rad=points, firings=firings)
 
 
 def save(trajectory: Trajectory, path: Path, about: dict[str, Any]) -> None:
@@ -142,5 +155,7 @@ def save(trajectory: Trajectory, path: Path, about: dict[str, Any]) -> None:
         "duration_s": float(trajectory.duration_s),
         "control_points_rad": [[float(x) for x in row] for row in trajectory.points_rad],
     }
+    if trajectory.firings:
+        document["firings"] = [firing.model_dump() for firing in trajectory.firings]
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
     path.write_text(text, encoding="utf-8")

@@ -42,8 +42,8 @@ class Subject:
     ----------
     x : (p,) nominal parameters of the unknown bodies
     state_covariance : (all, all) prior of the estimator's whole state
-    prior_root : (s, s) with prior_root^T prior_root the prior's information of the states that a
-        plan accounts for: all but a constant external wrench
+    prior_root : (s, s) with prior_root^T prior_root the prior's information of the states that the
+        solver accounts for; `foreseen` has all others
     scale : reported quantities, their prior sigmas and weights
     draws : (k, p) further members of the prior set; none when the spread is zero
     names : (p,) reported quantities, `target.mass_kg` ...
@@ -91,7 +91,7 @@ def build_subject(
     if config.base.motion != "free":
         raise ConfigError(f"base.motion: {config.base.motion}; motions are planned for a free base")
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    locked = config.model_copy(update={"modes": ()})
+    locked = config.model_copy(update={"modes": (), "wheels": (), "thrusters": ()})
     problem = build_problem(locked, model, exact=True)
     noise = noise_model(config, model)
     p = PARAMETERS * len(problem.unknown)
@@ -117,7 +117,8 @@ def build_subject(
         T[k, k] = report_jacobian(x[k])
     sigma = np.sqrt(np.diag(T @ covariance[:p, :p] @ T.T))
     scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
-    w = np.r_[problem.wrench, problem.target_wrench]
+    apart = (problem.wrench, problem.target_wrench)
+    w = np.r_[(*apart, problem.friction_coulomb, problem.friction_viscous)]
     return Subject(
         config=config,
         model=model,

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import struct
 
-import pytest
-
 from fsw.commands.check_recording import _Nodes
-from fsw.commands.excite import with_all_still
+from fsw.commands.excite import what_stands_still
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.exchange.sinks import CanTraffic
 from tests.support.wheel_cases import config_with_wheels
@@ -23,11 +21,5 @@ def test_wheel_nodes_are_no_strangers_in_a_recording() -> None:
     assert "0x25" in nodes.strangers()[0]
 
 
-def test_a_motion_is_planned_with_the_wheels_still_and_says_so(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    config = config_with_wheels()
-    assert with_all_still(config).wheels == ()
-    assert "as if they stood still" in capsys.readouterr().err
-    plain = with_all_still(config)
-    assert with_all_still(plain) is plain
+def test_a_plan_says_that_wheels_stand_still() -> None:
+    assert "as if they stood still" in what_stands_still(config_with_wheels(), ())[0]
