@@ -79,7 +79,15 @@ def what_stands_still(config: Config, firings: Sequence[spline.Firing]) -> list[
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:
-    for key in ("duration_s", "knot_s", "rate_hz", "export_rate_hz", "starts", "iterations"):
+    for key in (
+        "duration_s",
+        "knot_s",
+        "rate_hz",
+        "export_rate_hz",
+        "starts",
+        "jobs",
+        "iterations",
+    ):
         value = getattr(arguments, key)
         if not (np.isfinite(value) and value > 0):
             raise ConfigError(f"--{key.replace('_', '-')}: {value} must be positive")
@@ -112,6 +120,7 @@ def _plan(
         knot_s=arguments.knot_s,
         closed=arguments.closed,
         starts=arguments.starts,
+        jobs=arguments.jobs,
         iterations=arguments.iterations,
         rate_hz=arguments.rate_hz,
         seed=arguments.seed,

@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--closed", action="store_true", help="end where it starts: repeatable")
     parser.add_argument("--start-from", type=Path, metavar="YAML", help="a trajectory to improve")
     parser.add_argument("--starts", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, help="starts side by side")
     parser.add_argument("--iterations", type=int, default=40, help="of the solver, per start")
     parser.add_argument("--rate-hz", type=float, default=2.5, help="samples the solver looks at")
     parser.add_argument("--spread", type=float, default=0.0, help="of the prior set, in its sigmas")

@@ -45,9 +45,7 @@ class MotionLimits(Section):
     tool_distance_m: NonNegative  # the tool keeps out of this sphere about the arm's base
     clearance_m: NonNegative | None = None  # of collision geometry; null: unchecked
     target_box: TargetBox | None = None
-    mode_amplitude: Mapping[str, Positive] = Field(
-        default_factory=dict
-    )  # panels [rad] and liquid [m], by a mode's name
+    mode_amplitude: Mapping[str, Positive] = Field(default_factory=dict)  # by name [rad or m]
     firings: tuple[Firing, ...] = ()  # of thrusters, that are flown beside the motion
     start_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None

@@ -7,6 +7,7 @@ limit join the optimiser's set, limits that are exceeded between samples are tig
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +18,7 @@ from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import Collisions
 from fsw.excitation.design import Criterion, Grid, LimitRows
+from fsw.excitation.foreseen import foreseen_root
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.solver import Effort, optimise
 from fsw.excitation.spline import SplineLayout, Trajectory
@@ -60,6 +62,7 @@ class MotionRequest:
     knot_s: float = 2.5
     closed: bool = False
     starts: int = 1
+    jobs: int = 1  # starts side by side
     candidates: int = 10  # random feasible motions per start, the best one is optimised
     iterations: int = 40
     rate_hz: float = 2.5
@@ -118,13 +121,9 @@ class Planner:
         InfeasibleError with the limit, the amount and the time when none passes.
         """
         self._check_start_pose()
-        rng = np.random.default_rng(self.request.seed)
         best: MotionPlan | None = None
         nearest: list[Use] = []
-        for start in range(self.request.starts):
-            self.report(f"start {start + 1} of {self.request.starts}")
-            first = guess is not None and start == 0
-            found = self._one(self._from(guess) if first else self.first_guess(rng))
+        for found in self._all(None if guess is None else self._from(guess)):
             if isinstance(found, MotionPlan):
                 if best is None or found.value < best.value:
                     best = found
@@ -135,9 +134,31 @@ class Planner:
         self._require_learning(best)
         return best
 
-    def _from(self, guess: Trajectory | None) -> FloatArray:
+    def _all(self, guess: FloatArray | None) -> list[MotionPlan | list[Use]]:
+        """Return what every start has led to, several side by side in processes of their own."""
+        starts, jobs = range(self.request.starts), min(self.request.jobs, self.request.starts)
+        if jobs == 1:
+            return [self.one_start(start, guess) for start in starts]
+        fork = multiprocessing.get_context("fork")  # the model's functions are inherited
+        with fork.Pool(jobs, initializer=_inherit, initargs=(self, guess)) as pool:
+            return pool.map(_inherited, starts, chunksize=1)
+
+    def one_start(self, start: int, guess: FloatArray | None) -> MotionPlan | list[Use]:
+        """Return the plan of one start; of several, its value has every state (`foreseen`)."""
+        seed, count = self.request.seed, self.request.starts
+        self.report(f"start {start + 1} of {count}")
+        rng = np.random.default_rng([seed, start] if start else seed)
+        found = self._one(self.first_guess(rng) if guess is None or start else guess)
+        name = self.request.criterion
+        if count == 1 or isinstance(found, list) or name in criteria.REGRESSOR_CRITERIA:
+            return found
+        whole = replace(found.trajectory, firings=self.limits.firings)
+        root = foreseen_root(self.subject, whole)
+        return replace(found, value=criteria.fused(name, root, self.subject.scale).value)
+
+    def _from(self, guess: Trajectory) -> FloatArray:
         """Return the variables nearest to a trajectory, sampled where the motion is."""
-        if guess is None or guess.n != self.layout.n:
+        if guess.n != self.layout.n:
             raise ConfigError(f"the start trajectory must have {self.layout.n} joints")
         t_s = np.linspace(0.0, self.layout.duration_s, 10 * self.layout.points)
         q = guess.evaluate(t_s * guess.duration_s / self.layout.duration_s)[0]
@@ -360,6 +381,18 @@ class Planner:
             "has",
             self.check(probe.ravel()),
         )
+
+
+_planner: list[tuple[Planner, FloatArray | None]] = []  # of the process that plans one start
+
+
+def _inherit(planner: Planner, guess: FloatArray | None) -> None:
+    _planner[:] = [(planner, guess)]
+
+
+def _inherited(start: int) -> MotionPlan | list[Use]:
+    planner, guess = _planner[0]
+    return planner.one_start(start, guess)
 
 
 def sigma_ratio(subject: Subject, trajectory: Trajectory, rate_hz: float) -> float:

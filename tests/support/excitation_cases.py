@@ -7,20 +7,40 @@ from pathlib import Path
 
 import numpy as np
 
+from fsw.config import Config
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
 from fsw.excitation.spline import SplineLayout
-from fsw.excitation.subject import Subject
+from fsw.excitation.subject import Subject, build_subject
 from hil.evidence.excitation import cases
 
 LIMITS_FILE = Path(cases.LIMITS)
 SYSTEMS = tuple(cases.SYSTEMS)
 SHORT = SplineLayout(duration_s=12.0, intervals=6, n=7, closed=False)
 
+PANEL = {
+    "name": "panel",
+    "kind": "panel",
+    "p_B_m": (0.5, 0.0, 0.0),
+    "axes_B": ((0.0, 1.0, 0.0),),
+    "mass_kg": 20.0,
+    "com_m": (1.5, 0.0, 0.0),
+    "inertia_kg_m2": (1.0, 0.0, 0.0, 15.0, 0.0, 15.0),
+    "frequency_hz": 0.2,
+    "damping_ratio": 0.01,
+    "amplitude_rad": 0.01,
+}
+
 
 @lru_cache(maxsize=3)
 def subject(system: str = "target") -> Subject:
     return cases.subject(system)
+
+
+def panelled() -> Subject:
+    """Return the target's subject on a spacecraft with a hinged panel."""
+    document = cases.config("target").model_dump() | {"modes": (PANEL,)}
+    return build_subject(Config.model_validate(document))
 
 
 def limits(**changes: object) -> MotionLimits:

@@ -12,11 +12,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core
 from fsw.excitation import criteria, spline
 from hil.evidence.excitation import cases
 from hil.evidence.excitation.compare import Contest, contests
+from hil.evidence.excitation.flown import flown
 from hil.evidence.excitation.gradients import criterion_error, limits_error, race
 from hil.evidence.excitation.requests import INFEASIBLE, refusal, robust
 from hil.evidence.excitation.scatter import scatter
 
-PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust")
+PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown")
+FLOWN = ("two_arms", "dual_arm", "mev", "panel_leo")
 CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")
 
 
@@ -26,6 +28,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--systems", nargs="+", choices=list(cases.SYSTEMS), default=cases.SYSTEMS)
     parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--flights", nargs="+", default=FLOWN, help="scenarios of the part flown")
     parser.add_argument("--folder", type=Path, default=Path("runs/excitation"))
     options = parser.parse_args(argv)
     parts = options.parts or PARTS
@@ -47,6 +50,10 @@ def main(argv: list[str] | None = None) -> int:
     if "robust" in parts:
         limit, use = robust(1.4, 0.6, 8)
         _say(f"robust: prior 1.4 x true, 8 bodies: in the truth {limit} at {use.ratio:.4f}")
+    if "flown" in parts:
+        for name in options.flights:
+            found = flown(name, 1)
+            _say(f"{name}: flown over predicted sigma {found.min():.3f} to {found.max():.3f}")
     return 0
 
 

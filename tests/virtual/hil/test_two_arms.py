@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from hil.evidence.excitation.flown import predicted, ratios
 from hil.judge import judgement
 from hil.run import bench
 from hil.world.scenario import load
@@ -14,9 +15,12 @@ CHI2_10_999 = 29.6  # 99.9 % bound of chi-squared with 10 degrees of freedom
 CHI2_30_999 = 59.7  # with 30
 
 
+def prepared(folder: Path, name: str) -> bench.Setup:
+    return bench.prepare(short(folder, name=name, points=8), 1, folder)
+
+
 def judged(folder: Path, name: str) -> tuple[dict, bench.Recorded]:
-    scenario = short(folder, name=name, points=8)
-    setup = bench.prepare(scenario, 1, folder)
+    setup = prepared(folder, name)
     recorded = bench.run_virtual(setup, NoMeter(), record=False)
     return judgement.judge(setup, judgement.make_case(setup), recorded), recorded
 
@@ -38,6 +42,9 @@ def test_the_target_is_found_while_four_wheels_hold_a_light_base(tmp_path):
     assert outcome["valid"], outcome["reason"]
     assert outcome["nees"] < CHI2_10_999
     assert all(c["lost"] == c["late"] == 0 for c in recorded.status["samples"].values())
+    setup = prepared(tmp_path, "dual_arm")  # what a plan of this motion promises is what it gave
+    found = ratios(outcome["sigma"], predicted(setup.config, setup.scenario))
+    assert 0.85 < found.min() < found.max() < 1.15
 
 
 def test_base_target_and_a_payload_of_the_other_arm_are_found_together(tmp_path):

@@ -16,7 +16,7 @@ from fsw.excitation.verify import every_limit
 from hil.evidence.excitation import cases
 from hil.world.limits import check
 from hil.world.truth import simulate
-from tests.support.excitation_cases import limits, subject
+from tests.support.excitation_cases import limits, panelled, subject
 from tests.unit.fsw.excitation.test_collision import BOX, with_geometry
 
 SHORT = MotionRequest(duration_s=20.0, iterations=25, candidates=5)
@@ -49,6 +49,27 @@ def test_it_tells_much_more_than_a_random_feasible_motion():
 def test_the_same_request_gives_the_same_trajectory():
     again = Planner(subject(), limits(), None, SHORT).plan()
     np.testing.assert_array_equal(again.trajectory.points_rad, planned()[1].trajectory.points_rad)
+
+
+def test_starts_side_by_side_give_what_they_give_in_turn():
+    several = replace(TINY, starts=2, iterations=4)
+    found = [
+        Planner(subject(), limits(), None, replace(several, jobs=jobs)).plan() for jobs in (1, 2)
+    ]
+    points = [plan.trajectory.points_rad for plan in found]
+    np.testing.assert_array_equal(*points)
+
+
+def test_a_panel_is_kept_below_its_amplitude():
+    own = panelled()
+    free = Planner(own, limits(), None, TINY).plan()
+    wide = every_limit(
+        own, limits(mode_amplitude={"panel": 9.0}), None, free.trajectory, 25.0, [own.x]
+    )
+    swung = next(use.value for use in wide if use.kind == "mode panel")
+    kept = limits(mode_amplitude={"panel": 0.5 * swung})
+    use = next(u for u in Planner(own, kept, None, TINY).plan().uses if u.kind == "mode panel")
+    assert 0.1 * swung < use.value < 0.5 * swung
 
 
 def test_a_random_feasible_motion_touches_a_limit():
