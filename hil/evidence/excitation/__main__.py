@@ -12,13 +12,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core
 from fsw.excitation import criteria, spline
 from hil.evidence.excitation import cases
 from hil.evidence.excitation.compare import Contest, contests
-from hil.evidence.excitation.flown import flown
+from hil.evidence.excitation.flown import flights
 from hil.evidence.excitation.gradients import criterion_error, limits_error, race
 from hil.evidence.excitation.requests import INFEASIBLE, refusal, robust
 from hil.evidence.excitation.scatter import scatter
 
 PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown")
-FLOWN = ("two_arms", "dual_arm", "mev", "panel_leo")
 CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")
 
 
@@ -28,7 +27,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--systems", nargs="+", choices=list(cases.SYSTEMS), default=cases.SYSTEMS)
     parser.add_argument("--runs", type=int, default=50)
-    parser.add_argument("--flights", nargs="+", default=FLOWN, help="scenarios of the part flown")
+    parser.add_argument(
+        "--outcomes",
+        nargs="+",
+        type=Path,
+        default=[],
+        help="of `hil seeds --out`, for the part flown",
+    )
     parser.add_argument("--folder", type=Path, default=Path("runs/excitation"))
     options = parser.parse_args(argv)
     parts = options.parts or PARTS
@@ -51,9 +56,12 @@ def main(argv: list[str] | None = None) -> int:
         limit, use = robust(1.4, 0.6, 8)
         _say(f"robust: prior 1.4 x true, 8 bodies: in the truth {limit} at {use.ratio:.4f}")
     if "flown" in parts:
-        for name in options.flights:
-            found = flown(name, 1)
-            _say(f"{name}: flown over predicted sigma {found.min():.3f} to {found.max():.3f}")
+        for found in map(flights, options.outcomes):
+            low, high = found.sigma
+            _say(
+                f"{found.name}: {found.seeds} flights, published over predicted sigma {low:.3f} to "
+                f"{high:.3f}; whitened error {found.error:.3f} of the prediction"
+            )
     return 0
 
 

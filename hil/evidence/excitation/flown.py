@@ -1,11 +1,16 @@
-"""Predicted sigma of a scenario's motion beside the sigma of its flight from bytes."""
+"""Flights of `hil seeds NAME --out DIR` beside the prediction of their motion, with every state.
+
+The prediction at the true bodies is the Cramer-Rao bound of what the configuration declares.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -14,15 +19,46 @@ from fsw.estimators.model.inertia import report_jacobian, to_parameters
 from fsw.excitation import criteria, spline
 from fsw.excitation.foreseen import foreseen_root
 from fsw.excitation.subject import build_subject
-from hil.judge import judgement
 from hil.run import bench
-from hil.run.progress import Quiet
 from hil.world.inertia import FloatArray
-from hil.world.scenario import Scenario, load
+from hil.world.scenario import Scenario, changed, load
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flights:
+    """Some seeds of a scenario in units of their prediction."""
+
+    name: str
+    seeds: int
+    sigma: tuple[float, float]  # least and largest of published over predicted, all parameters
+    error: float  # whitened by the predicted covariance, root mean square
+
+
+def flights(folder: Path) -> Flights:
+    """Judge the outcomes in a folder of `hil seeds`."""
+    settings = json.loads((folder / "settings.json").read_text(encoding="utf-8"))
+    lines = (folder / "results.jsonl").read_text(encoding="utf-8").splitlines()
+    outcomes: list[dict[str, Any]] = [json.loads(line)[1] for line in lines]
+    words = settings["options"]
+    sets = [words[k + 1] for k, word in enumerate(words) if word == "--set"]
+    scenario = changed(load(settings["scenario"]), sets)
+    with TemporaryDirectory(prefix="hil-") as place:
+        setup = bench.prepare(scenario, outcomes[0]["seed"], Path(place))
+        C = predicted(setup.config, setup.scenario)
+    root = np.linalg.cholesky(C)
+    errors = [stacked(o["estimate"]) - stacked(o["truth"]) for o in outcomes]
+    shares = [ratios(o["sigma"], C) for o in outcomes]
+    white = np.linalg.solve(root, np.transpose(errors))
+    return Flights(
+        name=settings["scenario"],
+        seeds=len(outcomes),
+        sigma=(float(np.min(shares)), float(np.max(shares))),
+        error=float(np.sqrt(np.mean(white**2))),
+    )
 
 
 def predicted(config: Config, scenario: Scenario) -> FloatArray:
-    """Return the predicted sigma (p,) of the reported quantities, at the true bodies."""
+    """Return the predicted covariance (p, p) of the reported quantities, at the true bodies."""
     own = build_subject(config)
     reports = [scenario.truth[body] for body in own.problem.unknown]
     x = np.concatenate([to_parameters(r[0], r[1:4], r[4:]) for r in reports])
@@ -32,20 +68,21 @@ def predicted(config: Config, scenario: Scenario) -> FloatArray:
         T[k, k] = report_jacobian(x[k])
     motion = replace(spline.load(scenario.identification), firings=_firings(config, scenario))
     own = replace(own, x=x, scale=replace(own.scale, T=T))
-    return np.asarray(
-        np.sqrt(np.diag(criteria.report_covariance(foreseen_root(own, motion), own.scale)))
-    )
+    return criteria.report_covariance(foreseen_root(own, motion), own.scale)
 
 
-def ratios(sigma: Mapping[str, Mapping[str, object]], expected: FloatArray) -> FloatArray:
-    """Return flown over predicted sigma (p,); `sigma` of an outcome of `hil run`."""
-    flown = [
-        np.r_[body["mass_kg"], body["com_m"], body["inertia_kg_m2"]] for body in sigma.values()
-    ]
-    return np.asarray(np.concatenate(flown) / expected)
+def ratios(sigma: Mapping[str, Mapping[str, Any]], covariance: FloatArray) -> FloatArray:
+    """Return published over predicted sigma (p,)."""
+    return np.asarray(stacked(sigma) / np.sqrt(np.diag(covariance)))
 
 
-def _firings(config: Config, scenario: Scenario) -> tuple[spline.Firing, ...]:
+def stacked(bodies: Mapping[str, Mapping[str, Any]]) -> FloatArray:
+    """Return the reported quantities (p,) of an outcome's bodies."""
+    parts = [(b["mass_kg"], *b["com_m"], *b["inertia_kg_m2"]) for b in bodies.values()]
+    return np.concatenate(parts)
+
+
+def _firings(config: Config, scenario: Scenario) -> Sequence[spline.Firing]:
     if scenario.thrusters is None:
         return ()
     names = [own.name for own in config.thrusters]
@@ -54,12 +91,3 @@ def _firings(config: Config, scenario: Scenario) -> tuple[spline.Firing, ...]:
         for p in scenario.thrusters.pulses
         if p.reported
     )
-
-
-def flown(name: str, seed: int) -> FloatArray:
-    """Fly a scenario in virtual time; return flown over predicted sigma (p,)."""
-    with TemporaryDirectory(prefix="hil-") as folder:
-        setup = bench.prepare(load(name), seed, Path(folder))
-        recorded = bench.run_virtual(setup, Quiet(), record=False)
-        outcome = judgement.judge(setup, judgement.make_case(setup), recorded)
-        return ratios(outcome["sigma"], predicted(setup.config, setup.scenario))
