@@ -85,7 +85,7 @@ class _Windows:
             torque = tau[:, k] if joint.torque != "none" else np.full(len(t_ns), np.nan)
             joints.append(_channel(t_ns, np.stack([q[:, k], torque], axis=1)))
         t_ns = _times(start_ns, window_ns, config.imu.rate_hz)
-        _, w, f = self._signals(t_ns * 1e-9)
+        _, w, f = self._signals(_seconds(t_ns))
         return Window(
             index=index,
             start_ns=start_ns,
@@ -120,8 +120,8 @@ class _Windows:
         self, start_ns: int, window_ns: int, rate_hz: float
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         t_ns = _times(start_ns, window_ns, rate_hz)
-        q = self._trajectory.evaluate(t_ns * 1e-9)[0]
-        return t_ns, q, self._signals(t_ns * 1e-9)[0]
+        t_s = _seconds(t_ns)
+        return t_ns, self._trajectory.evaluate(t_s)[0], self._signals(t_s)[0]
 
     def _attitude(self, start_ns: int, window_ns: int) -> ChannelWindow:
         if self._config.star_tracker is None:
@@ -137,6 +137,10 @@ def _times(start_ns: int, window_ns: int, rate_hz: float) -> IntArray:
     first = int(np.ceil(start_ns / period_ns - 0.5))
     last = int(np.ceil((start_ns + window_ns) / period_ns - 0.5))
     return np.asarray(np.rint((np.arange(first, last) + 0.5) * period_ns), dtype=np.int64)
+
+
+def _seconds(t_ns: IntArray) -> FloatArray:
+    return np.asarray(t_ns * 1e-9, dtype=np.float64)
 
 
 def _channel(t_ns: IntArray, values: FloatArray) -> ChannelWindow:

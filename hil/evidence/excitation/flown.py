@@ -6,7 +6,7 @@ The prediction at the true bodies is the Cramer-Rao bound of what the configurat
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -82,7 +82,7 @@ def stacked(bodies: Mapping[str, Mapping[str, Any]]) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _firings(config: Config, scenario: Scenario) -> Sequence[spline.Firing]:
+def _firings(config: Config, scenario: Scenario) -> tuple[spline.Firing, ...]:
     if scenario.thrusters is None:
         return ()
     names = [own.name for own in config.thrusters]
