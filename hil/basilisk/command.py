@@ -69,8 +69,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="a second truth: Basilisk flies scenarios, beside MuJoCo and before the daemon",
         description="Basilisk flies each scenario under the torques of MuJoCo's flight. Prints how"
         " far the two are apart; then the daemon estimates from the bytes of Basilisk's truth, and"
-        " every run must be valid and the mean NEES in its 99 %% band. Without a scenario all are flown,"
-        " panel_leo among them: give one where that takes too long.",
+        " every run must be valid and the mean NEES in its 99 % band. Without a scenario all are"
+        " flown, panel_leo among them: give one where that takes too long.",
     )
     parser.add_argument(
         "scenario", nargs="*", metavar="SCENARIO", help=f"{', '.join(SCENARIOS)} if none is named"
