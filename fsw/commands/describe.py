@@ -10,6 +10,8 @@ from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
 
+LOW_ORBIT_RAD_S = 1.16e-3  # mean motion at 300 km
+
 
 def describe(config: Config, problem: Problem) -> str:
     """Return a page of text: robot, unknowns, links, rates, states, lag, files."""
@@ -193,7 +195,7 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
         f"{', ' + ', '.join(nuisances) if nuisances else ''}",
         f"in doubt, estimated along: {', '.join(_doubts(config, problem)) or 'nothing'}",
         f"taken as exact: {', '.join(_certain(config, problem)) or 'nothing'}",
-        f"effects that are off: {', '.join(_off(config)) or 'none'}",
+        f"effects that are off: {', '.join(_off(config, problem)) or 'none'}",
         f"valid after {estimator.settle_blocks} windows "
         f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",
     ]
@@ -230,7 +232,7 @@ def _certain(config: Config, problem: Problem) -> list[str]:
     return [name for name, is_exact in exact.items() if is_exact]
 
 
-def _off(config: Config) -> list[str]:
+def _off(config: Config, problem: Problem) -> list[str]:
     """Return which effects the model leaves out, with the key that would bring each in."""
     joints, imu, estimator = config.joints, config.imu, config.estimator
     effects = {
@@ -270,7 +272,20 @@ def _off(config: Config) -> list[str]:
             )
     if not config.modes and not any(body.liquid for body in config.bodies.values()):
         off.append("panels that bend and liquid that moves: MODEL_MISMATCH at best (modes)")
-    return off + ([] if config.orbit is not None else ["gravity gradient (orbit)"])
+    return off + ([] if config.orbit is not None else [_gradient(config, problem)])
+
+
+def _gradient(config: Config, problem: Problem) -> str:
+    """Return what an orbit that is not told may cost: 3/2 n^2 (I_max - I_min) at zero angles."""
+    if config.base.motion != "free":
+        return "gravity gradient (orbit)"
+    model = problem.model
+    model.set_parameters(problem.pi(problem.prior_mean))
+    H = model.mass_matrix(np.zeros(model.n))[:6, :6]
+    about_com = H[3:, 3:] - H[3:, :3] @ H[:3, 3:] / H[0, 0]
+    moments = np.linalg.eigvalsh(about_com)
+    cost_nm = 1.5 * LOW_ORBIT_RAD_S**2 * (moments[-1] - moments[0])
+    return f"gravity gradient, in low orbit up to {cost_nm:.2g} N m on the whole (orbit)"
 
 
 def _telemetry(config: Config) -> list[str]:
