@@ -12,13 +12,13 @@ from fsw.commands.holdout import judge, split
 from fsw.commands.holdout import to_text as holdout_text
 from fsw.commands.replay import replay
 from fsw.commands.replay_result import ReplayResult, known_by, with_sigma
+from fsw.commands.report.collect import Collector
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
-from fsw.exchange.sinks import Message, NullSink
-from fsw.messages import Block, FloatArray
+from fsw.messages import Block, Estimate, FloatArray
 from fsw.messages.errors import EstimatorError
 
 Progress = Callable[[float, str], bool]
@@ -30,21 +30,10 @@ class Evidence:
 
     replayed: ReplayResult
     blocks: Sequence[Block]  # every window of the recording that is plausible
+    recursive: Sequence[Estimate]  # of the replay that made the windows
     problem: Problem
     x: FloatArray  # (p,) the whole state
     covariance: FloatArray  # (p, p)
-
-
-class _BlockCollector(NullSink):
-    """Keeps the blocks of a replay, drops everything else."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Block] = []
-
-    def put(self, message: Message) -> None:
-        """Keep a block, discard everything else."""
-        if isinstance(message, Block):
-            self.blocks.append(message)
 
 
 def identify(
@@ -82,11 +71,11 @@ def identify(
     clock = MonotonicClock()
     began_ns = clock.now_ns()
     chosen = config.with_unknown(unknown) if unknown else config
-    collector = _BlockCollector()
+    collector = Collector()
     tell(f"reading {recording}")
     result = replay(recording, chosen, sink=collector, span=span, progress=tell)
     names = tuple(chosen.unknown)
-    empty = _BlockCollector()
+    empty = Collector()
     if reference is not None:
         tell(f"reading {reference}")
         replay(reference, chosen, sink=empty, progress=tell)
@@ -120,6 +109,7 @@ def identify(
         made = Evidence(
             replayed=result,
             blocks=_plausible(collector.blocks),
+            recursive=collector.estimates,
             problem=problem,
             x=x,
             covariance=covariance,

@@ -35,7 +35,7 @@ def save(story: Story, outcome: Mapping[str, Any], sections: Sequence[Section], 
 
     Parameters
     ----------
-    sections : those that every report has, shown after the bench's own
+    sections : those that every report has, the configuration last
     """
     shown = view(story, outcome, sections)
     path.write_text(page(shown), encoding="utf-8")
@@ -65,8 +65,9 @@ def view(story: Story, outcome: Mapping[str, Any], sections: Sequence[Section]) 
             _result(outcome),
             _errors(story),
             _tool(story, outcome),
+            *sections[:-1],
             _samples(outcome),
-            *sections,
+            *sections[-1:],
         ],
     )
 
@@ -109,7 +110,7 @@ def _errors(story: Story) -> Section:
         "Time counts from the start of the motion. The range shown first is that of the last two "
         "thirds; double-click shows all."
     ]
-    return Section(title="Errors over time", text=text, charts=charts, in_rows_of=3)
+    return Section(title="Estimate over time", text=text, charts=charts, in_rows_of=3)
 
 
 def _tool(story: Story, outcome: Mapping[str, Any]) -> Section:
@@ -151,4 +152,4 @@ def _samples(outcome: Mapping[str, Any]) -> Section:
         Table(head=("source", *words), rows=rows),
         Table(head=("windows", "count"), rows=windows),
     ]
-    return Section(title="Samples and timing", text=text, tables=tables)
+    return Section(title="Timing", text=text, tables=tables)

@@ -143,7 +143,7 @@ def collected_of(
         residuals=residuals,
         shares=shares,
         events=result.events,
-        versions=_versions(),
+        versions=versions(),
     )
 
 
@@ -211,7 +211,8 @@ def _size(places: slice) -> int:
     return max(0, (places.stop or 0) - (places.start or 0))
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that made a result."""
     found = {}
     for name in PACKAGES:
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -50,7 +50,7 @@ def write_identified(
     )
     state = evidence.problem, evidence.x, evidence.covariance
     collected = collected_at(recording, span, config, result, evidence.blocks, state)
-    shown = view(values, collected)
+    shown = view(values, collected, evidence.recursive)
     paths = [out]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -65,8 +65,8 @@ def write_identified(
     return paths
 
 
-def view(values: Mapping[str, Any], collected: Collected) -> View:
-    """Return the page of a batch result."""
+def view(values: Mapping[str, Any], collected: Collected, recursive: Sequence[Estimate]) -> View:
+    """Return the page of a batch result; `recursive`: what the replay for its windows estimated."""
     holdout = values.get("holdout")
     valid = values["status"] == "OK" and (holdout is None or bool(holdout["passed"]))
     verdict = "VALID" if values["status"] == "OK" else f"NOT VALID: {values['status']}"
@@ -78,12 +78,19 @@ def view(values: Mapping[str, Any], collected: Collected) -> View:
     sections = [
         replace(result, text=told),
         *([] if holdout is None else [_held_out(holdout)]),
+        _over_time(collected, recursive),
         *sections_of(collected),
     ]
     sections.insert(-1, channels.timing(collected))
     unknown = " and ".join(values["unknown"])
     title = f"{collected.name}: {unknown} by {values['method']}, one batch"
     return View(title=title, verdict=verdict, valid=valid, sections=sections)
+
+
+def _over_time(collected: Collected, recursive: Sequence[Estimate]) -> Section:
+    section = estimates.estimates(replace(collected, estimates=recursive))
+    text = "A batch has one estimate, above; this is the recursive one of the same windows."
+    return replace(section, text=[text, *section.text])
 
 
 def _held_out(holdout: Mapping[str, Any]) -> Section:

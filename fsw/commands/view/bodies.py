@@ -15,7 +15,7 @@ from fsw.messages import BodyEstimate, Estimate, FloatArray
 from fsw.messages.errors import ConfigError
 
 SIGMAS = 3.0
-LEAST_SEEN = 0.02  # longest semi-axis over the robot's reach; a smaller ellipsoid is magnified
+LEAST_SEEN = 0.1  # longest semi-axis over the robot's reach; a smaller ellipsoid is magnified
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,9 +66,10 @@ def ellipsoid(covariance_m2: FloatArray, near: FloatArray) -> tuple[FloatArray, 
 
 
 def magnification(semi_axes_m: FloatArray, reach_m: float) -> float:
-    """Return the power of ten by which an ellipsoid is drawn larger, 1 where it is seen."""
-    longest = max(float(semi_axes_m.max()), 1e-12)
-    return float(10.0 ** max(0.0, np.ceil(np.log10(LEAST_SEEN * reach_m / longest))))
+    """Return by what an ellipsoid is drawn larger: 1, or the least of 2, 5, 10 ... that shows it."""
+    least = LEAST_SEEN * reach_m / max(float(semi_axes_m.max()), 1e-12)
+    decade = 10.0 ** np.floor(np.log10(least))
+    return max(1.0, next(float(step * decade) for step in (1, 2, 5, 10) if step * decade >= least))
 
 
 def read_truth(path: Path, names: Sequence[str]) -> dict[str, FloatArray]:

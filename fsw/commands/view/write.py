@@ -42,7 +42,7 @@ from fsw.excitation import spline
 from fsw.messages.errors import ConfigError, EstimatorError
 
 PLANS = (".yaml", ".yml")
-SEE_THROUGH = 0.25
+SEE_THROUGH = 0.15
 
 
 def view(source: Path, config: Config, out: Path, truth: Path | None, progress: Progress) -> Path:

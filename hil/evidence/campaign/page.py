@@ -11,6 +11,7 @@ import yaml
 from scipy.stats import chi2
 
 from fsw.commands.report.channel_sections import normalised_chart
+from fsw.commands.report.collect import versions
 from fsw.commands.report.page import page
 from fsw.commands.report.picture import write_png
 from fsw.commands.report.tables import Table as Rows
@@ -59,7 +60,12 @@ def view(rows: Sequence[Row], entries: Sequence[Row], campaign: Campaign, name: 
             _overview(entries),
             _bad(rows),
             *(_group(entry, _of(rows, entry)) for entry in entries if "nees" in entry),
-            Section(title="Campaign", source=yaml.safe_dump(campaign.model_dump(mode="json"))),
+            _timing(rows),
+            Section(
+                title="Configuration and versions",
+                tables=[Table(head=("item", "value"), rows=list(versions().items()))],
+                source=yaml.safe_dump(campaign.model_dump(mode="json")),
+            ),
         ],
     )
 
@@ -127,6 +133,17 @@ def _bad(rows: Sequence[Row]) -> Section:
     head = ("seed", "run of", "status", "NEES", "farthest off", "error")
     table = Table(head=head, rows=[told for _, told in found[:MOST_BAD]])
     return Section(title="Bad runs", text=text, tables=[table])
+
+
+def _timing(rows: Sequence[Row]) -> Section:
+    wall_s = np.array([row["wall_s"] for row in rows if "wall_s" in row])
+    text = "No run has ended."
+    if len(wall_s):
+        text = (
+            f"A run took {np.median(wall_s):.3g} s (median), the longest {wall_s.max():.3g} s, "
+            f"all together {wall_s.sum():.3g} s."
+        )
+    return Section(title="Timing", text=[text])
 
 
 def _parameters(scenario: str) -> list[str]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 import time
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from fsw.__main__ import main
@@ -23,6 +25,7 @@ const node = tree.find(arguments[1].split('/').filter((word) => word)).object;
 tree.object.updateMatrixWorld(true);
 return node.matrixWorld.elements;
 """
+PANE = "const r = document.getElementById('room').getBoundingClientRect(); return [r.top, r.bottom]"
 SHOWN = """
 return [document.documentElement.scrollWidth, document.getElementById('now').textContent,
         document.getElementById('pane').querySelector('canvas').clientWidth];
@@ -47,6 +50,20 @@ def matrix(frame, k):
     X[:3, :3] = Rotation.from_quat(frame["q"][4 * k : 4 * k + 4]).as_matrix()
     X[:3, 3] = frame["p"][3 * k : 3 * k + 3]
     return X
+
+
+def assert_legible(picture: bytes, top: float, bottom: float) -> None:
+    """Estimate, truth and what moves are large enough to see in the picture of a page."""
+    shown = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
+    shown = shown[int(top) + 30 : int(bottom)]  # without the text, and the head of the panel
+    counts = {
+        name: np.count_nonzero(np.abs(shown - colour).max(axis=2) <= 3)
+        for name, colour in (("estimate", (0x1F, 0x5F, 0xA8)), ("truth", (0xC4, 0x51, 0x1D)))
+    }
+    assert min(counts.values()) >= 12, counts
+    drawn = np.argwhere(shown.min(axis=2) < 250)
+    high, wide = (drawn.max(axis=0) - drawn.min(axis=0)) / shown.shape[:2]
+    assert max(high, wide) > 0.5
 
 
 def until_drawn(browser) -> None:
@@ -80,5 +97,7 @@ def test_the_scene_moves_as_the_file_says_without_error(arm, tmp_path):
             assert "true size; truth 70 kg, 0.17 m from the estimate" in text
             shot = browser.execute_cdp_cmd("Page.captureScreenshot", {})
             ARTIFACTS.mkdir(parents=True, exist_ok=True)
-            (ARTIFACTS / f"view_{width}.png").write_bytes(base64.b64decode(shot["data"]))
+            picture = base64.b64decode(shot["data"])
+            (ARTIFACTS / f"view_{width}.png").write_bytes(picture)
+            assert_legible(picture, *browser.execute_script(PANE))
         assert console_errors(browser) == []

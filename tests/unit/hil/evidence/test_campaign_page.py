@@ -89,6 +89,10 @@ def test_runs_that_failed_are_not_valid_or_lie_far_off_are_shown_worst_first(tmp
     bad = text[text.index("<h2>Bad runs") : text.index("<h2>target_leo")]
     assert re.findall(r'<tr><td class="number">(\d+)</td>', bad) == ["7", "11", "9"]
     assert "ValueError: &lt;b&gt;no&lt;/b&gt;" in bad
+    heads = re.findall("<h2>(.*?)</h2>", text)
+    assert heads[:2] == ["Result", "Bad runs"]
+    assert heads[-2:] == ["Timing", "Configuration and versions"]
+    assert f"all together {COUNT - 1} s" in text
     assert "target.mcy +9.0 sigma" in bad
     assert len(charts[0]["x"]) == COUNT - 2
 

@@ -208,8 +208,9 @@ def test_a_batch_result_has_a_page_with_its_held_out_windows_and_its_own_residua
     (row,) = rows_of(out, "estimate")
     assert float(row["target_mass_kg"]) == result["estimate"]["target"]["mass_kg"]
     assert float(row["target_com_x_m_sigma"]) == result["sigma"]["target"]["com_m"][0]
-    assert sections_of(text) == ["Result", "Held-out windows", *REST]
-    held = text[text.index("<h2>Held-out windows") : text.index("<h2>Health")]
+    assert sections_of(text) == ["Result", "Held-out windows", *SECTIONS[1:]]
+    held = text[text.index("<h2>Held-out windows") : text.index("<h2>Estimate over time")]
+    assert "target: mass, with 3 sigma" in text, "over time"
     for name, channel in result["holdout"]["channels"].items():
         number = f'<td class="number">{channel["rms"]:.3g}</td>'
         assert f"<td>{name}</td><td>{channel['unit']}</td>{number}" in held

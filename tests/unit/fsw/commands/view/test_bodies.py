@@ -57,8 +57,8 @@ def test_the_covariance_of_the_centre_is_that_of_draws():
     assert com_covariance(pi, root @ root.T) == pytest.approx(found, rel=0.05, abs=1e-9)
 
 
-@pytest.mark.parametrize(("longest_m", "factor"), [(1.0, 1.0), (0.03, 1.0), (0.003, 10.0)])
-def test_only_what_is_too_small_is_magnified_by_a_power_of_ten(longest_m, factor):
+@pytest.mark.parametrize(("longest_m", "factor"), [(1.0, 1.0), (0.11, 1.0), (0.06, 2.0), (0.03, 5.0), (0.011, 10.0)])
+def test_only_what_is_too_small_is_magnified_by_a_round_factor(longest_m, factor):
     assert magnification(np.array([1e-9, longest_m, 1e-9]), 1.0) == factor
 
 
@@ -66,7 +66,7 @@ def test_only_what_is_too_small_is_magnified_by_a_power_of_ten(longest_m, factor
 def test_a_magnified_ellipsoid_is_seen_and_not_huge(longest_m, reach_m):
     shown_m = longest_m * magnification(np.full(3, longest_m), reach_m)
     assert shown_m >= LEAST_SEEN * reach_m * (1 - 1e-9)
-    assert shown_m == longest_m or shown_m <= 10.0 * LEAST_SEEN * reach_m * (1 + 1e-9)
+    assert shown_m == longest_m or shown_m <= 2.5 * LEAST_SEEN * reach_m * (1 + 1e-9)
 
 
 def test_no_uncertainty_is_drawn_all_the_same():
