@@ -1,13 +1,14 @@
 """The whole chain in virtual time on a short stretch, and the pieces that judge it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 import yaml
 
 from hil.__main__ import main
-from hil.judge import judgement
+from hil.judge import judgement, page
 from hil.run import bench
 from hil.run.progress import describe
 from hil.world.scenario import FOLDER, load
@@ -99,6 +100,16 @@ def test_the_picture_is_drawn_and_the_torque_residuals_are_noise(run):
     # torque noise of a window, sqrt(4/200) 0.05 N m, and the acceleration noise of 24-bit encoders
     # (5e-5 rad/s2) on a reduced inertia of some hundred kg m2: below one raw sample
     assert np.sqrt(np.mean(residual**2)) < 0.05
+
+
+def test_the_page_has_the_sections_of_every_report_and_those_of_the_bench(run, tmp_path):
+    setup, case, recorded, outcome, _ = run
+    story, path = judgement.make_story(setup, case, recorded, outcome), tmp_path / "report.html"
+    page.save(story, outcome, judgement.channel_sections(setup, recorded), path)
+    found = re.findall("<h2>(.*?)</h2>", path.read_text(encoding="utf-8"))
+    found.remove("Tool on the verification trajectory")
+    assert found == ["Result", "Estimate over time", "Health and events", "Limits of the accuracy",
+                     "Excitation", "Residuals", "Timing", "Configuration and versions"]  # fmt: skip
 
 
 def test_a_seed_fixes_every_bit(run, tmp_path):
