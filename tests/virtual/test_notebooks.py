@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
 NAMES = ("own_robot", "compare_methods")  # the second reads the recording of the first
 LARGEST_BYTES = 500_000
+NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 
 
-def cells(name: str, kind: str) -> list[dict[str, object]]:
-    notebook = json.loads((DOCS / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))
+def cells(name: str, kind: str, where: Path = DOCS) -> list[dict[str, Any]]:
+    notebook = json.loads((where / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))
     return [cell for cell in notebook["cells"] if cell["cell_type"] == kind]
+
+
+def printed(cell: dict[str, Any]) -> str:
+    """Return what a cell has printed, without its figures and the padding about them."""
+    text = "".join("".join(output.get("text", "")) for output in cell["outputs"])
+    return re.sub(r"\s+", " ", NUMBER.sub("#", text))
 
 
 def test_every_notebook_is_in_this_test():
@@ -47,12 +56,12 @@ def test_the_words_of_a_notebook_are_spelled_right(name):
 
 @pytest.mark.slow
 def test_the_notebooks_run_and_show_what_they_claim(tmp_path):
-    """Their cells assert every claim, so a run without an error is the check."""
+    """Their cells assert every claim; the words that they print are those committed."""
     for folder in ("notebooks", "inspector"):
         shutil.copytree(DOCS / folder, tmp_path / folder, ignore=shutil.ignore_patterns("runs"))
     for name in NAMES:
         done = subprocess.run(
-            [sys.executable, "-m", "jupyter", "execute", f"{name}.ipynb"],
+            [sys.executable, "-m", "jupyter", "execute", "--inplace", f"{name}.ipynb"],
             cwd=tmp_path / "notebooks",
             env={**os.environ, "PYTHONPATH": str(DOCS.parent)},
             capture_output=True,
@@ -61,3 +70,5 @@ def test_the_notebooks_run_and_show_what_they_claim(tmp_path):
             check=False,
         )
         assert done.returncode == 0, done.stderr[-3000:]
+        ran = cells(name, "code", tmp_path)
+        assert [printed(cell) for cell in ran] == [printed(cell) for cell in cells(name, "code")]

@@ -66,7 +66,7 @@ def ellipsoid(covariance_m2: FloatArray, near: FloatArray) -> tuple[FloatArray, 
 
 
 def magnification(semi_axes_m: FloatArray, reach_m: float) -> float:
-    """Return by what an ellipsoid is drawn larger: 1, or the least of 2, 5, 10 ... that shows it."""
+    """Return by what an ellipsoid is drawn larger, the least of 1, 2, 5, 10 ... that shows it."""
     least = LEAST_SEEN * reach_m / max(float(semi_axes_m.max()), 1e-12)
     decade = 10.0 ** np.floor(np.log10(least))
     return max(1.0, next(float(step * decade) for step in (1, 2, 5, 10) if step * decade >= least))

@@ -57,7 +57,9 @@ def test_the_covariance_of_the_centre_is_that_of_draws():
     assert com_covariance(pi, root @ root.T) == pytest.approx(found, rel=0.05, abs=1e-9)
 
 
-@pytest.mark.parametrize(("longest_m", "factor"), [(1.0, 1.0), (0.11, 1.0), (0.06, 2.0), (0.03, 5.0), (0.011, 10.0)])
+@pytest.mark.parametrize(
+    ("longest_m", "factor"), [(1.0, 1.0), (0.11, 1.0), (0.06, 2.0), (0.03, 5.0), (0.011, 10.0)]
+)
 def test_only_what_is_too_small_is_magnified_by_a_round_factor(longest_m, factor):
     assert magnification(np.array([1e-9, longest_m, 1e-9]), 1.0) == factor
 
