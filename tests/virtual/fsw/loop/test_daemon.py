@@ -74,6 +74,18 @@ def bench(arm: ArmProject) -> Bench:
     return Bench(arm)
 
 
+def test_a_long_batch_takes_three_ticks_and_ends_at_the_first_of_them(arm: ArmProject):
+    bench = Bench(arm, batch_s=0.04)
+    bench.run(20)
+    handed = len(bench.sink.frames)
+    bench.run(2)
+    assert len(bench.sink.frames) == handed  # taken, and put in order
+    bench.run(1)
+    new = bench.sink.frames[handed:]
+    assert len(new) == 10 * 4  # SYNCs of ten periods, three answers each
+    assert max(frame.t_ns for frame in new) == 10**9 + 20 * 2 * MS  # the SYNC of the first
+
+
 def test_the_first_tick_starts_the_nodes_subscribes_and_sends_the_first_sync(bench: Bench):
     bench.daemon.step()
     sent = [(can_id, data.hex()) for _, can_id, data in bench.can.written]
