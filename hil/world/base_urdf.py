@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+
 from hil.world.inertia import FloatArray
+
+_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def replace_base(urdf: Path, root_report: FloatArray) -> str:
@@ -20,24 +24,37 @@ def replace_base(urdf: Path, root_report: FloatArray) -> str:
     link = next(e for e in root.iter("link") if e.get("name") not in children)
     for old in link.findall("inertial"):
         link.remove(old)
-    inertial = ElementTree.SubElement(link, "inertial")
-    text = [repr(float(x)) for x in root_report]
-    ElementTree.SubElement(inertial, "origin", xyz=" ".join(text[1:4]), rpy="0 0 0")
-    ElementTree.SubElement(inertial, "mass", value=text[0])
-    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    ElementTree.SubElement(inertial, "inertia", dict(zip(keys, text[4:], strict=True)))
+    _write(ElementTree.SubElement(link, "inertial"), root_report)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def scale_links(urdf: str, factors: Mapping[str, float]) -> str:
-    """Return the text of a URDF with mass and inertia of some links times a factor."""
+def change_links(urdf: str, changes: Mapping[str, Callable[[FloatArray], FloatArray]]) -> str:
+    """Return the text of a URDF in which some links have other inertial data: report to report."""
     root = ElementTree.fromstring(urdf)
     for link in root.iter("link"):
-        factor = factors.get(link.get("name", ""), 1.0)
-        for element in (*link.iter("mass"), *link.iter("inertia")):
-            for key, value in element.attrib.items():
-                element.set(key, repr(factor * float(value)))
+        inertial = link.find("inertial")
+        if inertial is not None and (name := link.get("name", "")) in changes:
+            report = changes[name](_read(inertial))
+            inertial.clear()
+            _write(inertial, report)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _read(inertial: ElementTree.Element) -> FloatArray:
+    at = {child.tag: child for child in inertial}
+    turned = [float(x) for x in at["origin"].get("rpy", "0 0 0").split()]
+    if any(turned):
+        raise ValueError("an inertial whose axes are not the link's cannot be changed")
+    place = [float(x) for x in at["origin"].get("xyz", "0 0 0").split()]
+    six = [float(at["inertia"].get(key, "0")) for key in _KEYS]
+    return np.array([float(at["mass"].get("value", "0")), *place, *six])
+
+
+def _write(inertial: ElementTree.Element, report: FloatArray) -> None:
+    text = [repr(float(x)) for x in report]
+    ElementTree.SubElement(inertial, "origin", xyz=" ".join(text[1:4]), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=text[0])
+    ElementTree.SubElement(inertial, "inertia", dict(zip(_KEYS, text[4:], strict=True)))
 
 
 def child_links(urdf: str) -> list[str]:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hil.world.base_urdf import child_links, scale_links
+from hil.world.base_urdf import change_links, child_links
+from hil.world.inertia import FloatArray
 
 Document = dict[str, Any]
 ALL = range(64)  # joints: as many as there are
@@ -114,10 +115,13 @@ def _order(document: Document) -> None:
 
 
 def _links(factor: float, only: Sequence[int] = ALL) -> Change:
+    def heavier(report: FloatArray) -> FloatArray:
+        return np.concatenate([[factor * report[0]], report[1:4], factor * report[4:]])
+
     def change(document: Document) -> None:
         urdf = document["_urdf"]
         names = [name for k, name in enumerate(child_links(urdf)) if k in only]
-        document["_urdf"] = scale_links(urdf, dict.fromkeys(names, factor))
+        document["_urdf"] = change_links(urdf, dict.fromkeys(names, heavier))
 
     return change
 

@@ -9,6 +9,7 @@ import math
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,14 @@ from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import condition, declared
 from hil.evidence.mistakes.run import CONFIDENT, leave_to_the_defaults, samples, worst
 from hil.judge.score import normalised_error_squared
-from hil.world.base_urdf import child_links, scale_links
+from hil.world.base_urdf import change_links, child_links
 from hil.world.friction import JointFriction
-from hil.world.inertia import FloatArray
+from hil.world.inertia import FloatArray, six_of, symmetric
+from hil.world.scenario import mapping_from, report_from
 
 COULOMB_NM = (0.05, 0.5)  # smallest and largest size
 VISCOUS_SIGMA_NMS_RAD = 0.3
-LINKS_OFF = (0.01, 0.05)  # mass and inertia of every link and of a known base
+LINKS_OFF = (0.01, 0.05)  # mass of every link and of a known base, the rest accordingly
 FADING_S = 0.02
 NOISE = replace(SENSOR_SETS["data sheet"], torque_nm=0.05)  # coloured noise does not average
 STREAM = 211
@@ -96,13 +98,34 @@ def _drawn_wrong(document: dict[str, Any], urdf: Path, rng: np.random.Generator)
     """Put links and a known base into the flight's files that are not those of the truth."""
     text = urdf.read_text(encoding="utf-8")
     names = child_links(text)
-    off = 1.0 + _sized(rng, *LINKS_OFF, len(names) + 1)
-    factors = dict(zip(names, off[1:].tolist(), strict=True))
-    urdf.write_text(scale_links(text, factors), encoding="utf-8")
+    off, *others = _sized(rng, *LINKS_OFF, len(names) + 1)
+    changes = {
+        name: partial(drawn_body, mass_off=mass_off, rng=rng)
+        for name, mass_off in zip(names, others, strict=True)
+    }
+    urdf.write_text(change_links(text, changes), encoding="utf-8")
     if "base" not in document["unknown"]:
-        base = document["bodies"]["base"]
-        base["mass_kg"] *= float(off[0])
-        base["inertia_kg_m2"] = [float(off[0]) * value for value in base["inertia_kg_m2"]]
+        base = report_from(document["bodies"]["base"])
+        document["bodies"]["base"] |= mapping_from(drawn_body(base, off, rng))
+
+
+def drawn_body(report: FloatArray, mass_off: float, rng: np.random.Generator) -> FloatArray:
+    """Return a body that differs as `robot.links_sigma_ratio` declares of mass errors like this.
+
+    The pseudo-inertia, mass first, is P = L L^T; it becomes L (1 + S) L^T with S symmetric and
+    Gaussian, but for the error of the mass, which is S[0, 0] and given.
+    """
+    mass, com, central = report[0], report[1:4], symmetric(report[4:])
+    moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
+    L = np.linalg.cholesky(np.block([[mass, mass * com], [mass * com[:, None], moments]]))
+    S = _rms(*LINKS_OFF) * rng.standard_normal((4, 4)) / math.sqrt(2.0)
+    S = (S + S.T) / math.sqrt(2.0)
+    S[0, 0] = mass_off
+    P = L @ (np.eye(4) + S) @ L.T
+    com = P[0, 1:] / P[0, 0]
+    moments = P[1:, 1:] - P[0, 0] * np.outer(com, com)
+    central = np.trace(moments) * np.eye(3) - moments
+    return np.concatenate([[P[0, 0]], com, six_of(central)])
 
 
 def _row(unknown: str, config: Config, blocks: list[Block]) -> dict[str, Any]:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from hil.evidence.rough.case import Case, made, work
+from fsw.estimators.model.calibration import spread_root
+from hil.evidence.rough.case import LINKS_OFF, Case, _rms, _sized, drawn_body, made, work
 from hil.evidence.rough.command import rough
+from hil.world.inertia import pi_of
 
 
 @pytest.mark.parametrize("unknown", ["target", "both"])
@@ -37,3 +40,18 @@ def test_the_flight_side_knows_nothing_of_the_rough_world(tmp_path: Path) -> Non
     assert config.robot.links_sigma_ratio == pytest.approx(0.0321, abs=1e-4)
     off = abs(config.bodies["base"].mass_kg / 1000.0 - 1.0)
     assert 0.01 <= off <= 0.05
+
+
+def test_wrong_bodies_are_draws_from_what_is_declared_of_them() -> None:
+    """Their distance from the truth in the declared covariance is that of ten unit variances."""
+    rng, count = np.random.default_rng(5), 2000
+    report = np.array([4.8, 0.02, -0.05, 0.25, 0.11, 0.004, -0.002, 0.10, 0.003, 0.02])
+    root = spread_root(pi_of(report), _rms(*LINKS_OFF))
+    drawn = np.array([drawn_body(report, off, rng) for off in _sized(rng, *LINKS_OFF, count)])
+    off = np.array([pi_of(body) for body in drawn]) - pi_of(report)
+    unit = np.linalg.solve(root, off.T)
+    bound = 4.0 * np.sqrt(2.0 / count)  # of a variance; a mass of even size scatters less
+    assert np.max(np.abs(np.mean(unit**2, axis=1) - 1.0)) < bound
+    share = np.abs(drawn[:, 0] / report[0] - 1.0)
+    assert share.min() >= LINKS_OFF[0]
+    assert share.max() <= LINKS_OFF[1]
