@@ -34,7 +34,7 @@ def load_problem(config: Config) -> Problem:
     _check_urdf(urdf)
     model = read_model(urdf, config.robot.tool_frame)
     _check_masses(config, model)
-    return build_problem(config, model)
+    return build_problem(config, model, exact=config.estimator.is_regression)
 
 
 def read_model(urdf: Path, tool_frame: str) -> RobotModel:

@@ -207,62 +207,91 @@ def _doubts(config: Config, problem: Problem) -> list[str]:
     known = {name.rpartition(".")[0] for name in problem.names if name.startswith("known.")}
     found = [f"{len(known)} known bodies"] if known else []
     sizes = {
-        "torque scales": max(joint.torque_scale_sigma_ratio for joint in joints),
-        "zeros of joints [rad]": max(joint.zero_sigma_rad for joint in joints),
-        "place of the inertial unit [m]": imu.mounting_position_sigma_m,
-        "its attitude [rad]": imu.mounting_angle_sigma_rad,
-        "inertia of wheels": max([w.inertia_sigma_ratio for w in config.wheels], default=0.0),
-        "force of thrusters": max([t.force_sigma_ratio for t in config.thrusters], default=0.0),
+        "torque_scale": ("torque scales", [j.torque_scale_sigma_ratio for j in joints]),
+        "joint_zero": ("zeros of joints [rad]", [j.zero_sigma_rad for j in joints]),
+        "imu_place": ("place of the inertial unit [m]", [imu.mounting_position_sigma_m]),
+        "imu_angle": ("its attitude [rad]", [imu.mounting_angle_sigma_rad]),
+        "wheel_scale": ("inertia of wheels", [w.inertia_sigma_ratio for w in config.wheels]),
+        "thrust_scale": ("force of thrusters", [t.force_sigma_ratio for t in config.thrusters]),
     }
-    return found + [f"{name} {size:.3g}" for name, size in sizes.items() if size > 0.0]
+    states = _states(problem)
+    return found + [
+        f"{name} {max(sigmas):.3g}" for kind, (name, sigmas) in sizes.items() if kind in states
+    ]
+
+
+def _states(problem: Problem) -> set[str]:
+    """Return the kinds of states that the problem has."""
+    return {name.partition(".")[0] for name in problem.names}
 
 
 def _certain(config: Config, problem: Problem) -> list[str]:
     """Return the data of arm, base and inertial unit that the estimator takes as exact."""
-    joints, imu = config.joints, config.imu
+    joints, states = config.joints, _states(problem)
     bodies = {name.split(".")[1] for name in problem.names if name.startswith("known.")}
+    linkless = {name.split(".")[2] for name in problem.names if name.startswith("known.link.")}
+    links = [joint.name for joint in joints if joint.name not in linkless]
     exact = {
-        "links": "link" not in bodies,
-        "base": "base" not in (*problem.unknown, *bodies),
-        "torque scales": not any(joint.torque_scale_sigma_ratio for joint in joints),
-        "zeros of joints": not any(joint.zero_sigma_rad for joint in joints),
-        "place of the inertial unit": not imu.mounting_position_sigma_m,
-        "its attitude": not imu.mounting_angle_sigma_rad,
+        "geometry of the arm": True,
+        "links": len(links) == len(joints),
+        f"links of {', '.join(links)}": 0 < len(links) < len(joints),
+        "base": not {"base"} & {*problem.unknown, *bodies} and config.base.motion != "clamped",
+        "torque scales": "torque_scale" not in states,
+        "zeros of joints": "joint_zero" not in states,
+        "place of the inertial unit": config.imu.present and "imu_place" not in states,
+        "its attitude": config.imu.present and "imu_angle" not in states,
+        "inertia of wheels": len(config.wheels) > 0 and "wheel_scale" not in states,
+        "force of thrusters": len(config.thrusters) > 0 and "thrust_scale" not in states,
     }
     return [name for name, is_exact in exact.items() if is_exact]
 
 
 def _off(config: Config, problem: Problem) -> list[str]:
-    """Return which effects the model leaves out, with the key that would bring each in."""
-    joints, imu, estimator = config.joints, config.imu, config.estimator
+    """Return which effects the model leaves out, with the key that would bring each in.
+
+    An effect that some joints have and others have not is off at the others, which are named. What
+    cannot be, as the momentum of a clamped base, is not named.
+    """
+    imu, estimator, motion = config.imu, config.estimator, config.base.motion
+    off = []
+    for name, key in (
+        ("Coulomb friction", "friction_coulomb_sigma_nm"),
+        ("viscous friction", "friction_viscous_sigma_nms_rad"),
+        ("torque that no model has", "torque_model_sigma_nm"),
+        ("torque offsets", "torque_offset_sigma_nm"),
+    ):
+        without = [joint.name for joint in config.joints if not getattr(joint, key)]
+        if without:
+            where = "" if len(without) == len(config.joints) else f" at {', '.join(without)}"
+            off.append(f"{name}{where} (joints[].{key})")
     effects = {
-        "Coulomb friction (joints[].friction_coulomb_sigma_nm)": [
-            joint.friction_coulomb_sigma_nm for joint in joints
-        ],
-        "viscous friction (joints[].friction_viscous_sigma_nms_rad)": [
-            joint.friction_viscous_sigma_nms_rad for joint in joints
-        ],
-        "torque that no model has (joints[].torque_model_sigma_nm)": [
-            joint.torque_model_sigma_nm for joint in joints
-        ],
-        "torque offsets (joints[].torque_offset_sigma_nm)": [
-            joint.torque_offset_sigma_nm for joint in joints
-        ],
-        "bias of accelerometer (imu.acc_bias_sigma_m_s2)": [imu.acc_bias_sigma_m_s2],
-        "bias of gyro (imu.gyro_bias_sigma_rad_s)": [imu.gyro_bias_sigma_rad_s],
-        "residual momentum (estimator.momentum_sigma_nms)": [estimator.momentum_sigma_nms],
-        "constant wrench on the base (estimator.external_*)": [
-            *(estimator.external_force_sigma_n, estimator.external_torque_sigma_nm)
-        ],
-        "constant wrench on the target (estimator.target_*)": [
-            *(estimator.target_force_sigma_n, estimator.target_torque_sigma_nm)
-        ],
+        "bias of accelerometer (imu.acc_bias_sigma_m_s2)": (
+            imu.present and not imu.acc_bias_sigma_m_s2
+        ),
+        "bias of gyro (imu.gyro_bias_sigma_rad_s)": imu.present and not imu.gyro_bias_sigma_rad_s,
+        "constant wrench on the target (estimator.target_*)": not (
+            estimator.target_force_sigma_n or estimator.target_torque_sigma_nm
+        ),
     }
-    off = [name for name, sigmas in effects.items() if not any(sigmas)]
-    off += [] if config.wheels else ["reaction wheels (wheels)"]
-    off += [] if config.thrusters else ["thrusters (thrusters)"]
-    if config.estimator.outside_wrench == "ignore":
-        off.append("unknown firings, contact of the target (estimator.outside_wrench)")
+    if motion != "clamped":
+        effects |= {
+            "momentum (estimator.momentum_sigma_nms)": not estimator.momentum_sigma_nms,
+            "constant wrench on the base (estimator.external_*)": not (
+                estimator.external_force_sigma_n or estimator.external_torque_sigma_nm
+            ),
+            "reaction wheels (wheels)": not config.wheels,
+        }
+    if motion == "free":
+        effects |= {
+            "unknown firings, contact of the target (estimator.outside_wrench)": (
+                estimator.outside_wrench == "ignore"
+            ),
+            "thrusters (thrusters)": not config.thrusters,
+            "panels that bend and liquid that moves: MODEL_MISMATCH at best (modes)": not (
+                config.modes or any(body.liquid for body in config.bodies.values())
+            ),
+        }
+    off += [name for name, is_off in effects.items() if is_off]
     for name, body in config.bodies.items():
         moving_kg = sum(part.mass_kg for part in body.liquid)
         if moving_kg:
@@ -270,15 +299,13 @@ def _off(config: Config, problem: Problem) -> list[str]:
                 f"motion of {moving_kg:.4g} kg of liquid in {name}, which may cost as much of its "
                 "mass and is in its sigma (modes)"
             )
-    if not config.modes and not any(body.liquid for body in config.bodies.values()):
-        off.append("panels that bend and liquid that moves: MODEL_MISMATCH at best (modes)")
-    return off + ([] if config.orbit is not None else [_gradient(config, problem)])
+    if motion == "free" and config.orbit is None:
+        off.append(_gradient(problem))
+    return off
 
 
-def _gradient(config: Config, problem: Problem) -> str:
+def _gradient(problem: Problem) -> str:
     """Return what an orbit that is not told may cost: 3/2 n^2 (I_max - I_min) at zero angles."""
-    if config.base.motion != "free":
-        return "gravity gradient (orbit)"
     model = problem.model
     model.set_parameters(problem.pi(problem.prior_mean))
     H = model.mass_matrix(np.zeros(model.n))[:6, :6]

@@ -76,6 +76,11 @@ class EstimatorConfig(Section):
     condition_limit: Positive = 1e8
     forgetting_time_s: LongDuration | None = None  # data's information decays with it; null: never
 
+    @property
+    def is_regression(self) -> bool:
+        """Whether the method is the paper's, which takes arm and calibration as exact."""
+        return self.method == "mrnea" and self.weighting != "eiv"
+
 
 class OrbitConfig(Section):
     """A circular orbit: turns on gravity-gradient force and torque. Needs a star tracker.

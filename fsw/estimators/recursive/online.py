@@ -303,7 +303,7 @@ def build_online(
     if model is None:
         model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     settings = config.estimator
-    linear = settings.method == "mrnea" and settings.weighting != "eiv"
+    linear = settings.is_regression
     problem = build_problem(config, model, exact=linear)
     if settings.method == "mrnea" and settings.weighting == "bc":
         return BiasCompensatedEstimator(problem, settings)
