@@ -228,7 +228,7 @@ def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1
 
 
 def consistent_state(
-    x: FloatArray, bodies: Sequence[slice], covariance: Callable[[], FloatArray]
+    x: FloatArray, bodies: Sequence[slice], covariance: Callable[[], FloatArray], off: FloatArray
 ) -> FloatArray:
     """Return a state with each of its bodies moved to the nearest consistent one.
 
@@ -237,12 +237,13 @@ def consistent_state(
     x : (p,) state; returned itself where all bodies are consistent
     bodies : the states of each body
     covariance : returns that of the state (p, p)
+    off : (p,) what is a body of its own, and part of the state's
     """
     moved = x
     for k in bodies:
-        if not is_consistent(x[k]):
+        if not is_consistent(x[k] - off[k]):
             moved = x.copy() if moved is x else moved
-            moved[k] = nearest_consistent(x[k], covariance()[k, k])
+            moved[k] = off[k] + nearest_consistent(x[k] - off[k], covariance()[k, k])
     return moved
 
 

@@ -11,7 +11,7 @@ sigma is zero there is no state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,7 @@ from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
     NAMES,
     PARAMETERS,
+    consistent_state,
     report_jacobian,
     to_parameters,
 )
@@ -33,6 +34,7 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 NO_STATES = slice(0, 0)
+MODE_REACH = 3.0  # sigmas of a mode's prior within which it is linearised
 IMPLAUSIBLE = 10.0  # sigmas of a value of arm or calibration that its prior cannot be meant for
 CONSPICUOUS = 4.0  # the same, to be named
 SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have in common: one rig
@@ -205,6 +207,24 @@ class Problem:
         """Return the ten states of one unknown body."""
         start = PARAMETERS * self.unknown.index(name)
         return slice(start, start + PARAMETERS)
+
+    def consistent(self, x: FloatArray, covariance: Callable[[], FloatArray]) -> FloatArray:
+        """Return a state (p,) with each body moved to the nearest consistent one, modes to theirs.
+
+        A mode is at most MODE_REACH sigma from its prior, and the base is more than its modes.
+        `covariance` returns that of the state (p, p).
+        """
+        off = np.zeros(len(x))
+        if self.modes is not None:
+            k = np.r_[self.mode_mass, self.mode_frequency, self.mode_damping]
+            reach = MODE_REACH * np.sqrt(np.diag(self.prior_covariance)[k])
+            if np.any(np.abs(x[k]) > reach):
+                x = x.copy()
+                x[k] = np.clip(x[k], -reach, reach)
+            if "base" in self.unknown:
+                off[self.body("base")] = x[self.body("base")] - self.modes.released.pi(x)[:PARAMETERS]
+        bodies = [self.body(name) for name in self.unknown]
+        return consistent_state(x, bodies, covariance, off)
 
     def pi(self, x: FloatArray) -> FloatArray:
         """Return the parameters of base and links (10 (n+1),) for the state x."""

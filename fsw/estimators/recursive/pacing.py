@@ -16,7 +16,8 @@ SETTLED_IN_DOUBT = 0.05  # the same of the bodies alone, where arm and calibrati
 WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
 FAR = 0.5  # whitened rms distance from the last point at which that expectation is not trusted
 LEAST_PULL = 1 / 16
-_STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull")
+BACK = 0.5  # cosine between two moves of the point, reversed, above which the second leads back
+_STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull", "_from")
 
 
 class Pacing:
@@ -33,6 +34,7 @@ class Pacing:
         self._last_move = self._last_step = np.inf
         self._last_since = 1
         self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
+        self._from: FloatArray | float = 0.0  # point before the last pass's, where that is asked
 
     def is_worth_a_pass(self, drift: float, since: int) -> bool:
         """Return whether re-linearising now is expected to move the estimate.
@@ -54,11 +56,20 @@ class Pacing:
         ratio = drift / max(self._last_move, 1e-9) * since / self._last_since
         return bool(self._last_step * ratio * max(1.0, ratio) > WORTH)
 
-    def point(self, wanted: FloatArray, previous: FloatArray) -> FloatArray:
-        """Return the next pass's point: less than all the way after passes that failed."""
-        if self._pull >= 1:
-            return wanted
-        return previous + self._pull * (wanted - previous)
+    def point(
+        self, wanted: FloatArray, previous: FloatArray, R: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the next pass's point: less than all the way after passes that failed.
+
+        With the root R of an information, half the way where it leads back: passes swing there.
+        """
+        pull = self._pull
+        if R is not None:
+            now, last = R @ (wanted - previous), R @ (previous - self._from)
+            if now @ last < -BACK * np.linalg.norm(now) * np.linalg.norm(last):
+                pull = min(pull, 0.5)
+            self._from = previous
+        return wanted if pull >= 1 else previous + pull * (wanted - previous)
 
     def begin(self, move: float, since: int) -> None:
         """Note how far the point of a pass lies from the one before."""

@@ -21,7 +21,6 @@ from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
-from fsw.estimators.model.inertia import consistent_state
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive import pacing
@@ -339,7 +338,8 @@ class Recursion:
     def _begin_pass(self) -> None:
         wanted, step = self._next_point()
         memory, previous = self.memory, self.memory.at
-        point = self.pacing.point(wanted, previous)
+        root = memory.information.R if self.problem.modes is not None else None
+        point = self.pacing.point(wanted, previous, root)
         self.pacing.begin(distance(memory.information.R, point - previous), self.since)
         if step is None:
             memory.begin(point)
@@ -428,6 +428,4 @@ class Recursion:
         """Return the estimate with every body moved to the nearest physically consistent one."""
         if self.linear:
             return self.problem.prior_mean
-        problem = self.problem
-        bodies = [problem.body(name) for name in problem.unknown]
-        return consistent_state(self.x, bodies, self.memory.information.covariance)
+        return self.problem.consistent(self.x, self.memory.information.covariance)
