@@ -12,7 +12,8 @@ from fsw.config import ModeConfig
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
-from fsw.estimators.measurement.row_functions import row_function, stack
+from fsw.estimators.measurement.row_functions import row_function, stack, usable_rows
+from fsw.estimators.model.inertia import PARAMETERS, is_consistent
 from fsw.estimators.model.modes import in_base, modal_inertia
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.memory import Memory
@@ -142,6 +143,24 @@ def test_what_is_not_excited_stays_at_its_prior() -> None:
         np.testing.assert_allclose(
             np.diag(covariance)[states], np.diag(problem.prior_covariance)[states], rtol=1e-3
         )
+
+
+def test_a_base_is_linearised_as_more_than_its_modes() -> None:
+    """A base lighter than its liquid has no inertia less it; every window would fail there."""
+    problem, block = problem_with_modes(("base",)), true_blocks(40)[0]
+    rows = row_function("fused", "eiv", problem)
+    light = true_state(problem)
+    light[problem.body("base")] *= 0.9 * (PANEL.mass_kg + TANK.mass_kg) / BASE.mass_kg
+    light[problem.mode_frequency] = 2.0
+    at = problem.consistent(light, lambda: problem.prior_covariance)
+    assert problem.modes is not None
+    assert is_consistent(at[problem.body("base")])
+    assert is_consistent(problem.modes.released.pi(at)[:PARAMETERS])
+    sigma = np.sqrt(np.diag(problem.prior_covariance)[problem.mode_frequency])
+    assert np.all(np.abs(at[problem.mode_frequency]) <= 3.0 * sigma)
+    assert usable_rows(rows, block, at, None) is not None
+    heavy = true_state(problem)
+    assert problem.consistent(heavy, lambda: problem.prior_covariance) is heavy
 
 
 def test_after_a_gap_the_windows_together_know_the_modes_as_well_as_before_and_no_better() -> None:
