@@ -222,9 +222,8 @@ class Problem:
                 x = x.copy()
                 x[k] = np.clip(x[k], -reach, reach)
             if "base" in self.unknown:
-                off[self.body("base")] = (
-                    x[self.body("base")] - self.modes.released.pi(x)[:PARAMETERS]
-                )
+                own = self.body("base")
+                off[own] = x[own] - self.modes.released.pi(x)[:PARAMETERS]
         bodies = [self.body(name) for name in self.unknown]
         return consistent_state(x, bodies, covariance, off)
 
