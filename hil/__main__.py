@@ -183,6 +183,12 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     paper.set_defaults(command=_study_paper)
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
     energy.set_defaults(command=_study_energy)
+    modes = kinds.add_parser("modes", help="sigma over the bound, of panels and liquid")
+    modes.add_argument("scenario", metavar="SCENARIO", help="with panels or liquid, declared")
+    modes.add_argument(
+        "--runs", type=Path, required=True, metavar="DIR", help="of `hil seeds SCENARIO --out DIR`"
+    )
+    modes.set_defaults(command=_study_modes)
     for name, example in STUDIES.items():
         kinds.choices[name].epilog = f"example: {example}"
 
@@ -246,6 +252,12 @@ def _study_energy(_arguments: argparse.Namespace) -> int:
     from hil.evidence.methods.command import energy
 
     return energy()
+
+
+def _study_modes(arguments: argparse.Namespace) -> int:
+    from hil.evidence.modes_bound import study
+
+    return study(arguments.scenario, arguments.runs)
 
 
 def _list(_arguments: argparse.Namespace) -> int:

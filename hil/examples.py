@@ -22,4 +22,5 @@ STUDIES = {
     "methods": "hil study methods --quick --out runs/methods",
     "paper": "hil study paper --quick",
     "trivial-energy": "hil study trivial-energy",
+    "modes": "hil study modes panel_leo --runs runs/panel",
 }
