@@ -9,8 +9,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +23,8 @@ from fsw.commands.daemon_arguments import (
 from fsw.commands.examples import EXAMPLES
 from fsw.commands.excite_arguments import add_arguments as excite_arguments
 from fsw.commands.init_arguments import add_arguments as init_arguments
+from fsw.commands.out_argument import refuse_existing
+from fsw.commands.progress import Progress
 from fsw.commands.recording_arguments import (
     calibrate_arguments,
     export_arguments,
@@ -39,11 +40,10 @@ from fsw.messages.errors import ConfigError, FswError
 if TYPE_CHECKING:
     from fsw.commands.robot import Robot
     from fsw.config import Config
-    from fsw.estimators.model.problem import Problem
 
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
-YAML_ENDINGS = (".yaml", ".yml")
+INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,10 +52,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
+        if new := getattr(arguments, "new", ""):
+            refuse_existing(arguments, new)
         return command(arguments)
     except BrokenPipeError:  # who read has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except KeyboardInterrupt:
+        print("\nfsw: interrupted", file=sys.stderr)
+        return INTERRUPTED_EXIT
     except ConfigError as error:
         print(f"fsw: {error}", file=sys.stderr)
         return CONFIG_EXIT
@@ -96,10 +101,10 @@ def parser() -> argparse.ArgumentParser:
 def _bench(arguments: argparse.Namespace) -> int:
     from fsw.commands.bench import bench
 
-    progress = _progress("bench")
-    report = bench(
-        arguments.rounds, arguments.seconds, arguments.priority, arguments.frame_rate, progress
-    )
+    with Progress("bench") as progress:
+        report = bench(
+            arguments.rounds, arguments.seconds, arguments.priority, arguments.frame_rate, progress
+        )
     print(json.dumps(report.to_json()) if arguments.json else report.to_text())
     for text in report.missing:
         print(f"fsw: warning: {text}", file=sys.stderr)
@@ -133,15 +138,6 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     check.set_defaults(command=_check)
 
 
-def _progress(command: str) -> Callable[[str], None]:
-    """Return what says on stderr how far a command has come."""
-
-    def say(text: str) -> None:
-        print(f"fsw: {command}: {text}", file=sys.stderr)
-
-    return say
-
-
 def _warned(robot: Robot) -> Robot:
     """Print the warnings of a configuration to stderr."""
     for warning in robot.warnings:
@@ -170,10 +166,10 @@ def _run(arguments: argparse.Namespace) -> int:
     config = _checked(_config(arguments))
     validate_ports(config)
     validate_outputs(config)
-    say = _progress("run")
     for text in missing_devices(config):
-        say(f"warning: {text}; it is opened once it is there")
-    say("until SIGTERM; events that somebody must act on follow, all are in events.jsonl")
+        print(f"fsw: run: warning: {text}; it is opened once it is there", file=sys.stderr)
+    words = "until SIGTERM; events that somebody must act on follow, all are in events.jsonl"
+    print(f"fsw: run: {words}", file=sys.stderr)
     from fsw.loop.app import RESTART_EXIT, run_live  # only now anything that can open a device
 
     code = run_live(config, cold=arguments.cold)
@@ -191,14 +187,16 @@ def _replay(arguments: argparse.Namespace) -> int:
     recording = load(arguments.recording)
     robot = (recording.robot if given is None else given).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=arguments.method, weighting=arguments.weighting))
-    result = replay(recording, robot, from_s=arguments.from_s, to_s=arguments.to_s)
+    span = {"from_s": arguments.from_s, "to_s": arguments.to_s}
+    with Progress("replay") as progress:
+        result = replay(recording, robot, **span, progress=progress)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
     for source, counts in result.status["samples"].items():
         if not counts["accepted"]:
             text = f"{counts['received']} samples and {counts['received_bytes']} bytes received"
             print(f"fsw: warning: {source}: nothing usable; {text}", file=sys.stderr)
     if result.truncated:
-        print(f"fsw: warning: {arguments.recording} is cut off at its end", file=sys.stderr)
+        print(f"fsw: warning: {result.cut_off()}", file=sys.stderr)
     return 0 if result.estimate is not None and result.estimate.valid else FAILED_EXIT
 
 
@@ -216,21 +214,23 @@ def _report(arguments: argparse.Namespace) -> int:
         chosen = robot.with_choices(method=arguments.method, weighting=arguments.weighting)
         robot = _warned(chosen)
     out = arguments.out or Path(arguments.recording.stem).with_suffix(".html")
-    progress = _progress("report")
-    progress(f"replaying {recording}")
-    written = report(
-        recording,
-        robot,
-        out,
-        with_csv=arguments.csv,
-        with_png=arguments.png,
-        with_parquet=arguments.parquet,
-        with_mcap=arguments.mcap,
-        from_s=arguments.from_s,
-        to_s=arguments.to_s,
-        progress=progress,
-    )
+    with Progress("report") as progress:
+        progress(f"replaying {recording}")
+        written = report(
+            recording,
+            robot,
+            out,
+            with_csv=arguments.csv,
+            with_png=arguments.png,
+            with_parquet=arguments.parquet,
+            with_mcap=arguments.mcap,
+            from_s=arguments.from_s,
+            to_s=arguments.to_s,
+            progress=progress,
+        )
     print("\n".join([written.verdict, *map(str, written.paths)]))
+    if written.result.truncated and recording != LIVE:
+        print(f"fsw: warning: {written.result.cut_off()}", file=sys.stderr)
     return 0 if written.valid else FAILED_EXIT
 
 
@@ -246,7 +246,9 @@ def _view(arguments: argparse.Namespace) -> int:
         raise ConfigError("--config: a plan needs the configuration of its robot")
     robot = _warned((robot or load(source).robot).with_overlays(*arguments.overlay))
     out = arguments.out or Path(f"{source.stem}_motion.html")
-    print(view(source, robot.config, out, arguments.truth, _progress("view")))
+    with Progress("view") as progress:
+        written = view(source, robot.config, out, arguments.truth, progress)
+    print(written)
     return 0
 
 
@@ -260,61 +262,60 @@ def _identify(arguments: argparse.Namespace) -> int:
     robot = (given or load(arguments.recording).robot).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))
 
-    tell = _progress("identify")
+    with Progress("identify") as tell:
 
-    def progress(_ratio: float, text: str) -> bool:
-        tell(text)
-        return True
+        def progress(_ratio: float, text: str) -> bool:
+            tell(text)
+            return True
 
-    result = identify(
-        arguments.recording,
-        robot,
-        method=method,
-        from_s=arguments.from_s,
-        to_s=arguments.to_s,
-        holdout=arguments.holdout,
-        reference=arguments.reference,
-        report=arguments.report,
-        progress=progress,
-    )
+        result = identify(
+            arguments.recording,
+            robot,
+            method=method,
+            from_s=arguments.from_s,
+            to_s=arguments.to_s,
+            holdout=arguments.holdout,
+            reference=arguments.reference,
+            report=arguments.report,
+            progress=progress,
+        )
     print(json.dumps(result.values) if arguments.json else result)
     return 0 if result.valid and result.passed is not False else FAILED_EXIT
 
 
 def _import(arguments: argparse.Namespace) -> int:
+    if arguments.out is None:
+        raise ConfigError("--out: missing; where shall the recording go?")
     from fsw.commands.importing import import_recording
 
     config = _checked(_config(arguments))
-    print("\n".join(import_recording(arguments, config, _progress("import"))))
+    with Progress("import") as progress:
+        written = import_recording(arguments, config, progress)
+    print("\n".join(written))
     return 0
 
 
 def _calibrate(arguments: argparse.Namespace) -> int:
     from fsw.commands.calibrate.command import calibrate
 
-    tell = _progress("calibrate")
-    text, shown = calibrate(arguments, tell)
+    with Progress("calibrate") as tell:
+        text, shown = calibrate(arguments, tell)
     print(text)
+    words = f"wrote {arguments.out}; use it with --overlay {arguments.out}"
     if not shown:
-        tell("the data show no figure better than the configuration does; nothing is written")
+        words = "the data show no figure better than the configuration does; nothing is written"
+    if arguments.out is not None or not shown:
+        print(f"fsw: calibrate: {words}", file=sys.stderr)
     return 0 if shown else FAILED_EXIT
 
 
 def _excite(arguments: argparse.Namespace) -> int:
+    from fsw.commands.check import planning
+
     config = _checked(_config(arguments))
-    with _planning("excite"):
+    with planning("excite"):
         from fsw.commands.excite import excite
     return excite(arguments, config)
-
-
-@contextmanager
-def _planning(command: str) -> Iterator[None]:
-    """Say what a command needs besides, where it imports the planner of motions."""
-    try:
-        yield
-    except ImportError as error:
-        words = f"fsw {command} needs {error.name}: pip install 'inertia-daemon[excite]'"
-        raise ConfigError(words) from error
 
 
 def _ctl(arguments: argparse.Namespace) -> int:
@@ -329,28 +330,11 @@ def _ctl(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from fsw.checks.configuration import missing_devices, validate, validate_outputs
-    from fsw.commands.describe import describe
+    from fsw.commands.check import check
 
-    config = _config(arguments)
-    problem, warnings = validate(config)
-    other: Path | None = arguments.other
-    if other is not None and other.suffix not in YAML_ENDINGS:
-        return _check_recording(other, config, problem)
-    validate_outputs(config)
-    if config.telemetry is not None:
-        from fsw.telemetry.link.uplink_configuration import check_uplink
-
-        warnings += check_uplink(config, os.environ)
-    print(describe(config, problem))
-    for warning in [*warnings, *missing_devices(config)]:
-        print(f"warning: {warning}")
-    print(f"{config.name}: correct; no device was opened")
-    if other is not None:
-        with _planning("check PLAN"):
-            from fsw.commands.motion import check_motion
-        print("\n".join(check_motion(config, other)))
-    return 0
+    text, agree = check(_config(arguments), arguments.other)
+    print(text)
+    return 0 if agree else FAILED_EXIT
 
 
 def _init(arguments: argparse.Namespace) -> int:
@@ -379,16 +363,6 @@ def _schema(_arguments: argparse.Namespace) -> int:
 
     print(json.dumps(json_schema(), indent=2))
     return 0
-
-
-def _check_recording(recording: Path, config: Config, problem: Problem) -> int:
-    from fsw.commands.check_recording import check_recording
-
-    progress = _progress("check")
-    lines, agree = check_recording(recording, config, problem, progress)
-    verdict = "agree" if agree else "do not agree; see the lines with WRONG"
-    print("\n".join([*lines, f"{recording} and {config.name} {verdict}"]))
-    return 0 if agree else FAILED_EXIT
 
 
 def _install_service(arguments: argparse.Namespace) -> int:

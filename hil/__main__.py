@@ -35,9 +35,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
+    from fsw.commands.out_argument import refuse_existing
     from hil.errors import explained
 
-    return explained(lambda: command(arguments), WRONG_EXIT, FAILED_EXIT)
+    def action() -> int:
+        if "force" in arguments:
+            refuse_existing(arguments)
+        return command(arguments)
+
+    return explained(action, WRONG_EXIT, FAILED_EXIT)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -54,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--out", type=Path, metavar="DIR", help="keep configuration, recording, picture, result"
     )
+    run.add_argument("--force", action="store_true", help="overwrite --out")
     run.add_argument(
         "--bus",
         choices=("auto", "socketcan", "udp_multicast"),

@@ -23,6 +23,7 @@ from fsw.messages.errors import ConfigError
 
 MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
 LONG_LEVER_M = 10.0  # of the inertial unit: a space station would have it
+FAST_RAD_S = 2.0 * tau  # of a joint: more is rather in degrees
 FULL_LOAD = 1.0
 HIGH_LOAD = 0.7
 MAX_GROUP_DELAY_S = 0.1  # a sensor filter slower than 10 Hz is taken for milliseconds
@@ -120,6 +121,12 @@ def _warnings(config: Config) -> list[str]:
             f"imu.baud_rate: {config.imu.baud_rate} does not carry the longest datagram at "
             f"{config.imu.rate_hz:g} Hz ({longest:.0%}); shorter ones fit"
         )
+    found += [
+        f"joints.{i}.speed_limit_rad_s ({joint.name}): {joint.speed_limit_rad_s:g} rad/s are "
+        f"{joint.speed_limit_rad_s / tau:.2g} turns a second; are these degrees?"
+        for i, joint in enumerate(config.joints)
+        if joint.speed_limit_rad_s > FAST_RAD_S
+    ]
     found += _mounting_warnings(config)
     estimator = config.estimator
     if estimator.method != "mrnea" and estimator.weighting != "eiv":

@@ -19,9 +19,10 @@ from fsw.config import Config
 from fsw.estimators.batch.solver import Target, minimise
 from fsw.estimators.conditioning import rotation_from_xyzw
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
-from fsw.estimators.model.problem import Problem, joint_order
+from fsw.estimators.model.inertia import PARAMETERS, from_parameters
+from fsw.estimators.model.problem import Problem, body_prior, build_problem, joint_order
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import NUMERICAL
+from fsw.messages.errors import NUMERICAL, ConfigError
 
 BLOCKS = 8  # that are looked at, spread over the recording
 ITERATIONS = 12
@@ -30,6 +31,8 @@ EXPLAINED = 0.1  # of the squared residuals that a mistake may leave to be named
 TOLD = 10  # mistakes from one line of progress to the next
 WELL_EXPLAINED = 9.0  # squared residuals over the noise that may be left of what is named
 AT_ONCE = 3  # mistakes in one configuration
+FREED, FREED_M = 30.0, 3.0  # sigma of a base that nobody knows: in its own values; of its centre
+FREED_ITERATIONS = 60
 
 Change = Callable[[Block], Block]
 
@@ -74,6 +77,11 @@ def explain_residuals(
             break
         chosen, level = [candidates[best].change(b) for b in chosen], levels[best]
         found.append(candidates[best].text)
+    if not found and level > LARGE and "base" not in config.unknown:
+        progress("trying another base")
+        freed, words = _freed_base(config, problem, chosen)
+        if freed <= LARGE:
+            level, found = freed, [words]
     names, tried, explained = tuple(found), len(candidates), level <= WELL_EXPLAINED
     return Verdict(
         before=before,
@@ -86,16 +94,55 @@ def explain_residuals(
 
 def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:
     """Return the squared residuals of the best fit over the declared noise; inf without one."""
+    return _fit(problem, blocks)[0]
+
+
+def _fit(
+    problem: Problem, blocks: Sequence[Block], iterations: int = ITERATIONS
+) -> tuple[float, FloatArray]:
+    """Return the squared residuals of the best fit over the declared noise, and the state (p,)."""
+    nothing = float("inf"), problem.prior_mean
     if not blocks:
-        return float("inf")
+        return nothing
     target = Target(Linearisation(row_function("fused", "eiv", problem), blocks))
     try:
         with np.errstate(all="ignore"):
-            solution = minimise(problem, target, max_iterations=ITERATIONS, plain=False)
+            solution = minimise(problem, target, max_iterations=iterations, plain=False)
     except NUMERICAL:
-        return float("inf")
+        return nothing
     level = solution.cost / max(solution.rows, 1)
-    return level if np.isfinite(level) else float("inf")
+    return (level, solution.mean) if np.isfinite(level) else nothing
+
+
+def _freed_base(config: Config, problem: Problem, blocks: Sequence[Block]) -> tuple[float, str]:
+    """Return what a base that nobody knows would leave of the residuals, and words about it."""
+    own = config.bodies.get("base")
+    key = "the URDF's root link" if own is None else "bodies.base"
+    pi = problem.model.pi_links[:PARAMETERS] if own is None else body_prior(own)[0]
+    mass_kg, com_m, inertia = from_parameters(pi)
+    largest = float(max(inertia[k] for k in (0, 3, 5)))
+    base = {
+        "mass_kg": float(mass_kg),
+        "com_m": com_m.tolist(),
+        "inertia_kg_m2": inertia.tolist(),
+        "sigma": {
+            "mass_kg": FREED * float(mass_kg),
+            "com_m": [FREED_M] * 3,
+            "inertia_kg_m2": [FREED * largest] * 6,
+        },
+    }
+    bodies = {name: body.model_dump() for name, body in config.bodies.items()} | {"base": base}
+    try:
+        freed = config.with_sections(bodies=bodies, unknown=("base", *config.unknown))
+        wider = build_problem(freed, problem.model)
+    except ConfigError:  # such as of a base that is clamped
+        return float("inf"), ""
+    level, x = _fit(wider, blocks, FREED_ITERATIONS)
+    found_kg = x[wider.body("base")][0]
+    return level, (
+        f"the known base ({key}): its data do not fit; mass {mass_kg:.4g} kg, found about "
+        f"{found_kg:.3g} kg. Correct it, or estimate it: base under unknown"
+    )
 
 
 def usual_mistakes(config: Config, problem: Problem) -> list[Mistake]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from math import tau
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
@@ -20,6 +21,8 @@ from fsw.messages.errors import ConfigError
 ROOT_LINK = "the root link"
 WIDE_M = 50.0  # across a link: rather an inertia in kg mm^2, or a mass in tonnes
 DENSE_KG_M3 = 25_000.0  # above osmium: rather a mass in grams
+TURNS_RAD = 2.0 * tau  # of a joint: either way more is rather in degrees,
+MOST_DEGREES = 720.0  # up to this; a joint that turns for ever has wider limits
 FAR_M = 10.0  # between two joints: rather millimetres or centimetres
 
 
@@ -112,8 +115,17 @@ def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
         for link, pi in _known_links(config, model)
         if pi[0] > 0.0 and pi[0] > DENSE_KG_M3 * _size_m(pi) ** 3 > 0.0
     ]
+    own = model.model
+    lower, upper = own.lowerPositionLimit[7:].tolist(), own.upperPositionLimit[7:].tolist()
+    turning = [
+        f"robot.urdf: the joint {name!r} has limits of {low:g} to {high:g} rad; are these degrees? "
+        "a URDF is in radians"
+        for name, low, high in zip(model.joint_names, lower, upper, strict=True)
+        if TURNS_RAD < max(-low, high) <= MOST_DEGREES
+    ]
     return [
         *massless,
+        *turning,
         *far,
         *wide,
         *dense,

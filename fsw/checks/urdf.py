@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from math import inf, isfinite
 
 from fsw.config.base import MAX_INERTIA_KG_M2, MAX_LENGTH_M, MAX_MASS_KG
+from fsw.config.text import URDF, kind_of
 from fsw.messages.errors import ConfigError, brief
 
 MAX_BYTES = 1 << 20
@@ -58,6 +59,8 @@ def check_urdf(content: bytes) -> None:
     ------
     ConfigError whose text follows the file's name.
     """
+    if (kind := kind_of(content)) not in ("", URDF):
+        raise ConfigError(f"is {kind}, no URDF")
     if len(content) > MAX_BYTES:
         raise ConfigError(f"has {len(content)} bytes; must be at most {MAX_BYTES}")
     try:

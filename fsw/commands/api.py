@@ -181,6 +181,7 @@ def replay(
     *,
     from_s: float = 0.0,
     to_s: float = inf,
+    progress: Callable[[str], None] = lambda _text: None,
 ) -> ReplayResult:
     """Run the flight's own recursive estimator on a recording.
 
@@ -188,13 +189,15 @@ def replay(
     ----------
     robot : None: the configuration within the recording
     from_s, to_s : the part of the recording [s from its start]
+    progress : called with a line of text every ten seconds of the recording
 
     Raises
     ------
     ConfigError if recording and configuration do not fit.
     """
     held, robot = _pair(recording, robot)
-    return replay_recording(held.path, robot.config, span=Span(from_s, to_s))
+    span = Span(from_s, to_s)
+    return replay_recording(held.path, robot.config, span=span, progress=progress)
 
 
 def report(

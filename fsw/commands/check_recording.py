@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import numpy as np
-
 from fsw.checks.mistakes import LARGE, Verdict, explain_residuals
 from fsw.checks.recorded import noise_findings, rate_findings, tracker_findings
+from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay, topics_of
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.stamp_checks import stamp_findings
@@ -18,44 +17,9 @@ from fsw.estimators.model.problem import Problem, joint_order
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
 from fsw.exchange.recording_parts import contents_of, parts_of
-from fsw.exchange.sinks import IMU, STAR_TRACKER, CanTraffic, Message, NullSink
+from fsw.exchange.sinks import IMU, STAR_TRACKER
 
 FEW_BLOCKS = 3
-TPDO1, HEARTBEAT = 0x180, 0x700
-
-
-class _Nodes(NullSink):
-    """Keeps which nodes send TPDO1 or a heartbeat, by bus."""
-
-    def __init__(self, config: Config) -> None:
-        self._joints = config.joints
-        self._known = {(node.bus, node.node_id) for node in config.can_nodes}
-        self._seen: set[tuple[str, int]] = set()
-
-    def put(self, message: Message) -> None:
-        """Note who sends."""
-        if isinstance(message, CanTraffic):
-            ids = np.unique(message.frames["word"]).tolist()
-            self._seen |= {(message.bus, i & 0x7F) for i in ids if i & ~0x7F in (TPDO1, HEARTBEAT)}
-
-    def strangers(self) -> list[str]:
-        """Return a line per bus on which nodes send that the configuration does not have."""
-        others = sorted(node for node in self._seen - self._known if node[1])
-        return [
-            f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
-            "and are no nodes of the configuration; is the recording that of another robot?"
-            for bus in sorted({bus for bus, _ in others})
-        ]
-
-    def silent(self) -> list[str]:
-        """Return a line for every joint whose node never sends, on a bus where others do."""
-        buses = {bus for bus, _ in self._seen}
-        return [
-            f"WRONG: {joint.bus}: node 0x{joint.node_id:02x} ({joint.name}) never sends; is the "
-            "recording that of another robot?"
-            for joint in self._joints
-            if joint.bus in buses and (joint.bus, joint.node_id) not in self._seen
-        ]
 
 
 def check_recording(
@@ -74,16 +38,16 @@ def check_recording(
     watching = Watching(config, joint_order(config, problem.model))
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     progress(f"reading {recording}")
-    nodes = _Nodes(config)
+    nodes = Nodes(config)
     result = replay(
         recording, config, pipeline=pipeline, span=span, traffic=nodes, progress=progress
     )
     parts = parts_of(recording)
     jumps = stamp_findings(parts, topics_of(config, contents_of(parts).topics))
-    lines = [*nodes.strangers(), *nodes.silent(), *(f"WRONG: {jump}" for jump in jumps)]
+    lines = [*nodes.findings(), *(f"WRONG: {jump}" for jump in jumps)]
     wrong = len(lines)
     if result.truncated:
-        lines.append("the recording is cut off at its end")
+        lines.append(result.cut_off())
     for source, counts in result.status["samples"].items():
         if not counts["accepted"]:
             lines.append(f"WRONG: {source}: {_unusable(source, counts)}")

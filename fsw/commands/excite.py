@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fsw.commands.motion import bounds, judged, knowledge, loaded, planned
+from fsw.commands.out_argument import refuse_existing
+from fsw.commands.progress import Progress
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.exchange.sinks import Message, NullSink
@@ -95,8 +97,10 @@ def _check_numbers(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, key)
         if not (np.isfinite(value) and value >= 0):
             raise ConfigError(f"--{key}: {value} must not be negative")
-    if arguments.evaluate is None and arguments.out is None:
-        raise ConfigError("--out: missing; where shall the trajectory go? (or --evaluate FILE)")
+    if arguments.evaluate is None:
+        if arguments.out is None:
+            raise ConfigError("--out: missing; where shall the trajectory go? (or --evaluate FILE)")
+        refuse_existing(arguments)
 
 
 def _weight(text: str) -> tuple[str, float]:
@@ -126,14 +130,16 @@ def _plan(
         seed=arguments.seed,
     )
     guess = None if arguments.start_from is None else spline.load(arguments.start_from)
+    out = arguments.out
     try:
-        motion = planned(subject, limits, collisions, request, _tell, guess)
+        with Progress("excite") as progress:
+            motion = planned(subject, limits, collisions, request, progress, guess)
+            motion.save(out, arguments.export_rate_hz)
+            progress("drawing")
+            _picture(subject, limits, collisions, motion.trajectory, out.with_suffix(".png"))
     except InfeasibleError as error:
         _tell(f"infeasible: {error}")
         return FAILED
-    out = arguments.out
-    motion.save(out, arguments.export_rate_hz)
-    _picture(subject, limits, collisions, motion.trajectory, out.with_suffix(".png"))
     sys.stdout.write(_text(subject, motion.root, motion.values, motion.uses))
     sys.stdout.write(f"\nwritten: {out}\n")
     return DONE
@@ -171,7 +177,8 @@ class _Blocks(NullSink):
 def _recorded(recording: Path, config: Config, subject: Subject) -> int:
     """Judge the motion of a recording by the estimator's own rows of it."""
     sink = _Blocks()
-    replay(recording, config, sink=sink)
+    with Progress("excite") as progress:
+        replay(recording, config, sink=sink, progress=progress)
     root = foreseen.block_root(subject, sink.blocks)
     values = assess.fused_criteria(subject, root)
     sys.stdout.write(_text(subject, root, values, []) + f"\n{len(sink.blocks)} windows\n")
@@ -192,7 +199,6 @@ def _picture(
     trajectory: spline.Trajectory,
     path: Path,
 ) -> None:
-    _tell(f"drawing {path}")
     from fsw.excitation.picture import draw
 
     draw(subject, limits, collisions, trajectory, path)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from fsw.commands.out_argument import out_argument
+
 CRITERIA = ("sigma", "d", "a", "e", "cond", "gamma")
 
 
@@ -13,7 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG")
     parser.add_argument("--unknown", choices=("base", "target", "both"))
     parser.add_argument("--limits", type=Path, metavar="YAML", help="the motion's limits")
-    parser.add_argument("--out", type=Path, metavar="YAML", help="where the trajectory goes")
+    out_argument(parser, "YAML", "where the trajectory goes")
+    parser.set_defaults(new="")  # a judgement draws only a picture beside it
     parser.add_argument(
         "--evaluate", type=Path, metavar="FILE", help="judge a trajectory (YAML) or a recording"
     )

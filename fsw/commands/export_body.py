@@ -26,7 +26,8 @@ PARQUET = "parquet"  # the one format that is no text
 def as_urdf(body: Body) -> str:
     """Return a robot of one link."""
     root = ET.Element("robot", name=body.name)
-    own = ET.SubElement(root, "mujoco")  # for MuJoCo alone: keep the link apart from the world
+    root.append(ET.Comment(" for MuJoCo alone, which keeps the link apart; others skip mujoco "))
+    own = ET.SubElement(root, "mujoco")
     ET.SubElement(own, "compiler", fusestatic="false")
     inertial = ET.SubElement(ET.SubElement(root, "link", name=body.name), "inertial")
     ET.SubElement(inertial, "origin", xyz=_words(body.com_m), rpy="0 0 0")

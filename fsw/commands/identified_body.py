@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fsw.config.text import kind_of
 from fsw.estimators.model.inertia import (
     NAMES,
     from_parameters,
@@ -101,11 +102,13 @@ def read_result(path: Path) -> Mapping[str, Any]:
     ConfigError when it cannot be read or is no JSON object.
     """
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        source = path.read_bytes()
+        values = json.loads(source)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
-        raise ConfigError(f"{path}: not a result of fsw identify --json: {error}") from error
+        words = f"it is {kind}" if (kind := kind_of(source)) else str(error)
+        raise ConfigError(f"{path}: not a result of fsw identify --json: {words}") from error
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: not a result of fsw identify --json")
     return values

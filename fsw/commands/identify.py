@@ -10,6 +10,7 @@ from typing import Any
 from fsw.clock import MonotonicClock
 from fsw.commands.holdout import judge, split
 from fsw.commands.holdout import to_text as holdout_text
+from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay
 from fsw.commands.replay_result import ReplayResult, known_by, with_sigma
 from fsw.commands.report.collect import Collector
@@ -73,7 +74,12 @@ def identify(
     chosen = config.with_unknown(unknown) if unknown else config
     collector = Collector()
     tell(f"reading {recording}")
-    result = replay(recording, chosen, sink=collector, span=span, progress=tell)
+    nodes = Nodes(chosen)
+    result = replay(recording, chosen, sink=collector, span=span, traffic=nodes, progress=tell)
+    warnings = [*([result.cut_off()] if result.truncated else []), *nodes.findings()]
+    if not _plausible(collector.blocks):
+        why = warnings or ["fsw check CONFIG RECORDING says why"]
+        raise EstimatorError(f"{recording}: no window can be used; {'; '.join(why)}")
     names = tuple(chosen.unknown)
     empty = Collector()
     if reference is not None:
@@ -101,6 +107,7 @@ def identify(
     values |= {
         "samples": result.status["samples"],
         "truncated": result.truncated,
+        "warnings": warnings,
         "frames": {name: frame_of(chosen, name) for name in names},
         "wall_s": (clock.now_ns() - began_ns) * 1e-9,
     }
@@ -152,8 +159,7 @@ def to_text(result: Mapping[str, Any]) -> str:
         lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
     if result["status"] == "INSUFFICIENT_EXCITATION":
         lines.append("the motion does not show every parameter: fsw excite plans one that does")
-    if result.get("truncated"):
-        lines.append("the recording is cut off at its end")
+    lines += result.get("warnings", ())
     lines += [
         f"{source}: NOTHING USABLE; {n['received']} samples, {n['received_bytes']} bytes received"
         for source, n in result.get("samples", {}).items()

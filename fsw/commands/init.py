@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib.resources import files
+from math import isfinite
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -16,13 +17,17 @@ import yaml
 
 from fsw.checks.robot import read_model
 from fsw.checks.urdf import check_urdf
+from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
+from fsw.config.base import MAX_MASS_KG
+from fsw.config.devices import MAX_ANGLE_RAD
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages.errors import ConfigError
 
 DENSITY_KG_M3 = 150.0  # of a satellite, for a first guess of an object's size
 FIRST_NODE = 0x11
+HELD = ("free", "planar", "clamped")
 T = TypeVar("T")
 HEAD = """\
 # Written by fsw init from {urdf}. Every key: docs/configuration.md. Check it: fsw check {out}
@@ -67,8 +72,7 @@ def init(arguments: argparse.Namespace) -> str:
     ConfigError when the robot cannot be used, a flag is missing or a file stands in the way.
     """
     out: Path = arguments.out
-    if out.exists():
-        raise ConfigError(f"--out: {out} exists; it is not overwritten")
+    refuse_existing(arguments)
     try:
         content = arguments.urdf.read_bytes()
         check_urdf(content)
@@ -80,7 +84,9 @@ def init(arguments: argparse.Namespace) -> str:
     root = ET.fromstring(content)
     base = _base(ask, root, arguments.base)
     leaves = _leaves(root)
-    tool = ask("tool", f"tool frame, one of {', '.join(leaves)}", str, leaves[0] if leaves else "")
+    links = [link.get("name", "") for link in root.findall("link")]
+    words = f"tool frame, one of {', '.join(leaves)}"
+    tool = ask("tool", words, _one_of(links), leaves[0] if leaves else "")
     model = read_model(arguments.urdf, tool)
     text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
@@ -98,10 +104,15 @@ def _asker(arguments: argparse.Namespace) -> Ask:
         flag = f"--{name.replace('_', '-')}"
         if not sys.stdin.isatty():
             raise ConfigError(f"{flag}: missing; {words}")
-        try:
-            return kind(input(f"{words}{f', empty: {default}' if default else ''}: ") or default)
-        except ValueError as error:
-            raise ConfigError(f"{flag}: {error}; {words}") from error
+        while True:
+            try:
+                answer = input(f"{words}{f', empty: {default}' if default else ''}: ") or default
+            except EOFError as error:
+                raise ConfigError(f"{flag}: missing; {words}") from error
+            try:
+                return kind(answer)
+            except ValueError as error:
+                sys.stderr.write(f"{flag}: {error}; once more\n")
 
     return ask
 
@@ -115,7 +126,8 @@ def _base(ask: Ask, root: ET.Element, given: str | None) -> str:
         top = parent.get("link") not in children and joint.get("type") == "fixed"
         if given is None and top and link is not None and link.find("inertial") is None:
             words = f"the root link {link.get('name')!r} has no mass and a fixed joint"
-            held = ask("base", f"{words}; what holds the base (free, planar, clamped)", str)
+            words += f"; what holds the base ({', '.join(HELD)})"
+            held = ask("base", words, _one_of(HELD))
             break
     if held == "free":
         return ""
@@ -134,9 +146,34 @@ def _ends(root: ET.Element, kind: str) -> Iterable[tuple[ET.Element, ET.Element]
 
 def _three(text: str) -> list[float]:
     values = [float(word) for word in text.replace(",", " ").split()]
-    if len(values) != 3:
-        raise ValueError("three numbers are needed")
+    if len(values) != 3 or not all(map(isfinite, values)):
+        raise ValueError(f"{text!r} must be three numbers")
     return values
+
+
+def _angles(text: str) -> list[float]:
+    angles = _three(text)
+    if any(abs(angle) > MAX_ANGLE_RAD for angle in angles):
+        raise ValueError(f"{text!r} must be radians, each at most {MAX_ANGLE_RAD:g}")
+    return angles
+
+
+def _one_of(known: Sequence[str]) -> Callable[[str], str]:
+    """Return what reads a name that must be one of the known."""
+
+    def read(text: str) -> str:
+        if text not in known:
+            raise ValueError(f"{text!r} must be one of {', '.join(known)}")
+        return text
+
+    return read
+
+
+def _mass_kg(text: str) -> float:
+    mass = float(text)
+    if not 0.0 < mass <= MAX_MASS_KG:
+        raise ValueError(f"{mass:g} must be positive and at most {MAX_MASS_KG:g} kg")
+    return mass
 
 
 def _device(kind: str, name: str) -> dict[str, Any]:
@@ -162,7 +199,8 @@ def _text(
     root: ET.Element,
     model: RobotModel,
 ) -> str:
-    unknown = ask("unknown", "unknown body (base, target or both)", str, "target")
+    which = _one_of(("base", "target", "both"))
+    unknown = ask("unknown", "unknown body (base, target or both)", which, "target")
     bodies = ["base", "target"] if unknown == "both" else [unknown]
     out, urdf = arguments.out, arguments.urdf.absolute()
     near = urdf.parent == out.parent.absolute()
@@ -172,7 +210,7 @@ def _text(
     if "base" in bodies:
         lines += _body("base", *from_parameters(model.pi_links[:PARAMETERS]), 0.5)
     if "target" in bodies:
-        mass = ask("target_mass_kg", "guess of the target's mass [kg]", float)
+        mass = ask("target_mass_kg", "guess of the target's mass [kg]", _mass_kg)
         side = (mass / DENSITY_KG_M3) ** (1 / 3)
         moment = mass * side**2 / 6
         inertia = [moment, 0.0, 0.0, moment, 0.0, moment]
@@ -257,12 +295,14 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
 
 
 def _imu(ask: Ask) -> list[str]:
-    name = ask("imu", f"inertial unit ({', '.join(library()['imu'])}; none on a clamped base)", str)
+    units = library()["imu"]
+    words = f"inertial unit ({', '.join(units)}; none on a clamped base)"
+    name = ask("imu", words, _one_of((*units, "none")))
     if name == "none":
         return []
     device = _device("imu", name)
     place = ask("imu_xyz", "place of the inertial unit in the root link, x y z [m]", _three)
-    turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", _three)
+    turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", _angles)
     return [
         "",
         f"# {device['title']}; {_trust(device)}",
@@ -278,12 +318,15 @@ def _imu(ask: Ask) -> list[str]:
 
 def _tracker(ask: Ask) -> list[str]:
     name = ask(
-        "tracker", f"star tracker ({', '.join(library()['star_tracker'])} or none)", str, "none"
+        "tracker",
+        f"star tracker ({', '.join(library()['star_tracker'])} or none)",
+        _one_of((*library()["star_tracker"], "none")),
+        "none",
     )
     if name == "none":
         return []
     device = _device("star_tracker", name)
-    turn = ask("tracker_rpy", "roll, pitch, yaw of the star tracker (boresight z) [rad]", _three)
+    turn = ask("tracker_rpy", "roll, pitch, yaw of the star tracker (boresight z) [rad]", _angles)
     return [
         "",
         f"# {device['title']}; {_trust(device)}",

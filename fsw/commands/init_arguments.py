@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from fsw.commands.out_argument import out_argument
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments; on a terminal, what is missing is asked."""
     parser.add_argument("urdf", type=Path, metavar="URDF")
-    parser.add_argument("--out", type=Path, default=Path("robot.yaml"), metavar="YAML")
+    out_argument(parser, "YAML", "robot.yaml")
+    parser.set_defaults(out=Path("robot.yaml"), new="")  # `init list` writes nothing
     parser.add_argument("--tool", metavar="FRAME", help="link that grasps, fixed to the last one")
     parser.add_argument("--unknown", choices=("base", "target", "both"))
     parser.add_argument(

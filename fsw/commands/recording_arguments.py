@@ -8,6 +8,8 @@ from math import inf
 from pathlib import Path
 from typing import TypeAlias
 
+from fsw.commands.out_argument import out_argument
+
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001
 Command = Callable[[argparse.Namespace], int]
 INSTEAD = "instead of the configuration's"
@@ -44,9 +46,7 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     identify.add_argument(
         "--reference", type=Path, metavar="EMPTY", help="recording without the unknown bodies"
     )
-    identify.add_argument(
-        "--report", type=Path, metavar="HTML", help="a page of the result, CSV and PNG beside it"
-    )
+    out_argument(identify, "HTML", "a page of the result, CSV and PNG beside it", "--report")
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=command)
 
@@ -67,7 +67,7 @@ def import_arguments(commands: Commands, command: Command) -> None:
     parser.add_argument("--map", type=Path, metavar="YAML", help="what the columns of FILE are")
     parser.add_argument("--config", type=Path, metavar="CONFIG", required=True)
     overlay_argument(parser)
-    parser.add_argument("--out", type=Path, metavar="RECORDING", required=True, help="new MCAP")
+    out_argument(parser, "RECORDING", "new MCAP; required")
     parser.add_argument(
         "--can",
         action="append",
@@ -100,7 +100,7 @@ def report_arguments(commands: Commands, command: Command) -> None:
         epilog="examples: fsw report recording.mcap --png; fsw report live --config robot.yaml",
     )
     _recorded_arguments(report, "RECORDING|live")
-    report.add_argument("--out", type=Path, metavar="HTML", help="RECORDING's name with .html")
+    out_argument(report, "HTML", "instead of RECORDING's name with .html, made again each time")
     report.add_argument("--csv", action="store_true", help="tables beside it")
     report.add_argument("--png", action="store_true", help="a picture beside it")
     report.add_argument("--parquet", action="store_true", help="tables as Parquet beside it")
@@ -128,7 +128,7 @@ def calibrate_arguments(commands: Commands, command: Command) -> None:
     calibrate.add_argument("--config", type=Path, metavar="CONFIG", required=True)
     overlay_argument(calibrate)
     _span_arguments(calibrate)
-    calibrate.add_argument("--out", type=Path, metavar="FILE", help="write the overlay there")
+    out_argument(calibrate, "FILE", "write the overlay there")
     calibrate.add_argument("--json", action="store_true", help="print the figures as JSON")
     calibrate.set_defaults(command=command)
 
@@ -143,7 +143,7 @@ def export_arguments(commands: Commands, command: Command) -> None:
     export.add_argument("--format", choices=kinds, default="json", help="json")
     export.add_argument("--body", metavar="NAME", help="needed where there are two")
     export.add_argument("--frame", metavar="NAME", help="what the body's frame is called elsewhere")
-    export.add_argument("--out", type=Path, metavar="PATH", help="instead of standard output")
+    out_argument(export, "PATH", "instead of standard output")
     export.set_defaults(command=command)
 
 
@@ -159,7 +159,7 @@ def view_arguments(commands: Commands, command: Command) -> None:
         "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
     )
     overlay_argument(view)
-    view.add_argument("--out", type=Path, metavar="HTML", help="its name with _motion.html")
+    out_argument(view, "HTML", "instead of its name with _motion.html, made again each time")
     view.add_argument(
         "--truth", type=Path, metavar="JSON", help="true bodies, such as result.json of hil run"
     )

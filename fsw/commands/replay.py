@@ -24,6 +24,7 @@ from fsw.exchange.recording import (
     SAMPLED,
     SAMPLES,
     Column,
+    Contents,
     Piece,
     RecordedMessage,
     messages_of,
@@ -205,13 +206,7 @@ def replay(
     parts = parts_of(recording)
     held = contents_of(parts)
     topics = topics_of(config, held.topics)
-    missing = [topic for topic in topics if topic not in held.topics]
-    if missing:
-        raise ConfigError(
-            f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
-            f"found: {', '.join(sorted(held.topics)) or 'none'}"
-            f"{'; the file is cut off' if held.truncated else ''}"
-        )
+    _refuse_missing(recording, parts, topics, held)
     _refuse_other_robot(recording, config, held.metadata.get(SAMPLED, {}).get(JOINTS))
     feed = RecordingFeed(span.pieces(pieces_of(parts, topics)), topics)
     if feed.exhausted:
@@ -255,6 +250,7 @@ def replay(
         wall_s=(wall.now_ns() - began_ns) * 1e-9,
         events=tuple(collector.events),
         start_ns=start_ns,
+        duration_s=(feed.now_ns - start_ns) * 1e-9,
     )
 
 
@@ -268,6 +264,22 @@ def topics_of(config: Config, held: Sequence[str]) -> list[str]:
         sampled = f"{SAMPLES}{name}"
         topics.append(sampled if sampled in held else f"/serial/{name}")
     return topics
+
+
+def _refuse_missing(
+    recording: Path, parts: Sequence[Path], topics: Sequence[str], held: Contents
+) -> None:
+    """Refuse a recording without a channel of the configuration."""
+    missing = [topic for topic in topics if topic not in held.topics]
+    if held.truncated and not held.topics:
+        size = sum(part.stat().st_size for part in parts)
+        raise ConfigError(f"{recording}: cut off after {size} bytes, before its first data")
+    if missing:
+        raise ConfigError(
+            f"{recording}: no channel {', '.join(missing)} as the configuration has it; "
+            f"found: {', '.join(sorted(held.topics)) or 'none'}"
+            f"{'; the file is cut off' if held.truncated else ''}"
+        )
 
 
 def _refuse_other_robot(recording: Path, config: Config, sampled: str | None) -> None:

@@ -29,6 +29,11 @@ class ReplayResult:
     diagnosis: Mapping[str, Any] | None = None  # None: no proper estimate
     events: Sequence[Event] = ()
     start_ns: int = 0  # of what was replayed
+    duration_s: float = 0.0  # of what was replayed
+
+    def cut_off(self) -> str:
+        """Return what is said of a recording that is `truncated`."""
+        return f"the recording is cut off at its end; {self.duration_s:.1f} s of it were read"
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values in the words every command uses."""

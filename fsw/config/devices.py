@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
+from math import isfinite, tau
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
@@ -34,6 +34,7 @@ from fsw.config.base import (
 )
 from fsw.messages.errors import brief
 
+MAX_ANGLE_RAD = tau  # of a mounting: more is in degrees
 SAMPLES = "samples"  # no device: only recordings of fsw import have its values
 
 
@@ -158,6 +159,11 @@ class Mounting(Section):
             and all(isinstance(x, int | float) and isfinite(x) for x in angles)
         ):
             raise ValueError(f"rpy_BS_rad: {brief(angles)} must be three finite numbers")
+        if any(abs(angle) > MAX_ANGLE_RAD for angle in angles):
+            raise ValueError(
+                f"rpy_BS_rad: {brief(angles)} must be radians, each at most {MAX_ANGLE_RAD:g}; "
+                "are these degrees?"
+            )
         rest = {key: value for key, value in data.items() if key != "rpy_BS_rad"}
         return rest | {"q_BS_xyzw": _quaternion(angles)}
 

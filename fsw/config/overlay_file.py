@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from fsw.config.text import TextError, read_yaml
+from fsw.config.text import CONFIGURATION, TextError, must_be, read_yaml
 from fsw.config.whole import Config, parse
 from fsw.messages.errors import ConfigError
 
@@ -38,7 +38,9 @@ def with_overlays(config: Config, overlays: Sequence[Path]) -> Config:
 
 def _read(path: Path) -> dict[Any, Any]:
     try:
-        data = read_yaml(path.read_bytes(), aliases=True)
+        source = path.read_bytes()
+        must_be(source, str(path), CONFIGURATION)
+        data = read_yaml(source, aliases=True)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except TextError as error:

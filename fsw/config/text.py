@@ -73,6 +73,38 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+CONFIGURATION, RECORDING, URDF = "a configuration", "a recording", "XML, such as a URDF"
+LIMITS = "limits of a motion, for fsw excite --limits"
+KINDS = {  # of files that are given for one another, by a key at the left margin
+    "control_points_rad": "a motion, as fsw excite writes one",
+    "joint_speed_rad_s": LIMITS,
+    "sensors": "a world for hil run",
+    "robot": CONFIGURATION,  # a world has one too
+}
+
+
+def kind_of(source: bytes) -> str:
+    """Return what a file is by its first bytes, in words; empty where they do not say."""
+    if source.startswith(b"\x89MCAP"):
+        return RECORDING
+    if source.startswith(b"<"):
+        return URDF
+    if source.startswith(b"{") and b'"estimate"' in source:
+        return "a result (JSON)"
+    return next((kind for key, kind in KINDS.items() if f"\n{key}:".encode() in b"\n" + source), "")
+
+
+def must_be(source: bytes, name: str, wanted: str) -> None:
+    """Refuse a file that is plainly of another kind than the wanted one, in one line.
+
+    Raises
+    ------
+    ConfigError with the file's name, what it is and what it must be.
+    """
+    if (kind := kind_of(source)) not in ("", wanted):
+        raise ConfigError(f"{name}: is {kind}; must be {wanted}")
+
+
 def read_yaml(source: bytes, *, aliases: bool = False) -> object:
     """Return the plain values of a YAML text.
 
@@ -84,7 +116,7 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
     ------
     TextError when it is not YAML, has an alias or a repeated key, or exceeds a bound.
     """
-    if source.startswith(b"\x89MCAP"):
+    if kind_of(source) == RECORDING:
         raise TextError("is a recording and no configuration; fsw check CONFIG RECORDING")
     if len(source) > MAX_TEXT_BYTES:
         raise TextError(f"{len(source)} bytes; must be at most {MAX_TEXT_BYTES}")

@@ -17,7 +17,7 @@ from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
-from fsw.config.text import TextError, explain, read_yaml
+from fsw.config.text import CONFIGURATION, RECORDING, TextError, explain, kind_of, read_yaml
 from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
 from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.messages.errors import ConfigError
@@ -314,6 +314,8 @@ def parse(source: bytes, folder: Path, name: str) -> Config:
     ------
     ConfigError with one line per fault: key, value, bound.
     """
+    if (kind := kind_of(source)) not in ("", CONFIGURATION, RECORDING):
+        raise ConfigError(f"{name}: is {kind}, no configuration; fsw init URDF writes one")
     try:
         data = read_yaml(source, aliases=True)
     except TextError as error:

@@ -27,6 +27,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
 from zstandard import ZstdError
 
+from fsw.config.text import MAX_TEXT_BYTES, kind_of
 from fsw.drivers.wire import (
     CLASSIC_BYTES,
     FD_BYTES,
@@ -305,7 +306,9 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
                 yield record
         except _BROKEN as error:
             if not seen:
-                words = "it begins otherwise" if size else "it is empty"
+                with _open(path) as begun:
+                    kind = kind_of(begun.read(MAX_TEXT_BYTES)) or "of another kind"
+                words = f"it is {kind}" if size else "it is empty"
                 raise ConfigError(f"{path}: not an MCAP recording: {words}") from error
             return
         whole.ended = True

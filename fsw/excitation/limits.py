@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from fsw.config import Finite, NonNegative, Positive, PositiveVector3, Section, Vector3
-from fsw.config.text import TextError, explain, read_yaml
+from fsw.config.text import LIMITS, TextError, explain, must_be, read_yaml
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.spline import Firing
 from fsw.messages import FloatArray
@@ -59,7 +59,9 @@ def load(path: Path) -> MotionLimits:
     ConfigError with one line per fault: key, value, bound.
     """
     try:
-        data = read_yaml(path.read_bytes())
+        source = path.read_bytes()
+        must_be(source, str(path), LIMITS)
+        data = read_yaml(source)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except TextError as error:

@@ -16,6 +16,7 @@ import yaml
 from scipy.interpolate import BSpline
 
 from fsw.config import NonNegative, Positive, Section
+from fsw.config.text import RECORDING, kind_of
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
@@ -122,11 +123,14 @@ def load(path: Path) -> Trajectory:
     ConfigError naming what is wrong with it.
     """
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        source = path.read_bytes()
+        document = None if kind_of(source) == RECORDING else yaml.safe_load(source)
     except (OSError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
+        words = " ".join(str(error).split())
+        raise ConfigError(f"{path}: cannot be read: {words}") from error
     if not isinstance(document, dict) or document.get("degree") != DEGREE:
-        raise ConfigError(f"{path}: must be a joint trajectory with degree: {DEGREE}")
+        kind = f"; it is {kind}" if (kind := kind_of(source)) else ""
+        raise ConfigError(f"{path}: must be a joint trajectory with degree: {DEGREE}{kind}")
     try:
         firings = tuple(Firing.model_validate(firing) for firing in document.get("firings") or ())
         duration_s = float(document["duration_s"])

@@ -122,10 +122,12 @@ def recorded_config(path: Path, folder: Path) -> Config:
     ------
     ConfigError when the recording carries none.
     """
-    attachments = contents(path).attachments
+    held = contents(path)
+    attachments = held.attachments
     missing = {CONFIGURATION, ROBOT} - set(attachments)
     if missing:
-        raise ConfigError(f"{path}: no attachment {sorted(missing)}; give --config")
+        cut = f"cut off after {path.stat().st_size} bytes, " if held.truncated else ""
+        raise ConfigError(f"{path}: {cut}no attachment {sorted(missing)}; give --config")
     for name in (CONFIGURATION, ROBOT):
         (folder / name).write_bytes(attachments[name])
     return load(folder / CONFIGURATION)

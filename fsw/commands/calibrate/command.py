@@ -72,7 +72,7 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
         *lines,
     ]
     if arguments.out is not None and values:
-        _write(arguments.out, overlay_text(values, comments), config, tell)
+        _write(arguments.out, overlay_text(values, comments), config)
     if arguments.json:
         return json.dumps({"figures": to_json(figures), "overlay": values}), bool(values)
     return "\n".join(lines), bool(values)
@@ -84,11 +84,13 @@ def _replayed(
     """Return windows and blocks of a recording; no estimator works on them."""
     seen = Watching(config, joint_order(config, problem.model), alone=True)
     pipeline = Pipeline(conditioner=seen, estimator=build_online(config, problem.model))
-    replay(recording, config, pipeline=pipeline, span=span, progress=tell)
+    result = replay(recording, config, pipeline=pipeline, span=span, progress=tell)
+    if result.truncated:
+        tell(f"warning: {result.cut_off()}")
     return seen
 
 
-def _write(path: Path, text: str, config: Config, tell: Tell) -> None:
+def _write(path: Path, text: str, config: Config) -> None:
     """Write an overlay that the configuration accepts, or nothing."""
     aside = path.with_name(f"{path.name}.tmp")
     try:
@@ -99,4 +101,3 @@ def _write(path: Path, text: str, config: Config, tell: Tell) -> None:
         raise ConfigError(f"--out {path}: cannot be written: {error.strerror}") from error
     finally:
         aside.unlink(missing_ok=True)
-    tell(f"wrote {path}; use it with --overlay {path}")

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import ValidationError, field_validator
 
 from fsw.config import Finite, Section
-from fsw.config.text import TextError, explain, read_yaml
+from fsw.config.text import TextError, explain, must_be, read_yaml
 from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
 from fsw.messages.errors import ConfigError
 
@@ -143,7 +143,9 @@ def read_mapping(path: Path) -> Mapping:
     ConfigError with one line per fault: key, value, bound.
     """
     try:
-        return Mapping.model_validate(read_yaml(path.read_bytes(), aliases=True))
+        source = path.read_bytes()
+        must_be(source, str(path), "a mapping as docs/import.md has it")
+        return Mapping.model_validate(read_yaml(source, aliases=True))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except TextError as error:

@@ -92,6 +92,8 @@ def _recording(
     sink, pipeline = Collector(), default_pipeline(config)
     progress(f"replaying {path}")
     result = replay(path, config, sink=sink, pipeline=pipeline, progress=progress)
+    if result.truncated:
+        progress(f"warning: {result.cut_off()}")
     blocks = [block for block in sink.blocks if plausible(block)]
     last, estimator = result.estimate, pipeline.estimator
     if last is None or not blocks or not isinstance(estimator, OnlineEstimator):

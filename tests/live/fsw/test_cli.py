@@ -53,7 +53,7 @@ def test_check_prints_what_the_daemon_would_do(arm, capsys):
     assert main(["check", str(arm.write())]) == 0
     out, err = capsys.readouterr()
     assert "3 joints" in out
-    assert "correct; no device was opened" in out
+    assert "config.yaml: valid, 2 warnings; no device was opened" in out
     assert "warning: imu.port: /dev/serial/imu does not exist now" in out
     assert err == ""
 

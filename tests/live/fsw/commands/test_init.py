@@ -61,7 +61,21 @@ def test_what_is_missing_or_wrong_is_one_line(arm, capsys, changes, words):
 def test_a_file_is_not_overwritten(arm, capsys):
     assert main(command(arm)) == 0
     assert main(command(arm)) == 2
-    assert "exists; it is not overwritten" in capsys.readouterr().err
+    assert "exists; --force overwrites it" in capsys.readouterr().err
+
+
+def test_a_wrong_answer_is_asked_again_with_its_bound(arm, capsys, monkeypatch):
+    flags = dict.fromkeys((flag[2:].replace("-", "_") for flag in FLAGS), None)
+    answers = ["hand", "gripper", "arm", "target", "45 kg", "-3", "45", "stim30", "stim300"]
+    answers += ["0 0", "0 0 0", "0 0 90", "0 0 1.5", "none"]
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("builtins.input", lambda _words: answers.pop(0))
+    assert main(command(arm, **flags)) == 0
+    said = capsys.readouterr().err.splitlines()
+    bounds = ("must be one of", "base, target, both", "45 kg", "must be positive")
+    bounds += ("stim300", "must be three numbers", "must be radians, each at most 6.28319")
+    assert [bound in line for bound, line in zip(bounds, said, strict=True)] == [True] * len(said)
+    assert load(arm.folder / "new.yaml").bodies["target"].mass_kg == 45.0
 
 
 def test_every_device_is_listed_with_its_source(capsys):

@@ -106,8 +106,11 @@ def test_parquet_needs_pyarrow_and_a_file(result, tmp_path, capsys, monkeypatch)
 def test_ros_2_reads_the_message_by_the_definition_that_is_exported(result, tmp_path, capsys):
     """To CDR bytes and back, by a parser and a serialiser that are not ours."""
     typesys = pytest.importorskip("rosbags.typesys", reason="needs rosbags: pip install '.[test]'")
-    assert main(["export", "ros2", "--out", str(tmp_path)]) == 0
-    files = [tmp_path / name for name in ("msg/BodyEstimate.msg", "package.xml", "CMakeLists.txt")]
+    assert main(["export", "ros2", "--out", str(tmp_path / "new")]) == 0
+    files = [
+        tmp_path / "new" / name
+        for name in ("msg/BodyEstimate.msg", "package.xml", "CMakeLists.txt")
+    ]
     assert capsys.readouterr().out.splitlines() == [str(path) for path in files]
     package = ET.parse(files[1]).getroot()
     name = f"{package.findtext('name')}/msg/{files[0].stem}"

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import struct
 
-from fsw.commands.check_recording import _Nodes
 from fsw.commands.excite import what_stands_still
+from fsw.commands.nodes import Nodes
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.exchange.sinks import CanTraffic
 from tests.support.wheel_cases import config_with_wheels
 
 
 def test_wheel_nodes_are_no_strangers_in_a_recording() -> None:
-    nodes = _Nodes(config_with_wheels())
+    nodes = Nodes(config_with_wheels())
     data = struct.pack("<ihBB", 0, 0, 9, 1)
     frames = [CanFrame(1, 0x180 + node, data) for node in (0x11, 0x21, 0x24)]
     nodes.put(CanTraffic("arm", frame_array(frames)))
-    assert nodes.strangers() == []
+    assert not any("are no nodes" in line for line in nodes.findings())
     nodes.put(CanTraffic("arm", frame_array([CanFrame(1, 0x1A5, data)])))
-    assert "0x25" in nodes.strangers()[0]
+    assert "0x25" in nodes.findings()[0]
 
 
 def test_a_plan_says_that_wheels_stand_still() -> None:

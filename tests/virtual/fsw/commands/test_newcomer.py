@@ -69,6 +69,11 @@ DESCRIPTIONS = {
     ),
     "millimetres": lambda arm, _: replaced(arm, 'xyz="0 0 0.4"', 'xyz="0 0 400"'),
     "degrees": set_joint("zero_offset_rad", 90.0),
+    "degrees in the limits of a joint": lambda arm, _: replaced(arm, 'lower="-3"', 'lower="-170"'),
+    "degrees in the speed of a joint": set_joint("speed_limit_rad_s", 28.6),
+    "degrees in a mounting": lambda arm, _: arm.data["imu"].update(
+        mounting={"p_BS_m": [0.0, 0.0, 0.0], "rpy_BS_rad": [0, 90, 0]}
+    ),
     "xacro": lambda arm, _: replaced(
         arm, "<link", '<xacro:include xmlns:xacro="http://www.ros.org/wiki/xacro"/><link'
     ),
@@ -88,6 +93,9 @@ DESCRIPTIONS = {
 FILES = {
     "tab in YAML": b"robot:\n\turdf: arm.urdf\n",
     "recording in the place of the configuration": b"\x89MCAP0\r\n",
+    "limits in the place of the configuration": (
+        PAGE.parents[1] / "inspector" / "limits.yaml"
+    ).read_bytes(),
 }
 
 
@@ -136,7 +144,12 @@ def in_grams(data: Any) -> None:
     data["robot"]["urdf"] = str(path)
 
 
+def light_base(data: Any) -> None:
+    data["bodies"]["base"]["mass_kg"] /= 10.0
+
+
 CONFIGURATIONS = {
+    "mass of the base": light_base,
     "wrong sign": wrong_sign,
     "wrong sign of a torque": torque_sign,
     "swapped joints": swapped,
@@ -163,6 +176,11 @@ def cut(source: Path, target: Path) -> Path:
     return target
 
 
+def cut_at_once(source: Path, target: Path) -> Path:
+    target.write_bytes(source.read_bytes()[:300])
+    return target
+
+
 def empty(_source: Path, target: Path) -> Path:
     target.write_bytes(b"")
     return target
@@ -177,6 +195,10 @@ RECORDINGS = {
         source, target, lambda _topic, s, data: (3.0 if s > 10.0 else 0.0, data)
     ),
     "cut off": cut,
+    "cut off at once": cut_at_once,
+    "configuration in the place of the recording": lambda source, _: source.with_name(
+        "flight.yaml"
+    ),
     "empty file": empty,
 }
 
@@ -229,7 +251,7 @@ def test_a_recording_that_is_cut_off_is_used_as_far_as_it_goes(flown, tmp_path, 
     for command in ("replay", "identify"):
         main([command, str(path), "--config", str(config)])
         said = capsys.readouterr()
-        assert "is cut off at its end" in said.out + said.err
+        assert re.search(r"is cut off at its end; \d+\.\d s of it were read", said.out + said.err)
 
 
 def test_a_line_without_a_usable_sample_is_told_by_identify(flown, tmp_path, capsys):

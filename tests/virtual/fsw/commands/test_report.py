@@ -171,7 +171,7 @@ def test_a_running_daemon_is_reported_from_its_status_and_its_recording_so_far(
     assert "cut off" not in text
     growing.write_bytes(whole)  # it ends while the report begins
     with daemon_with(state, status | {"recorder": {"path": str(growing)}}):
-        main([*told, "--to", "5"])
+        main([*told, "--force", "--to", "5"])
     assert "that was closed when it was read" in out.read_text(encoding="utf-8")
 
 

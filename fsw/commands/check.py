@@ -1,0 +1,57 @@
+"""`fsw check`: a configuration alone, or beside a recording or a motion."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from fsw.checks.configuration import missing_devices, validate, validate_outputs
+from fsw.commands.describe import describe
+from fsw.commands.progress import Progress
+from fsw.config import Config
+from fsw.messages.errors import ConfigError
+
+YAML_ENDINGS = (".yaml", ".yml")
+
+
+def check(config: Config, other: Path | None) -> tuple[str, bool]:
+    """Return what is to be said, and whether a recording agrees; `other`: recording or motion.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    problem, warnings = validate(config)
+    if other is not None and other.suffix not in YAML_ENDINGS:
+        from fsw.commands.check_recording import check_recording
+
+        with Progress("check") as progress:
+            lines, agree = check_recording(other, config, problem, progress)
+        verdict = "agree" if agree else "do not agree; see the lines with WRONG"
+        return "\n".join([*lines, f"{other} and {config.name} {verdict}"]), agree
+    validate_outputs(config)
+    if config.telemetry is not None:
+        from fsw.telemetry.link.uplink_configuration import check_uplink
+
+        warnings += check_uplink(config, os.environ)
+    warnings += missing_devices(config)
+    lines = [describe(config, problem), *(f"warning: {warning}" for warning in warnings)]
+    many = f"{len(warnings) or 'no'} warning{'s' if len(warnings) != 1 else ''}"
+    lines.append(f"{config.name}: valid, {many}; no device was opened")
+    if other is not None:
+        with planning("check PLAN"):
+            from fsw.commands.motion import check_motion
+        lines += check_motion(config, other)
+    return "\n".join(lines), True
+
+
+@contextmanager
+def planning(command: str) -> Iterator[None]:
+    """Say what a command needs besides, where it imports the planner of motions."""
+    try:
+        yield
+    except ImportError as error:
+        words = f"fsw {command} needs {error.name}: pip install 'inertia-daemon[excite]'"
+        raise ConfigError(words) from error

@@ -1,0 +1,55 @@
+"""Which CAN nodes send in a recording, against those of a configuration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.exchange.sinks import CanTraffic, Message, NullSink
+
+TPDO1, HEARTBEAT = 0x180, 0x700
+
+
+class Nodes(NullSink):
+    """Keeps which nodes send TPDO1 or a heartbeat, by bus."""
+
+    def __init__(self, config: Config) -> None:
+        self._joints = config.joints
+        self._known = {(node.bus, node.node_id) for node in config.can_nodes}
+        self._seen: set[tuple[str, int]] = set()
+
+    def put(self, message: Message) -> None:
+        """Note who sends."""
+        if isinstance(message, CanTraffic):
+            ids = np.unique(message.frames["word"]).tolist()
+            self._seen |= {(message.bus, i & 0x7F) for i in ids if i & ~0x7F in (TPDO1, HEARTBEAT)}
+
+    def _strangers(self) -> list[str]:
+        """Return a line per bus on which nodes send that the configuration does not have."""
+        others = sorted(node for node in self._seen - self._known if node[1])
+        return [
+            f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
+            "and are no nodes of the configuration; is the recording that of another robot?"
+            for bus in sorted({bus for bus, _ in others})
+        ]
+
+    def _silent(self) -> list[str]:
+        """Return a line per bus on which joints never send while others do."""
+        buses, lines = {bus for bus, _ in self._seen}, []
+        for bus in sorted(buses):
+            silent = [
+                f"0x{joint.node_id:02x} ({joint.name})"
+                for joint in self._joints
+                if joint.bus == bus and (bus, joint.node_id) not in self._seen
+            ]
+            nodes = f"node{'s' if len(silent) > 1 else ''} {', '.join(silent)}"
+            if silent:
+                lines.append(
+                    f"WRONG: {bus}: {nodes} never send{'s' if len(silent) == 1 else ''}; is the "
+                    "recording that of another robot?"
+                )
+        return lines
+
+    def findings(self) -> list[str]:
+        """Return a line for each thing that another robot's recording would show."""
+        return [*self._strangers(), *self._silent()]

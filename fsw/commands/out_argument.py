@@ -1,0 +1,31 @@
+"""`--out` and what else names a new file: nothing is overwritten without `--force`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from fsw.messages.errors import ConfigError
+
+
+def out_argument(
+    parser: argparse.ArgumentParser, metavar: str, words: str, flag: str = "--out"
+) -> None:
+    """Add the name of what is written, and `--force`; `main` refuses a name that is taken."""
+    parser.add_argument(flag, type=Path, metavar=metavar, help=words)
+    parser.add_argument("--force", action="store_true", help=f"overwrite {flag}")
+    parser.set_defaults(new=flag.removeprefix("--"))  # refused before the command begins
+
+
+def refuse_existing(arguments: argparse.Namespace, key: str = "out") -> None:
+    """Refuse a name that is taken; an empty folder is not.
+
+    Raises
+    ------
+    ConfigError with the option, the name and what to do.
+    """
+    path: Path | None = getattr(arguments, key)
+    if path is None or arguments.force or not path.exists():
+        return
+    if not path.is_dir() or any(path.iterdir()):
+        raise ConfigError(f"--{key}: {path} exists; --force overwrites it")
