@@ -24,6 +24,8 @@ from hil.options import count
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hil.world.scenario import Scenario
+
 WRONG_EXIT = 2
 FAILED_EXIT = 1
 SCIENCE_INTERVAL_S = 0.1  # of `run --telemetry`
@@ -301,7 +303,6 @@ def _run(arguments: argparse.Namespace) -> int:
     from hil.judge import judgement, page, report
     from hil.judge.text import show
     from hil.run import bench
-    from hil.run.flight import on_socketcan
     from hil.run.progress import meter
     from hil.world.scenario import ScenarioError, changed, load
 
@@ -321,8 +322,8 @@ def _run(arguments: argparse.Namespace) -> int:
         elif folder is None:
             folder = Path("runs") / f"{scenario.name}-{arguments.seed}"
         folder = folder.absolute()
-        if not arguments.fast and _has_socketcan(arguments.bus, stack):
-            scenario = on_socketcan(scenario)
+        if not arguments.fast:
+            scenario = _linked(scenario, arguments.bus, stack)
         try:
             setup = bench.prepare(
                 scenario,
@@ -357,6 +358,18 @@ def _run(arguments: argparse.Namespace) -> int:
         else:
             show(outcome, picture, _console())
     return 0 if outcome["valid"] else FAILED_EXIT
+
+
+def _linked(scenario: Scenario, choice: str, stack: ExitStack) -> Scenario:
+    """Return the scenario on the buses of a run in real time, which are there."""
+    from hil.run.flight import on_socketcan
+    from hil.run.live import require_multicast
+
+    if _has_socketcan(choice, stack):
+        return on_socketcan(scenario)
+    for bus in scenario.buses.values():
+        require_multicast(bus)
+    return scenario
 
 
 def _has_socketcan(choice: str, stack: ExitStack) -> bool:

@@ -22,7 +22,7 @@ from fsw.commands.report.view import (
     thinned_axis,
 )
 from hil.judge.report import BAND_SIGMAS, Story
-from hil.judge.score import table, table_header
+from hil.judge.score import nees_words, table, table_header
 from hil.world.inertia import LABELS, FloatArray
 
 UNITS = ("kg", *("m",) * 3, *("kg m²",) * 6)
@@ -59,7 +59,7 @@ def view(story: Story, outcome: Mapping[str, Any], sections: Sequence[Section]) 
     state = "VALID" if outcome["valid"] else f"NOT VALID: {outcome['reason']}"
     return View(
         title=f"{outcome['scenario']}, seed {outcome['seed']}, {outcome['method']}",
-        verdict=f"{state}; NEES {outcome['nees']:.1f} for {outcome['dof']} parameters",
+        verdict=f"{state}; {nees_words(outcome)}",
         valid=bool(outcome["valid"]),
         sections=[
             _result(outcome),

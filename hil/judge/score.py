@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.stats import chi2
 
 from hil.judge.bound import Sensors, information
 from hil.judge.endeffector import ToolError, Verification
@@ -182,6 +183,15 @@ def result_from(
         covariance=np.array(covariance[:size, :size]),
         reports=reports,
         sigmas=sigmas,
+    )
+
+
+def nees_words(outcome: Mapping[str, Any]) -> str:
+    """Return a run's NEES beside the middle 95 % of its chi-square distribution."""
+    low, high = chi2.ppf((0.025, 0.975), outcome["dof"])
+    return (
+        f"NEES {outcome['nees']:.1f} for {outcome['dof']} parameters"
+        f" (95 % of right runs: {low:.1f} to {high:.1f})"
     )
 
 

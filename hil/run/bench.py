@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from fsw.commands.replay import replay
 from fsw.config import Config, load
@@ -112,6 +113,20 @@ class Collector(NullSink):
                 return
 
 
+def _motion(key: str, path: Path, robot: Robot) -> JointSpline:
+    """Return a scenario's motion. Raises ScenarioError, which names key and file, for another's."""
+    try:
+        spline = JointSpline.load(path)
+    except (TypeError, ValueError, yaml.YAMLError) as error:
+        words = " ".join(str(error).split())
+        raise ScenarioError(f"trajectories.{key}: {path}: {words}") from error
+    if spline.n != robot.n:
+        raise ScenarioError(
+            f"trajectories.{key}: {path}: a motion of {spline.n} joints; the robot has {robot.n}"
+        )
+    return spline
+
+
 def prepare(
     scenario: Scenario,
     seed: int,
@@ -140,7 +155,8 @@ def prepare(
     if real_time and scenario.faults:
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
     robot = robot_of(scenario)
-    spline = JointSpline.load(scenario.identification)
+    spline = _motion("identification", scenario.identification, robot)
+    _motion("verification", scenario.verification, robot)
     priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
     ports = scenario.bus_ports
     if real_time:

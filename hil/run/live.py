@@ -65,6 +65,24 @@ def free_tcp_port() -> int:
     return port
 
 
+def require_multicast(bus: Mapping[str, Any]) -> None:
+    """Raise LiveError, with the cure, where a bus over IPv4 multicast has no route here."""
+    group = str(bus.get("channel"))
+    if bus.get("interface") != "udp_multicast" or ":" in group:
+        return
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            member = socket.inet_aton(group) + socket.inet_aton("0.0.0.0")
+            probe.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+            probe.connect((group, 9))
+    except OSError as error:
+        raise LiveError(
+            f"no CAN over UDP multicast {group} here: {error.strerror or error}; where no route is:"
+            " `ip link set lo up multicast on && ip route add 239.0.0.0/8 dev lo`;"
+            " --fast needs none"
+        ) from error
+
+
 Disturb = Callable[[float, int, int], None]  # seconds done, process ids of plant and daemon
 
 

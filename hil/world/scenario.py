@@ -8,11 +8,11 @@ drawn from the run's seed, so the flight configuration holds no truth of it.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import yaml
@@ -26,6 +26,7 @@ from hil.world.springs import Panel, SloshMass
 from hil.world.stand import Stand
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
+from hil.world.words import faults, other_kind, other_text
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 BODY_NAMES = ("base", "target")
@@ -38,7 +39,7 @@ PRODUCT_FLOOR_RATIO = 0.1  # of the mean moment of inertia
 MARGIN_RATIO = 0.02  # a prior keeps this distance from the triangle inequality's edge
 
 
-LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
+_T = TypeVar("_T")
 
 
 class ScenarioError(ValueError):
@@ -192,22 +193,15 @@ def names(folder: Path = FOLDER) -> list[str]:
 def load(name: str, folder: Path = FOLDER) -> Scenario:
     """Read a scenario by name, or by the path of its file.
 
-    Raises
-    ------
-    ScenarioError when there is no such scenario or its file is wrong.
+    Raises ScenarioError when there is no such scenario or its file is wrong.
     """
-    path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
-    if not path.is_file():
-        raise ScenarioError(f"no scenario {name!r}; there are {names(folder)}")
-    home = path.parent
-    try:
-        document = Document.model_validate(read_yaml(path))
-    except ValidationError as error:
-        raise ScenarioError(f"{path}: {faults(error)}") from error
-    catalogue = read_yaml(home / document.bodies_file)
+    path = _place(name, folder)
+    home, document = path.parent, _document(path)
+    catalogue = read_yaml(_file(path, "bodies_file", document.bodies_file))
     environment = None
     if document.environment is not None:
-        environment = _environment(path, _section(home, document.environment))
+        section = _section(home, document.environment)
+        environment = _validated(f"{path}: environment", EnvironmentSection.from_dict, section)
     missing = set(document.bodies.values()) - set(catalogue)
     if missing:
         raise ScenarioError(f"{path}: bodies: {sorted(missing)} not in {document.bodies_file}")
@@ -220,16 +214,17 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         )
     sensors, flight = _section(home, document.sensors), _section(home, document.flight)
     _check(f"{path}: ", sensors, flight)
+    motions = document.trajectories
     return Scenario(
         name=path.stem,
         title=document.title,
-        urdf=(home / document.robot.urdf).resolve(),
+        urdf=_file(path, "robot.urdf", document.robot.urdf),
         tool_frame=document.robot.tool_frame,
         truth={b: _body(catalogue[key], key) for b, key in document.bodies.items()},
         frames=document.frames,
         unknown=tuple(b for b in (*BODY_NAMES, *document.frames) if b in document.unknown),
-        identification=(home / document.trajectories.identification).resolve(),
-        verification=(home / document.trajectories.verification).resolve(),
+        identification=_file(path, "trajectories.identification", motions.identification),
+        verification=_file(path, "trajectories.verification", motions.verification),
         before_s=document.timing.before_s,
         after_s=document.timing.after_s,
         sensors=sensors,
@@ -246,16 +241,45 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
     )
 
 
+def _place(name: str, folder: Path) -> Path:
+    """Return the file of a scenario. Raises ScenarioError where there is none."""
+    for place in (folder / f"{name}.yaml", Path(name)):
+        if place.is_file():
+            return place
+    if name.endswith((".yaml", ".yml", ".urdf")) or "/" in name:
+        raise ScenarioError(f"{name}: no such file")
+    raise ScenarioError(f"no scenario {name!r}; there are {', '.join(names(folder))}")
+
+
+def _document(path: Path) -> Document:
+    """Return a scenario as written. Raises ScenarioError, which says what else the file is."""
+    written = read_yaml(path)
+    if kind := other_kind(written, Document):
+        raise ScenarioError(f"{path}: is no scenario but {kind}")
+    return _validated(f"{path}", Document.model_validate, written)
+
+
+def _validated(place: str, validate: Callable[[Any], _T], section: object) -> _T:
+    """Return a section as its model has it. Raises ScenarioError, one line."""
+    try:
+        return validate(section)
+    except ValidationError as error:
+        model = getattr(validate, "__self__", None)  # `validate` is a method of the class
+        raise ScenarioError(f"{place}: {faults(error, model)}") from error
+
+
+def _file(scenario: Path, key: str, path: Path) -> Path:
+    """Return the file that a key names. Raises ScenarioError where there is none."""
+    found = (scenario.parent / path).resolve()
+    if not found.is_file():
+        raise ScenarioError(f"{scenario}: {key}: {path}: no such file")
+    return found
+
+
 def _check(prefix: str, sensors: dict[str, Any], flight: dict[str, Any]) -> None:
     """Raise ScenarioError, one line, for keys and values that devices or flight cannot have."""
-    for name, validate, section in (
-        ("sensors", SensorConfig.from_dict, sensors),
-        ("flight", FlightSection.model_validate, flight),
-    ):
-        try:
-            validate(section)
-        except ValidationError as error:
-            raise ScenarioError(f"{prefix}{name}: {faults(error)}") from error
+    _validated(f"{prefix}sensors", SensorConfig.from_dict, sensors)
+    _validated(f"{prefix}flight", FlightSection.model_validate, flight)
     if not isinstance(flight["bus"].get("rate_hz"), int | float):
         raise ScenarioError(f"{prefix}flight.bus.rate_hz: missing; a number in hertz is needed")
 
@@ -312,24 +336,6 @@ def _scale(report: FloatArray) -> FloatArray:
     return np.asarray(scale)
 
 
-def _environment(path: Path, section: dict[str, Any]) -> EnvironmentSection:
-    try:
-        return EnvironmentSection.from_dict(section)
-    except ValidationError as error:
-        raise ScenarioError(f"{path}: environment: {faults(error)}") from error
-
-
-def faults(error: ValidationError) -> str:
-    """Return what is wrong in one line: key, bound, and the value where it is short."""
-    found = []
-    for e in error.errors():
-        key = ".".join(str(k) for k in e["loc"]) or "the file"
-        value = repr(e["input"]) if e["type"] != "missing" else ""
-        given = f" (given: {value})" if 0 < len(value) <= LONGEST_VALUE else ""
-        found.append(f"{key}: {e['msg']}{given}")
-    return "; ".join(found)
-
-
 def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:
     return read_yaml(home / section) if isinstance(section, Path) else section
 
@@ -337,6 +343,8 @@ def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:
 def read_yaml(path: Path) -> dict[str, Any]:
     """Return the mapping in a file. Raises ScenarioError in one line."""
     try:
+        if kind := other_text(path):
+            raise ScenarioError(f"{path}: is {kind}")
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ScenarioError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
@@ -377,10 +385,7 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         except yaml.YAMLError as error:
             words = " ".join(str(error).split())
             raise ScenarioError(f"--set {setting}: {words}") from error
-    try:
-        timing = TimingSection.model_validate(sections.pop("timing"))
-    except ValidationError as error:
-        raise ScenarioError(f"--set timing: {faults(error)}") from error
+    timing = _validated("--set timing", TimingSection.model_validate, sections.pop("timing"))
     _check("--set ", sections["sensors"], sections["flight"])
     return replace(scenario, **sections, **timing.model_dump())
 

@@ -12,8 +12,9 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hil.evidence.methods.cases import SENSOR_SETS
-from hil.world.scenario import ScenarioError, faults, load, read_yaml
+from hil.world.scenario import ScenarioError, load, read_yaml
 from hil.world.spline import JointSpline
+from hil.world.words import faults
 
 
 class _Section(BaseModel):
@@ -87,7 +88,7 @@ def read(path: Path) -> Campaign:
     try:
         campaign = Campaign.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise ScenarioError(f"{path}: {faults(error)}") from error
+        raise ScenarioError(f"{path}: {faults(error, Campaign)}") from error
     wrong = set(campaign.noises) - set(SENSOR_SETS)
     if wrong:
         raise ScenarioError(f"{path}: noises: {sorted(wrong)}; there are {list(SENSOR_SETS)}")

@@ -13,6 +13,7 @@ from hil.judge.score import (
     bound_sigmas,
     comparison,
     expected_tool_error,
+    nees_words,
     normalised_error_squared,
     prior_information,
     result_from,
@@ -151,3 +152,9 @@ def test_the_bound_of_a_run_does_not_depend_on_the_rate_of_its_sum(name):
         return bound_sigmas(robot, sensors, scenario.truth, priors, motion, rate_hz)["target"]
 
     assert np.allclose(bound(BOUND_RATE_HZ), bound(50.0), rtol=1e-7, atol=0.0)
+
+
+def test_a_nees_stands_beside_its_band():
+    """The 2.5 and 97.5 % points of chi-square with 10 degrees: 3.247 and 20.483 (tables)."""
+    told = nees_words({"nees": 16.94, "dof": 10})
+    assert told == "NEES 16.9 for 10 parameters (95 % of right runs: 3.2 to 20.5)"

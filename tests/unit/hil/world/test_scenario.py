@@ -1,5 +1,7 @@
 """Scenarios: what the flight side is told holds no truth, and is possible."""
 
+import shutil
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,6 +19,7 @@ from hil.world.scenario import (
     report_from,
 )
 
+INSPECTOR = Path(__file__).parents[4] / "docs" / "inspector"
 DIAGONAL = [0, 4, 7, 9]
 
 
@@ -113,6 +116,46 @@ def test_a_wrong_scenario_is_refused_by_name(tmp_path, change, named):
     path.write_text(yaml.safe_dump(document | change), encoding="utf-8")
     with pytest.raises(ScenarioError, match=named):
         load(str(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("encoder_bits", "encoder_bit", "encoder_bit: unknown key; did you mean 'encoder_bits'?"),
+        ("sign: -1", "sgn: -1", "joints.nodes.2.sgn: unknown key; did you mean 'sign'?"),
+        ("before_s", "befor_s", "timing.befor_s: unknown key; did you mean 'before_s'?"),
+        ("identification: plan", "identification: p", "trajectories.identification: p.yaml: no"),
+        ("urdf: inspector", "urdf: robot", "robot.urdf: robot.urdf: no such file"),
+    ],
+)
+def test_a_slip_in_a_scenario_is_named_with_its_key(tmp_path, old, new, told):
+    path = shutil.copytree(INSPECTOR, tmp_path / "own") / "world.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        load(str(path))
+    assert told in str(caught.value)
+    assert len(str(caught.value)) < 300 + len(str(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("robot.yaml", "a configuration of the daemon"),
+        ("inspector.urdf", "XML, such as a URDF"),
+        ("plan.yaml", "a motion"),
+        ("limits.yaml", "the limits of a motion"),
+        ("bodies.yaml", "timing, title, trajectories, unknown are missing"),
+        ("none.yaml", "no such file"),
+    ],
+)
+def test_another_file_is_told_as_what_it_is(tmp_path, name, told):
+    folder = shutil.copytree(INSPECTOR, tmp_path / "own")
+    (folder / "robot.yaml").write_text("robot: {}\nbuses: {}\njoints: []\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match=told) as caught:
+        load(str(folder / name))
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_an_unknown_name_lists_what_there_is():

@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from hil.world.environment.config import EnvironmentSection
-from hil.world.scenario import faults
+from hil.world.words import faults
 
 ORBIT = {"altitude_m": 500e3}
 

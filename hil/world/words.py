@@ -1,0 +1,91 @@
+"""Words for a scenario file that is wrong: what the file is instead, and its faults by key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
+MOST_FAULTS = 4  # that a message has
+REFERENCE = "docs/reference/scenario.md has every key"
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+OTHER_TEXTS = {b"\x89MCAP": "a recording; fsw identify takes it", b"<": "XML, such as a URDF"}
+OTHER_KEYS = {  # of a mapping that has the key and no `sensors`
+    "control_points_rad": "a motion, as fsw excite plans one",
+    "buses": "a configuration of the daemon; fsw check takes it",
+    "joint_speed_rad_s": "the limits of a motion; fsw excite takes them",
+}
+
+
+def other_text(path: Path) -> str:
+    """Return what a file is by its first bytes, if that is no YAML; else ""."""
+    with path.open("rb") as file:
+        start = file.read(8).lstrip()
+    return next((words for begin, words in OTHER_TEXTS.items() if start.startswith(begin)), "")
+
+
+def other_kind(document: Mapping[str, Any], scenario: type[BaseModel]) -> str:
+    """Return what a mapping is that is no scenario; "" for one that may be one."""
+    needed = {key for key, field in scenario.model_fields.items() if field.is_required()}
+    if "sensors" in document or 2 * len(needed & document.keys()) > len(needed):
+        return ""
+    kinds = (words for key, words in OTHER_KEYS.items() if key in document)
+    return next(kinds, f"something else: {', '.join(sorted(needed - document.keys()))} are missing")
+
+
+def faults(error: ValidationError, model: type[Any] | None = None) -> str:
+    """Return what is wrong in one line: key, bound, and the value where it is short.
+
+    `model` : what refused it; then an unknown key has a hint at the one that may be meant
+    """
+    errors = sorted(error.errors(), key=lambda e: e["type"] not in UNKNOWN)
+    found = []
+    for e in errors[:MOST_FAULTS]:
+        key = ".".join(str(k) for k in e["loc"]) or "the file"
+        if e["type"] in UNKNOWN:
+            found.append(f"{key}: unknown key; {_hint(model, e['loc'])}")
+            continue
+        if e["type"] == "missing":
+            found.append(f"{key}: missing")
+            continue
+        value = repr(e["input"])
+        given = f" (given: {value})" if len(value) <= LONGEST_VALUE else ""
+        found.append(f"{key}: {e['msg']}{given}")
+    more = len(errors) - len(found)
+    return "; ".join([*found, f"and {more} more"] if more else found)
+
+
+def _hint(model: type[Any] | None, place: tuple[int | str, ...]) -> str:
+    allowed = [] if model is None else _keys(model, place[:-1])
+    close = get_close_matches(str(place[-1]), allowed, n=1)
+    return f"did you mean {close[0]!r}?" if close else REFERENCE
+
+
+def _keys(model: type[Any], place: tuple[int | str, ...]) -> list[str]:
+    """Return the keys of the section at a place below a model, from its JSON Schema."""
+    whole = (
+        model.model_json_schema()
+        if issubclass(model, BaseModel)
+        else TypeAdapter(model).json_schema()
+    )
+    definitions = whole.get("$defs", {})
+    node = whole
+    for part in place:
+        inner = node.get("items") if isinstance(part, int) else None
+        named = node.get("properties", {}).get(part, node.get("additionalProperties"))
+        node = _section(inner or named, definitions)
+    return list(node.get("properties", ()))
+
+
+def _section(node: object, definitions: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the section, list or mapping that a schema stands for, bare or optional."""
+    if not isinstance(node, dict):
+        return {}
+    if "$ref" in node:
+        return dict(definitions[node["$ref"].rpartition("/")[2]])
+    options = (_section(option, definitions) for option in node.get("anyOf", ()))
+    return next((option for option in options if option.get("type") in ("object", "array")), node)
