@@ -1,7 +1,8 @@
 """Hook of MkDocs: pages made from the code, and equations as MathML, which needs no script.
 
-Commands come from the argument parsers, configuration keys from the JSON Schema. The dictionary of
-telemetry is a file of its own, written and checked by `python -m fsw.telemetry.export`.
+Commands come from the argument parsers, configuration keys from the JSON Schema. The reference of
+scenarios is a file, written by `python docs/generate.py`, and so is the dictionary of telemetry, by
+`python -m fsw.telemetry.export`; tests compare both with the code.
 """
 
 from __future__ import annotations
@@ -21,17 +22,32 @@ from mkdocs.structure.pages import Page
 from pydantic import TypeAdapter
 
 ROOT = Path(__file__).parents[1]
+COMMANDS = "reference/commands.md"  # as a file it says how to print them; the site has them all
+SCENARIO = ROOT / "docs" / "reference" / "scenario.md"
 OUTSIDE = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
 EQUATION = re.compile(r"\$\$(.+?)\$\$|(?<![\w\\$])\$([^\s$](?:[^$\n]*[^\s$])?)\$(?!\w)", re.DOTALL)
+SCENARIO_START = """# Scenario of the bench
+
+For engineers who fly a robot of their own in the simulation. Generated from the code by
+`python docs/generate.py`.
+
+A scenario is a YAML file for `hil run`: the true world, its devices, and choices of the flight
+software; [world.yaml](../inspector/world.yaml) is an example. Paths are relative to it. `sensors`,
+`flight` and `environment` may be paths of files of their own. A mounting takes `rpy_BS_rad` in the
+place of `q_BS_xyzw`. `bodies_file` has for each name `mass_kg`, `com_m` (3) and `inertia_kg_m2` (6:
+xx xy xz yy yz zz, about the centre of mass).
+
+A key ends in its unit: `_nm` is newton metre, `_m_s2` metre per second squared; one without is a
+count, a name or a ratio. `[]` stands for an entry of a list, `NAME` for a name of your choice.
+`null`: left out.
+"""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages, and those that stand beside the folder of the documentation."""
     pages = {
-        "reference/commands.md": commands(),
         "reference/schema.md": schema(),
-        "reference/scenario.md": scenario(),
     }
     for name, source in OUTSIDE.items():
         pages[name] = (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](")
@@ -40,8 +56,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, **_: object) -> str:
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Give links to files outside their pages, and equations their MathML; code stays."""
+    if page.file.src_uri == COMMANDS:
+        markdown += commands()
     for name, source in OUTSIDE.items():
         markdown = markdown.replace(f"](../{source})", f"]({name})")
     parts = CODE.split(markdown)
@@ -63,8 +81,8 @@ def _mathml(found: re.Match[str]) -> str:
 
 
 def commands() -> str:
-    """Return the page of every command, from the parsers."""
-    lines = ["# Commands", "", "Generated from the argument parsers, as `--help` prints them.", ""]
+    """Return the help of every command, from the parsers."""
+    lines = ["", ""]
     for program in ("fsw", "hil", "ground"):
         parser: argparse.ArgumentParser = import_module(f"{program}.__main__").parser()
         for depth, one in _tree(parser, 2):
@@ -105,22 +123,47 @@ def scenario() -> str:
     world = import_module("hil.world.scenario")
     environment = import_module("hil.world.environment.config").EnvironmentSection
     sensors = TypeAdapter(import_module("hil.world.sensors").SensorConfig)
-    lines = [
-        "# Scenario of the bench",
-        "",
-        "Generated from the code. A scenario is a YAML file for `hil run`: the true world, its "
-        "devices, and the flight software's choices; `docs/inspector/world.yaml` is one. Paths are "
-        "relative to it. `sensors`, `flight` and `environment` may be paths of files of their own. "
-        "A mounting takes `rpy_BS_rad` in the place of `q_BS_xyzw`.",
-        "",
-    ]
-    return "\n".join(
-        lines
-        + _tables("The file", world.Document.model_json_schema())
-        + _tables("Section sensors", sensors.json_schema())
-        + _tables("Section flight", world.FlightSection.model_json_schema())
-        + _tables("Section environment", environment.model_json_schema())
-    )
+    parts = {
+        "": world.Document.model_json_schema(),
+        "sensors": sensors.json_schema(),
+        "flight": world.FlightSection.model_json_schema(),
+        "environment": environment.model_json_schema(),
+    }
+    folder = Path(world.__file__).parent
+    code = "\n".join(path.read_text(encoding="utf-8") for path in sorted(folder.rglob("*.py")))
+    lines = [SCENARIO_START]
+    for name, whole in parts.items():
+        title = f"Section `{name}`" if name else "The file"
+        lines += [f"## {title}", "", "| key | values | default | is |", "|---|---|---|---|"]
+        lines += [*_rows(f"{name}." if name else "", whole, whole, code, {}), ""]
+    return "\n".join(lines)
+
+
+def _rows(
+    prefix: str,
+    section: Mapping[str, Any],
+    whole: Mapping[str, Any],
+    code: str,
+    shown: dict[str, str],
+) -> Iterator[str]:
+    """Yield a row for each key of a section and of those in it, with the code's own comment.
+
+    `shown` : where each section stands that has rows; it has them once
+    """
+    block = re.search(rf"^class {section['title']}\b.*?(?=^\S|\Z)", code, re.MULTILINE | re.DOTALL)
+    for key, value in section["properties"].items():
+        found = re.search(rf"^    {key}: [^#\n]*# (.*)$", block[0] if block else "", re.MULTILINE)
+        required = key in section.get("required", ())
+        given = "required" if required else f"`{json.dumps(value.get('default'))}`"
+        name = next(iter(re.findall(r'"#/\$defs/(\w+)"', json.dumps(value))), "")
+        kind = f"as `{shown[name]}`" if name in shown else "section"
+        text = re.sub(r"\[\w+\]\(#\w+\)", kind, _values(value))
+        words = found[1].replace("|", "\\|") if found else ""
+        yield f"| `{prefix}{key}` | {text} | {given} | {words} |"
+        if name and name not in shown:
+            shown[name] = f"{prefix}{key}"
+            many = {"array": "[]", "object": ".NAME"}.get(value.get("type", ""), "")
+            yield from _rows(f"{prefix}{key}{many}.", whole["$defs"][name], whole, code, shown)
 
 
 def _tables(title: str, whole: Mapping[str, Any]) -> list[str]:
@@ -164,3 +207,7 @@ def _values(value: Mapping[str, Any]) -> str:
     }
     bounds = [f"{sign} `{value[key]}`" for key, sign in words.items() if key in value]
     return " ".join([str(kind), *bounds]).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    SCENARIO.write_text(scenario(), encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shlex
@@ -150,6 +151,26 @@ def test_the_tutorial_does_what_it_says(tmp_path):
         lines = {NUMBER.sub("#", line) for line in printed.splitlines()}
         for line in shown:
             assert NUMBER.sub("#", line) in lines
+
+
+def test_the_reference_of_scenarios_is_that_of_the_code():
+    path = DOCS / "generate.py"
+    spec = importlib.util.spec_from_file_location("generate", path)
+    assert spec is not None
+    assert spec.loader is not None
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    stored = generate.SCENARIO.read_text(encoding="utf-8")
+    assert stored == generate.scenario(), "run: python docs/generate.py"
+    keys = re.findall(r"^\| `([^`]+)`", stored, re.MULTILINE)
+    assert {"title", "sensors.joints.nodes[].sign", "environment.orbit.altitude_m"} <= set(keys)
+
+
+def test_links_between_pages_lead_to_files_of_a_clone():
+    for page in sorted(DOCS.rglob("*.md")):
+        for link in re.findall(r"\]\(([^)\s#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+            if not link.startswith("http"):
+                assert (page.parent / link).exists(), f"{page.name}: {link}"
 
 
 class Page(HTMLParser):
