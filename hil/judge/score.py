@@ -188,7 +188,7 @@ def result_from(
 
 def nees_words(outcome: Mapping[str, Any]) -> str:
     """Return a run's NEES beside the middle 95 % of its chi-square distribution."""
-    low, high = chi2.ppf((0.025, 0.975), outcome["dof"])
+    low, high = (chi2.ppf(p, outcome["dof"]) for p in (0.025, 0.975))
     return (
         f"NEES {outcome['nees']:.1f} for {outcome['dof']} parameters"
         f" (95 % of right runs: {low:.1f} to {high:.1f})"
