@@ -111,8 +111,7 @@ def parser() -> argparse.ArgumentParser:
     faults.add_argument("--json", action="store_true", help="print one JSON object")
     faults.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
     faults.set_defaults(command=_faults)
-    listing = commands.add_parser("list", help="list the scenarios")
-    listing.set_defaults(command=_list)
+    commands.add_parser("list", help="list the scenarios").set_defaults(command=_list)
     _study_parser(commands)
     _campaign_parser(commands)
     _vcan_parser(commands)
@@ -281,11 +280,12 @@ def _seeds(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from hil.evidence.seeds import run_seeds, show, summary
+    from hil.world.scenario import changed, load
 
+    changed(load(arguments.scenario), arguments.settings)  # what is wrong is told once, and here
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
-    for setting in arguments.settings:
-        options += ["--set", setting]
+    options += [word for setting in arguments.settings for word in ("--set", setting)]
     console, out = Console(stderr=True), arguments.out
     outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, out, console)
     if arguments.json:

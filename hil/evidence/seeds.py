@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from hil.evidence import pool, runner
 from hil.evidence.store import Row, Store
+from hil.run.live import LiveError
 from hil.run.processes import tied
 
 
@@ -25,12 +26,12 @@ def outcome(seed: int, scenario: str, options: Sequence[str]) -> dict[str, Row]:
 
     Raises
     ------
-    RuntimeError for a run that printed none.
+    LiveError for a run that printed none.
     """
     command = [sys.executable, "-m", "hil", "run", scenario, "--json", "--seed", str(seed)]
     done = subprocess.run(tied([*command, *options]), capture_output=True, text=True, check=False)
     if not done.stdout.strip():
-        raise RuntimeError(f"seed {seed} failed: {done.stderr.strip()[-500:]}")
+        raise LiveError(f"seed {seed} failed: {done.stderr.strip()[-500:]}")
     return {str(seed): json.loads(done.stdout)}
 
 

@@ -139,6 +139,8 @@ def test_an_unknown_scenario_is_one_line_and_exit_code_two(capsys):
     assert captured.out == ""
     _, line = captured.err.splitlines()  # after the one that says what is done
     assert line.startswith("hil: no scenario 'nothing'; there are")
+    assert main(["seeds", "nothing"]) == 2
+    assert capsys.readouterr().err.startswith("hil: no scenario 'nothing'; there are")
 
 
 def scripted(folder):
