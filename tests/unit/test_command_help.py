@@ -31,7 +31,7 @@ def test_the_help_of_every_command_has_an_example_that_it_accepts(name):
 
 def test_a_wrong_command_line_is_found():
     assert "unrecognized arguments: --swift" in command_line_fault("fsw run robot.yaml --swift")
-    assert "required" in command_line_fault("fsw import --config robot.yaml")
+    assert "required" in command_line_fault("fsw identify --config robot.yaml")
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
