@@ -50,7 +50,7 @@ SCENARIO = "target_leo"
 WARM_S = 3.0  # the motion continues and estimates are published
 PATIENCE_S = 3.0  # virtual, to the end of a walk
 SOURCE = str(Path(fsw.__file__).parent)
-CROSSING = "message_of"  # of each record that a process takes from a ring
+CROSSING = ("unpack_traffic", "message_of")  # stations at which a process takes from a ring
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +69,9 @@ class Station:
 
 
 TORQUE = (
+    Station("RingSink.put", "message", "CanTraffic"),
+    Station("RingWriter.push", "payload", "bytes"),
+    Station("unpack_traffic", "record", "RingRecord"),
     Station("JointBusSource.feed", "frames", "ndarray"),
     Station("decode_tpdo1", "data", "ndarray"),
     Station("Aligner.push", "samples", "JointSamples"),

@@ -51,12 +51,9 @@ class Downlink:
         self.out: Callable[[bytes, Priority], None] | None = None
         self.keep: Callable[[bytes], None] | None = None  # stores what goes down
 
-    def send(self, name: str, values: Mapping[str, object]) -> None:
-        """Send a packet of the dictionary with the time now."""
-        self.send_at(name, self._now_ns(), values)
-
-    def send_at(self, name: str, t_ns: int, values: Mapping[str, object]) -> None:
-        """Send a packet of the dictionary with a time of its own [ns]."""
+    def send(self, name: str, values: Mapping[str, object], t_ns: int | None = None) -> None:
+        """Send a packet of the dictionary with a time of its own [ns], or with the time now."""
+        t_ns = self._now_ns() if t_ns is None else t_ns
         self._pass(self._packetizer.make(name, t_ns, values), PRIORITIES[name])
 
     def wrap(self, packet: Packet, t_ns: int, data: bytes) -> None:
@@ -78,7 +75,7 @@ class Downlink:
             "fine": (rest_ns << 24) // 1_000_000_000,
             "time_status": 0,
         }
-        self.send_at("time", t_ns, values)
+        self.send("time", values, t_ns)
 
     def again(self, packet: bytes) -> None:
         """Send a stored packet once more, as it was."""

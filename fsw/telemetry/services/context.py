@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,10 +66,6 @@ class TelemetryContext:
     def epoch(self) -> Epoch:
         """Return the origin of mission elapsed time."""
         return self.host.epoch()
-
-    def send(self, name: str, values: Mapping[str, object]) -> None:
-        """Send a packet of the dictionary, stamped now."""
-        self.down.send(name, values)
 
     def report(self, code: str, text: str) -> None:
         """Report an event."""

@@ -203,7 +203,7 @@ class EventActions:
             values = {"n": 1, "apid": APID_ESTIMATOR, "event": number}
             values |= {"enabled": definition.enabled}
             hexadecimal = definition.packet.hex()
-            self._context.send("event_action", {**values, "request_hex": hexadecimal})
+            self._context.down.send("event_action", {**values, "request_hex": hexadecimal})
             return Done.NOW
 
         return act

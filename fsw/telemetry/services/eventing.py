@@ -86,7 +86,7 @@ class Eventing:
             "text": text,
         }
         track.suppressed = 0
-        self._context.down.send_at(f"event_{event.severity}", event.t_ns, values)
+        self._context.down.send(f"event_{event.severity}", values, event.t_ns)
 
     def reset_counters(self) -> None:
         """Set counts to zero; the log stays."""
@@ -139,7 +139,7 @@ class Eventing:
             count = len(part)
             part += [0] * (DISABLED_SLOTS - len(part))
             slots = {f"event_{k}": number for k, number in enumerate(part, start=1)}
-            self._context.send("disabled_events", {"n": count} | slots)
+            self._context.down.send("disabled_events", {"n": count} | slots)
         return Done.NOW
 
 

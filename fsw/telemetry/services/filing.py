@@ -196,7 +196,7 @@ class Filing:
                     continue
                 room = shutil.disk_usage(path)
                 values = {"path": name, "total_bytes": room.total, "free_bytes": room.free}
-                self._context.send("file_space", values)
+                self._context.down.send("file_space", values)
 
         return partial(guarded, act)
 

@@ -103,7 +103,7 @@ class Functions:
 
     def _diagnose(self, request: Request) -> Action:
         def then(reply: Reply) -> None:
-            self._context.send("diagnosis", _diagnosis(reply.data))
+            self._context.down.send("diagnosis", _diagnosis(reply.data))
 
         return partial(self._loop.order, request, [(CommandName.REPORT, {})], then)
 

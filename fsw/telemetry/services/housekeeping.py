@@ -63,7 +63,7 @@ class Housekeeping:
     def report(self, sid: int) -> None:
         """Send one set now; the science set as it came last."""
         if sid != SCIENCE_SID:
-            self._context.send(SET_NAMES[sid], self._values.of(sid))
+            self._context.down.send(SET_NAMES[sid], self._values.of(sid))
         elif self._science is not None:
             t_ns, record = self._science
             self._context.down.wrap(SCIENCE, t_ns, _SID_BYTES + record)
@@ -118,7 +118,7 @@ class Housekeeping:
     def _properties(self, sid: int) -> Done:
         rate = self._rates[sid]
         values = {"periodic": rate.enabled, "interval_ms": rate.interval_ns // MS}
-        self._context.send("set_properties", {"n": 1, "sid": sid} | values)
+        self._context.down.send("set_properties", {"n": 1, "sid": sid} | values)
         return Done.NOW
 
 

@@ -126,7 +126,7 @@ class Monitoring:
             "now": int(now),
             "time_s": self._context.now_ns() * 1e-9,
         }
-        self._context.send("check_transition", values)
+        self._context.down.send("check_transition", values)
         words = f"monitor {config.id}: {config.value} {now.name}, {value:.6g}"
         if now is Check.WITHIN:
             self._context.report("LIMIT_RECOVERED", words)
@@ -208,7 +208,7 @@ class Monitoring:
                 "stale_s": config.stale_s,
                 "action": config.action,
             }
-            self._context.send("monitor_definition", values)
+            self._context.down.send("monitor_definition", values)
             return Done.NOW
 
         return act

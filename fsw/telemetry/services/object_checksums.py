@@ -48,7 +48,7 @@ class ObjectChecksums:
 
         def act() -> Done:
             crc32 = zlib.crc32(content[offset : offset + length])
-            self._context.send(*self._checked(request, length, crc32))
+            self._context.down.send(*self._checked(request, length, crc32))
             return Done.NOW
 
         return act

@@ -46,7 +46,7 @@ class OwnCommands:
         return self._context.long_work.action(request, packets)
 
     def _answer(self, name: str, values: Mapping[str, object]) -> Done:
-        self._context.send(name, values)
+        self._context.down.send(name, values)
         return Done.NOW
 
     def _report_version(self) -> Done:

@@ -33,7 +33,7 @@ class Parameters:
     def _report(self, parameters: tuple[tuple[Parameter, float], ...]) -> Done:
         for item, _ in parameters:
             values = {"n": 1, item.name: self._values.get(item.name)}
-            self._context.send(f"parameter_{item.name}", values)
+            self._context.down.send(f"parameter_{item.name}", values)
         return Done.NOW
 
     def _set(self, request: Request) -> Action:

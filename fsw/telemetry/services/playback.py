@@ -215,7 +215,7 @@ class Playback:
                 "stored_bytes": held.size_bytes,
                 "size_bytes": held.limit_bytes,
             }
-            self._context.send("store_content", values)
+            self._context.down.send("store_content", values)
             return Done.NOW
 
         return act
@@ -229,7 +229,7 @@ class Playback:
                 "playing_back": store in self._retrievals,
                 "failed": self._failed[store],
             }
-            self._context.send("store_status", values)
+            self._context.down.send("store_status", values)
         return Done.NOW
 
 

@@ -202,9 +202,9 @@ class Sequences:
         for number in numbers:
             self._end(number)
             self._context.report("SEQUENCE_ABORTED", f"sequence {number}")
-            self._context.send("sequence_aborted", {"n": 1, "sequence": number})
+            self._context.down.send("sequence_aborted", {"n": 1, "sequence": number})
         if not numbers:
-            self._context.send("sequence_aborted", {"n": 0, "sequence": 0})
+            self._context.down.send("sequence_aborted", {"n": 0, "sequence": 0})
         return Done.NOW
 
     def _check(self, request: Request) -> Action:
@@ -213,7 +213,7 @@ class Sequences:
         def act() -> Done:
             data = self._loaded[number]
             values = {"crc32": zlib.crc32(data), "size_bytes": len(data)}
-            self._context.send("sequence_checked", {"sequence": number} | values)
+            self._context.down.send("sequence_checked", {"sequence": number} | values)
             return Done.NOW
 
         return act

@@ -259,7 +259,7 @@ class Tables:
             values = {"table": int(table), "crc32": zlib.crc32(content)}
             values |= {"size_bytes": len(content)}
             name = f"files/{self._dumps.name}/{path.name}"  # as the ground calls it
-            self._context.send("table_dumped", {**values, "path": name})
+            self._context.down.send("table_dumped", {**values, "path": name})
             self._context.report("TABLE_DUMPED", f"{table.name} {copy.name}")
             return Done.NOW
 

@@ -38,9 +38,8 @@ class TimeReports:
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + (SECOND_NS << self.exponent)
             self._context.down.time(self.exponent)
-            self._context.down.send_at(
-                "time_correlation", now_ns, correlation_values(self._context.epoch(), now_ns)
-            )
+            values = correlation_values(self._context.epoch(), now_ns)
+            self._context.down.send("time_correlation", values, now_ns)
 
     def handlers(self) -> dict[str, Handler]:
         """Return the handler of this service's telecommand."""

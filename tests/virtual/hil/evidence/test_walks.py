@@ -28,10 +28,16 @@ def test_a_torque_passes_every_room_from_its_frame_to_its_packet(bench: WalkedBe
     walk = walks.torque_walk(bench)
     check_rooms(
         walk,
-        ("fsw.drivers", "fsw.scheduler.align", "fsw.estimators", "fsw.exchange", "fsw.telemetry"),
+        (
+            *("fsw.loop.loop", "fsw.exchange", "fsw.loop.estimation", "fsw.drivers"),
+            *("fsw.scheduler.align", "fsw.estimators", "fsw.service", "fsw.telemetry"),
+        ),
     )
     values = walk.values()
-    assert values["hops"] <= 60
+    names = values["names"]
+    assert values["hops"] <= 65
+    assert len(names[names.index("fsw.loop.estimation.process:work_off") :]) <= 55
+    assert values["ring_crossings"] == 2
     assert values["forms"] <= 10
 
 
