@@ -33,10 +33,10 @@ from hil.run import live
 from hil.run.daemon import Daemon
 from hil.run.flight import (
     flight_document,
-    plant_document,
     write_flight,
     write_yaml,
 )
+from hil.run.plant_document import plant_document
 from hil.run.progress import Meter
 from hil.world.history import TruthHistory
 from hil.world.robot import Robot, body_of

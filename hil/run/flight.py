@@ -1,11 +1,10 @@
-"""The files a run needs: the flight configuration (no truth of an unknown body) and the plant's."""
+"""The files of the flight side: configuration and robot, with no truth of an unknown body."""
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -334,63 +333,6 @@ def _star_tracker(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
         "noise_about_rad": _sigma(noise, tracker.rate_hz, tracker.noise_about_rad),
         "subscribe": not tracker.subscribed,
     }
-
-
-def plant_document(
-    scenario: Scenario, seed: int, folder: Path, bus_ports: Mapping[str, int]
-) -> dict[str, Any]:
-    """Return the real-time plant's file: the truth; the flight side never reads it."""
-    sensors = SensorConfig.from_dict(scenario.sensors)
-    links: dict[str, Any] = {
-        "buses": [
-            {
-                "name": name,
-                "interface": bus["interface"],
-                "channel": bus["channel"],
-                "port": bus_ports.get(name),
-                "fd": any(k.format == "fd" for k in sensors.joints.nodes if k.bus == name),
-                "redundant": _second_link(bus),
-            }
-            for name, bus in scenario.buses.items()
-        ],
-        "imu": "imu",
-    }
-    if sensors.star_tracker is not None:
-        links["star_tracker"] = "star_tracker"
-    return {
-        "robot": {
-            "urdf": os.path.relpath(scenario.urdf, folder),
-            "tool_frame": scenario.tool_frame,
-        },
-        "trajectory": os.path.relpath(scenario.identification, folder),
-        "bodies": _true_bodies(scenario),
-        "sensors": scenario.sensors,
-        "links": links,
-        "environment": (
-            None if scenario.environment is None else scenario.environment.model_dump(mode="json")
-        ),
-        "slosh": [asdict(part) for part in scenario.slosh],
-        "panels": [asdict(part) for part in scenario.panels],
-        "stand": None if scenario.stand is None else asdict(scenario.stand),
-        "wheels": None if scenario.wheels is None else asdict(scenario.wheels),
-        "thrusters": None if scenario.thrusters is None else asdict(scenario.thrusters),
-        "contact": None if scenario.contact is None else asdict(scenario.contact),
-        "start_rate_rad_s": list(scenario.start_rate_rad_s),
-        "start_delay_s": scenario.before_s,
-        "seed": seed,
-        "realtime": {"priority": 40},
-    }
-
-
-def _true_bodies(scenario: Scenario) -> dict[str, Any]:
-    held = {frame: mapping_from(scenario.truth[name]) for name, frame in scenario.frames.items()}
-    own = {b: mapping_from(r) for b, r in scenario.truth.items() if b not in scenario.frames}
-    return own | ({"held": held} if held else {})
-
-
-def _second_link(bus: Mapping[str, Any]) -> dict[str, Any] | None:
-    second = bus.get("redundant")
-    return None if second is None else {key: second.get(key) for key in ("channel", "port")}
 
 
 def on_socketcan(scenario: Scenario) -> Scenario:

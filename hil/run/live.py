@@ -23,7 +23,6 @@ from fsw.messages import Event
 from hil.run.processes import tied
 from hil.run.progress import Meter
 
-READY_TIMEOUT_S = 60.0
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
 POLL_S = 0.1

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from hil.run import bench
-from hil.run.flight import plant_document, write_yaml
+from hil.run.flight import write_yaml
+from hil.run.plant_document import plant_document
 from hil.world.scenario import load
 
 PATIENCE_S = 180.0

@@ -22,8 +22,6 @@ COB_SYNC = 0x080
 COB_EMCY = 0x080  # + node
 COB_TPDO1 = 0x180  # + node
 COB_TPDO2 = 0x280  # + node
-COB_SDO_REPLY = 0x580  # + node
-COB_SDO_REQUEST = 0x600  # + node
 COB_HEARTBEAT = 0x700  # + node
 MASTER_NODE = 0x01
 FUNCTION_MASK = 0x780
@@ -59,8 +57,6 @@ class NmtCommand(IntEnum):
     START = 0x01
     STOP = 0x02
     PRE_OPERATIONAL = 0x80
-    RESET_NODE = 0x81
-    RESET_COMMUNICATION = 0x82
 
 
 class NmtState(IntEnum):

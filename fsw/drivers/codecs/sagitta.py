@@ -84,7 +84,7 @@ def encode_request(identifier: int) -> bytes:
 
 
 def encode_subscribe(identifiers: tuple[int, ...]) -> bytes:
-    """Return the frame that makes the unit send these telemetry frames unasked."""
+    """Return the frame after which the unit sends these telemetry frames by itself."""
     if len(identifiers) > SUBSCRIPTION_SLOTS:
         raise ValueError(f"{len(identifiers)} subscriptions; at most {SUBSCRIPTION_SLOTS}")
     slots = bytes(identifiers).ljust(SUBSCRIPTION_SLOTS, b"\0")

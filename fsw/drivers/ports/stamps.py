@@ -14,15 +14,17 @@ DOUBT_NS = 100_000_000  # after that
 
 
 class KernelStamps:
-    """Takes stamps (CLOCK_REALTIME) to CLOCK_MONOTONIC, never later than now.
+    """Converts stamps from CLOCK_REALTIME to CLOCK_MONOTONIC, never later than now.
 
-    A frame can be stamped, then wait in the kernel's own queues while a read finds nothing: what a
-    read left empty gives no frame's time. It bounds the stamps only of a clock that was set less
-    than `DOUBT_NS` before, and those more than `KERNEL_WAIT_NS` further back.
+    A converted stamp can be wrong when the system's clock was set in between. Then the last read
+    that emptied the port is a lower bound of a frame's time, but a rough one, because a stamped
+    frame may wait in the kernel's own queues while a read finds nothing. So the bound applies at
+    once for `DOUBT_NS` after the clock was set, and otherwise only to stamps that lie more than
+    `KERNEL_WAIT_NS` before it.
 
     Parameters
     ----------
-    compare : returns what takes CLOCK_REALTIME to CLOCK_MONOTONIC [ns]
+    compare : returns CLOCK_MONOTONIC - CLOCK_REALTIME [ns]
     """
 
     def __init__(

@@ -253,17 +253,6 @@ class RobotModel:
             out[i] = evaluate(model, data, Q[i], self._zero, nu[i])
         return out
 
-    def generalised_forces(
-        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
-    ) -> FloatArray:
-        """Return `generalised_force` at N states, (N, 6+n)."""
-        Q, V = self._states(q, w, qd)
-        out = np.empty((len(q), self.model.nv))
-        model, data, evaluate = self.model, self.data, pin.rnea
-        for i in range(len(q)):
-            out[i] = evaluate(model, data, Q[i], V[i], a[i])
-        return out
-
     def mass_matrices(self, q: FloatArray) -> FloatArray:
         """Return `mass_matrix` at N states, (N, 6+n, 6+n)."""
         Q = self._angles(q)

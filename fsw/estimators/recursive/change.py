@@ -121,7 +121,8 @@ class InnovationMonitor:
     def judge(self, white: FloatArray, *, armed: bool) -> Judgement:
         """Accept the innovation of the next block, whitened to unit covariance if all is well.
 
-        Not armed (before the estimate has settled), everything is accepted and nothing summed.
+        While the estimate has not settled (`armed` is False), every innovation is accepted and
+        none is summed.
         """
         dof = len(white)
         self.nis, self.nis_dof = float(white @ white), dof

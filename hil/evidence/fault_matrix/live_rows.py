@@ -28,7 +28,8 @@ from hil.evidence.fault_matrix.table import Row, Table
 from hil.judge.outcome import result_from_json
 from hil.judge.score import Result, normalised_error_squared
 from hil.run import bench, live
-from hil.run.flight import plant_document, write_yaml
+from hil.run.flight import write_yaml
+from hil.run.plant_document import plant_document
 from hil.run.progress import Quiet
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario

@@ -76,7 +76,7 @@ class _Recording:
 
 
 class OperationsBench:
-    """Loop, service and what comes out of them."""
+    """Loop and service in virtual time, with counts of the events and reports they produce."""
 
     def __init__(self, folder: Path) -> None:
         telemetry = {"port": 0, "housekeeping_interval_s": 0.0, "start_mode": "standby"}

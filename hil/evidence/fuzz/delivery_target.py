@@ -25,7 +25,6 @@ LOOK_NS = 10_000_000
 DOWN = Path("down.bin")
 DOWN_BYTES = bytes(range(256)) * 6
 METADATA, DATA, END, ANY = 0, 1, 2, 3
-DIRECTIVES = {METADATA: 0x07, END: 0x04}
 TOWARDS_SENDER = 0x08
 
 

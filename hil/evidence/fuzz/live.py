@@ -29,8 +29,9 @@ from hil.evidence.fuzz.hostile import Grammar, named_telecommand
 from hil.evidence.fuzz.operations import play
 from hil.evidence.fuzz.oracle import require
 from hil.run.bench import prepare
-from hil.run.flight import plant_document, write_yaml
+from hil.run.flight import write_yaml
 from hil.run.live import LiveError, process_of, processes_of, read_status, started_plant
+from hil.run.plant_document import plant_document
 from hil.run.processes import resident_bytes
 from hil.world.scenario import at_rates, load
 
@@ -195,7 +196,7 @@ class Mark:
         return 1e3 * (self.slips - before.slips) / max(1, self.ticks - before.ticks)
 
     def own_since(self, before: Mark) -> float:
-        """Return the ticks over their budget in a thousand since another mark."""
+        """Return how many of a thousand ticks exceeded their budget since an earlier mark."""
         return 1e3 * (self.over_budget - before.over_budget) / max(1, self.ticks - before.ticks)
 
 

@@ -21,8 +21,9 @@ from hil.evidence.kills.files import part_state, unreadable_checkpoints
 from hil.evidence.kills.watch import Observer, alive, wait_for
 from hil.run import live
 from hil.run.bench import prepare
-from hil.run.flight import plant_document, write_yaml
+from hil.run.flight import write_yaml
 from hil.run.live import LiveError, processes_of
+from hil.run.plant_document import plant_document
 from hil.run.processes import tied
 from hil.world.scenario import BUS, at_rates, load
 

@@ -38,7 +38,8 @@ from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.packets import telecommand_packet
 from hil.run import live
 from hil.run.bench import prepare
-from hil.run.flight import plant_document, write_yaml
+from hil.run.flight import write_yaml
+from hil.run.plant_document import plant_document
 from hil.run.processes import tied
 from hil.world.scenario import load as load_scenario
 

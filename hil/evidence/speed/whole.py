@@ -29,7 +29,8 @@ from hil.evidence.speed.link_delay import LinkDelays
 from hil.judge.stalls import bench_stalls
 from hil.run import live
 from hil.run.bench import prepare
-from hil.run.flight import plant_document, write_yaml
+from hil.run.flight import write_yaml
+from hil.run.plant_document import plant_document
 from hil.run.processes import resident_bytes, tied
 from hil.run.progress import Meter
 from hil.world.scenario import load as load_scenario

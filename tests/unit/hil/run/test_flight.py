@@ -10,12 +10,12 @@ from fsw.config import load as load_config
 from hil.run.flight import (
     flight_document,
     joint_names,
-    plant_document,
     position_noise_rad,
     torque_noise_nm,
     write_flight,
     write_yaml,
 )
+from hil.run.plant_document import plant_document
 from hil.world.scenario import draw_prior, load
 from hil.world.sensors import NodeConfig, SensorConfig
 
