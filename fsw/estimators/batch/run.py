@@ -31,13 +31,13 @@ from fsw.estimators.batch.solver import (
     regress,
     straighten,
 )
+from fsw.estimators.measurement.compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
-from fsw.estimators.recursive.bias_compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
 from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray

@@ -35,12 +35,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from fsw.estimators.recursive.bias_compensated import (
-    BiasCompensatedEstimator,
-    block_sums,
-    compensated_solution,
-    no_sums,
-)
+from fsw.estimators.measurement.compensated import block_sums, compensated_solution, no_sums
+from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block, FloatArray
 from hil.run.flown import Flown, fly, with_estimator

@@ -11,13 +11,13 @@ import pytest
 
 from fsw.estimators.measurement import energy
 from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.compensated import block_sums
 from fsw.estimators.measurement.energy import energy_rows
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.problem import Problem, build_problem, present
-from fsw.estimators.recursive.bias_compensated import block_sums
 from fsw.messages import Block
 from tests.support.estimator_cases import N, make_problem, random_block, robot_model
 from tests.support.wheel_cases import (
