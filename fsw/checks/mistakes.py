@@ -15,6 +15,13 @@ from itertools import combinations, permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.checks.mounting import (
+    contradicted,
+    mounting_words,
+    of_mounting,
+    other_words,
+    with_free_mounting,
+)
 from fsw.config import Config
 from fsw.estimators.batch.solver import Target, minimise
 from fsw.estimators.conditioning import rotation_from_xyzw
@@ -54,6 +61,7 @@ class Verdict:
     found: tuple[str, ...]  # changes of the configuration that explain them, most likely first
     nearest: tuple[str, ...]  # those that leave least, where none explains them
     tried: int
+    doubted: str  # a value of arm or calibration that the data contradict; empty: none
 
 
 def explain_residuals(
@@ -77,6 +85,10 @@ def explain_residuals(
             break
         chosen, level = [candidates[best].change(b) for b in chosen], levels[best]
         found.append(candidates[best].text)
+    doubted = ""
+    if not found:
+        left, doubted = _doubted(config, problem, usable, level)
+        level, found = (left, [doubted]) if level > LARGE and doubted else (level, found)
     if not found and level > LARGE and "base" not in config.unknown:
         progress("trying another base")
         freed, words = _freed_base(config, problem, chosen)
@@ -89,7 +101,22 @@ def explain_residuals(
         found=names if explained else (),
         nearest=() if explained else names,
         tried=tried,
+        doubted=doubted,
     )
+
+
+def _doubted(
+    config: Config, problem: Problem, blocks: Sequence[Block], level: float
+) -> tuple[float, str]:
+    """Return a value of arm or calibration that the data contradict, and what it then leaves."""
+    x = _fit(problem, blocks)[1]
+    kind = contradicted(problem, x)
+    if of_mounting(problem) and (level > LARGE or kind in ("imu_place", "imu_angle")):
+        left, freed = _fit(with_free_mounting(problem), blocks, FREED_ITERATIONS)
+        words = mounting_words(config, problem, freed) if left <= LARGE else ""
+        if words:
+            return left, words
+    return level, other_words(problem, x) if kind and level <= LARGE else ""
 
 
 def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:

@@ -20,6 +20,7 @@ from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.sinks import IMU, STAR_TRACKER
 
 FEW_BLOCKS = 3
+ALL_FITS = "signs, order of joints, mounting of the inertial unit"
 
 
 def check_recording(
@@ -63,12 +64,13 @@ def check_recording(
         words = "too few to judge signs and mounting; look at rates, lost samples and channels"
         return [*lines, f"WRONG: {used}: {words}"], False
     verdict = explain_residuals(config, problem, watching.blocks, progress)
-    mounted = any(text.startswith("imu") for text in verdict.found)
+    told = list(dict.fromkeys([*verdict.found, *([verdict.doubted] if verdict.doubted else [])]))
+    mounted = any(text.startswith("imu") for text in told)
     judged = config.imu.present and not (mounted or jumps)  # the tracker, by the gyro over time
     turned = tracker_findings(config, watching.windows) if judged else []
-    lines += [f"WRONG: {text}" for text in [*turned, *verdict.found]]
+    lines += [f"WRONG: {text}" for text in [*turned, *told]]
     lines.append(_residual_words(verdict, config))
-    return lines, not (wrong or turned or verdict.before > LARGE)
+    return lines, not (wrong or turned or told or verdict.before > LARGE)
 
 
 def _unusable(source: str, counts: Mapping[str, int]) -> str:
@@ -85,7 +87,8 @@ def _residual_words(verdict: Verdict, config: Config) -> str:
     level = f"residuals {verdict.before**0.5:.3g} times the declared noise"
     after = f"{verdict.after**0.5:.3g} times"
     if verdict.before <= LARGE:
-        return f"signs, order of joints, mounting of the inertial unit: fit ({level})"
+        fits = "signs, order of joints" if verdict.doubted else ALL_FITS
+        return f"{fits}: fit ({level})"
     if verdict.found:
         return f"{level}, {after} with these changes"
     lever = "the lever arm imu.mounting.p_BS_m, " if config.imu.present else ""

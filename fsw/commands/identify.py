@@ -159,6 +159,8 @@ def to_text(result: Mapping[str, Any]) -> str:
         lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
     if result["status"] == "INSUFFICIENT_EXCITATION":
         lines.append("the motion does not show every parameter: fsw excite plans one that does")
+    if result.get("note"):
+        lines.append(f"note: {result['note']}")
     lines += result.get("warnings", ())
     lines += [
         f"{source}: NOTHING USABLE; {n['received']} samples, {n['received_bytes']} bytes received"

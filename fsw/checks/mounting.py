@@ -1,0 +1,78 @@
+"""Values of arm and calibration that the data contradict, in the words of the configuration.
+
+The estimator takes a wrong place or attitude of the inertial unit as a state of its own and leaves
+small residuals; only its distance from its prior shows the mistake.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fsw.config import Config
+from fsw.estimators.model.problem import CONSPICUOUS, Problem, present
+from fsw.messages import FloatArray
+
+PLACE_M, ANGLE_RAD = 10.0, np.pi  # 1 sigma of a mounting that nobody knows
+KEYS = {
+    "joint_zero": "zero_offset_rad of joints",
+    "torque_scale": "torque_gain of joints",
+    "wheel_scale": "axial inertia of wheels",
+    "thrust_scale": "force_n of thrusters",
+    "thrust_delay": "delay_s of thrusters",
+    "thrust_rise": "rise_s of thrusters",
+    "known": "masses and inertias of the robot's links",
+}
+
+
+def with_free_mounting(problem: Problem) -> Problem:
+    """Return a problem that knows nothing of the inertial unit's place and attitude."""
+    covariance = problem.prior_covariance.copy()
+    for states, sigma in ((problem.imu_place, PLACE_M), (problem.imu_angle, ANGLE_RAD)):
+        covariance[states] = 0.0
+        covariance[:, states] = 0.0
+        covariance[states, states] = sigma**2 * np.eye(states.stop - states.start)
+    return replace(problem, prior_covariance=covariance)
+
+
+def contradicted(problem: Problem, x: FloatArray) -> str:
+    """Return the kind of the state farthest from its prior; empty: none is conspicuous."""
+    name, sigmas = problem.least_plausible(x)
+    return name.partition(".")[0] if sigmas > CONSPICUOUS else ""
+
+
+def of_mounting(problem: Problem) -> bool:
+    """Return whether the inertial unit's place and attitude are states."""
+    return present(problem.imu_place) and present(problem.imu_angle)
+
+
+def mounting_words(config: Config, problem: Problem, x: FloatArray) -> str:
+    """Return what the data say of the mounting: the key that is wrong, and its likely value."""
+    place, angle = x[problem.imu_place], x[problem.imu_angle]
+    root = np.sqrt(np.diag(problem.prior_covariance))
+    sigmas = [float(np.max(np.abs(x[s]) / root[s])) for s in (problem.imu_place, problem.imu_angle)]
+    told = []
+    if sigmas[1] > CONSPICUOUS:
+        true = Rotation.from_rotvec(angle) * Rotation.from_quat(config.imu.mounting.q_BS_xyzw)
+        degrees = float(np.rad2deg(np.linalg.norm(angle)))
+        told.append(
+            f"imu.mounting: the unit is turned by {degrees:.3g} degrees against its configured "
+            f"attitude ({sigmas[1]:.0f} sigma); q_BS_xyzw is near "
+            f"[{', '.join(f'{v:.3f}' for v in true.as_quat())}]"
+        )
+    if sigmas[0] > CONSPICUOUS:
+        near = ", ".join(f"{v:.3f}" for v in problem.p_BS_m + place)
+        told.append(
+            f"imu.mounting.p_BS_m: the unit is {np.linalg.norm(place):.2g} m from its configured "
+            f"place ({sigmas[0]:.0f} sigma); it is near [{near}]"
+        )
+    return "; ".join(told)
+
+
+def other_words(problem: Problem, x: FloatArray) -> str:
+    """Return what the data say of another value of arm or calibration."""
+    name, sigmas = problem.least_plausible(x)
+    kind, _, label = name.partition(".")
+    return f"{KEYS.get(kind, kind)} ({label}): {sigmas:.0f} sigma from what is configured"
