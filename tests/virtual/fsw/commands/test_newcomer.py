@@ -124,6 +124,10 @@ def turned(data: Any) -> None:
     }
 
 
+def lever_arm(data: Any) -> None:
+    data["imu"]["mounting"]["p_BS_m"][0] += 0.5
+
+
 def another_bus(data: Any) -> None:
     data["buses"][0]["name"] = "leg"
     for joint in data["joints"]:
@@ -155,6 +159,7 @@ CONFIGURATIONS = {
     "swapped joints": swapped,
     "order of a quaternion": quaternion_order,
     "inertial unit turned": turned,
+    "lever arm": lever_arm,
     "sense of the star tracker": lambda data: data["star_tracker"].update(
         rotation="tracker_to_inertial"
     ),
