@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from fsw.checks.mounting import (
     contradicted,
     mounting_words,
-    of_mounting,
     other_words,
+    with_doubtful_mounting,
     with_free_mounting,
 )
 from fsw.config import Config
@@ -109,9 +109,10 @@ def _doubted(
     config: Config, problem: Problem, blocks: Sequence[Block], level: float
 ) -> tuple[float, str]:
     """Return a value of arm or calibration that the data contradict, and what it then leaves."""
+    problem = with_doubtful_mounting(config, problem)
     x = _fit(problem, blocks)[1]
     kind = contradicted(problem, x)
-    if of_mounting(problem) and (level > LARGE or kind in ("imu_place", "imu_angle")):
+    if config.imu.present and (level > LARGE or kind in ("imu_place", "imu_angle")):
         left, freed = _fit(with_free_mounting(problem), blocks, FREED_ITERATIONS)
         words = mounting_words(config, problem, freed) if left <= LARGE else ""
         if words:

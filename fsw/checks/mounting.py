@@ -12,10 +12,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.estimators.model.problem import CONSPICUOUS, Problem, present
+from fsw.estimators.model.problem import CONSPICUOUS, Problem, build_problem, present
 from fsw.messages import FloatArray
 
 PLACE_M, ANGLE_RAD = 10.0, np.pi  # 1 sigma of a mounting that nobody knows
+DOUBT = {"mounting_position_sigma_m": 0.01, "mounting_angle_sigma_rad": 5e-3}  # where exact
 KEYS = {
     "joint_zero": "zero_offset_rad of joints",
     "torque_scale": "torque_gain of joints",
@@ -25,6 +26,15 @@ KEYS = {
     "thrust_rise": "rise_s of thrusters",
     "known": "masses and inertias of the robot's links",
 }
+
+
+def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
+    """Return a problem with the inertial unit's place and attitude as states, where there is one."""
+    if not config.imu.present or (present(problem.imu_place) and present(problem.imu_angle)):
+        return problem
+    imu = config.imu.model_dump()
+    imu |= {key: imu[key] or sigma for key, sigma in DOUBT.items()}
+    return build_problem(config.with_sections(imu=imu), problem.model)
 
 
 def with_free_mounting(problem: Problem) -> Problem:
@@ -43,16 +53,12 @@ def contradicted(problem: Problem, x: FloatArray) -> str:
     return name.partition(".")[0] if sigmas > CONSPICUOUS else ""
 
 
-def of_mounting(problem: Problem) -> bool:
-    """Return whether the inertial unit's place and attitude are states."""
-    return present(problem.imu_place) and present(problem.imu_angle)
-
-
 def mounting_words(config: Config, problem: Problem, x: FloatArray) -> str:
     """Return what the data say of the mounting: the key that is wrong, and its likely value."""
     place, angle = x[problem.imu_place], x[problem.imu_angle]
     root = np.sqrt(np.diag(problem.prior_covariance))
-    sigmas = [float(np.max(np.abs(x[s]) / root[s])) for s in (problem.imu_place, problem.imu_angle)]
+    states = problem.imu_place, problem.imu_angle
+    sigmas = [float(np.max(np.abs(x[s]) / root[s], initial=0.0)) for s in states]
     told = []
     if sigmas[1] > CONSPICUOUS:
         true = Rotation.from_rotvec(angle) * Rotation.from_quat(config.imu.mounting.q_BS_xyzw)
