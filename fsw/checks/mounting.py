@@ -29,7 +29,7 @@ KEYS = {
 
 
 def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
-    """Return a problem with the inertial unit's place and attitude as states, where there is one."""
+    """Return a problem with the inertial unit's place and attitude as states."""
     if not config.imu.present or (present(problem.imu_place) and present(problem.imu_angle)):
         return problem
     imu = config.imu.model_dump()
