@@ -261,6 +261,8 @@ def _identify(arguments: argparse.Namespace) -> int:
 
     robot = (given or load(arguments.recording).robot).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))
+    if given is None:
+        print(f"fsw: identify: by the configuration in {arguments.recording}", file=sys.stderr)
 
     with Progress("identify") as tell:
 

@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeVar
 
 import yaml
 
-from fsw.checks.robot import read_model
+from fsw.checks.robot import inertia_warnings, read_model
 from fsw.checks.urdf import check_urdf
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
@@ -26,7 +26,6 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.messages.errors import ConfigError
 
 DENSITY_KG_M3 = 150.0  # of a satellite, for a first guess of an object's size
-FIRST_NODE = 0x11
 HELD = ("free", "planar", "clamped")
 T = TypeVar("T")
 HEAD = """\
@@ -90,8 +89,10 @@ def init(arguments: argparse.Namespace) -> str:
     model = read_model(arguments.urdf, tool)
     text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
+    doubts = inertia_warnings(config, model)
     out.write_text(text, encoding="utf-8")
-    return f"{out}: {len(config.joints)} joints; {text.count('# CHECK')} lines marked CHECK"
+    marked = f"{out}: {len(config.joints)} joints; {text.count('# CHECK')} lines marked CHECK"
+    return "\n".join([*(f"warning: {doubt}" for doubt in doubts), marked])
 
 
 def _asker(arguments: argparse.Namespace) -> Ask:
@@ -281,7 +282,7 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
         lines += [
             f"  - name: {name}",
             "    bus: arm",
-            f"    node_id: 0x{FIRST_NODE + k:02x}  # CHECK",
+            f"    node_id: 0x{arguments.first_node + k:02x}  # CHECK",
             "    sign: 1  # CHECK -1: the node counts against the URDF's axis",
             "    zero_offset_rad: 0.0",
             f"    torque_limit_nm: {effort:g}  # of the URDF",

@@ -7,6 +7,13 @@ from pathlib import Path
 
 from fsw.commands.out_argument import out_argument
 
+FIRST_NODE = 0x11
+
+
+def node_number(text: str) -> int:
+    """Return a number as typed, decimal or 0x."""
+    return int(text, 0)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments; on a terminal, what is missing is asked."""
@@ -30,4 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tracker-rpy", type=float, nargs=3, metavar="RAD")
     parser.add_argument("--encoder", default="generic_24_bit", metavar="NAME")
     parser.add_argument("--torque", default="generic", metavar="NAME")
+    parser.add_argument(
+        "--first-node",
+        type=node_number,
+        default=FIRST_NODE,
+        metavar="ID",
+        help="node of the first joint, the others follow; 0x11",
+    )
     parser.add_argument("--rate-hz", type=float, default=250.0, help="of the joints, 250")

@@ -124,7 +124,8 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
         loader = _StrictLoader(source, aliases=aliases)  # a SafeLoader: builds plain values only
         data: object = loader.get_single_data()
     except _READING as error:
-        words = " ".join(str(error).split()) or type(error).__name__
+        words = " ".join(str(error).replace('in "<byte string>", ', "").split())
+        words = words or type(error).__name__
         raise TextError(f"not YAML: {cut(words)}") from error
     return data
 

@@ -316,7 +316,8 @@ class Planner:
 
     def _progress(self, turn: int) -> Callable[[int, float, str, float], None]:
         def show(iteration: int, value: float, kind: str, excess: float) -> None:
-            worst = f", worst {kind} {100 * excess:+.2g} % beyond its bound" if kind else ""
+            side = "beyond" if excess > 0 else "inside"
+            worst = f", worst {kind} {100 * abs(excess):.2g} % {side} its bound" if kind else ""
             self.report(
                 f"round {turn}, evaluation {iteration}: {self.request.criterion} "
                 f"{shown(self.request.criterion, value):.6g}{worst}"
