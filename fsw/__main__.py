@@ -67,6 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except FswError as error:
         print(f"fsw: {error}", file=sys.stderr)
         return FAILED_EXIT
+    except OSError as error:  # of a file that a command reads or writes
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"fsw: {where}{error.strerror or error}", file=sys.stderr)
+        return CONFIG_EXIT
 
 
 def parser() -> argparse.ArgumentParser:

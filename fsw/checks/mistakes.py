@@ -14,6 +14,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from fsw.checks.mounting import (
     contradicted,
@@ -264,7 +265,10 @@ def _imu_mistakes(config: Config) -> list[Mistake]:
             text = f"{key}: the unit's axes {' '.join(words)} stand where x y z should"
             named[text] = R @ turn
     found = [
-        Mistake(text=text, change=partial(_turned, turn=true @ R.T))
+        Mistake(
+            text=f"{text}. Set q_BS_xyzw: {_quaternion(true)}",
+            change=partial(_turned, turn=true @ R.T),
+        )
         for text, true in named.items()
         if not np.allclose(true, R)
     ]
@@ -281,6 +285,10 @@ def _imu_mistakes(config: Config) -> list[Mistake]:
             ),
         ),
     ]
+
+
+def _quaternion(R: FloatArray) -> str:
+    return f"[{', '.join(f'{v + 0.0:.6g}' for v in Rotation.from_matrix(R).as_quat())}]"
 
 
 def _turned(block: Block, turn: FloatArray) -> Block:

@@ -109,6 +109,8 @@ def _check_joints(root: ET.Element) -> None:
         if joint.find("parent") is not None and kind not in ("revolute", "fixed"):
             hint = "; write it as revolute with wide limits" if kind == "continuous" else ""
             raise ConfigError(f"joint {name} is {brief(kind)}; must be revolute or fixed{hint}")
+        if joint.find("mimic") is not None:
+            raise ConfigError(f"joint {name} mimics another; every joint has a sensor of its own")
         axis = joint.find("axis")
         if kind == "revolute" and axis is not None and not _is_direction(axis.get("xyz", "")):
             raise ConfigError(

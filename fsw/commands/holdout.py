@@ -47,7 +47,8 @@ def judge(
     """Return how well the held-out windows are predicted, channel by channel, as plain values.
 
     A channel passes when its rms over sigma is no larger than a right model gives once in
-    ten thousand with 1.5 times the declared noise, and its mean agrees with zero.
+    ten thousand with 1.5 times the declared noise, and its mean agrees with zero. Both count the
+    state's own uncertainty as one error that all nodes have in common.
 
     Parameters
     ----------
@@ -80,7 +81,8 @@ def judge(
 
 def _verdict(value: FloatArray, ratio: FloatArray, shared: float, unit: str) -> dict[str, Any]:
     count = max(1.0, INDEPENDENT * len(ratio))
-    most = NOISE_RATIO * float(np.sqrt(chdtri(count, FALSE_ALARM) / count))
+    own, common = chdtri(count, FALSE_ALARM) / count, chdtri(1.0, FALSE_ALARM)
+    most = NOISE_RATIO * float(np.sqrt((1.0 - shared) * own + shared * common))
     off = MEAN_SIGMAS * float(np.sqrt(1.0 / count + shared))
     rms, mean = float(np.sqrt(np.mean(ratio**2))), float(np.mean(ratio))
     return {

@@ -78,7 +78,7 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
         words = "must be what fsw identify --json or fsw replay --json printed (hil run: not so)"
         raise ConfigError(f"{words}: {error!r}") from error
     values = np.array([mass, *com, *inertia])
-    if not (np.isfinite(values).all() and np.isfinite(covariance).all() and mass > 0.0):
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all() and min(mass, pi[0]) > 0.0):
         raise ConfigError(f"{name}: mass must be positive, every value and covariance finite")
     if np.diag(state).min() < 0.0:
         raise ConfigError(f"{name}: the covariance has a negative variance")
@@ -106,7 +106,7 @@ def read_result(path: Path) -> Mapping[str, Any]:
         values = json.loads(source)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         words = f"it is {kind}" if (kind := kind_of(source)) else str(error)
         raise ConfigError(f"{path}: not a result of fsw identify --json: {words}") from error
     if not isinstance(values, dict):

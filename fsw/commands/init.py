@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib.resources import files
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import yaml
 
-from fsw.checks.robot import inertia_warnings, read_model
+from fsw.checks.robot import inertia_warnings, load_problem, read_model
 from fsw.checks.urdf import check_urdf
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
@@ -84,12 +84,16 @@ def init(arguments: argparse.Namespace) -> str:
     base = _base(ask, root, arguments.base)
     leaves = _leaves(root)
     links = [link.get("name", "") for link in root.findall("link")]
+    if not leaves:
+        raise ConfigError(f"{arguments.urdf} has no link at the end of a chain: no tree of links")
     words = f"tool frame, one of {', '.join(leaves)}"
     tool = ask("tool", words, _one_of(links), leaves[0] if leaves else "")
     model = read_model(arguments.urdf, tool)
+    if model.n == 0:
+        raise ConfigError(f"{arguments.urdf} has no revolute joint; at least 1 is needed")
     text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
-    doubts = inertia_warnings(config, model)
+    doubts = inertia_warnings(config, load_problem(config).model)
     out.write_text(text, encoding="utf-8")
     marked = f"{out}: {len(config.joints)} joints; {text.count('# CHECK')} lines marked CHECK"
     return "\n".join([*(f"warning: {doubt}" for doubt in doubts), marked])
@@ -99,10 +103,13 @@ def _asker(arguments: argparse.Namespace) -> Ask:
     """Return the function that gives a flag's value, or asks for it where a person can answer."""
 
     def ask(name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
-        value: T | None = getattr(arguments, name)
-        if value is not None:
-            return value
+        value = getattr(arguments, name)
         flag = f"--{name.replace('_', '-')}"
+        if value is not None:
+            try:
+                return kind(" ".join(map(str, value)) if isinstance(value, list) else str(value))
+            except ValueError as error:
+                raise ConfigError(f"{flag}: {error}") from error
         if not sys.stdin.isatty():
             raise ConfigError(f"{flag}: missing; {words}")
         while True:
@@ -164,7 +171,9 @@ def _one_of(known: Sequence[str]) -> Callable[[str], str]:
 
     def read(text: str) -> str:
         if text not in known:
-            raise ValueError(f"{text!r} must be one of {', '.join(known)}")
+            close = get_close_matches(text, known, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ValueError(f"{text!r} must be one of {', '.join(known)}{hint}")
         return text
 
     return read
@@ -206,7 +215,12 @@ def _text(
     out, urdf = arguments.out, arguments.urdf.absolute()
     near = urdf.parent == out.parent.absolute()
     lines = [HEAD.format(urdf=urdf.name, out=out.name)]
-    lines += ["robot:", f"  urdf: {urdf.name if near else urdf}", f"  tool_frame: {tool}", ""]
+    lines += [
+        "robot:",
+        f"  urdf: {_word(urdf.name if near else str(urdf))}",
+        f"  tool_frame: {_word(tool)}",
+        "",
+    ]
     lines += [f"unknown: [{', '.join(bodies)}]", "bodies:"]
     if "base" in bodies:
         lines += _body("base", *from_parameters(model.pi_links[:PARAMETERS]), 0.5)
@@ -228,6 +242,11 @@ def _text(
         "",
     ]
     return "\n".join(lines)
+
+
+def _word(text: str) -> str:
+    """Return a name as YAML, in quotes where it would be read as something else."""
+    return yaml.safe_dump(text, width=inf, allow_unicode=True).removesuffix("\n...\n").strip()
 
 
 def _numbers(values: Iterable[float]) -> str:
@@ -280,7 +299,7 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
                 "must be positive, in N m and rad/s"
             )
         lines += [
-            f"  - name: {name}",
+            f"  - name: {_word(name)}",
             "    bus: arm",
             f"    node_id: 0x{arguments.first_node + k:02x}  # CHECK",
             "    sign: 1  # CHECK -1: the node counts against the URDF's axis",

@@ -25,7 +25,12 @@ def refuse_existing(arguments: argparse.Namespace, key: str = "out") -> None:
     ConfigError with the option, the name and what to do.
     """
     path: Path | None = getattr(arguments, key)
-    if path is None or arguments.force or not path.exists():
+    if path is None or not path.exists():
+        return
+    given = {name: value for name, value in vars(arguments).items() if name != key}
+    if any(isinstance(own, Path) and own.exists() and own.samefile(path) for own in given.values()):
+        raise ConfigError(f"--{key}: {path} is read by this command; choose another name")
+    if arguments.force:
         return
     if not path.is_dir() or any(path.iterdir()):
         raise ConfigError(f"--{key}: {path} exists; --force overwrites it")

@@ -54,7 +54,7 @@ def recording_of(status: Mapping[str, Any]) -> Path:
 
 def in_the_background() -> None:
     """Give the processor to the daemon first."""
-    os.nice(LESS_URGENT)
+    os.nice(max(0, LESS_URGENT - os.nice(0)))
 
 
 def now(status: Mapping[str, Any], closed: bool) -> Section:

@@ -46,7 +46,7 @@ def test_what_is_written_is_correct_for_every_named_unit(arm, capsys, imu):
     [
         ({"imu": "stim30"}, ("stim30", "did you mean stim300?")),
         ({"imu": None}, ("--imu: missing", "stim300")),
-        ({"tool": "hand"}, ("robot.tool_frame", "hand", "gripper")),
+        ({"tool": "hand"}, ("--tool", "hand", "gripper")),
         ({"tool": None}, ("--tool: missing", "gripper")),
         ({"target_mass_kg": None}, ("--target-mass-kg: missing", "[kg]")),
     ],
