@@ -34,6 +34,13 @@ WORDS = {  # of the criteria; docs/excitation.md
     "gamma": "xi1 cond + xi2 / integral of |torque|",
 }
 ENDINGS = (".yaml", ".yml")
+MOST = {  # beyond these a plan needs more memory or time than a computer has
+    "duration_s": 3600.0,
+    "rate_hz": 1000.0,
+    "export_rate_hz": 10_000.0,
+    "starts": 1000,
+    "draws": 1000,
+}
 
 
 def excite(arguments: argparse.Namespace, config: Config) -> int:
@@ -93,7 +100,11 @@ def _check_numbers(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, key)
         if not (np.isfinite(value) and value > 0):
             raise ConfigError(f"--{key.replace('_', '-')}: {value} must be positive")
-    for key in ("spread", "draws", "xi1", "xi2"):
+    for key, most in MOST.items():
+        if getattr(arguments, key) > most:
+            flag = f"--{key.replace('_', '-')}"
+            raise ConfigError(f"{flag}: {getattr(arguments, key):g} must be at most {most:g}")
+    for key in ("spread", "draws", "seed", "xi1", "xi2"):
         value = getattr(arguments, key)
         if not (np.isfinite(value) and value >= 0):
             raise ConfigError(f"--{key}: {value} must not be negative")
