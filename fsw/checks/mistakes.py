@@ -62,7 +62,8 @@ class Verdict:
     found: tuple[str, ...]  # changes of the configuration that explain them, most likely first
     nearest: tuple[str, ...]  # those that leave least, where none explains them
     tried: int
-    doubted: str  # a value of arm or calibration that the data contradict; empty: none
+    mounting: str  # what the data say of the inertial unit's place and attitude; empty: they fit
+    doubtful: str  # another value of arm or calibration far from its prior; empty: none
 
 
 def explain_residuals(
@@ -86,10 +87,10 @@ def explain_residuals(
             break
         chosen, level = [candidates[best].change(b) for b in chosen], levels[best]
         found.append(candidates[best].text)
-    doubted = ""
+    mounting = doubtful = ""
     if not found:
-        left, doubted = _doubted(config, problem, usable, level)
-        level, found = (left, [doubted]) if level > LARGE and doubted else (level, found)
+        left, mounting, doubtful = _doubted(config, problem, usable, level)
+        level, found = (left, [mounting]) if level > LARGE and mounting else (level, found)
     if not found and level > LARGE and "base" not in config.unknown:
         progress("trying another base")
         freed, words = _freed_base(config, problem, chosen)
@@ -102,14 +103,15 @@ def explain_residuals(
         found=names if explained else (),
         nearest=() if explained else names,
         tried=tried,
-        doubted=doubted,
+        mounting=mounting,
+        doubtful=doubtful,
     )
 
 
 def _doubted(
     config: Config, problem: Problem, blocks: Sequence[Block], level: float
-) -> tuple[float, str]:
-    """Return a value of arm or calibration that the data contradict, and what it then leaves."""
+) -> tuple[float, str, str]:
+    """Return what a wrong mounting leaves when it is freed, and words: about it, about others."""
     problem = with_doubtful_mounting(config, problem)
     x = _fit(problem, blocks)[1]
     kind = contradicted(problem, x)
@@ -117,8 +119,8 @@ def _doubted(
         left, freed = _fit(with_free_mounting(problem), blocks, FREED_ITERATIONS)
         words = mounting_words(config, problem, freed) if left <= LARGE else ""
         if words:
-            return left, words
-    return level, other_words(problem, x) if kind and level <= LARGE else ""
+            return left, words, ""
+    return level, "", other_words(problem, x) if kind and level <= LARGE else ""
 
 
 def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:

@@ -81,4 +81,7 @@ def other_words(problem: Problem, x: FloatArray) -> str:
     """Return what the data say of another value of arm or calibration."""
     name, sigmas = problem.least_plausible(x)
     kind, _, label = name.partition(".")
-    return f"{KEYS.get(kind, kind)} ({label}): {sigmas:.0f} sigma from what is configured"
+    words = (
+        f"{KEYS.get(kind, kind)} ({label}) is estimated {sigmas:.0f} sigma from what is configured"
+    )
+    return f"{words}: it is wrong, or what looks like it, such as a link's mass or a delay"

@@ -161,6 +161,7 @@ def identify(
     """
     held, robot = _pair(recording, robot)
     chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
+    _apart(report, held)
     span = Span(from_s, to_s)
     empty = None if reference is None else _pair(reference, robot)[0].path
 
@@ -236,6 +237,7 @@ def report(
         recording = recording_of(daemon)
         in_the_background()
     held, robot = _pair(recording, robot)
+    _apart(out, held)
     return write_report(
         held.path,
         robot.config,
@@ -290,11 +292,19 @@ def plan(
         seed=seed,
     )
     config = robot.with_choices(unknown=unknown).config
-    subject = build_subject(config, seed=seed)
+    subject = build_subject(config, seed=request.seed)
     motion_limits, collisions = bounds(config, subject, Path(limits), progress)
     return planned(subject, motion_limits, collisions, request, progress)
 
 
 def _pair(recording: Recording | Path | str, robot: Robot | None) -> tuple[Recording, Robot]:
+    if robot is not None and not isinstance(robot, Robot):
+        raise ConfigError(f"robot: {robot!r} must be a Robot, such as Robot('robot.yaml')")
     held = recording if isinstance(recording, Recording) else load(recording)
     return held, held.robot if robot is None else robot
+
+
+def _apart(out: Path | str | None, held: Recording) -> None:
+    """Raise ConfigError where a page would overwrite the recording it is made of."""
+    if out is not None and Path(out).exists() and any(part.samefile(out) for part in held.parts):
+        raise ConfigError(f"{out}: is the recording; choose another name")

@@ -64,11 +64,12 @@ def check_recording(
         words = "too few to judge signs and mounting; look at rates, lost samples and channels"
         return [*lines, f"WRONG: {used}: {words}"], False
     verdict = explain_residuals(config, problem, watching.blocks, progress)
-    told = list(dict.fromkeys([*verdict.found, *([verdict.doubted] if verdict.doubted else [])]))
+    told = list(dict.fromkeys([*verdict.found, *filter(None, [verdict.mounting])]))
     mounted = any(text.startswith("imu") for text in told)
     judged = config.imu.present and not (mounted or jumps)  # the tracker, by the gyro over time
     turned = tracker_findings(config, watching.windows) if judged else []
     lines += [f"WRONG: {text}" for text in [*turned, *told]]
+    lines += [f"doubtful: {text}" for text in filter(None, [verdict.doubtful])]
     lines.append(_residual_words(verdict, config))
     return lines, not (wrong or turned or told or verdict.before > LARGE)
 
@@ -87,7 +88,7 @@ def _residual_words(verdict: Verdict, config: Config) -> str:
     level = f"residuals {verdict.before**0.5:.3g} times the declared noise"
     after = f"{verdict.after**0.5:.3g} times"
     if verdict.before <= LARGE:
-        fits = "signs, order of joints" if verdict.doubted else ALL_FITS
+        fits = "signs, order of joints" if verdict.mounting else ALL_FITS
         return f"{fits}: fit ({level})"
     if verdict.found:
         return f"{level}, {after} with these changes"

@@ -93,6 +93,8 @@ class Robot:
         given = {key: value for key, value in changes.items() if value is not None}
         if any(getattr(settings, key) != value for key, value in given.items()):
             config = config.with_sections(estimator=settings.model_dump() | given)
+        if not isinstance(unknown, str | None):
+            raise ConfigError(f"unknown: {unknown!r} must be text: base, target, both or names")
         if unknown is not None and (bodies := bodies_named(unknown)) != self.unknown:
             config = config.with_unknown(bodies)
         return self if config is self.config else Robot(config, folder=self._folder)

@@ -20,6 +20,8 @@ class Span:
 
     def __post_init__(self) -> None:
         """Raise ConfigError for a span that holds nothing."""
+        if not all(isinstance(value, int | float) for value in (self.from_s, self.to_s)):
+            raise ConfigError(f"from_s, to_s: {self.from_s!r}, {self.to_s!r} must be numbers [s]")
         if not 0.0 <= self.from_s < inf:
             raise ConfigError(f"--from: {self.from_s:g} must be at least 0 seconds")
         if not self.from_s < self.to_s:

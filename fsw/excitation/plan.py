@@ -68,6 +68,22 @@ class MotionRequest:
     rate_hz: float = 2.5
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        """Raise ConfigError for a number that no request can have."""
+        for key in (
+            "duration_s",
+            "knot_s",
+            "starts",
+            "jobs",
+            "candidates",
+            "iterations",
+            "rate_hz",
+        ):
+            if not 0.0 < (value := getattr(self, key)) < np.inf:
+                raise ConfigError(f"{key}: {value:g} must be positive")
+        if self.seed < 0:
+            raise ConfigError(f"seed: {self.seed} must not be negative")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionPlan:

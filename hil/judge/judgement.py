@@ -14,7 +14,7 @@ from fsw.commands.report.build import sections_of
 from fsw.commands.report.collect import collected_of
 from fsw.commands.report.view import Section
 from fsw.drivers.sources import ImuSource
-from fsw.estimators.recursive.online import OnlineEstimator, build_online
+from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block
 from hil.judge.bound import sensitivity
 from hil.judge.endeffector import Verification
@@ -159,9 +159,7 @@ def make_story(setup: Setup, case: Case, recorded: Recorded, outcome: Mapping[st
 def channel_sections(setup: Setup, recorded: Recorded) -> list[Section]:
     """Return the sections that every report has: health, limits, motion, residuals, versions."""
     last = recorded.estimates[-1] if recorded.estimates else None
-    estimator, state = build_online(setup.config), None
-    if last is not None and recorded.blocks and isinstance(estimator, OnlineEstimator):
-        state = estimator.problem, last.mean, last.covariance
+    state = recorded.state if recorded.blocks else None
     result = ReplayResult(
         estimate=last,
         unknown=setup.scenario.unknown,

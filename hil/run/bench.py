@@ -16,8 +16,10 @@ import numpy as np
 import yaml
 
 from fsw.commands.replay import replay
+from fsw.commands.report.collect import State, state_of
 from fsw.config import Config, load
 from fsw.drivers.wire import ByteChunk
+from fsw.estimators.pipeline import default_pipeline
 from fsw.exchange.sinks import Fanout, Message, NullSink, SerialTraffic, Sink
 from fsw.exchange.status import estimate_summary
 from fsw.loop.ports import SECOND, Ports
@@ -86,6 +88,7 @@ class Recorded:
     origin_ns: int  # start of the motion on the daemon's clock
     imu_times: Mapping[str, float]  # t0_ns and period_ns of the device's samples
     wall_s: float
+    state: State | None  # of the estimator, whole; None: no estimate
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -320,6 +323,7 @@ class VirtualRun:
             origin_ns=int(times["origin_ns"] or T0_NS),
             imu_times=times["imu"],
             wall_s=self._wall_s,
+            state=None if final is None else state_of(daemon.estimation.estimator),
         )
 
 
@@ -354,8 +358,8 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
     link = setup.config.telemetry
     disturb = live.nothing if link is None else live.Announcement(setup.folder)
     outcome = live.run(setup.config_path, plant_path, setup.total_s, meter, disturb)
-    collector = Collector()
-    replayed = replay(outcome.recordings[-1], setup.config, sink=collector)
+    collector, pipeline = Collector(), default_pipeline(setup.config)
+    replayed = replay(outcome.recordings[-1], setup.config, sink=collector, pipeline=pipeline)
     final = outcome.final
     result = result_from_json(final, scenario.unknown)
     again = result_of(replayed.estimate, scenario.unknown)
@@ -372,6 +376,7 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
         origin_ns=int(outcome.plant["origin_ns"]),
         imu_times=outcome.plant["imu"],
         wall_s=outcome.wall_s,
+        state=None if replayed.estimate is None else state_of(pipeline.estimator),
         extra={
             "bus": scenario.flight["bus"]["interface"],
             "recording": str(outcome.recordings[-1]),

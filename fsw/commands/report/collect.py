@@ -85,14 +85,21 @@ def collect(
     result = replay(recording, config, sink=sink, pipeline=pipeline, span=span, progress=progress)
     progress("residuals and what limits the accuracy")
     blocks = [block for block in sink.blocks if plausible(block)]
-    state = None
-    estimator = pipeline.estimator
-    if isinstance(estimator, OnlineEstimator) and blocks and result.estimate is not None:
-        memory, level = estimator.recursion.memory, estimator.recursion.monitor.level
-        covariance = memory.tempered(level).covariance()
-        state = estimator.problem, estimator.recursion.x, covariance
+    state = state_of(pipeline.estimator) if blocks and result.estimate is not None else None
     found = collected_at(recording, span, config, result, blocks, state)
     return replace(found, estimates=sink.estimates, daemon=daemon)
+
+
+def state_of(estimator: object) -> State | None:
+    """Return problem, mean (p,) and covariance (p, p) of an estimator's whole state.
+
+    An estimate holds the published part alone. None: this estimator has no such state.
+    """
+    if not isinstance(estimator, OnlineEstimator):
+        return None
+    recursion = estimator.recursion
+    covariance = recursion.memory.tempered(recursion.monitor.level).covariance()
+    return estimator.problem, recursion.x, covariance
 
 
 def collected_at(

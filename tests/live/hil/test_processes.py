@@ -32,7 +32,7 @@ DAEMON = ("fsw run", "fsw.loop.estimation.process", "fsw.service.process")
 # the command in a folder, and what is to be seen among its processes before it is killed
 COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
     "run": (
-        lambda folder: [*HIL, "run", "target_leo", "--json", "--out", str(folder)],
+        lambda folder: [*HIL, "run", "target_leo", "--json", "--out", str(folder / "run")],
         ("hil.devices", *DAEMON),
     ),
     "seeds": (

@@ -195,6 +195,8 @@ def judged(folder: Path, scenario: Scenario, **overrides: Any) -> tuple[dict[str
     if overrides:
         setup = replace(setup, config=setup.config.with_sections(**overrides))
     recorded = bench.run_virtual(setup, NoMeter(), record=False)
+    titles = {section.title for section in judgement.channel_sections(setup, recorded)}
+    assert {"Residuals", "Limits of the accuracy"} <= titles  # by states that are not published
     return judgement.judge(setup, judgement.make_case(setup), recorded), recorded
 
 
