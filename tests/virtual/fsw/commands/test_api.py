@@ -121,16 +121,16 @@ def test_the_page_of_the_api_does_what_it_says(flown, tmp_path, monkeypatch, cap
 def test_wrong_arguments_are_configuration_errors(flown, tmp_path):
     path = tmp_path / "recording.mcap"
     path.write_bytes(before := (flown / "recording.mcap").read_bytes())
-    robot = Robot(flown / "flight.yaml")
+    robot = fsw.Robot(flown / "flight.yaml")
     for wrong in (
-        lambda: report(path, robot, path),
-        lambda: identify(path, robot, report=path),
-        lambda: identify(path, "flight.yaml"),
-        lambda: identify(path, robot, unknown=["target"]),
-        lambda: identify(path, robot, to_s="8"),
-        lambda: plan(robot, "limits.yaml", duration_s=-1.0),
-        lambda: plan(robot, "limits.yaml", iterations=0),
-        lambda: plan(robot, "limits.yaml", seed=-1),
+        lambda: fsw.report(path, robot, path),
+        lambda: fsw.identify(path, robot, report=path),
+        lambda: fsw.identify(path, "flight.yaml"),
+        lambda: fsw.identify(path, robot, unknown=["target"]),
+        lambda: fsw.identify(path, robot, to_s="8"),
+        lambda: fsw.plan(robot, "limits.yaml", duration_s=-1.0),
+        lambda: fsw.plan(robot, "limits.yaml", iterations=0),
+        lambda: fsw.plan(robot, "limits.yaml", seed=-1),
     ):
         with pytest.raises(ConfigError):
             wrong()
