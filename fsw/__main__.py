@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:  # of a file that a command reads or writes
         where = f"{error.filename}: " if error.filename else ""
         print(f"fsw: {where}{error.strerror or error}", file=sys.stderr)
-        return CONFIG_EXIT
+        return FAILED_EXIT
 
 
 def parser() -> argparse.ArgumentParser:

@@ -94,7 +94,10 @@ def init(arguments: argparse.Namespace) -> str:
     text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
     doubts = inertia_warnings(config, load_problem(config).model)
-    out.write_text(text, encoding="utf-8")
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--out: {out} cannot be written: {error.strerror}") from error
     marked = f"{out}: {len(config.joints)} joints; {text.count('# CHECK')} lines marked CHECK"
     return "\n".join([*(f"warning: {doubt}" for doubt in doubts), marked])
 

@@ -42,3 +42,14 @@ def test_a_flight_is_not_overwritten(tmp_path, capsys):
     (tmp_path / "result.json").touch()
     assert hil.__main__.main(["run", "target_leo", "--out", str(tmp_path)]) == 2
     assert "exists; --force overwrites it" in capsys.readouterr().err
+
+
+def test_a_file_that_fails_is_no_mistake_of_the_configuration(monkeypatch, capsys):
+    """The service is started again after every exit but 2."""
+
+    def fails(_arguments):
+        raise OSError(28, "No space left on device", "state/blocks.bin")
+
+    monkeypatch.setattr("fsw.__main__._run", fails)
+    assert main(["run", "robot.yaml"]) == 1
+    assert capsys.readouterr().err == "fsw: state/blocks.bin: No space left on device\n"
