@@ -12,6 +12,7 @@ EXAMPLES = {
     "transfers": "hil transfers --count 20 --out runs/transfers",
     "mistakes": "hil mistakes --case target --only 'prior wrong and tight'",
     "rough": "hil rough --case target --count 50 --out runs/rough",
+    "differential": "hil differential --count 3",
     "soak": "hil soak --hours 2 --rate 50 --imu-rate 125 --out runs/soak",
     "calibration": "hil calibration --scenario bench_target --count 20 --out runs/calibration",
     "hardware": "hil hardware --data ~/recordings --fetch",

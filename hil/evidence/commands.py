@@ -125,6 +125,13 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
     rough.add_argument("--out", type=Path, metavar="DIR", help="keep rows and resume")
     rough.add_argument("--json", action="store_true", help="print one JSON list")
     rough.set_defaults(command=_rough)
+    differential = commands.add_parser("differential", help="same motion, empty: half the error?")
+    differential.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
+    differential.add_argument("--count", type=count, default=20, metavar="N", help="seeds, 20")
+    differential.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
+    differential.add_argument("--out", type=Path, metavar="DIR", help="keep rows and resume")
+    differential.add_argument("--json", action="store_true", help="print one JSON object")
+    differential.set_defaults(command=_differential)
 
 
 def bar() -> Progress:
@@ -217,6 +224,15 @@ def _rough(arguments: argparse.Namespace) -> int:
     else:
         show(rows)
     return 0 if all(row["passed"] for row in rows) else FAILED_EXIT
+
+
+def _differential(arguments: argparse.Namespace) -> int:
+    from hil.evidence.differential import differential, lines
+
+    seeds = range(arguments.first, arguments.first + arguments.count)
+    found = differential(seeds, arguments.jobs, arguments.out)
+    print(json.dumps(found) if arguments.json else lines(found))
+    return 0 if found["passed"] else FAILED_EXIT
 
 
 def _mistakes(arguments: argparse.Namespace) -> int:
