@@ -80,11 +80,7 @@ class _Track:
     def add(self, column: Column) -> None:
         """Add a piece's messages; they are put in order of time, as they stand in it."""
         added: Traffic = column.frames() if self._is_bus else column.chunks()
-        times_ns = (
-            added["t_ns"]
-            if isinstance(added, np.ndarray)
-            else np.array([chunk.t_ns for chunk in added], np.int64)
-        )
+        times_ns = added["t_ns"] if isinstance(added, np.ndarray) else column.spans[:, 0]
         times_ns = np.concatenate([self._times_ns, times_ns])
         waiting = (
             self._waiting + added
