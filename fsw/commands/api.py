@@ -167,11 +167,11 @@ def identify(
 
     def show(values: Mapping[str, Any], evidence: Evidence) -> None:
         if report is not None:
-            out = Path(report)
-            write_identified(values, evidence, held.path, chosen.config, span, out)
+            write_identified(values, evidence, held.path, chosen.config, span, Path(report))
 
+    shown = None if report is None else show
     values = identify_recording(
-        held.path, chosen.config, method, (), progress, span, holdout, empty, show
+        held.path, chosen.config, method, (), progress, span, holdout, empty, shown
     )
     return Identification(values)
 

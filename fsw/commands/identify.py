@@ -17,6 +17,7 @@ from fsw.commands.report.collect import Collector
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
+from fsw.estimators.batch.screening import fits_throughout, screened
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.messages import Block, Estimate, FloatArray
@@ -52,7 +53,8 @@ def identify(
 
     `reference` is a recording of the same robot without the unknown bodies, but for the base.
     `holdout` is the share of the windows that is predicted and not used; None: all are used.
-    `show` is called with the result and what it was made of.
+    `show` is called with the result and what it was made of. Without it, and where nothing is held
+    out, the recursion of a flight runs only if something does not fit the batch.
 
     Returns
     -------
@@ -75,7 +77,16 @@ def identify(
     collector = Collector()
     tell(f"reading {recording}")
     nodes = Nodes(chosen)
-    result = replay(recording, chosen, sink=collector, span=span, traffic=nodes, progress=tell)
+    alone = show is None and holdout is None and reference is None
+    result = replay(
+        recording,
+        chosen,
+        sink=collector,
+        span=span,
+        traffic=nodes,
+        progress=tell,
+        windows_only=alone and chosen.estimator.outside_wrench == "ignore",
+    )
     warnings = [*([result.cut_off()] if result.truncated else []), *nodes.findings()]
     if not _plausible(collector.blocks):
         why = warnings or ["fsw check CONFIG RECORDING says why"]
@@ -96,6 +107,11 @@ def identify(
         values = run_batch(
             chosen, collector.blocks, method, names, progress, keep, reference=empty.blocks
         )
+        unscreened = alone and result.estimate is None and values["status"] != "ABORTED"
+        if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0]):
+            tell("something does not fit: looking for the sensor")
+            collector.blocks = screened(chosen, collector.blocks)
+            values = run_batch(chosen, collector.blocks, method, names, progress, keep)
     else:
         blocks = _plausible(collector.blocks)
         used, held = split(blocks, holdout)

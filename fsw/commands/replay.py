@@ -51,6 +51,7 @@ from fsw.messages.errors import ConfigError
 from fsw.service.recorder import CHECKPOINT
 
 BATCH_NS = 200_000_000
+WINDOWS_BATCH_NS = 2 * 10**9  # where nobody asks when something was found
 PROGRESS_NS = 10 * 10**9
 CAN_TOPIC = "/can/"
 REPLAYED = (
@@ -181,6 +182,7 @@ def replay(
     pipeline: Pipeline | None = None,
     span: Span = WHOLE,
     progress: Callable[[str], None] = lambda _text: None,
+    windows_only: bool = False,
 ) -> ReplayResult:
     """Run the estimation on a recording.
 
@@ -191,6 +193,7 @@ def replay(
     pipeline : conditioning and estimation; None: as the configuration says
     span : the part of the recording; less than the whole begins without its commands and checkpoint
     progress : called with a line of text every ten seconds of the recording
+    windows_only : no recursion is wanted; one runs all the same where commands were given to it
 
     Raises
     ------
@@ -219,9 +222,12 @@ def replay(
     whole = "/tc" in held.topics and span == WHOLE
     commands = list(messages_of(parts, ["/tc"])) if whole else []
     end_ns = _plan(estimation, commands, held.attachments.get(CHECKPOINT))
+    batch_ns = BATCH_NS
+    if windows_only and len(commands) == (end_ns is not None):
+        estimation.dispatcher.identifying, batch_ns = False, WINDOWS_BATCH_NS
     said_ns = start_ns
     while not feed.exhausted:
-        for message in feed.until(feed.now_ns + BATCH_NS):
+        for message in feed.until(feed.now_ns + batch_ns):
             estimation.put(message)
             if traffic is not None:
                 traffic.put(message)

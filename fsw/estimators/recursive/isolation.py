@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fsw.estimators.measurement.mrnea import Rows
@@ -54,11 +53,9 @@ class ChannelScreen:
         covariance_root : (p, p) of the estimate
         level : noise variance over the declared one
         """
-        if rows.root is None or rows.use is None:
+        ratios = self.ratios(rows, len(block.t_ns), step, covariance_root, level)
+        if not ratios:
             return block
-        ratios = self._ratios(
-            rows, rows.root, rows.use, len(block.t_ns), step, covariance_root, level
-        )
         failing = [c for c, ratio in ratios.items() if ratio > 1.0]
         newly = [c for c in failing if c not in self._out]
         if len(newly) == 1:
@@ -73,18 +70,16 @@ class ChannelScreen:
                     del self._out[channel]
         return self._without(block) if self._out else block
 
-    def _ratios(
-        self,
-        rows: Rows,
-        L: FloatArray,
-        use: NDArray[np.bool_],
-        nodes: int,
-        step: FloatArray,
-        root: FloatArray,
-        level: float,
+    def ratios(
+        self, rows: Rows, nodes: int, step: FloatArray, root: FloatArray, level: float
     ) -> dict[int, float]:
-        """Return each used channel's normalised innovation squared over its limit."""
-        n = len(self._joints)
+        """Return each used channel's normalised innovation squared over its limit.
+
+        The parameters are those of `judge`; nothing of rows that do not tell their channels.
+        """
+        if rows.root is None or rows.use is None:
+            return {}
+        n, L, use = len(self._joints), rows.root, rows.use
         r = L @ (rows.b - rows.A @ step)
         V = np.concatenate([np.sqrt(level) * L, L @ (rows.A @ root)], axis=1)
         where = np.flatnonzero(use)

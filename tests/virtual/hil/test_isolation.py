@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from fsw.commands import identify as identification
 from fsw.commands.replay import replay
+from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
+from fsw.estimators.batch.screening import screened
+from fsw.messages import Block
 from hil.evidence.fault_matrix import run, table
 from hil.judge.score import normalised_error_squared
 from hil.run import bench
@@ -71,3 +76,23 @@ def test_a_replay_isolates_the_same_and_ends_in_the_same_estimate(
     found = result.status["health"]["incidents"]
     assert found == recorded.status["health"]["incidents"]
     assert found["TORQUE_INCONSISTENT"] == 1
+
+
+def test_a_batch_without_a_recursion_leaves_out_the_same(
+    story: tuple[Setup, bench.Recorded], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setup = story[0]
+    path = Path(setup.folder) / "recording.mcap"
+    screenings: list[int] = []
+
+    def watched(config: Config, blocks: Sequence[Block]) -> list[Block]:
+        screenings.append(len(blocks))
+        return screened(config, blocks)
+
+    monkeypatch.setattr(identification, "screened", watched)
+    alone = identification.identify(path, setup.config, "fused", ())
+    assert len(screenings) == 1
+    beside = identification.identify(path, setup.config, "fused", (), show=lambda *_: None)
+    assert len(screenings) == 1
+    del alone["wall_s"], beside["wall_s"]
+    assert alone == beside

@@ -1,4 +1,5 @@
 import json
+import random
 from dataclasses import replace
 from pathlib import Path
 
@@ -180,3 +181,24 @@ def test_a_column_of_mixed_sizes_gives_the_frames_there_are(tmp_path: Path):
     ((piece, _),) = pieces_of([tmp_path / "a.mcap"], ["/can/arm"])
     found = frame_list(piece.read()["/can/arm"].frames())
     assert found == [replace(frame, t_ns=7) for frame in FRAMES]
+
+
+def test_runs_of_records_of_any_length_are_those_of_the_library(tmp_path: Path):
+    writer, rng = RecordingWriter(tmp_path / "a.mcap", chunk_bytes=1 << 16), random.Random(4)
+    t_ns = 0
+    for count in (1, 7, 8, 9, 10, 300, 2, 40, 1, 1, 30):
+        size = rng.choice([0, 1, 38])
+        for _ in range(count):
+            t_ns += 1
+            chunk = ByteChunk(t_ns, rng.randbytes(size))
+            writer.traffic(SerialTraffic(rng.choice(["imu", "star"]), [chunk]))
+        frames = [CanFrame(t_ns + k, 0x191, rng.randbytes(8)) for k in range(count)]
+        writer.traffic(CanTraffic("arm", frame_array(frames)))
+    writer.close()
+    topics = ["/can/arm", "/serial/imu", "/serial/star"]
+    with (tmp_path / "a.mcap").open("rb") as file:
+        expected = [
+            (message.log_time, channel.topic, message.data)
+            for _, channel, message in make_reader(file).iter_messages(topics)
+        ]
+    assert held(tmp_path / "a.mcap", topics) == expected

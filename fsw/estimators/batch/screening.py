@@ -1,0 +1,69 @@
+"""Sensors that do not fit the model somewhere in a recording: they are left out there.
+
+In flight the recursion leaves such a channel out, block by block. A batch sees all blocks at once:
+where it fits, and no channel of any block is half as far from it as one that is left out, there was
+nothing to leave out, and the recursion, which takes longer than the batch, need not run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.estimators.batch.run import SETTLED, sound_blocks, with_noise_found
+from fsw.estimators.measurement.row_functions import row_function, stack
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.pipeline import Screening
+from fsw.estimators.recursive.isolation import ChannelScreen
+from fsw.estimators.recursive.online import build_online
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import NUMERICAL
+
+SUSPECT = 0.5  # of the normalised innovation squared at which the recursion leaves a channel out
+
+
+def fits_throughout(
+    config: Config,
+    blocks: Sequence[Block],
+    result: Mapping[str, Any],
+    problem: Problem,
+    x: FloatArray,
+    covariance: FloatArray,
+) -> bool:
+    """Return whether every channel of every block fits a batch result of these blocks.
+
+    Parameters
+    ----------
+    result : of `run_batch`; one that left blocks out, or is not valid, does not fit
+    problem, x, covariance : what it keeps: the whole state (p,), (p, p)
+    """
+    if result["status"] not in SETTLED or result["gated"]:
+        return False
+    settings = config.estimator
+    seen = with_noise_found(problem, sound_blocks(blocks))[0]
+    screen = ChannelScreen(problem.model.joint_names, config.health.false_alarm_probability)
+    nothing, nodes = np.zeros(len(x)), settings.nodes
+    try:
+        root = np.linalg.cholesky(covariance)
+        for rows in stack(row_function(settings.method, settings.weighting, problem), seen, x):
+            if max(screen.ratios(rows, nodes, nothing, root, 1.0).values(), default=0.0) > SUSPECT:
+                return False
+    except NUMERICAL:
+        return False
+    return True
+
+
+def screened(config: Config, blocks: Sequence[Block]) -> list[Block]:
+    """Return the blocks without what the recursion of a flight leaves out of them."""
+    estimator = build_online(config)
+    found = []
+    for block in blocks:
+        try:
+            estimator.push(block)
+        except NUMERICAL:
+            estimator.reset()
+        found.append(estimator.screened(block) if isinstance(estimator, Screening) else block)
+    return found
