@@ -77,17 +77,21 @@ class _Track:
         self._times_ns = np.empty(0, np.int64)
         self._waiting: Traffic = NO_FRAMES if is_bus else []
         self._available = 0
+        self._added: list[Traffic] = []  # pieces that are not in order of time yet
 
     def add(self, column: Column) -> None:
         """Add a piece's messages; they are put in order of time, as they stand in it."""
-        added: Traffic = column.frames() if self._is_bus else column.chunks()
-        times_ns = added["t_ns"] if isinstance(added, np.ndarray) else column.spans[:, 0]
-        times_ns = np.concatenate([self._times_ns, times_ns])
-        waiting = (
-            self._waiting + added
-            if isinstance(added, list) and isinstance(self._waiting, list)
-            else np.concatenate([self._waiting, added])
-        )
+        self._added.append(column.frames() if self._is_bus else column.chunks())
+
+    def _put_in_order(self) -> None:
+        waiting: Traffic
+        if isinstance(self._waiting, list):
+            waiting = [chunk for part in (self._waiting, *self._added) for chunk in part]
+            times_ns = np.array([chunk.t_ns for chunk in waiting], np.int64)
+        else:
+            waiting = np.concatenate([self._waiting, *self._added])
+            times_ns = waiting["t_ns"]
+        self._added = []
         if np.count_nonzero(times_ns[1:] < times_ns[:-1]):
             order = np.argsort(times_ns, kind="stable")
             times_ns = times_ns[order]
@@ -96,11 +100,15 @@ class _Track:
 
     def next_ns(self) -> int:
         """Return the time of what waits first [ns]."""
+        if self._added:
+            self._put_in_order()
         rest = self._times_ns[self._available :]
         return int(rest[0]) if rest.size else END_NS
 
     def release(self, until_ns: int) -> None:
         """Make everything stamped at or before `until_ns` available."""
+        if self._added:
+            self._put_in_order()
         self._available = int(np.searchsorted(self._times_ns, until_ns, side="right"))
 
     def newest_ns(self) -> int:

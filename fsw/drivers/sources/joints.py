@@ -183,6 +183,10 @@ class JointBusSource:
         others: list[Mark] = []
         part = frames[rows]
         data, width = part["data"].tobytes(), MAX_DATA_BYTES
+        if len(part) and (part["word"] == canopen.COB_SYNC).all() and (part["length"] == 1).all():
+            first, places, stamps_ns = self._syncs.count, rows.tolist(), part["t_ns"].tolist()
+            if self._syncs.follow(part["data"][:, 0].tolist(), stamps_ns, places):
+                return list(map(Mark, places, stamps_ns, range(first, self._syncs.count))), []
         columns = (rows, part["word"], part["length"], part["t_ns"])
         items = zip(*(column.tolist() for column in columns), strict=True)
         for k, (row, word, length, t_ns) in enumerate(items):

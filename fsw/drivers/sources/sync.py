@@ -50,6 +50,22 @@ class SyncHistory:
         self.count += 1
         return True
 
+    def follow(self, counters: list[int], stamps_ns: list[int], rows: list[int]) -> bool:
+        """Accept SYNCs that follow one another by their counters; False: nothing was done.
+
+        `add` does the same one by one: none of them is an echo, and none is missing.
+        """
+        before, last = self._last_counter, self._counter_max
+        expected = [(before + k) % last + 1 for k in range(len(counters))]
+        if not self.count or last < 2 or counters != expected:
+            return False
+        for counter, t_ns in zip(counters, stamps_ns, strict=True):
+            self._latest[counter] = t_ns
+        self._new += zip(counters, stamps_ns, rows, strict=True)
+        self._last_counter = counters[-1]
+        self.count += len(counters)
+        return True
+
     def _is_echo(self, counter: int, t_ns: int) -> bool:
         """Return whether this SYNC is known: the newest, or one whose repetition came late."""
         behind = (self._last_counter - counter) % self._counter_max

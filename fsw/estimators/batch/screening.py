@@ -47,7 +47,7 @@ def fits_throughout(
     screen = ChannelScreen(problem.model.joint_names, config.health.false_alarm_probability)
     nothing, nodes = np.zeros(len(x)), settings.nodes
     try:
-        root = np.linalg.cholesky(covariance)
+        root: FloatArray = np.asarray(np.linalg.cholesky(covariance), np.float64)
         for rows in stack(row_function(settings.method, settings.weighting, problem), seen, x):
             if max(screen.ratios(rows, nodes, nothing, root, 1.0).values(), default=0.0) > SUSPECT:
                 return False
