@@ -6,7 +6,6 @@ from hil.devices.canopen import NMT_ID, SDO_ID, SYNC_ID
 
 HeardFrame = tuple[int, int, bytes]  # kernel stamp [ns, CLOCK_REALTIME], identifier, data
 HEARD = (SYNC_ID, 0x7FF), (NMT_ID, 0x7FF), (SDO_ID, SDO_ID)  # identifier, mask
-READ_LIMIT = 64  # frames read in one go
 
 
 def is_heard(can_id: int) -> bool:

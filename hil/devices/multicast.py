@@ -11,7 +11,6 @@ import ctypes
 import os
 import socket
 import struct
-import time
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -21,11 +20,11 @@ import msgpack
 from can.interfaces.udp_multicast.utils import pack_message
 
 from hil.devices.can_segment import TimedFrame
-from hil.devices.heard import READ_LIMIT, HeardFrame, is_heard
+from hil.devices.datagrams import Datagrams
+from hil.devices.heard import HeardFrame, is_heard
 from hil.devices.plant_file import BusLink
 
 SO_ATTACH_FILTER = 26
-SLOTS = 32  # datagrams of one system call
 SLOT_BYTES = 512
 DATA_KEY = b"\xa4data\xc4"  # and a byte of length
 UDP_HEADER = 8
@@ -44,30 +43,6 @@ FILTER = (  # code, jump if true, jump if false, operand; a datagram too short i
     (RETURN, 0, 0, 0xFFFFFFFF),
     (RETURN, 0, 0, 0),
 )
-
-
-class _IoVector(ctypes.Structure):
-    _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
-
-
-class _Message(ctypes.Structure):
-    """struct msghdr."""
-
-    _fields_ = (
-        ("name", ctypes.c_void_p),
-        ("name_length", ctypes.c_uint32),
-        ("vectors", ctypes.c_void_p),
-        ("vector_count", ctypes.c_size_t),
-        ("control", ctypes.c_void_p),
-        ("control_length", ctypes.c_size_t),
-        ("flags", ctypes.c_int),
-    )
-
-
-class _Header(ctypes.Structure):
-    """struct mmsghdr."""
-
-    _fields_ = (("message", _Message), ("sent", ctypes.c_uint))
 
 
 @lru_cache(maxsize=256)
@@ -91,32 +66,6 @@ def datagram(can_id: int, data: bytes, *, is_fd: bool) -> bytes:
     return before + data + after
 
 
-class _Batch:
-    """Memory of one sendmmsg to one destination."""
-
-    def __init__(self, end: socket.socket, destination: bytes) -> None:
-        self._descriptor = end.fileno()
-        self._buffer = bytearray(SLOTS * SLOT_BYTES)
-        memory = (ctypes.c_char * len(self._buffer)).from_buffer(self._buffer)
-        self._name = ctypes.create_string_buffer(destination, len(destination))
-        self._vectors = (_IoVector * SLOTS)()
-        self._headers = (_Header * SLOTS)()
-        for i, (vector, header) in enumerate(zip(self._vectors, self._headers, strict=True)):
-            vector.base = ctypes.addressof(memory) + i * SLOT_BYTES
-            part = header.message
-            part.name, part.name_length = ctypes.addressof(self._name), len(destination)
-            part.vectors, part.vector_count = ctypes.addressof(vector), 1
-        self._sendmmsg = ctypes.CDLL(None, use_errno=True).sendmmsg
-
-    def send(self, datagrams: Sequence[bytes]) -> int:
-        """Send up to SLOTS datagrams; return how many did not go out."""
-        for i, data in enumerate(datagrams):
-            self._buffer[i * SLOT_BYTES : i * SLOT_BYTES + len(data)] = data
-            self._vectors[i].length = len(data)
-        sent: int = self._sendmmsg(self._descriptor, self._headers, len(datagrams), 0)
-        return len(datagrams) - max(sent, 0)
-
-
 class MulticastPort:
     """One bus over UDP multicast."""
 
@@ -126,11 +75,9 @@ class MulticastPort:
         self._socket = socket.socket(fileno=os.dup(self._bus.fileno()))
         self._is_fd = link.fd
         self.receive_errors = 0
-        program = b"".join(struct.pack("=HBBI", *instruction) for instruction in FILTER)
-        kept = ctypes.create_string_buffer(program)
-        header = struct.pack("@HP", len(FILTER), ctypes.addressof(kept))
-        self._socket.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, header)
-        self._batch = _Batch(self._socket, _address(self._socket, link.channel))
+        filtered(self._socket, FILTER)
+        self._in = Datagrams(self._socket, SLOT_BYTES, reads=True)
+        self._out = Datagrams(self._socket, SLOT_BYTES, address_of(self._socket, link.channel))
 
     def fileno(self) -> int:
         """Return the descriptor that becomes readable with frames."""
@@ -139,11 +86,7 @@ class MulticastPort:
     def receive(self) -> list[HeardFrame]:
         """Return the frames that have come and that nodes hear."""
         frames = []
-        for _ in range(READ_LIMIT):
-            try:
-                data, control, _, _ = self._socket.recvmsg(4096, 64, socket.MSG_DONTWAIT)
-            except BlockingIOError:
-                break
+        for stamp_ns, data in self._in.receive():
             try:
                 message = msgpack.unpackb(data)
                 kinds = ("is_extended_id", "is_error_frame", "is_remote_frame")
@@ -154,7 +97,7 @@ class MulticastPort:
                 self.receive_errors += 1
                 continue
             if not other and is_heard(can_id):
-                frames.append((_stamp_ns(control), can_id, payload))
+                frames.append((stamp_ns, can_id, payload))
         return frames
 
     def send(self, frames: Sequence[TimedFrame]) -> int:
@@ -164,9 +107,7 @@ class MulticastPort:
             for _, can_id, data, is_fd in frames
             if self._is_fd or not is_fd
         ]
-        failed = len(frames) - len(datagrams)
-        batches = (datagrams[i : i + SLOTS] for i in range(0, len(datagrams), SLOTS))
-        return failed + sum(self._batch.send(batch) for batch in batches)
+        return len(frames) - len(datagrams) + self._out.send(datagrams)
 
     def close(self) -> None:
         """Release the bus."""
@@ -174,16 +115,15 @@ class MulticastPort:
         self._bus.shutdown()
 
 
-def _stamp_ns(control: list[tuple[int, int, bytes]]) -> int:
-    """Return the kernel's stamp, CLOCK_REALTIME."""
-    for level, _, data in control:
-        if level == socket.SOL_SOCKET and len(data) >= 16:
-            seconds, nanoseconds = struct.unpack_from("@qq", data)
-            return int(seconds * 1_000_000_000 + nanoseconds)
-    return time.time_ns()
+def filtered(end: socket.socket, program: Sequence[tuple[int, int, int, int]]) -> None:
+    """Have the kernel discard what a classic BPF program returns 0 for."""
+    code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
+    kept = ctypes.create_string_buffer(code)
+    header = struct.pack("@HP", len(program), ctypes.addressof(kept))
+    end.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, header)
 
 
-def _address(end: socket.socket, group: str) -> bytes:
+def address_of(end: socket.socket, group: str) -> bytes:
     """Return the group's struct sockaddr_in or sockaddr_in6."""
     port = end.getsockname()[1]
     found = socket.getaddrinfo(group, port, family=end.family, type=socket.SOCK_DGRAM)

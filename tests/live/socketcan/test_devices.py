@@ -8,7 +8,7 @@ import can
 import pytest
 
 from hil.devices import realtime
-from hil.devices.library_port import SyncTap
+from hil.devices.frame_port import SyncTap
 from hil.devices.plant_file import BusLink
 from hil.faults.real_bus import Babble, cable, running
 

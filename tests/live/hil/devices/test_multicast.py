@@ -14,7 +14,8 @@ from can.interfaces.udp_multicast.utils import pack_message
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.devices.multicast import SLOTS, MulticastPort, datagram
+from hil.devices.datagrams import SLOTS
+from hil.devices.multicast import MulticastPort, datagram
 from hil.devices.plant_file import BusLink
 
 GROUP, PORT = "239.74.163.2", 44_000 + os.getpid() % 900
