@@ -65,7 +65,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--force", action="store_true", help="overwrite --out")
     run.add_argument(
         "--bus",
-        choices=("auto", "socketcan", "udp_multicast"),
+        choices=("auto", "socketcan", "udp_multicast", "udp_frames"),
         default="auto",
         help="of a run in real time; auto: vcan0 where this kernel has it and nobody uses it",
     )
@@ -362,11 +362,13 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _linked(scenario: Scenario, choice: str, stack: ExitStack) -> Scenario:
     """Return the scenario on the buses of a run in real time, which are there."""
-    from hil.run.flight import on_socketcan
+    from hil.run.flight import on_frames, on_socketcan
     from hil.run.live import require_multicast
 
     if _has_socketcan(choice, stack):
         return on_socketcan(scenario)
+    if choice == "udp_frames":
+        scenario = on_frames(scenario)
     for bus in scenario.buses.values():
         require_multicast(bus)
     return scenario
@@ -377,7 +379,7 @@ def _has_socketcan(choice: str, stack: ExitStack) -> bool:
     from hil.run.live import LiveError
     from hil.vcan import kernel
 
-    if choice == "udp_multicast":
+    if choice.startswith("udp_"):
         return False
     ready = stack.enter_context(kernel.claimed())
     if not ready and choice == "socketcan":

@@ -33,7 +33,7 @@ TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of the wire
 POSITION_STEP_RAD = tau * 2.0**-24
 LINKS = Path("/sys/class/net")
 IFF_UP = 1  # of its flags: Linux include/uapi/linux/if.h
-SIMULATED_INTERFACES = ("udp_multicast", "virtual")  # have no bit rate of their own
+SIMULATED_INTERFACES = ("udp_multicast", "udp_frames", "virtual")  # have no bit rate of their own
 
 
 def validate(config: Config) -> tuple[Problem, list[str]]:

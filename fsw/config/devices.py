@@ -42,7 +42,7 @@ class RedundantBusConfig(Section):
     """The second bus of a pair; the nodes listen on either, one at a time (ECSS-E-ST-50-15C)."""
 
     channel: str
-    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast only
+    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast, udp_frames
     lost_after_s: Duration = 0.3  # without a frame of any node the active bus counts as lost
     nodes_toggle_s: Duration  # Ttoggle times the nodes' consumer heartbeat time
 
@@ -56,7 +56,7 @@ class BusConfig(Section):
     fd: bool = False
     bitrate: int | None = Field(default=None, gt=0)
     data_bitrate: int | None = Field(default=None, gt=0)
-    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast only
+    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast, udp_frames
     sync: Literal["producer", "consumer"] = "producer"
     rate_hz: Rate
     sync_counter_max: int = Field(default=240, ge=2, le=240)

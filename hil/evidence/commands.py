@@ -72,6 +72,12 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         choices=("alone", "hog", "batch", "clients"),
         help="this condition; may be repeated",
     )
+    bench.add_argument(
+        "--bus",
+        choices=("udp_multicast", "udp_frames"),
+        default="udp_multicast",
+        help="udp_frames: frames as sockets of SocketCAN hand them over",
+    )
     bench.add_argument("--out", type=Path, metavar="DIR", help="keep the runs and resume")
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     bench.set_defaults(command=_bench)
@@ -332,7 +338,7 @@ def _bench(arguments: argparse.Namespace) -> int:
 
     names = arguments.only or whole.CONDITIONS
     scenario, seconds = arguments.scenario, arguments.seconds
-    store = Store(arguments.out, {"bench": scenario, "seconds": seconds})
+    store = Store(arguments.out, {"bench": scenario, "seconds": seconds, "bus": arguments.bus})
     rounds = []
     for k in range(arguments.rounds):
         for name in names:
@@ -340,7 +346,7 @@ def _bench(arguments: argparse.Namespace) -> int:
             if key not in store.rows:
                 console = Console(stderr=True)
                 with meter(title, seconds + whole.SETTLE_S, console) as shown:
-                    run = whole.measure(scenario, name, seconds, shown)
+                    run = whole.measure(scenario, name, seconds, shown, arguments.bus)
                 sys.stderr.write(run.to_text() + "\n")
                 store.add(key, asdict(run))
         rounds.append([whole.Condition(**store.rows[f"{name} {k}"]) for name in names])

@@ -347,6 +347,12 @@ def on_socketcan(scenario: Scenario) -> Scenario:
     return replace(scenario, flight=scenario.flight | {"bus": bus, "buses": buses})
 
 
+def on_frames(scenario: Scenario) -> Scenario:
+    """Return the scenario with struct can_frame in its datagrams, as a socket of SocketCAN has."""
+    bus = scenario.flight["bus"] | {"interface": "udp_frames"}
+    return replace(scenario, flight=scenario.flight | {"bus": bus})
+
+
 def write_flight(
     folder: Path, scenario: Scenario, priors: Mapping[str, Prior], document: Mapping[str, Any]
 ) -> Path:

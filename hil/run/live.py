@@ -67,7 +67,7 @@ def free_tcp_port() -> int:
 def require_multicast(bus: Mapping[str, Any]) -> None:
     """Raise LiveError, with the cure, where a bus over IPv4 multicast has no route here."""
     group = str(bus.get("channel"))
-    if bus.get("interface") != "udp_multicast" or ":" in group:
+    if bus.get("interface") not in ("udp_multicast", "udp_frames") or ":" in group:
         return
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

@@ -31,6 +31,8 @@ from fsw.messages.errors import PortError
 RECEIVE_BUFFER_BYTES = 1 << 22  # a frame charges 768 of them; the kernel doubles it
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
+UDP_MULTICAST = "udp_multicast"
+UDP_FRAMES = "udp_frames"  # struct can_frame in its datagrams: stands for SocketCAN on a bench
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
 
 
@@ -42,26 +44,28 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
     PortError naming interface and channel.
     """
     options: dict[str, Any] = {"receive_own_messages": bus.interface == "socketcan"}
-    if bus.fd or bus.interface in ("socketcan", "udp_multicast"):
+    interface = UDP_MULTICAST if bus.interface == UDP_FRAMES else bus.interface
+    if bus.fd or interface in ("socketcan", UDP_MULTICAST):
         options["fd"] = bus.fd
     if bus.bitrate is not None:
         options["bitrate"] = bus.bitrate
     if bus.data_bitrate is not None:
         options["data_bitrate"] = bus.data_bitrate
-    if bus.interface == "udp_multicast":
+    if interface == UDP_MULTICAST:
         options["hop_limit"] = LOCAL_HOP_LIMIT
         if bus.port is not None:
             options["port"] = bus.port
     name = f"buses.{bus.name} ({bus.interface} {bus.channel})"
     try:
-        device = can.Bus(interface=bus.interface, channel=bus.channel, **options)
+        device = can.Bus(interface=interface, channel=bus.channel, **options)
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
         raise PortError(f"{name}: cannot be opened: {error}") from error
-    link, group = _socket_of(device, bus.interface or "")
+    link, group = _socket_of(device, interface or "")
     if link is None:
         return CanPort(device, clock, name)
     try:
-        return SocketPort(link, clock, name, device.shutdown, group=group)
+        packs = bus.interface == UDP_MULTICAST
+        return SocketPort(link, clock, name, device.shutdown, group=group, packs=packs)
     except PortError:
         device.shutdown()
         raise
@@ -74,7 +78,7 @@ def _socket_of(
     link = group = None
     if interface == "socketcan":
         link = getattr(device, "socket", None)
-    elif interface == "udp_multicast":
+    elif interface == UDP_MULTICAST:
         multicast = getattr(device, "_multicast", None)
         link = getattr(multicast, "_socket", None)
         group = getattr(multicast, "_send_destination", None)
@@ -147,13 +151,15 @@ class SocketPort:
         release: Callable[[], None],
         *,
         group: tuple[str, int] | None = None,
+        packs: bool = False,
     ) -> None:
         """Prepare a socket that is open.
 
         Parameters
         ----------
         release : releases the socket's owner
-        group : address of datagrams that hold python-can's msgpack form
+        group : address that frames are sent to; None: the socket's own
+        packs : whether datagrams hold python-can's msgpack form
 
         Raises
         ------
@@ -161,12 +167,12 @@ class SocketPort:
         """
         self._socket, self._clock, self._name, self._release = link, clock, name, release
         self._group = group
-        self._unpacker = None if group is None else Unpacker()
+        self._unpacker = Unpacker() if packs else None
         self.buffer_bytes = linux_can.prepare(link, RECEIVE_BUFFER_BYTES)
         code = link.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if code:
             raise PortError(f"{name}: cannot be opened: {os.strerror(code)}")
-        slot_bytes = linux_can.FD_BYTES if group is None else PACKED_BYTES
+        slot_bytes = PACKED_BYTES if packs else linux_can.FD_BYTES
         self._receiver = linux_can.Receiver(link, slot_bytes)
         self._stamps = KernelStamps(clock)
         self._empty_ns = clock.now_ns()  # when the last drain that left nothing waiting began
@@ -215,10 +221,11 @@ class SocketPort:
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
         """Send a classic frame and stamp it; None when the transmit queue is full."""
         try:
+            form = linux_can.pack_classic if self._unpacker is None else packed
             if self._group is not None:
-                self._socket.sendto(packed(can_id, data), socket.MSG_DONTWAIT, self._group)
+                self._socket.sendto(form(can_id, data), socket.MSG_DONTWAIT, self._group)
             else:
-                self._socket.send(linux_can.pack_classic(can_id, data), socket.MSG_DONTWAIT)
+                self._socket.send(form(can_id, data), socket.MSG_DONTWAIT)
         except OSError as error:
             if error.errno in QUEUE_FULL:
                 return None

@@ -29,7 +29,7 @@ from hil.evidence.speed.link_delay import LinkDelays
 from hil.judge.stalls import bench_stalls
 from hil.run import live
 from hil.run.bench import prepare
-from hil.run.flight import write_yaml
+from hil.run.flight import on_frames, write_yaml
 from hil.run.plant_document import plant_document
 from hil.run.processes import resident_bytes, tied
 from hil.run.progress import Meter
@@ -153,8 +153,10 @@ class _Watch:
         self.last = look
 
 
-def measure(scenario: str, name: str, seconds: float, meter: Meter) -> Condition:
-    """Run a scenario in real time in one condition.
+def measure(
+    scenario: str, name: str, seconds: float, meter: Meter, bus: str = "udp_multicast"
+) -> Condition:
+    """Run a scenario in real time in one condition; `bus` may be `udp_frames` too.
 
     Raises
     ------
@@ -164,9 +166,9 @@ def measure(scenario: str, name: str, seconds: float, meter: Meter) -> Condition
         folder = Path(home)
         port = live.free_tcp_port()
         rates = FAST if name == "clients" else {}
-        setup = prepare(
-            load_scenario(scenario), 0, folder, real_time=True, telemetry={"port": port, **rates}
-        )
+        flown = load_scenario(scenario)
+        flown = on_frames(flown) if bus == "udp_frames" else flown
+        setup = prepare(flown, 0, folder, real_time=True, telemetry={"port": port, **rates})
         plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_ports)
         rate_hz = setup.config.scheduler.tick_rate_hz
         wakes: list[tuple[int, int]] = []

@@ -41,8 +41,9 @@ def test_frames_pass_both_ways_on_a_virtual_bus() -> None:
     port.close()
 
 
-def test_udp_multicast_carries_frames_between_ports() -> None:
-    config = bus_config(interface="udp_multicast", channel="239.74.163.9", port=43997)
+@pytest.mark.parametrize("interface", ["udp_multicast", "udp_frames"])
+def test_multicast_carries_frames_between_ports(interface: str) -> None:
+    config = bus_config(interface=interface, channel="239.74.163.9", port=43997)
     clock = MonotonicClock()
     first, second = open_can(config, clock), open_can(config, clock)
     try:
