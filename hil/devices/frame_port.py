@@ -29,11 +29,11 @@ TAP_WAIT_S = 0.005  # for a SYNC at the host's end that has come to the devices'
 TAP_APART_NS = 50_000_000  # stamps of one SYNC at most; its counter comes again much later
 LOAD_BYTE, RETURN, JUMP_EQUAL, JUMP_FROM, JUMP_ABOVE = 0x30, 0x06, 0x15, 0x35, 0x25
 UDP_HEADER = 8
-FILTER = (  # identifiers that no node hears: from 0x181 to 0x5ff
+FILTER = (  # discards what no node hears, 0x181 to 0x5ff; the lowest byte comes first
     (LOAD_BYTE, 0, 0, UDP_HEADER + 1),
-    (JUMP_FROM, 4, 0, 6),
-    (JUMP_ABOVE, 2, 0, 1),
-    (JUMP_EQUAL, 0, 2, 1),
+    (JUMP_FROM, 5, 0, 6),
+    (JUMP_ABOVE, 3, 0, 1),
+    (JUMP_EQUAL, 0, 3, 1),
     (LOAD_BYTE, 0, 0, UDP_HEADER),
     (JUMP_ABOVE, 0, 1, 0x80),
     (RETURN, 0, 0, 0),
