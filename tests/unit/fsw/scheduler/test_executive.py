@@ -88,14 +88,15 @@ def test_a_descriptor_that_stays_readable_cannot_spin_the_loop():
 
 def test_times_per_task_are_last_mean_and_max():
     clock = FakeClock()
-    costs = iter([10, 30, 20])
+    costs = iter([10, 1, 1, 1, 1, 30, 1, 1, 1, 1, 20])
 
     def work(_tick: Tick) -> None:
         clock.now += next(costs)
 
-    executive, _ = run(clock, [Task("work", 1, work)], 3)
+    executive, _ = run(clock, [Task("work", 1, work)], 11)  # timed in every fifth tick
     times = executive.slips.times["work"]
     assert (times.count, times.last_ns, times.mean_ns, times.max_ns) == (3, 20, 20.0, 30)
+    assert (executive.slips.work.count, executive.slips.work.total_ns) == (11, 68)
 
 
 def test_a_divisor_below_one_is_refused():
