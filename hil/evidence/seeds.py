@@ -80,6 +80,7 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "seeds": count,
         "valid": sum(o["valid"] for o in outcomes),
+        "ever_valid_and_wrong": sum(o["outputs"]["wrong"] > 0 for o in outcomes),
         "mean_nees": float(np.mean([o["nees"] for o in outcomes])),
         "nees_band_99": [low, high],
         "dof": dof,
@@ -115,7 +116,8 @@ def show(outcomes: Sequence[Mapping[str, Any]], console: Console) -> None:
     low, high = total["nees_band_99"]
     console.print(
         f"mean NEES {total['mean_nees']:.2f} for {total['dof']} parameters; 99 % band "
-        f"[{low:.2f}, {high:.2f}]; {total['valid']} of {total['seeds']} valid"
+        f"[{low:.2f}, {high:.2f}]; {total['valid']} of {total['seeds']} valid; "
+        f"{total['ever_valid_and_wrong']} with any output that was valid and beyond 5 sigma"
     )
     for body, values in total["bodies"].items():
         console.print(f"{body}: " + ", ".join(f"{k} {v:.4g}" for k, v in values.items()))

@@ -19,7 +19,7 @@ from fsw.messages import Block
 from hil.judge.bound import sensitivity
 from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
-from hil.judge.outcome import body_report, body_sigma, result_of
+from hil.judge.outcome import body_report, body_sigma, outputs, result_of
 from hil.judge.report import Point, Residuals, Story
 from hil.judge.score import BOUND_RATE_HZ, Case, Result, bound_sigmas, comparison, score
 from hil.run.bench import Recorded, Setup
@@ -77,6 +77,7 @@ def judge(setup: Setup, case: Case, recorded: Recorded) -> dict[str, Any]:
     outcome["ols"] = None if other is None else comparison(case, other)
     last = recorded.estimates[-1] if recorded.estimates else None
     return outcome | {
+        "outputs": outputs(recorded.estimates, scenario.truth),
         "samples": samples,
         "events": dict(Counter(e.code for e in recorded.events if e.severity != "info")),
         "slips": recorded.status["slips"],

@@ -12,6 +12,8 @@ from fsw.messages import BodyEstimate, Estimate
 from hil.judge.score import Result, result_from, rows
 from hil.world.inertia import FloatArray
 
+CONFIDENT = 5.0  # sigmas of an error that a valid estimate must not have
+
 
 def result_of(estimate: Estimate | None, unknown: Sequence[str]) -> Result:
     """Return the final result; without any estimate an invalid one that says so."""
@@ -56,3 +58,21 @@ def body_report(body: BodyEstimate) -> FloatArray:
 def body_sigma(body: BodyEstimate) -> FloatArray:
     """Return the 1 sigma (10,) of a published body's report."""
     return np.concatenate(([body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2))
+
+
+def worst(bodies: Mapping[str, BodyEstimate], truth: Mapping[str, FloatArray]) -> float:
+    """Return the largest |error| over sigma of mass, centre of mass and inertia of all bodies."""
+    return max(
+        float(np.max(np.abs(body_report(body) - truth[name]) / body_sigma(body)))
+        for name, body in bodies.items()
+    )
+
+
+def outputs(estimates: Sequence[Estimate], truth: Mapping[str, FloatArray]) -> dict[str, int]:
+    """Return how many published estimates were valid, and how many of these were wrong.
+
+    Wrong is any figure of a body more than `CONFIDENT` sigmas from the truth.
+    """
+    valid = [estimate for estimate in estimates if estimate.valid]
+    wrong = sum(worst(estimate.bodies, truth) > CONFIDENT for estimate in valid)
+    return {"valid": len(valid), "wrong": wrong}

@@ -20,7 +20,7 @@ from fsw.config import Config, load
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.online import build_online
-from fsw.messages import Block, BodyEstimate, Estimate
+from fsw.messages import Block, Estimate
 from fsw.messages.errors import FswError
 from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of
 from hil.evidence.methods.exact import exact_samples
@@ -36,9 +36,9 @@ from hil.evidence.methods.sensed import (
     with_noise,
 )
 from hil.evidence.mistakes.table import wrong
+from hil.judge.outcome import CONFIDENT, worst
 from hil.world.inertia import FloatArray
 
-CONFIDENT = 5.0  # sigmas of an error that a valid estimate must not have
 STREAM = 127  # spawn key of the samples' noise and biases
 SENSORS = "data sheet"
 DOUBTS = (
@@ -243,16 +243,6 @@ def as_read(channels: Channels, right: Config, used: Config) -> Channels:
     w = np.roll(channels.w_NS_S_rad_s, -shift, axis=0)
     f = np.roll(channels.f_NS_S_m_s2, -shift, axis=0)
     return replace(channels, q_rad=q, tau_nm=tau, w_NS_S_rad_s=w, f_NS_S_m_s2=f)
-
-
-def worst(bodies: Mapping[str, BodyEstimate], truth: Mapping[str, FloatArray]) -> float:
-    """Return the largest |error| over sigma of mass, centre of mass and inertia of all bodies."""
-    largest = 0.0
-    for name, body in bodies.items():
-        mean = np.concatenate([[body.mass_kg], body.com_m, body.inertia_kg_m2])
-        sigma = np.concatenate([[body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2])
-        largest = max(largest, float(np.max(np.abs(mean - truth[name]) / sigma)))
-    return largest
 
 
 def _batch_worst(batch: Mapping[str, Any], truth: Mapping[str, FloatArray]) -> float:

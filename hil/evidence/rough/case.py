@@ -24,7 +24,8 @@ from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, sc
 from hil.evidence.methods.exact import exact_samples
 from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import condition, declared
-from hil.evidence.mistakes.run import CONFIDENT, leave_to_the_defaults, samples, worst
+from hil.evidence.mistakes.run import leave_to_the_defaults, samples
+from hil.judge.outcome import outputs, worst
 from hil.judge.score import normalised_error_squared
 from hil.world.base_urdf import change_links, child_links
 from hil.world.friction import JointFriction
@@ -136,7 +137,7 @@ def _row(unknown: str, config: Config, blocks: list[Block]) -> dict[str, Any]:
     truth, x = scenario_of(unknown).truth, truth_of(unknown)
     published = [online.push(block) for block in blocks]
     final = online.finish()
-    valid = [estimate for estimate in (*published, final) if estimate.valid]
+    seen = outputs([*published, final], truth)
     own = slice(0, x.size)
     error, covariance = final.mean[own] - x, final.covariance[own, own]
     return {
@@ -146,8 +147,8 @@ def _row(unknown: str, config: Config, blocks: list[Block]) -> dict[str, Any]:
         "dof": x.size,
         "z": worst(final.bodies, truth),
         "masses": _masses(final.bodies, truth),
-        "outputs": len(valid),
-        "wrong": sum(worst(estimate.bodies, truth) > CONFIDENT for estimate in valid),
+        "outputs": seen["valid"],
+        "wrong": seen["wrong"],
         "events": sorted({code for _, code, _ in online.events()}),
     }
 
