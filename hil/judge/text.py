@@ -39,7 +39,8 @@ def show(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> 
     if stalls["count"]:
         console.print(
             f"bench stalled {stalls['count']} times, at most {1e3 * stalls['longest_s']:.0f} ms:"
-            f" its devices were late; explains {_counts(explained) or 'no event'}"
+            f" its devices were late; explains {_counts(explained) or 'no event'}; what came in"
+            f" {stalls['covered_s']:.0f} s of the flight counts as explained"
         )
     console.print(
         f"{outcome['slips']} slips (ticks that this machine began a period or more late); "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from fsw.messages import Event
 from hil.devices.realtime import STALL_NS, Stalls
 from hil.judge.stalls import bench_stalls
@@ -39,9 +41,15 @@ def test_a_stall_explains_lateness_behind_it_and_nothing_else() -> None:
         event(1500 * MS, "BUS_SILENT"),  # too long behind it
     ]
     found = bench_stalls(events, stalls)
-    assert found == {"count": 1, "longest_s": 0.008, "explains": {"JOINT_LATE": 2}}
+    explains = {"JOINT_LATE": 2}
+    assert found == {"count": 1, "longest_s": 0.008, "covered_s": 0.158, "explains": explains}
+
+
+def test_windows_of_explanation_that_overlap_count_once() -> None:
+    stalls = [(2000 * MS, 2010 * MS), (1000 * MS, 1050 * MS), (1100 * MS, 1120 * MS)]
+    assert bench_stalls([], stalls)["covered_s"] == pytest.approx(0.270 + 0.160)
 
 
 def test_without_a_stall_nothing_is_explained() -> None:
     found = bench_stalls([event(0, "JOINT_LATE")], [])
-    assert found == {"count": 0, "longest_s": 0.0, "explains": {}}
+    assert found == {"count": 0, "longest_s": 0.0, "covered_s": 0.0, "explains": {}}
