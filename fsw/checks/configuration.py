@@ -108,11 +108,14 @@ def _warnings(config: Config) -> list[str]:
             continue
         steps = {
             "torque_noise_nm": (joint.torque_noise_nm, TORQUE_STEP_NM[joint.format]),
-            "position_noise_rad": (joint.position_noise_rad, POSITION_STEP_RAD),
+            "position_noise_rad": (
+                joint.position_noise_rad,
+                POSITION_STEP_RAD if joint.kind == "revolute" else POSITION_STEP_RAD / tau,
+            ),
         }
         found += [
             f"joints.{i}.{key}: {sigma:g} is below the rounding of the wire, {step / sqrt(12):.2g}"
-            for key, (sigma, step) in steps.items()
+            for key, (sigma, step) in joint.named(steps).items()
             if sigma < step / sqrt(12)
         ]
     longest = budget.imu_load(config.imu)[1]
@@ -125,7 +128,7 @@ def _warnings(config: Config) -> list[str]:
         f"joints.{i}.speed_limit_rad_s ({joint.name}): {joint.speed_limit_rad_s:g} rad/s are "
         f"{joint.speed_limit_rad_s / tau:.2g} turns a second; are these degrees?"
         for i, joint in enumerate(config.joints)
-        if joint.speed_limit_rad_s > FAST_RAD_S
+        if joint.kind == "revolute" and joint.speed_limit_rad_s > FAST_RAD_S
     ]
     found += _mounting_warnings(config)
     estimator = config.estimator

@@ -1,4 +1,4 @@
-"""The robot of a configuration: a readable URDF, revolute joints, bodies that can be."""
+"""The robot of a configuration: a readable URDF, joints that can be used, bodies that can be."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _check_urdf(urdf: Path) -> None:
 
 def _check_masses(config: Config, model: RobotModel) -> None:
     if model.n == 0:
-        raise ConfigError("robot.urdf: 0 revolute joints; at least 1 is needed")
+        raise ConfigError("robot.urdf: 0 joints that move; at least 1 is needed")
     for link, pi in _known_links(config, model):
         if pi[0] < 0.0 or (pi[0] == 0.0 and link == ROOT_LINK):
             bound = "positive, or bodies.base given" if link == ROOT_LINK else "at least 0"
@@ -122,8 +122,10 @@ def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
     turning = [
         f"robot.urdf: the joint {name!r} has limits of {low:g} to {high:g} rad; are these degrees? "
         "a URDF is in radians"
-        for name, low, high in zip(model.joint_names, lower, upper, strict=True)
-        if TURNS_RAD < max(-low, high) <= MOST_DEGREES
+        for name, kind, low, high in zip(
+            model.joint_names, model.kinds(), lower, upper, strict=True
+        )
+        if kind == "revolute" and TURNS_RAD < max(-low, high) <= MOST_DEGREES
     ]
     return [
         *massless,

@@ -106,20 +106,23 @@ def _check_joints(root: ET.Element) -> None:
         if link in children:
             raise ConfigError(f"joins the link {brief(link)} to more than one parent")
         children.add(link)
-        if joint.find("parent") is not None and kind not in ("revolute", "fixed"):
+        moves = kind in ("revolute", "prismatic")
+        if joint.find("parent") is not None and not moves and kind != "fixed":
             hint = "; write it as revolute with wide limits" if kind == "continuous" else ""
-            raise ConfigError(f"joint {name} is {brief(kind)}; must be revolute or fixed{hint}")
+            raise ConfigError(
+                f"joint {name} is {brief(kind)}; must be revolute, prismatic or fixed{hint}"
+            )
         if joint.find("mimic") is not None:
             raise ConfigError(f"joint {name} mimics another; every joint has a sensor of its own")
         axis = joint.find("axis")
-        if kind == "revolute" and axis is not None and not _is_direction(axis.get("xyz", "")):
+        if moves and axis is not None and not _is_direction(axis.get("xyz", "")):
             raise ConfigError(
                 f"joint {name} has the axis {brief(axis.get('xyz'))}; must be three numbers, not "
                 "all zero"
             )
-        if kind == "revolute" and joint.find("limit") is None:
+        if moves and joint.find("limit") is None:
             raise ConfigError(
-                f"joint {name} has no <limit>; a revolute joint needs lower, upper, effort and "
+                f"joint {name} has no <limit>; a {kind} joint needs lower, upper, effort and "
                 "velocity"
             )
 

@@ -20,7 +20,7 @@ from fsw.checks.urdf import check_urdf
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
 from fsw.config.base import MAX_MASS_KG
-from fsw.config.devices import MAX_ANGLE_RAD
+from fsw.config.devices import MAX_ANGLE_RAD, linear
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages.errors import ConfigError
@@ -90,7 +90,7 @@ def init(arguments: argparse.Namespace) -> str:
     tool = ask("tool", words, _one_of(links), leaves[0] if leaves else "")
     model = read_model(arguments.urdf, tool)
     if model.n == 0:
-        raise ConfigError(f"{arguments.urdf} has no revolute joint; at least 1 is needed")
+        raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
     text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
     doubts = inertia_warnings(config, load_problem(config).model)
@@ -290,7 +290,7 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
         f"# torque: {torque['title']}; {_trust(torque)}",
         "joints:",
     ]
-    for k, name in enumerate(model.joint_names):
+    for k, (name, kind) in enumerate(zip(model.joint_names, model.kinds(), strict=True)):
         limit = limits[name]
         effort, speed = (
             float((limit.get(key) if limit is not None else None) or 0.0)
@@ -299,20 +299,26 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
         if effort <= 0 or speed <= 0:
             raise ConfigError(
                 f"joint {name!r}: its <limit> has effort {effort:g} and velocity {speed:g}; both "
-                "must be positive, in N m and rad/s"
+                "must be positive, in N m and rad/s, or N and m/s"
             )
+        own = {
+            "sign": "1  # CHECK -1: the node counts against the URDF's axis",
+            "zero_offset_rad": "0.0",
+            "torque_limit_nm": f"{effort:g}  # of the URDF",
+            "speed_limit_rad_s": f"{speed:g}",
+            "torque_noise_nm": f"{torque['noise_ratio'] * effort:.3g}",
+            "torque_offset_sigma_nm": f"{torque['offset_ratio'] * effort:.3g}",
+            "torque_scale_sigma_ratio": f"{torque['torque_scale_sigma_ratio']:g}",
+            "position_noise_rad": f"{encoder['position_noise_rad']:g}",
+        }
+        if kind == "prismatic":  # that encoder's revolution: 1 m
+            own = {"kind": kind} | {linear(key): value for key, value in own.items()}
+            own["position_noise_m"] += "  # CHECK"
         lines += [
             f"  - name: {_word(name)}",
             "    bus: arm",
             f"    node_id: 0x{arguments.first_node + k:02x}  # CHECK",
-            "    sign: 1  # CHECK -1: the node counts against the URDF's axis",
-            "    zero_offset_rad: 0.0",
-            f"    torque_limit_nm: {effort:g}  # of the URDF",
-            f"    speed_limit_rad_s: {speed:g}",
-            f"    torque_noise_nm: {torque['noise_ratio'] * effort:.3g}",
-            f"    torque_offset_sigma_nm: {torque['offset_ratio'] * effort:.3g}",
-            f"    torque_scale_sigma_ratio: {torque['torque_scale_sigma_ratio']:g}",
-            f"    position_noise_rad: {encoder['position_noise_rad']:g}",
+            *(f"    {key}: {value}" for key, value in own.items()),
         ]
     return lines
 

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, tau
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from fsw.config.base import (
     AccelerationSigma,
@@ -83,24 +93,35 @@ WITHOUT_TORQUE = {  # stands where a joint has no torque sensor: nothing is meas
 }
 
 
-def _torque_sensor_or_none(schema: dict[str, Any]) -> None:
-    """State in a JSON schema which keys a joint with a torque sensor requires."""
-    of_sensor = [key for key in schema["required"] if key in WITHOUT_TORQUE]
-    schema["required"] = [key for key in schema["required"] if key not in of_sensor]
-    none = {"properties": {"torque": {"const": "none"}}, "required": ["torque"]}
-    schema |= {"if": none, "else": {"required": of_sensor}}
+def _keys_of_a_joint(schema: dict[str, Any]) -> None:
+    """State in a JSON schema what a joint requires, by its kind and its torque sensor."""
+    required: list[str] = schema["required"]
+
+    def of(words: Callable[[str], str]) -> dict[str, Any]:
+        sensor = words("torque")
+        return {
+            "required": [words(key) for key in required if key not in WITHOUT_TORQUE],
+            "if": {"properties": {sensor: {"const": "none"}}, "required": [sensor]},
+            "else": {"required": [words(key) for key in required if key in WITHOUT_TORQUE]},
+        }
+
+    schema["properties"] |= {linear(key): value for key, value in schema["properties"].items()}
+    schema["required"] = [key for key in required if linear(key) == key]
+    schema["if"] = {"properties": {"kind": {"const": "prismatic"}}, "required": ["kind"]}
+    schema |= {"then": of(linear), "else": of(str)}
 
 
 class JointConfig(Section):
     """One joint node. `name` is the joint's name in the URDF."""
 
-    model_config = ConfigDict(json_schema_extra=_torque_sensor_or_none)
+    model_config = ConfigDict(json_schema_extra=_keys_of_a_joint)
 
     name: str
     driver: Literal["canopen"] = "canopen"
     bus: str
     node_id: int = Field(ge=1, le=127)
     format: Literal["classic", "fd"] = "classic"
+    kind: Literal["revolute", "prismatic"] = "revolute"  # prismatic: see `linear`
     sign: Literal[-1, 1] = 1
     zero_offset_rad: Turn = 0.0
     torque: Literal["link_side", "none"] = "link_side"  # none: the node measures angles alone
@@ -127,6 +148,50 @@ class JointConfig(Section):
         if isinstance(data, dict) and data.get("torque") == "none":
             return data | WITHOUT_TORQUE
         return data
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_metres(cls, data: object, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Read the keys of a prismatic joint, which are named for metres and newtons."""
+        if not (isinstance(data, dict) and data.get("kind") == "prismatic"):
+            return handler(data)
+        names = {linear(name): name for name in cls.model_fields}
+        wrong = next((key for key in data if key in cls.model_fields and key not in names), None)
+        if wrong is not None:
+            raise ValueError(f"{wrong}: of a prismatic joint it is {linear(wrong)}")
+        try:
+            return handler({names.get(key, key): value for key, value in data.items()})
+        except ValidationError as error:
+            faults = [_in_its_words(fault) for fault in error.errors()]
+            raise ValidationError.from_exception_data(error.title, faults) from error
+
+    def named(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values by the names that their keys have of this joint."""
+        return {key if self.kind == "revolute" else linear(key): values[key] for key in values}
+
+    @model_serializer(mode="wrap")
+    def _as_read(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the keys as they are read."""
+        values: dict[str, Any] = handler(self)
+        return self.named(values)
+
+
+def linear(key: str) -> str:
+    """Return what a revolute joint's key is called of a prismatic one: m for rad, N for N m."""
+    for unit, other in (("_nms_rad", "_ns_m"), ("_rad_s", "_m_s"), ("_rad", "_m"), ("_nm", "_n")):
+        if key.endswith(unit):
+            key = key.removesuffix(unit) + other
+            break
+    return key.replace("torque", "force")
+
+
+def _in_its_words(fault: ErrorDetails) -> InitErrorDetails:
+    """Return a fault of a prismatic joint with the key's own name."""
+    place = tuple(linear(part) if isinstance(part, str) else part for part in fault["loc"])
+    kind, message = fault["type"], fault["msg"].replace("{", "{{").replace("}", "}}")
+    return InitErrorDetails(
+        type=PydanticCustomError(kind, message), loc=place, input=fault["input"]
+    )
 
 
 def _one_orientation(schema: dict[str, Any]) -> None:

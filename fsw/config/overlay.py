@@ -84,7 +84,7 @@ def _joints(config: Config, noise: NoiseTable) -> tuple[JointConfig, ...]:
     if unknown:
         raise ConfigError(f"joints: {unknown} are none of {names}")
     own = {name: item.model_dump(exclude_none=True) for name, item in noise.joints.items()}
-    return tuple(_laid(joint, own.get(joint.name, {})) for joint in config.joints)
+    return tuple(_laid(joint, joint.named(own.get(joint.name, {}))) for joint in config.joints)
 
 
 def _laid(section: S, changes: Mapping[str, Any]) -> S:

@@ -188,6 +188,8 @@ def _craft(
         if link.parent is None or link.axis is not None:
             place[link.name] = link.name, np.eye(3), np.zeros(3)
             pi[link.name] = np.zeros(10)
+            if link.is_prismatic:
+                raise ScenarioError(f"{scenario.name}: {link.joint!r} is prismatic; it is not flown")
             if link.axis is not None:
                 moving.append(link)
         else:

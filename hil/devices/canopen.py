@@ -22,6 +22,7 @@ SYNC_ID = 0x080
 NMT_ID = 0x000
 SDO_ID = 0x600  # and above: requests to a node, then heartbeats
 COUNTS_PER_RAD = 2**24 / (2.0 * math.pi)
+COUNTS_PER_M = 2**24
 STATUS_GOOD = 0x09  # torque valid, encoder valid
 STATUS_TORQUE = 0x01
 STATUS_OVERLOAD = 0x02
@@ -46,7 +47,7 @@ class NodeState(IntEnum):
 class Reading(NamedTuple):
     """Measurement of a node at one latch, as the fields of its frames carry it."""
 
-    position: int  # 2^-24 rev
+    position: int  # 2^-24 rev, of a prismatic joint 2^-24 m; rate and torque likewise
     velocity: int  # 2^-24 rev/s
     torque: int  # 0.01 N m, of a CAN FD node 1e-4 N m
     motor_torque: int  # per mille of rated
@@ -56,13 +57,17 @@ class Reading(NamedTuple):
 class FieldScale:
     """Takes what nodes measured to the fields of their frames, all nodes at once."""
 
-    def __init__(self, is_fd: Sequence[bool], torque_range_nm: float) -> None:
+    def __init__(
+        self, is_fd: Sequence[bool], torque_range_nm: float, is_sliding: Sequence[bool] = ()
+    ) -> None:
         forms = [FD if fd else CLASSIC for fd in is_fd]
         one = np.ones(len(forms))
         per_nm = np.array([form.counts_per_nm for form in forms])
         tops = [2.0 ** (form.torque_bits - 1) - 1.0 for form in forms]
         position_top, motor_top = (2.0**31 - 1.0) * one, (2.0**15 - 1.0) * one
-        scale = np.stack([COUNTS_PER_RAD * one, COUNTS_PER_RAD * one, per_nm, 1000.0 * one])
+        counts = COUNTS_PER_RAD * one
+        counts[np.flatnonzero(is_sliding)] = COUNTS_PER_M
+        scale = np.stack([counts, counts, per_nm, 1000.0 * one])
         top = np.stack([position_top, position_top, np.array(tops), motor_top])
         self._scale, self._top = scale[:, None], top[:, None]
         self._bottom = -self._top - 1.0

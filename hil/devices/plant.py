@@ -66,7 +66,8 @@ class Plant:
         self._signs = np.array([float(node.sign) for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
         is_fd = [node.format == "fd" for node in self.nodes]
-        self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm)
+        is_sliding = [node.is_prismatic for node in self.nodes]
+        self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm, is_sliding)
         self._latched_ns = t0_ns
         self._readings: list[Reading] = []  # of that latch
         self._step_ns = 0  # from the latch before

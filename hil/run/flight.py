@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from fsw.config.devices import linear
 from hil.judge.bound import Sensors
 from hil.world.base_urdf import replace_base
 from hil.world.environment.config import OrbitSection
@@ -64,11 +65,16 @@ def _sigma(noise: BandLimitedWhiteNoise | None, rate_hz: float, otherwise: float
 
 
 def position_noise_rad(
-    joints: JointSensorConfig, stamp_noise_rad: float = 0.0, rate_hz: float = 500.0
+    joints: JointSensorConfig,
+    stamp_noise_rad: float = 0.0,
+    rate_hz: float = 500.0,
+    *,
+    is_prismatic: bool = False,
 ) -> float:
     """Return 1 sigma of one position sample: noise, encoder step, wire step, uncertain stamp."""
     encoder = 2 * math.pi / 2**joints.encoder_bits
     step = math.hypot(encoder, POSITION_STEP_RAD) / math.sqrt(12)
+    step /= math.tau if is_prismatic else 1.0
     noise = _sigma(joints.position_noise, rate_hz, joints.encoder_noise_rad)
     return math.hypot(noise, step, stamp_noise_rad)
 
@@ -121,12 +127,18 @@ def flight_document(
             "sign": node.sign,
             "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
             "speed_limit_rad_s": flight["speed_limit_rad_s"],
-            "position_noise_rad": position_noise_rad(sensors.joints, stamp_noise_rad, rate_hz),
+            "position_noise_rad": position_noise_rad(
+                sensors.joints, stamp_noise_rad, rate_hz, is_prismatic=node.is_prismatic
+            ),
             "zero_sigma_rad": 0.0,
             **_torque(sensors.joints, node, flight),
         }
         for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
     ]
+    for k, node in enumerate(nodes_of(sensors, len(joint_names))):
+        if node.is_prismatic:
+            joints[k] = {linear(key): value for key, value in joints[k].items()}
+            joints[k]["kind"] = "prismatic"
     document: dict[str, Any] = {
         "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame, "links_sigma_ratio": 0.0},
         "bodies": bodies,

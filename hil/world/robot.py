@@ -56,6 +56,7 @@ class Link:
     q_PL_xyzw: tuple[float, float, float, float]
     joint: str
     axis: tuple[float, float, float] | None
+    is_prismatic: bool  # then in m and N
     lower_rad: float
     upper_rad: float
     effort_nm: float
@@ -111,8 +112,8 @@ class Robot:
 
         Raises
         ------
-        ValueError if the file holds other joints than revolute ones, no joint moves the tool frame,
-        or nothing says what the base weighs.
+        ValueError if the file holds joints of other kinds than `read_links` takes, no joint moves
+        the tool frame, or nothing says what the base weighs.
         """
         links = read_links(urdf)
         arm = [link for link in links if link.axis is not None]
@@ -188,7 +189,7 @@ def read_links(urdf: Path) -> list[Link]:
 
     Raises
     ------
-    ValueError if the tree has not one root or a joint is neither revolute, continuous nor fixed.
+    ValueError if the tree has not one root, or a joint is of no kind that is known.
     """
     root = ElementTree.parse(urdf).getroot()
     joints = {_attribute(j, "child", "link"): j for j in root.findall("joint")}
@@ -210,12 +211,12 @@ def read_links(urdf: Path) -> list[Link]:
 def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
     kind = "fixed" if joint is None else str(joint.get("type"))
     name = "" if joint is None else str(joint.get("name"))
-    if kind not in ("revolute", "continuous", "fixed"):
-        raise ValueError(f"{urdf}: joint {name!r} is {kind}; must be revolute or fixed")
+    if kind not in ("revolute", "prismatic", "continuous", "fixed"):
+        raise ValueError(f"{urdf}: joint {name!r} is {kind}; must be revolute, prismatic or fixed")
     p, R = _origin(joint)
     limit = None if joint is None else joint.find("limit")
     bounds = {} if limit is None else dict(limit.attrib)
-    ranged = kind == "revolute" and limit is not None
+    ranged = kind in ("revolute", "prismatic") and limit is not None
     axis = None
     if kind != "fixed":
         axis = _vector(_attribute(joint, "axis", "xyz"), "1 0 0")
@@ -227,6 +228,7 @@ def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
         q_PL_xyzw=tuple(R.as_quat()),
         joint=name,
         axis=axis,
+        is_prismatic=kind == "prismatic",
         lower_rad=float(bounds.get("lower", 0.0)) if ranged else -np.inf,
         upper_rad=float(bounds.get("upper", 0.0)) if ranged else np.inf,
         effort_nm=float(bounds.get("effort", np.inf)),
@@ -349,7 +351,9 @@ def _compile(
             _add_wheels(node, wheels)
         elif link.axis is not None:
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
-            node.add_joint(name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+            hinge, slide = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+            own = slide if link.is_prismatic else hinge
+            node.add_joint(name=link.joint, type=own, axis=axis)
     for link_name, name, body in grasped:
         _set_inertia(bodies[link_name].add_body(name=name), body)
     return spec.compile()

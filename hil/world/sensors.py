@@ -42,6 +42,7 @@ class NodeConfig:
     sign: Literal[-1, 1] = 1
     zero_offset_rad: float = 0.0
     torque_sensor: bool = True
+    is_prismatic: bool = False  # counts 2^-24 m where another node counts 2^-24 revolutions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,7 +270,8 @@ class JointErrors:
             for sigma, block in zip(sigmas, self._blocks, strict=True)
         ]
         self._fading = Fading(config.torque_noise_correlation_s, rate_hz, n)
-        self._step_rad = 2.0 * math.pi / 2**config.encoder_bits
+        units = [1.0 if node.is_prismatic else 2.0 * math.pi for node in config.nodes]
+        self._step_rad = (np.array(units) if units else 2.0 * math.pi) / 2**config.encoder_bits
         size_nm = config.torque_hysteresis_ratio * config.rated_torque_nm
         width_nm = HYSTERESIS_WIDTH_RATIO * config.rated_torque_nm
         self._hysteresis = Hysteresis(size_nm, width_nm, n) if size_nm > 0 else None

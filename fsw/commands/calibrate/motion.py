@@ -77,7 +77,7 @@ def motion_figures(config: Config, read: Read, progress: Progress | None) -> lis
 def _widened(config: Config) -> Config:
     """Return the configuration with priors as wide as if nothing were known of the sensors."""
     joints = [
-        {**joint.model_dump(), **_wider(joint.model_dump(), WIDE_JOINT)}
+        {**joint.model_dump(), **joint.named(_wider(vars(joint), WIDE_JOINT))}
         if joint.torque != "none"
         else joint.model_dump()
         for joint in config.joints

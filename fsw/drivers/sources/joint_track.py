@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import tau
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,8 @@ class Calibration:
     """Sign, zero offset, gain and offset of the joints of a bus."""
 
     def __init__(self, joints: Sequence[JointConfig]) -> None:
-        self._sign = np.array([joint.sign for joint in joints], float)
+        units = [1.0 if joint.kind == "revolute" else 1.0 / tau for joint in joints]
+        self._sign = np.array([joint.sign for joint in joints]) * units
         self._zero_rad = np.array([joint.zero_offset_rad for joint in joints])
         self._gain = np.array([joint.sign * joint.torque_gain for joint in joints], float)
         self._offset_nm = np.array([joint.torque_offset_nm for joint in joints])
@@ -44,13 +46,17 @@ class Calibration:
     ) -> tuple[FloatArray, FloatArray]:
         """Return positions in the URDF's zero and sign, and torques.
 
-        position = sign x raw - zero_offset, torque = sign x gain x raw - offset; `joint` (k,) is
+        position = sign x raw - zero_offset (of a prismatic joint a revolution is a metre), torque = sign x gain x raw - offset; `joint` (k,) is
         the place of each value's joint in the list given at the beginning.
         """
         return (
             self._sign[joint] * position_rad - self._zero_rad[joint],
             self._gain[joint] * torque_nm - self._offset_nm[joint],
         )
+
+    def rate(self, joint: int, rate_rad_s: float) -> float:
+        """Return the rate of one joint, in its own sign and unit."""
+        return float(self._sign[joint] * rate_rad_s)
 
 
 class JointTrack:

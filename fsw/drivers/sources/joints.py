@@ -122,7 +122,7 @@ class JointBusSource:
             slow = canopen.decode_tpdo2(data[: canopen.TPDO2_BYTES].tobytes())
             if not isinstance(slow, Reject):
                 values[joint.name] = {
-                    "velocity_rad_s": joint.sign * slow.velocity_rad_s,
+                    "velocity_rad_s": self._calibration.rate(place, slow.velocity_rad_s),
                     "motor_torque_ratio": joint.sign * slow.motor_torque_ratio,
                     "temperature_degc": slow.temperature_c,
                 }

@@ -283,7 +283,7 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
 
     Raises
     ------
-    ConfigError if the two sets of names differ.
+    ConfigError if the two sets of names differ, or a joint is of another kind than the robot's.
     """
     configured = [joint.name for joint in config.joints]
     if sorted(configured) != sorted(model.joint_names):
@@ -291,7 +291,14 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
             f"joints: names {configured} must be the {model.n} joints of the robot "
             f"{list(model.joint_names)}"
         )
-    return tuple(configured.index(name) for name in model.joint_names)
+    order = tuple(configured.index(name) for name in model.joint_names)
+    for k, kind in zip(order, model.kinds(), strict=True):
+        if config.joints[k].kind != kind:
+            raise ConfigError(
+                f"joints.{k}.kind: {config.joints[k].kind!r}; {configured[k]!r} is {kind} in the "
+                "URDF"
+            )
+    return order
 
 
 def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:

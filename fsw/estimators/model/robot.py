@@ -1,4 +1,7 @@
-"""The free-floating robot model, a tree of revolute joints: one typed wrapper over Pinocchio.
+"""The free-floating robot model, a tree of joints: one typed wrapper over Pinocchio.
+
+Joints are revolute or prismatic. Of a prismatic one, position, rate and torque are in m, m/s and N
+wherever a name says rad, rad/s and N m.
 
 The base is a free-flyer joint with zero gravity; generalised velocity nu = [v_b, w_b, qd] and
 acceleration in base axes, spatial. With v_b = 0 spatial and classical acceleration coincide and,
@@ -29,6 +32,7 @@ from fsw.messages.errors import ConfigError
 
 # one coordinate each; a URDF's `continuous` joint (RUB*, a point on the circle) has two
 REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
+PRISMATIC = "JointModelP"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +88,10 @@ class RobotModel:
         self.joint_names = tuple(self.model.names[2:])
         for index in range(2, self.model.njoints):
             kind = self.model.joints[index].shortname()
-            if not kind.startswith(REVOLUTE):
+            if not kind.startswith((*REVOLUTE, PRISMATIC)):
                 raise ConfigError(
                     f"robot.urdf: joint {self.model.names[index]!r} is {_kind(kind)}; every joint "
-                    "must be revolute with limits, or fixed"
+                    "must be revolute or prismatic with limits, or fixed"
                 )
         self._tool = self.model.getFrameId(tool_frame)
         self.parents = np.array(self.model.parents[2:], np.intp) - 1
@@ -149,6 +153,11 @@ class RobotModel:
             carries[joint + 1] = carries[parent]
             carries[joint + 1, joint] = True
         return carries
+
+    def kinds(self) -> tuple[str, ...]:
+        """Return of every joint whether it is revolute or prismatic."""
+        names = [self.model.joints[index].shortname() for index in range(2, self.model.njoints)]
+        return tuple("prismatic" if name.startswith(PRISMATIC) else "revolute" for name in names)
 
     def steps_m(self) -> list[float]:
         """Return how far every joint is from the one that carries it, or from the base [m]."""
@@ -334,9 +343,7 @@ class RobotModel:
 
 def _kind(shortname: str) -> str:
     """Return words for Pinocchio's name of a joint."""
-    if shortname.startswith("JointModelRUB"):
-        return "continuous"
-    return "prismatic" if shortname.startswith("JointModelP") else "of a kind not supported"
+    return "continuous" if shortname.startswith("JointModelRUB") else "of a kind not supported"
 
 
 def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
