@@ -189,7 +189,9 @@ def _craft(
             place[link.name] = link.name, np.eye(3), np.zeros(3)
             pi[link.name] = np.zeros(10)
             if link.is_prismatic:
-                raise ScenarioError(f"{scenario.name}: {link.joint!r} is prismatic; it is not flown")
+                raise ScenarioError(
+                    f"{scenario.name}: {link.joint!r} is prismatic; it is not flown"
+                )
             if link.axis is not None:
                 moving.append(link)
         else:

@@ -119,26 +119,25 @@ def flight_document(
         if body in scenario.frames:
             bodies[body]["frame"] = scenario.frames[body]
     joints = [
-        {
-            "name": name,
-            "bus": node.bus,
-            "node_id": node.node_id,
-            "format": node.format,
-            "sign": node.sign,
-            "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
-            "speed_limit_rad_s": flight["speed_limit_rad_s"],
-            "position_noise_rad": position_noise_rad(
-                sensors.joints, stamp_noise_rad, rate_hz, is_prismatic=node.is_prismatic
-            ),
-            "zero_sigma_rad": 0.0,
-            **_torque(sensors.joints, node, flight),
-        }
+        _in_units_of(
+            node,
+            {
+                "name": name,
+                "bus": node.bus,
+                "node_id": node.node_id,
+                "format": node.format,
+                "sign": node.sign,
+                "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
+                "speed_limit_rad_s": flight["speed_limit_rad_s"],
+                "position_noise_rad": position_noise_rad(
+                    sensors.joints, stamp_noise_rad, rate_hz, is_prismatic=node.is_prismatic
+                ),
+                "zero_sigma_rad": 0.0,
+                **_torque(sensors.joints, node, flight),
+            },
+        )
         for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
     ]
-    for k, node in enumerate(nodes_of(sensors, len(joint_names))):
-        if node.is_prismatic:
-            joints[k] = {linear(key): value for key, value in joints[k].items()}
-            joints[k]["kind"] = "prismatic"
     document: dict[str, Any] = {
         "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame, "links_sigma_ratio": 0.0},
         "bodies": bodies,
@@ -179,6 +178,13 @@ def flight_document(
     if environment is not None and environment.told_to_flight and environment.gravity_gradient:
         document["orbit"] = _orbit(environment.orbit, scenario.before_s)
     return document
+
+
+def _in_units_of(node: NodeConfig, joint: dict[str, Any]) -> dict[str, Any]:
+    """Return a joint's keys, those of a prismatic one in metres and newtons."""
+    if not node.is_prismatic:
+        return joint
+    return {"kind": "prismatic"} | {linear(key): value for key, value in joint.items()}
 
 
 def _torque(

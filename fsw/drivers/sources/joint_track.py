@@ -46,8 +46,9 @@ class Calibration:
     ) -> tuple[FloatArray, FloatArray]:
         """Return positions in the URDF's zero and sign, and torques.
 
-        position = sign x raw - zero_offset (of a prismatic joint a revolution is a metre), torque = sign x gain x raw - offset; `joint` (k,) is
-        the place of each value's joint in the list given at the beginning.
+        position = sign x raw - zero_offset, where a prismatic joint counts a metre as a
+        revolution; torque = sign x gain x raw - offset; `joint` (k,) is the place of each value's
+        joint in the list given at the beginning.
         """
         return (
             self._sign[joint] * position_rad - self._zero_rad[joint],
