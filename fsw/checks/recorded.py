@@ -93,10 +93,11 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
     for k, joint in enumerate(config.joints):
         channels = [window.joints[k] for window in windows]
         angle, torque = _noise(channels, 0, high), _noise(channels, 1, high)
-        key = f"joints.{k}"
+        noise = {"position_noise_rad": (joint.position_noise_rad, angle)}
         if joint.torque != "none":
-            found.append(_noise_finding(f"{key}.torque_noise_nm", joint.torque_noise_nm, torque))
-        found.append(_noise_finding(f"{key}.position_noise_rad", joint.position_noise_rad, angle))
+            noise = {"torque_noise_nm": (joint.torque_noise_nm, torque)} | noise
+        for key, pair in joint.named(noise).items():
+            found.append(_noise_finding(f"joints.{k}.{key}", *pair))
     imu, root = config.imu, config.imu.rate_hz**-0.5
     if not imu.present:
         return found

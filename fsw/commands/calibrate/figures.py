@@ -146,7 +146,7 @@ def _joints(config: Config, used: dict[str, Figure]) -> list[dict[str, Any]]:
         values["torque_offset_nm"] = total / ratio
         if offset is not None:
             values["torque_offset_sigma_nm"] = offset.sigma
-        found.append(values)
+        found.append(joint.named(values))
     return found
 
 

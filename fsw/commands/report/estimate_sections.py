@@ -97,9 +97,18 @@ def excitation(c: Collected) -> Section:
     charts = []
     if c.blocks:
         t_s = np.array(times_s([int(block.t_ns[0]) for block in c.blocks], c.result.start_ns))
+        sliding = any(joint.kind == "prismatic" for joint in c.config.joints)
         for words, unit, values in (
-            ("position", "rad", np.array([block.q_rad[0] for block in c.blocks])),
-            ("speed", "rad/s", np.array([block.qd_rad_s[0] for block in c.blocks])),
+            (
+                "position",
+                "rad, m" if sliding else "rad",
+                np.array([block.q_rad[0] for block in c.blocks]),
+            ),
+            (
+                "speed",
+                "rad/s, m/s" if sliding else "rad/s",
+                np.array([block.qd_rad_s[0] for block in c.blocks]),
+            ),
         ):
             lines = [line_of(joint.name, values[:, k]) for k, joint in enumerate(c.config.joints)]
             charts.append(

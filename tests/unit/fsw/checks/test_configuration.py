@@ -50,10 +50,15 @@ def test_a_robot_file_that_is_no_urdf_is_one_line(arm, text, capfd):
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("kind", ["prismatic", "continuous", "planar"])
-def test_a_joint_that_is_not_revolute_is_named(arm, kind):
+@pytest.mark.parametrize("kind", ["continuous", "planar"])
+def test_a_joint_of_a_kind_that_is_not_known_is_named(arm, kind):
     arm.robot(3, kind)
-    assert_named(fault(arm), "robot.urdf", "'axis1'", kind, "revolute or fixed")
+    assert_named(fault(arm), "robot.urdf", "'axis1'", kind, "revolute, prismatic or fixed")
+
+
+def test_a_joint_of_another_kind_than_the_urdf_s_is_named(arm):
+    arm.robot(3, "prismatic")
+    assert_named(fault(arm), "joints.0.kind", "'revolute'", "'axis1' is prismatic")
 
 
 def test_a_revolute_joint_without_limit_is_named(arm, capfd):
@@ -145,7 +150,7 @@ def test_an_inertia_no_body_can_have_is_a_warning(arm):
 
 def test_a_robot_without_joints_is_refused(arm):
     arm.robot(0)
-    assert_named(fault(arm), "robot.urdf", "0 revolute joints", "at least 1")
+    assert_named(fault(arm), "robot.urdf", "0 joints that move", "at least 1")
 
 
 # windows and lag

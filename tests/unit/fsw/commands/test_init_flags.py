@@ -62,7 +62,7 @@ def test_a_place_that_cannot_be_written_is_one_line(urdf, out, capsys, monkeypat
     ("old", "new", "words"),
     [
         ("<limit", '<mimic joint="axis1"/><limit', "mimics another"),
-        ("revolute", "fixed", "no revolute joint"),
+        ("revolute", "fixed", "no joint that moves"),
         ('<mass value="', '<mass value="-', "mass"),
     ],
 )

@@ -11,8 +11,10 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from fsw.__main__ import main
-from fsw.config import Config
+from fsw.config import Config, parse
+from fsw.config.devices import linear
 from fsw.config.whole import json_schema
+from fsw.messages.errors import ConfigError
 from tests.conftest import arm_config
 
 ROOT = Path(__file__).parents[4]
@@ -74,3 +76,31 @@ def test_a_wrong_value_fails(section, key, value):
 def test_the_command_prints_it(capsys):
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out) == json_schema()
+
+
+def test_a_prismatic_joint_has_keys_in_metres_and_newtons():
+    data = arm_config(3)
+    data["joints"][1] = {linear(key): value for key, value in data["joints"][1].items()}
+    assert not Draft202012Validator(json_schema()).is_valid(data)  # revolute
+    data["joints"][1]["kind"] = "prismatic"
+    assert Draft202012Validator(json_schema()).is_valid(data)
+    config = Config.model_validate(data)
+    assert config.joints[1].torque_limit_nm == data["joints"][1]["force_limit_n"]
+    assert Config.model_validate(config.model_dump()) == config  # as the effective one is written
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"force_limit_n": -1.0}, r"joints\.1\.force_limit_n"),
+        ({"force_limit_n": None}, r"joints\.1\.force_limit_n: missing"),
+        ({"torque_noise_nm": 0.1}, "torque_noise_nm: of a prismatic joint it is force_noise_n"),
+        ({"colour": "{red}"}, r"joints\.1\.colour: unknown key"),
+    ],
+)
+def test_a_fault_of_a_prismatic_joint_has_its_own_key(changes, words):
+    data = arm_config(3)
+    joint = {linear(key): value for key, value in data["joints"][1].items()} | changes
+    data["joints"][1] = {"kind": "prismatic"} | {k: v for k, v in joint.items() if v is not None}
+    with pytest.raises(ConfigError, match=words):
+        parse(yaml.safe_dump(data).encode(), Path("/"), "robot.yaml")

@@ -97,7 +97,7 @@ def test_continuous_joint_has_no_range(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('type="continuous"', 'type="prismatic"', "elbow.*prismatic"),
+        ('type="continuous"', 'type="planar"', "elbow.*planar"),
         ('<link name="tool"/>', '<link name="tool"/><link name="lost"/>', "one root link"),
         ('<joint name="grip"', '<joint name="hold"', "no frame 'grip'"),
     ],

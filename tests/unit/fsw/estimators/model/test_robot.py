@@ -124,11 +124,6 @@ def test_joints_are_named_from_base_to_tool(model: RobotModel) -> None:
     ("urdf", "frame", "word"),
     [
         (
-            arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="prismatic"'),
-            "gripper",
-            "axis2",
-        ),
-        (
             arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="continuous"'),
             "gripper",
             "axis2",
@@ -137,7 +132,7 @@ def test_joints_are_named_from_base_to_tool(model: RobotModel) -> None:
         (arm_urdf(3), "link1", "link1"),
         ("<robot", "gripper", "URDF"),
     ],
-    ids=["prismatic", "continuous", "unknown frame", "frame inside the arm", "no XML"],
+    ids=["continuous", "unknown frame", "frame inside the arm", "no XML"],
 )
 def test_unsuitable_robots_are_refused(tmp_path: Path, urdf: str, frame: str, word: str) -> None:
     path = tmp_path / "arm.urdf"
