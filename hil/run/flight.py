@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fsw.config.devices import linear
 from hil.judge.bound import Sensors
 from hil.world.base_urdf import replace_base
 from hil.world.environment.config import OrbitSection
@@ -38,6 +37,7 @@ FIRST_NODE_ID = 0x11
 URDF = "robot.urdf"
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of the joint nodes
 POSITION_STEP_RAD = 2 * math.pi / 2**24
+OF_METRES = (("torque", "force"), ("_nms_rad", "_ns_m"), ("_rad", "_m"), ("_nm", "_n"))  # in keys
 
 
 def nodes_of(sensors: SensorConfig, n: int) -> tuple[NodeConfig, ...]:
@@ -184,7 +184,13 @@ def _in_units_of(node: NodeConfig, joint: dict[str, Any]) -> dict[str, Any]:
     """Return a joint's keys, those of a prismatic one in metres and newtons."""
     if not node.is_prismatic:
         return joint
-    return {"kind": "prismatic"} | {linear(key): value for key, value in joint.items()}
+    named = {"kind": "prismatic"}
+    for key, value in joint.items():
+        name = key
+        for word, other in OF_METRES:
+            name = name.replace(word, other)
+        named[name] = value
+    return named
 
 
 def _torque(
