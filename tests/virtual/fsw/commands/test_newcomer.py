@@ -61,7 +61,7 @@ def set_joint(key: str, value: object):
 
 
 DESCRIPTIONS = {
-    "prismatic joint": lambda arm, _: arm.robot(3, "prismatic"),
+    "prismatic joint configured as a revolute one": lambda arm, _: arm.robot(3, "prismatic"),
     "continuous joint": lambda arm, _: arm.robot(3, "continuous"),
     "missing inertia": lambda arm, _: replaced(arm, LINK2, '<link name="link2"/>'),
     "inertia in kg mm^2": lambda arm, _: replaced(
