@@ -32,7 +32,7 @@ from fsw.messages.errors import ConfigError
 from fsw.service.recorder import recorded_config
 
 if TYPE_CHECKING:
-    from fsw.commands.motion import PlannedMotion
+    from fsw.excitation.motion import PlannedMotion
 
 
 class Recording:
@@ -278,7 +278,7 @@ def plan(
     ConfigError for a wrong request; InfeasibleError when no motion keeps the limits; ImportError
     without the extra `excite`.
     """
-    from fsw.commands.motion import bounds, planned
+    from fsw.excitation.motion import bounds, planned
     from fsw.excitation.plan import MotionRequest
     from fsw.excitation.subject import build_subject
 

@@ -42,7 +42,7 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
     lines.append(f"{config.name}: valid, {many}; no device was opened")
     if other is not None:
         with planning("check PLAN"):
-            from fsw.commands.motion import check_motion
+            from fsw.excitation.motion import check_motion
         lines += check_motion(config, other)
     return "\n".join(lines), True
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from fsw.messages.commands import PLAN_BOUNDS
 from fsw.messages.errors import ConfigError
+
+NUMBERS = ("last_s", *PLAN_BOUNDS)
 
 
 def request_of(name: str, pairs: Iterable[str]) -> dict[str, object]:
@@ -19,7 +22,7 @@ def request_of(name: str, pairs: Iterable[str]) -> dict[str, object]:
         key, separator, value = pair.partition("=")
         if not separator:
             raise ConfigError(f"{pair!r}: arguments are KEY=VALUE")
-        request[key] = _number(key, value) if key == "last_s" else value
+        request[key] = _number(key, value) if key in NUMBERS else value
     return request
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw.commands.motion import bounds, judged, knowledge, loaded, planned
 from fsw.commands.out_argument import refuse_existing
 from fsw.commands.progress import Progress
 from fsw.commands.replay import replay
@@ -18,6 +17,7 @@ from fsw.exchange.sinks import Message, NullSink
 from fsw.excitation import assess, criteria, foreseen, spline
 from fsw.excitation.collision import Collisions
 from fsw.excitation.limits import MotionLimits
+from fsw.excitation.motion import bounds, judged, knowledge, loaded, planned
 from fsw.excitation.plan import DENSER, InfeasibleError, MotionRequest
 from fsw.excitation.subject import Subject, build_subject
 from fsw.excitation.verify import Use, every_limit
@@ -151,6 +151,7 @@ def _plan(
     except InfeasibleError as error:
         _tell(f"infeasible: {error}")
         return FAILED
+    sys.stdout.write("".join(f"{line}\n" for line in motion.starts))
     sys.stdout.write(_text(subject, motion.root, motion.values, motion.uses))
     sys.stdout.write(f"\nwritten: {out}\n")
     return DONE

@@ -20,6 +20,13 @@ class RecorderConfig(Section):
     part_s: Positive | None = 3600.0
 
 
+class ExcitationConfig(Section):
+    """Motions planned on board (`RUN_PLAN`); without this section none is planned."""
+
+    limits: Path
+    jobs: int = Field(default=1, ge=1, le=64)  # starts side by side
+
+
 class ServiceConfig(Section):
     """Local state of the daemon: status file, control socket, checkpoints."""
 

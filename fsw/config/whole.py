@@ -15,7 +15,7 @@ from fsw.config.health import HealthConfig
 from fsw.config.modes import ModeConfig, modes_go_with
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
-from fsw.config.services import RecorderConfig, ServiceConfig
+from fsw.config.services import ExcitationConfig, RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import CONFIGURATION, RECORDING, TextError, explain, kind_of, read_yaml
 from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
@@ -48,6 +48,7 @@ class Config(Section):
     health: HealthConfig = HealthConfig()
     recorder: RecorderConfig = RecorderConfig()
     service: ServiceConfig = ServiceConfig()
+    excitation: ExcitationConfig | None = None
     telemetry: TelemetryConfig | None = None
 
     _source: bytes = PrivateAttr(default=b"")

@@ -8,12 +8,14 @@ limit join the optimiser's set, limits that are exceeded between samples are tig
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
+from fsw.exchange.tied import end_with
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import Collisions
@@ -84,6 +86,12 @@ class MotionRequest:
         if self.seed < 0:
             raise ConfigError(f"seed: {self.seed} must not be negative")
 
+    @property
+    def evaluations(self) -> float:
+        """Return about how often each process evaluates the criterion, at most."""
+        each = self.iterations + (ROUNDS - 1) * _later(self.iterations)
+        return float(np.ceil(self.starts / min(self.jobs, self.starts)) * each)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionPlan:
@@ -94,6 +102,7 @@ class MotionPlan:
     uses: list[Use]
     rounds: int
     gradients: int
+    starts: tuple[str, ...] = ()  # what every start has led to, in words
 
 
 class Planner:
@@ -139,7 +148,8 @@ class Planner:
         self._check_start_pose()
         best: MotionPlan | None = None
         nearest: list[Use] = []
-        for found in self._all(None if guess is None else self._from(guess)):
+        ends = self._all(None if guess is None else self._from(guess))
+        for found in ends:
             if isinstance(found, MotionPlan):
                 if best is None or found.value < best.value:
                     best = found
@@ -148,7 +158,16 @@ class Planner:
         if best is None:
             raise _infeasible("no trajectory found keeps every limit; the nearest one has", nearest)
         self._require_learning(best)
-        return best
+        words = (self._words(found, best) for found in ends)
+        return replace(best, starts=tuple(f"start {k}: {text}" for k, text in enumerate(words, 1)))
+
+    def _words(self, found: MotionPlan | list[Use], best: MotionPlan) -> str:
+        """Return what a start has led to."""
+        if isinstance(found, list):
+            return f"no motion that keeps every limit; {found[0].text()}"
+        name = self.request.criterion
+        chosen = ", taken" if found is best and self.request.starts > 1 else ""
+        return f"{name} {shown(name, found.value):.6g}{chosen}"
 
     def _all(self, guess: FloatArray | None) -> list[MotionPlan | list[Use]]:
         """Return what every start has led to, several side by side in processes of their own."""
@@ -156,7 +175,7 @@ class Planner:
         if jobs == 1:
             return [self.one_start(start, guess) for start in starts]
         fork = multiprocessing.get_context("fork")  # the model's functions are inherited
-        with fork.Pool(jobs, initializer=_inherit, initargs=(self, guess)) as pool:
+        with fork.Pool(jobs, initializer=_inherit, initargs=(os.getpid(), self, guess)) as pool:
             return pool.map(_inherited, starts, chunksize=1)
 
     def one_start(self, start: int, guess: FloatArray | None) -> MotionPlan | list[Use]:
@@ -164,13 +183,33 @@ class Planner:
         seed, count = self.request.seed, self.request.starts
         self.report(f"start {start + 1} of {count}")
         rng = np.random.default_rng([seed, start] if start else seed)
-        found = self._one(self.first_guess(rng) if guess is None or start else guess)
+        found = self._one(self._far(rng) if guess is None or start else guess)
         name = self.request.criterion
         if count == 1 or isinstance(found, list) or name in criteria.REGRESSOR_CRITERIA:
             return found
         whole = replace(found.trajectory, firings=self.limits.firings)
         root = foreseen_root(self.subject, whole)
         return replace(found, value=criteria.fused(name, root, self.subject.scale).value)
+
+    def _far(self, rng: np.random.Generator) -> FloatArray:
+        """Return where a start without a guess begins.
+
+        After an earlier result a random motion adds so little that the criterion has no slope
+        worth following; the motion that the wide prior asks for is where the search begins then.
+        """
+        own = self.subject
+        if np.array_equal(own.prior_root, own.wide_root):
+            return self.first_guess(rng)
+        wide = Planner(
+            replace(own, prior_root=own.wide_root),
+            self.limits,
+            self.collisions,
+            self.request,
+            self.report,
+        )
+        z = wide.first_guess(rng)
+        found = wide._one(z)
+        return self._from(found.trajectory) if isinstance(found, MotionPlan) else z
 
     def _from(self, guess: Trajectory) -> FloatArray:
         """Return the variables nearest to a trajectory, sampled where the motion is."""
@@ -296,7 +335,7 @@ class Planner:
             for use in broken:
                 if -SHARE_MARGIN < use.excess <= REPAIRABLE:
                     margins[use.kind] += max(use.excess, 0.0) + 2 * SHARE_MARGIN
-            iterations = max(8, self.request.iterations // 4)
+            iterations = _later(self.request.iterations)
         return best or self.check(self.nearest_feasible(z, in_set))
 
     def _repaired(
@@ -403,7 +442,8 @@ class Planner:
 _planner: list[tuple[Planner, FloatArray | None]] = []  # of the process that plans one start
 
 
-def _inherit(planner: Planner, guess: FloatArray | None) -> None:
+def _inherit(parent: int, planner: Planner, guess: FloatArray | None) -> None:
+    end_with(parent)
     _planner[:] = [(planner, guess)]
 
 
@@ -423,6 +463,11 @@ def sigma_ratio(subject: Subject, trajectory: Trajectory, rate_hz: float) -> flo
 def shown(name: criteria.Name, value: float) -> float:
     """Return a minimised value as the criterion itself."""
     return value if name == "gamma" else float(np.exp(value))
+
+
+def _later(iterations: int) -> int:
+    """Return how many iterations a round after the first has."""
+    return max(8, iterations // 4)
 
 
 def _first_margin(kind: str) -> float:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -44,6 +46,7 @@ class Subject:
     state_covariance : (all, all) prior of the estimator's whole state
     prior_root : (s, s) with prior_root^T prior_root the prior's information of the states that the
         solver accounts for; `foreseen` has all others
+    wide_root : the same before the earlier result that took the prior's place, if one did
     scale : reported quantities, their prior sigmas and weights
     draws : (k, p) further members of the prior set; none when the spread is zero
     names : (p,) reported quantities, `target.mass_kg` ...
@@ -58,6 +61,7 @@ class Subject:
     x: FloatArray
     state_covariance: FloatArray
     prior_root: FloatArray
+    wide_root: FloatArray
     scale: Scale
     draws: FloatArray
     names: tuple[str, ...]
@@ -66,7 +70,7 @@ class Subject:
 def build_subject(
     config: Config,
     *,
-    after: Path | None = None,
+    after: Path | Mapping[str, Any] | None = None,
     weights: dict[str, float] | None = None,
     spread: float = 0.0,
     draws: int = 0,
@@ -76,7 +80,8 @@ def build_subject(
 
     Parameters
     ----------
-    after : result of `fsw identify --json` whose estimate and covariance take the prior's place
+    after : an estimate (names, mean, covariance) that takes the prior's place, or the file of a
+        result of `fsw identify --json`
     weights : of reported quantities by name; a body's name weighs all of its quantities
     spread : sigma of the drawn bodies in units of the prior's
     draws : how many bodies are drawn
@@ -102,17 +107,17 @@ def build_subject(
     p = PARAMETERS * len(problem.unknown)
     x, covariance = problem.prior_mean[:p], problem.prior_covariance.copy()
     if after is not None:
-        x, covariance[:p, :p] = read_result(after, problem)
+        x, covariance[:p, :p] = posterior(after, problem)
     arm = geometry(model, config.robot.tool_frame)
-    known = {
+    bodies = {
         name: to_parameters(b.mass_kg, np.array(b.com_m), np.array(b.inertia_kg_m2))
         for name, b in config.bodies.items()
     }
     kernel = build_kernel(
         arm,
         problem.unknown,
-        known.get("base", model.pi_links[:PARAMETERS]),
-        known.get("target"),
+        bodies.get("base", model.pi_links[:PARAMETERS]),
+        bodies.get("target"),
         noise,
     )
     names = tuple(f"{body}.{quantity}" for body in problem.unknown for quantity in QUANTITIES)
@@ -124,6 +129,10 @@ def build_subject(
     scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
     apart = (problem.wrench, problem.target_wrench)
     w = np.r_[(*apart, problem.friction_coulomb, problem.friction_viscous)]
+    root, wide = (
+        prior_root(np.delete(np.delete(known, w, 0), w, 1))
+        for known in (covariance, problem.prior_covariance)
+    )
     return Subject(
         config=config,
         model=model,
@@ -133,7 +142,8 @@ def build_subject(
         kernel=kernel,
         x=x,
         state_covariance=covariance,
-        prior_root=prior_root(np.delete(np.delete(covariance, w, 0), w, 1)),
+        prior_root=root,
+        wide_root=wide,
         scale=scale,
         draws=_draw(problem, x, sigma, spread, draws if spread > 0 else 0, seed),
         names=names,
@@ -146,27 +156,29 @@ def prior_root(covariance: FloatArray) -> FloatArray:
     return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
 
 
-def read_result(path: Path, problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return mean (p,) and covariance (p, p) of the unknown bodies from a result file.
+def posterior(source: Path | Mapping[str, Any], problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return mean (p,) and covariance (p, p) of the unknown bodies from an estimate or its file.
 
     Its biases are not taken over: they belong to the data it came from.
 
     Raises
     ------
-    ConfigError if the file holds no result for these bodies.
+    ConfigError if there is no result for these bodies.
     """
     wanted = problem.names[problem.bodies]
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-        index = [result["names"].index(name) for name in wanted]
+        result = json.loads(source.read_text("utf-8")) if isinstance(source, Path) else source
+        index = [list(result["names"]).index(name) for name in wanted]
         mean = np.array(result["mean"], dtype=np.float64)[index]
         covariance = np.array(result["covariance"], dtype=np.float64)[np.ix_(index, index)]
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            raise ValueError("a number is not finite")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+        raise ConfigError(f"{source}: cannot be read: {error.strerror}") from error
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ConfigError(
-            f"{path}: must be a result with names, mean and covariance of "
-            f"{' and '.join(problem.unknown)} ({error})"
+            f"{source if isinstance(source, Path) else 'estimate'}: must be a result with names, "
+            f"mean and covariance of {' and '.join(problem.unknown)} ({error})"
         ) from error
     return mean, covariance
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 from fsw.messages.errors import CommandError, brief
@@ -16,6 +17,13 @@ BODIES = ("base", "target")
 BODY_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MAX_LINE_BYTES = 65536
 MAX_LAST_S = 1e6  # as the telecommand RUN_BATCH has it
+# of the numbers of RUN_PLAN: least, most, whether whole; as the telecommand has them
+PLAN_BOUNDS = {
+    "duration_s": (1.0, 300.0, False),
+    "starts": (1, 64, True),
+    "seed": (0, 65535, True),
+}
+PLAN_DEFAULTS = {"duration_s": 60.0, "starts": 1, "seed": 0}
 
 
 class CommandName(StrEnum):
@@ -26,6 +34,7 @@ class CommandName(StrEnum):
     FINISH = "finish"  # settle completely and publish
     REPORT = "report"  # diagnosis of the current estimate, in numbers and words
     RUN_BATCH = "run_batch"  # start a batch job on recorded blocks
+    RUN_PLAN = "run_plan"  # start a batch job that plans a motion from the present estimate
     ABORT_BATCH = "abort_batch"
     ADOPT = "adopt"  # make the last batch result the online estimator's prior
     REST = "rest"  # windows are stored but no longer identified from
@@ -35,6 +44,9 @@ class CommandName(StrEnum):
     RESTORE_STATE = "restore_state"  # back to what was saved, or restored at the start
     RESTART = "restart"  # end and start again
     STOP = "stop"  # end the daemon as SIGTERM does
+
+
+JOBS = (CommandName.RUN_BATCH, CommandName.RUN_PLAN)  # begin a job, whose end comes later
 
 
 class Code(StrEnum):
@@ -87,6 +99,19 @@ class BatchRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRequest:
+    """One planned motion: its length, the search, and where its file goes."""
+
+    id: int
+    duration_s: float
+    starts: int
+    seed: int
+    unknown: tuple[str, ...]
+    posterior: Mapping[str, Any]  # names, mean, covariance of the estimate that it begins from
+    out: Path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JobReport:
     """Progress or end of a batch job; state is running, done, failed or aborted."""
 
@@ -121,6 +146,8 @@ def parse_command(line: bytes, command_id: int) -> Command:
     name = CommandName(text)
     if name is CommandName.RUN_BATCH:
         args = _batch_args(data)
+    elif name is CommandName.RUN_PLAN:
+        args = _plan_args(data)
     elif name is CommandName.CONFIGURE:
         args = _configure_args(data)
     else:
@@ -151,6 +178,23 @@ def _batch_args(data: dict[str, Any]) -> dict[str, Any]:
         text = f"last_s {brief(last_s)}: must be a number above 0, at most {MAX_LAST_S:g}"
         raise CommandError(Code.BAD_ARGUMENT, text)
     return {"method": method, "unknown": unknown, "last_s": last_s}
+
+
+def _plan_args(data: dict[str, Any]) -> dict[str, Any]:
+    extra = set(data) - set(PLAN_BOUNDS)
+    if extra:
+        text = f"run_plan takes {', '.join(PLAN_BOUNDS)}; got {sorted(extra)}"
+        raise CommandError(Code.BAD_ARGUMENT, text)
+    args = PLAN_DEFAULTS | data
+    for key, (least, most, whole) in PLAN_BOUNDS.items():
+        value = args[key]
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not least <= value <= most or (whole and value != int(value)):
+            kind = "a whole number" if whole else "a number"
+            text = f"{key} {brief(value)}: must be {kind}, {least:g} to {most:g}"
+            raise CommandError(Code.BAD_ARGUMENT, text)
+        args[key] = int(value) if whole else float(value)
+    return args
 
 
 def _is_duration(value: Any) -> bool:  # noqa: ANN401

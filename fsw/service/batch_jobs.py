@@ -10,14 +10,26 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from fsw.config import Config
-from fsw.messages.commands import BatchRequest, Code, Command, CommandName, JobReport
+from fsw.estimators.parameter_verdicts import USABLE
+from fsw.messages import Estimate
+from fsw.messages.commands import (
+    JOBS,
+    BatchRequest,
+    Code,
+    Command,
+    CommandName,
+    JobReport,
+    PlanRequest,
+)
 from fsw.messages.errors import CommandError
 from fsw.service.worker import Job
 
+PLANS = "plans"  # folder in the file directory
 Report = Callable[[str, str, str], None]  # severity, code, text
 
 
@@ -38,6 +50,7 @@ class BatchJobs:
         self._buffer = b""
         self._newest: JobReport | None = None
         self._result: Mapping[str, Any] | None = None
+        self.estimate: Estimate | None = None  # the newest published one, where a plan begins
 
     @property
     def is_running(self) -> bool:
@@ -60,7 +73,7 @@ class BatchJobs:
         ------
         CommandError JOB_RUNNING, NO_JOB, NO_RESULT, or FAILED when no worker can be started.
         """
-        if command.name is CommandName.RUN_BATCH:
+        if command.name in JOBS:
             self._start(command)
             return None
         if command.name is CommandName.ABORT_BATCH:
@@ -101,24 +114,68 @@ class BatchJobs:
     def _start(self, command: Command) -> None:
         if self.is_running and self._newest is not None:
             raise CommandError(Code.JOB_RUNNING, f"job {self._newest.id} is running")
-        strange = set(command.args["unknown"]) - set(self.config.bodies)
-        if strange:
-            text = f"unknown {sorted(strange)}: the bodies are {sorted(self.config.bodies)}"
-            raise CommandError(Code.BAD_ARGUMENT, text)
-        request = BatchRequest(
-            id=command.id,
-            method=str(command.args["method"]),
-            unknown=tuple(command.args["unknown"]),
-            last_s=command.args.get("last_s"),
-        )
+        is_batch = command.name is CommandName.RUN_BATCH
+        request = self._batch(command) if is_batch else self._plan(command)
         self.close()
         try:
             self._process = _worker(Job(config=self.config, request=request, blocks=self._blocks))
         except OSError as error:
             text = f"worker cannot be started: {error.strerror or error}"
             raise CommandError(Code.FAILED, text) from error
-        self._buffer, self._result = b"", None
+        self._buffer = b""
+        self._result = None if is_batch else self._result
         self._newest = JobReport(id=request.id, state="running", progress=0.0)
+
+    def _batch(self, command: Command) -> BatchRequest:
+        strange = set(command.args["unknown"]) - set(self.config.bodies)
+        if strange:
+            text = f"unknown {sorted(strange)}: the bodies are {sorted(self.config.bodies)}"
+            raise CommandError(Code.BAD_ARGUMENT, text)
+        return BatchRequest(
+            id=command.id,
+            method=str(command.args["method"]),
+            unknown=tuple(command.args["unknown"]),
+            last_s=command.args.get("last_s"),
+        )
+
+    def _plan(self, command: Command) -> PlanRequest:
+        """Return the request of a motion from the newest estimate; its file has a name of its own.
+
+        Raises
+        ------
+        CommandError NOT_SUPPORTED without limits, NO_RESULT without a usable estimate.
+        """
+        estimate, args = self.estimate, command.args
+        if self.config.excitation is None:
+            text = "excitation.limits: missing; which limits hold is never assumed"
+            raise CommandError(Code.NOT_SUPPORTED, text)
+        if estimate is None or not estimate.bodies:
+            raise CommandError(Code.NO_RESULT, "no estimate has been published yet")
+        if estimate.reason not in USABLE:
+            text = f"the estimate is not usable: {estimate.reason}"
+            raise CommandError(Code.NO_RESULT, text)
+        taken = {path.name for path in self._plans.glob("plan_*.yaml")}
+        name = next(name for k in count(1) if (name := f"plan_{k:04d}.yaml") not in taken)
+        return PlanRequest(
+            id=command.id,
+            duration_s=args["duration_s"],
+            starts=args["starts"],
+            seed=args["seed"],
+            unknown=tuple(estimate.bodies),
+            posterior={
+                "names": estimate.names,
+                "mean": estimate.mean,
+                "covariance": estimate.covariance,
+            },
+            out=self._plans / name,
+        )
+
+    @property
+    def _plans(self) -> Path:
+        """Folder of the planned motions, from where file delivery takes them."""
+        config = self.config
+        files = "files" if config.telemetry is None else config.telemetry.file_directory
+        return config.resolve(config.service.state_directory) / files / PLANS
 
     def _abort(self) -> None:
         if self._process is None or not self.is_running:
@@ -129,8 +186,11 @@ class BatchJobs:
         job = self._newest.id if self._newest is not None else 0
         report = JobReport(id=job, **values)
         self._newest = report
-        if report.state == "done":
+        result = report.result or {}
+        if report.state == "done" and "mean" in result:
             self._result = report.result
+        for change in result.get("changes", ()):
+            self._report("info", "PLAN_WRITTEN", f"{PLANS}/{report.text}: {change}")
         if report.state != "running":
             severity = "info" if report.state == "done" else "medium"
             text = f"batch job {job} {report.state}" + (f": {report.text}" if report.text else "")

@@ -198,8 +198,10 @@ class Service:
                 self._publish_status(message.values)
             case Reply():
                 self._reply(message)
-            case Estimate() if self._telemetry is not None:
-                self._telemetry.estimate(message)
+            case Estimate():
+                self._jobs.estimate = message
+                if self._telemetry is not None:
+                    self._telemetry.estimate(message)
             case ScienceRecord() if self._telemetry is not None:
                 self._telemetry.science(message.t_ns, message.data)
             case _:

@@ -6,25 +6,25 @@ progress, then the result or the failure. SIGTERM ends it, and so does the end o
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import pickle
-import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+
 from fsw.config import Config
+from fsw.exchange.tied import end_with
 from fsw.messages import Block
-from fsw.messages.commands import BatchRequest, JobReport
-from fsw.messages.errors import ConfigError, EstimatorError
+from fsw.messages.commands import BatchRequest, JobReport, PlanRequest
+from fsw.messages.errors import ConfigError, EstimatorError, FswError
 from fsw.service.blockstore import BlockStoreError, read_blocks
 
 NICE = 19
-_PR_SET_PDEATHSIG = 1  # prctl(2)
 Progress = Callable[[float, str], bool]  # done ratio, what is being done; False: stop
 RunBatch = Callable[[Config, Sequence[Block], str, tuple[str, ...], Progress], Mapping[str, Any]]
 
@@ -34,7 +34,7 @@ class Job:
     """Input of the worker."""
 
     config: Config
-    request: BatchRequest
+    request: BatchRequest | PlanRequest
     blocks: Path
 
 
@@ -69,6 +69,60 @@ def run_job(
     return JobReport(id=request.id, state="done", progress=1.0, result=result)
 
 
+def run_plan(config: Config, request: PlanRequest, progress: Progress) -> JobReport:
+    """Plan a motion and write its file; what cannot be planned is a failed job."""
+    progress(0.0, "laying out")
+    try:
+        result = _planned(config, request, progress)
+    except ImportError as error:
+        text = f"{error.name} is missing: pip install 'inertia-daemon[excite]'"
+    except OSError as error:
+        text = f"{request.out}: {error.strerror or error}"
+    except (FswError, np.linalg.LinAlgError) as error:
+        text = str(error)
+    else:
+        return JobReport(
+            id=request.id, state="done", progress=1.0, text=request.out.name, result=result
+        )
+    return JobReport(id=request.id, state="failed", progress=1.0, text=text)
+
+
+def _planned(config: Config, request: PlanRequest, progress: Progress) -> Mapping[str, Any]:
+    from fsw.excitation.motion import bounds, planned
+    from fsw.excitation.plan import MotionRequest
+    from fsw.excitation.subject import build_subject
+
+    if config.excitation is None:
+        raise ConfigError("excitation.limits: missing; which limits hold is never assumed")
+    config = config.with_unknown(request.unknown)
+    asked = MotionRequest(
+        duration_s=request.duration_s,
+        starts=request.starts,
+        jobs=config.excitation.jobs,
+        seed=request.seed,
+    )
+    seen = 0
+
+    def report(text: str) -> None:
+        nonlocal seen
+        seen += 1
+        ratio = 0.5 * seen / asked.evaluations  # from the wide prior first
+        progress(min(ratio, 0.99), text)
+
+    subject = build_subject(config, after=request.posterior, seed=asked.seed)
+    limits, collisions = bounds(config, subject, config.resolve(config.excitation.limits), report)
+    motion = planned(subject, limits, collisions, asked, report)
+    motion.save_spline(request.out, "RUN_PLAN")
+    return {
+        "method": "plan",
+        "status": "OK",
+        "unknown": list(request.unknown),
+        "duration_s": request.duration_s,
+        **motion.bodies(),
+        "changes": motion.changes(),
+    }
+
+
 def main(source: IO[bytes], target: IO[str]) -> int:
     """Run the job on standard input; return the exit code."""
     job: Job = pickle.load(source)
@@ -83,21 +137,18 @@ def main(source: IO[bytes], target: IO[str]) -> int:
         tell(JobReport(id=job.request.id, state="running", progress=ratio, text=text))
         return True
 
-    try:
-        blocks = read_blocks(job.blocks, last_s=job.request.last_s)
-    except BlockStoreError as error:
-        report = JobReport(id=job.request.id, state="failed", progress=1.0, text=str(error))
+    request = job.request
+    if isinstance(request, PlanRequest):
+        report = run_plan(config, request, progress)
     else:
-        report = run_job(config, blocks, job.request, progress, default_batch)
+        try:
+            blocks = read_blocks(job.blocks, last_s=request.last_s)
+        except BlockStoreError as error:
+            report = JobReport(id=request.id, state="failed", progress=1.0, text=str(error))
+        else:
+            report = run_job(config, blocks, request, progress, default_batch)
     tell(report)
     return 0 if report.state == "done" else 1
-
-
-def end_with(service: int) -> None:
-    """Have the kernel end this process with the service; end now if that has ended already."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != service:
-        os._exit(1)
 
 
 if __name__ == "__main__":

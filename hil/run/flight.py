@@ -164,6 +164,7 @@ def flight_document(
         document["wheels"] = _wheels(scenario.wheels, sensors.wheels, seed)
     if scenario.thrusters is not None and sensors.thrusters is not None:
         document["thrusters"] = _thrusters(scenario.thrusters, sensors.thrusters, seed)
+    document |= _excitation(flight)
     if flight.get("modes"):
         document["modes"] = _modes(scenario, flight["modes"], seed)
     if sensors.star_tracker is not None:
@@ -267,6 +268,11 @@ def _thrusters(
         }
         for k, jet in enumerate(system.jets)
     ]
+
+
+def _excitation(flight: Mapping[str, Any]) -> dict[str, Any]:
+    own = flight.get("excitation")
+    return {"excitation": own | {"limits": str(Path(own["limits"]).resolve())}} if own else {}
 
 
 def _modes(scenario: Scenario, told: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:

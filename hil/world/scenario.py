@@ -92,6 +92,7 @@ class FlightSection(_Section):
     sync_jitter_s: float  # 1 sigma of a SYNC's stamp from the latch, in real time
     estimator: dict[str, Any]  # as in the configuration
     modes: ModesSection | None = None  # null: liquid and panels are not declared
+    excitation: dict[str, Any] | None = None  # as in the configuration; limits: where they stand
 
 
 class FaultEntry(_Section):
@@ -359,7 +360,8 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
     Parameters
     ----------
     settings : KEY=VALUE each; KEY as `sensors.joints.torque_noise_nm`, VALUE as YAML; the rests
-        are `timing.before_s` and `timing.after_s`
+        are `timing.before_s` and `timing.after_s`, the motions `trajectories.identification`
+        and `trajectories.verification`
 
     Raises
     ------
@@ -369,6 +371,10 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         "sensors": deepcopy(scenario.sensors),
         "flight": deepcopy(scenario.flight),
         "timing": {"before_s": scenario.before_s, "after_s": scenario.after_s},
+        "trajectories": {
+            "identification": scenario.identification,
+            "verification": scenario.verification,
+        },
     }
     for setting in settings:
         key, is_set, value = setting.partition("=")
@@ -378,7 +384,8 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
             place = place.get(name) if isinstance(place, dict) else None
         if not is_set or not path or not isinstance(place, dict):
             raise ScenarioError(
-                f"--set {setting}: must be sensors.KEY=VALUE, flight.KEY=VALUE or timing.KEY=VALUE"
+                f"--set {setting}: must be sensors.KEY=VALUE, flight.KEY=VALUE, timing.KEY=VALUE "
+                "or trajectories.KEY=FILE"
             )
         try:
             place[last] = yaml.safe_load(value)
@@ -386,8 +393,11 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
             words = " ".join(str(error).split())
             raise ScenarioError(f"--set {setting}: {words}") from error
     timing = _validated("--set timing", TimingSection.model_validate, sections.pop("timing"))
+    motions = _validated(
+        "--set trajectories", TrajectorySection.model_validate, sections.pop("trajectories")
+    )
     _check("--set ", sections["sensors"], sections["flight"])
-    return replace(scenario, **sections, **timing.model_dump())
+    return replace(scenario, **sections, **timing.model_dump(), **motions.model_dump())
 
 
 def at_rates(scenario: Scenario, rate_hz: float, imu_rate_hz: int) -> Scenario:

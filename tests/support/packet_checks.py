@@ -152,7 +152,8 @@ def is_batch(sample: Sample, log: DaemonLog) -> bool:
         result = job["result"] or {}
         if job["id"] != values["job_id"] or job["state"].upper() != values["state"]:
             continue
-        expected = {key: result[key] for key in ("cost", "condition_number", "duration_s")}
+        numbers = ("cost", "condition_number", "duration_s")
+        expected = {key: result.get(key, 0.0) for key in numbers}
         for name, mean in result["estimate"].items():
             expected |= body(name, mean, result["sigma"][name])
         if holds(values, expected | {"result_status": result["status"]}):

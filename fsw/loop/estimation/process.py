@@ -8,7 +8,6 @@ continues from the newest checkpoint and reads what waits in the ring.
 from __future__ import annotations
 
 import argparse
-import ctypes
 import gc
 import os
 import select
@@ -22,11 +21,11 @@ from fsw.exchange.restart import judge
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import TO_SERVICE, Kind, RingSink, handed_down, message_of
 from fsw.exchange.sinks import BatchEnd, Sink
+from fsw.exchange.tied import end_with
 from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
 from fsw.scheduler import realtime
 
-PR_SET_PDEATHSIG = 1  # prctl(2)
 LOOK_MS = 500  # without a call of the loop
 
 
@@ -98,7 +97,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--since", type=int, default=0, help="no older checkpoint counts [ns]")
     parser.add_argument("--resume", action="store_true", help="take over from one that has died")
     arguments = parser.parse_args(argv)
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    end_with(arguments.parent)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the estimation
     config = handed_down(arguments.config)

@@ -71,6 +71,7 @@ class Function(IntEnum):
     RUN_BATCH = 20
     ABORT_BATCH = 21
     ADOPT_RESULT = 22
+    RUN_PLAN = 23
     TBL_LOAD = 30
     TBL_DATA = 31
     TBL_LOAD_FILE = 32
@@ -148,7 +149,8 @@ TRANSFER_STATE = Enumeration(
 )
 YES_NO = Enumeration(name="yes_no", labels={0: "NO", 1: "YES"})
 METHOD = Enumeration(
-    name="method", labels={0: "NONE", 1: "MRNEA", 2: "RDA", 3: "CM", 4: "CE", 5: "FUSED"}
+    name="method",
+    labels={0: "NONE", 1: "MRNEA", 2: "RDA", 3: "CM", 4: "CE", 5: "FUSED", 6: "PLAN"},
 )
 UNKNOWN = Enumeration(name="unknown", labels={0: "CONFIGURED", 1: "BASE", 2: "TARGET", 3: "BOTH"})
 JOB_STATE = Enumeration(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fsw.messages.commands import PLAN_BOUNDS
 from fsw.telemetry.dictionary.codes import (
     FUNCTION,
     METHOD,
@@ -28,13 +29,14 @@ _UNKNOWN = Field(name="unknown", type=Type.U8, enumeration=UNKNOWN)
 _COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=MAX_REPEATS)
 _N = Field(name="n", type=Type.U8, minimum=1, maximum=MAX_REPEATS, doc="elements that follow")
 _ID = Field(name="parameter", type=Type.U16, enumeration=PARAMETER)
-# what a mode can be commanded to; BOOT ends by itself and BATCH is entered by RUN_BATCH
+# what a mode can be commanded to; BOOT ends by itself and BATCH is entered by a job
 _COMMANDED_MODE = Enumeration(
     name="commanded_mode",
     labels={n: label for n, label in MODE.labels.items() if label not in ("BOOT", "BATCH")},
 )
 _METHOD = Enumeration(
-    name="batch_method", labels={n: label for n, label in METHOD.labels.items() if n}
+    name="batch_method",
+    labels={n: label for n, label in METHOD.labels.items() if label not in ("NONE", "PLAN")},
 )
 _RUNNING = ("STANDBY", "IDENTIFY", "BATCH")
 _IDLE = ("STANDBY", "IDENTIFY")
@@ -69,6 +71,12 @@ def _function(
         match=(("function_id", int(function)),),
         modes=modes,
     )
+
+
+def _bounded(name: str, kind: Type, unit: str, doc: str) -> Field:
+    """Return an argument of RUN_PLAN with its bounds."""
+    least, most, _ = PLAN_BOUNDS[name]
+    return Field(name=name, type=kind, unit=unit, minimum=least, maximum=most, doc=doc)
 
 
 _SERVICES = (
@@ -202,6 +210,14 @@ _FUNCTIONS = (
         ),
         modes=_RUNNING,
     ),  # while one runs: BUSY
+    _function(
+        Function.RUN_PLAN,
+        "Plan the next motion from the present estimate, within excitation.limits",
+        _bounded("duration_s", Type.F32, "s", "of the motion"),
+        _bounded("starts", Type.U8, "", "of the search; the best is taken"),
+        _bounded("seed", Type.U16, "", "of the search; the same seed gives the same motion"),
+        modes=_RUNNING,
+    ),  # while a job runs: BUSY
     _function(Function.ABORT_BATCH, "End the batch job"),
     _function(
         Function.ADOPT_RESULT, "Make the batch result the online estimator's prior", modes=_RUNNING

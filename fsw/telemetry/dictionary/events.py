@@ -35,6 +35,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (30, "BATCH_DONE", _INFO, "the batch job has a result"),
     (31, "BATCH_FAILED", _MEDIUM, "the batch job has failed"),
     (32, "BATCH_ABORTED", _MEDIUM, "the batch job was aborted"),
+    (33, "PLAN_WRITTEN", _INFO, "a planned motion: its file, every sigma before > after it"),
     (40, "RECORDER_FAILED", _HIGH, "the recording cannot be written"),
     (41, "BLOCKS_FAILED", _MEDIUM, "blocks for batch jobs cannot be stored"),
     (42, "RECORDING_STARTED", _INFO, "a recording was begun"),

@@ -44,6 +44,7 @@ HAZARDS: dict[str, tuple[Significance, str]] = {
 WITH_PROGRESS = (1, 3, 5, 7)
 SLOW: dict[str, tuple[tuple[int, ...], float]] = {  # reports, time until the last [s]
     "RUN_BATCH": (WITH_PROGRESS, 3600.0),
+    "RUN_PLAN": (WITH_PROGRESS, 3600.0),
     "DOWNLINK_FILE": ((1, 3, 7), 3600.0),
     "DOWNLINK_PIECE": ((1, 3, 7), 3600.0),
     "COPY_FILE": ((1, 3, 7), 600.0),

@@ -53,6 +53,7 @@ class Functions:
             "START_IDENTIFICATION": self._start,
             "REPORT_DIAGNOSIS": self._diagnose,
             "RUN_BATCH": self._run_batch,
+            "RUN_PLAN": self._run_plan,
             "SET_MODE": self._set_mode,
             "REC_START": lambda _: partial(_recorder, self._recording.start),
             "REC_STOP": lambda _: partial(_recorder, self._recording.stop),
@@ -108,16 +109,27 @@ class Functions:
         return partial(self._loop.order, request, [(CommandName.REPORT, {})], then)
 
     def _run_batch(self, request: Request) -> Action:
-        if self._modes.mode is Mode.BATCH:
-            raise TcError(Error.BUSY, text="a batch job is running")
         method = METHOD.labels[request.whole("method")].lower()
         bodies = self._bodies(request)
         last_s = request.number("last_s") or self._context.parameter("batch_last_s")
         args: dict[str, object] = {"method": method, "unknown": bodies, "last_s": last_s or None}
+        return self._job(request, (CommandName.RUN_BATCH, args), method, tuple(bodies))
+
+    def _run_plan(self, request: Request) -> Action:
+        args: dict[str, object] = {
+            "duration_s": request.number("duration_s"),
+            "starts": request.whole("starts"),
+            "seed": request.whole("seed"),
+        }
+        return self._job(request, (CommandName.RUN_PLAN, args), "plan", ())
+
+    def _job(self, request: Request, order: Order, method: str, bodies: tuple[str, ...]) -> Action:
+        if self._modes.mode is Mode.BATCH:
+            raise TcError(Error.BUSY, text="a batch job is running")
 
         def act() -> Done:
-            self._context.latest.requested_job(method, tuple(bodies))
-            return self._loop.order(request, [(CommandName.RUN_BATCH, args)])
+            self._context.latest.requested_job(method, bodies)
+            return self._loop.order(request, [order])
 
         return act
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from fsw.messages.commands import Code, Command, CommandName, JobReport, Reply
+from fsw.messages.commands import JOBS, Code, Command, CommandName, JobReport, Reply
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.ports import Host
@@ -101,7 +101,7 @@ class LoopCommands:
             self._fail(waiting, error_of(reply.code, reply.text))
             return
         request = waiting.request
-        if reply.command == CommandName.RUN_BATCH and isinstance(request, Request):
+        if reply.command in JOBS and isinstance(request, Request):
             self._jobs[reply.id] = _Job(request)
             return
         try:
@@ -145,7 +145,7 @@ class LoopCommands:
         """Record the effect of a command that the loop has applied; any client may have sent it."""
         if name in (CommandName.REST, CommandName.RESUME):
             self._modes.identifying(name is CommandName.RESUME)
-        elif name is CommandName.RUN_BATCH:
+        elif name in JOBS:
             self._modes.job(True)
         elif name is CommandName.RESTART:
             self.restart_commanded = True

@@ -9,15 +9,19 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core
 
+import numpy as np
+from scipy.stats import chi2
+
 from fsw.excitation import criteria, spline
 from hil.evidence.excitation import cases
 from hil.evidence.excitation.compare import Contest, contests
 from hil.evidence.excitation.flown import flights
 from hil.evidence.excitation.gradients import criterion_error, limits_error, race
+from hil.evidence.excitation.replanned import Second, seconds
 from hil.evidence.excitation.requests import INFEASIBLE, refusal, robust
 from hil.evidence.excitation.scatter import scatter
 
-PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown")
+PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown", "replanned")
 CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")
 
 
@@ -27,6 +31,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--systems", nargs="+", choices=list(cases.SYSTEMS), default=cases.SYSTEMS)
     parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--seeds", type=int, default=4, help="of the part replanned")
     parser.add_argument(
         "--outcomes",
         nargs="+",
@@ -62,7 +67,33 @@ def main(argv: list[str] | None = None) -> int:
                 f"{found.name}: {found.seeds} flights, published over predicted sigma {low:.3f} to "
                 f"{high:.3f}; whitened error {found.error:.3f} of the prediction"
             )
+    if "replanned" in parts:
+        _replanned(options.seeds)
     return 0
+
+
+def _replanned(count: int) -> None:
+    found: dict[str, list[Second]] = {"nominal": [], "replanned": []}
+    for seed in range(count):
+        for name, second in seconds(seed).items():
+            found[name].append(second)
+            _say(
+                f"seed {seed}, {name}: {'valid' if second.valid else 'NOT VALID'}, sigma "
+                f"{_mean(second.predicted):.4g} predicted, {_mean(second.flown):.4g} flown "
+                f"(ratio {second.ratio:.3f}); NEES {second.nees:.1f} for {len(second.flown)}"
+            )
+    for name, all_of in found.items():
+        nees = sum(second.nees for second in all_of)
+        dof = sum(len(second.flown) for second in all_of)
+        low, high = (chi2.ppf(p, dof) for p in (0.025, 0.975))
+        _say(f"{name}: NEES {nees:.1f} of all, 95 % band {low:.1f} to {high:.1f}")
+    pairs = zip(found["replanned"], found["nominal"], strict=True)
+    shares = [_mean(one.flown) / _mean(other.flown) for one, other in pairs]
+    _say(f"sigma flown, replanned over nominal: {min(shares):.3f} to {max(shares):.3f}")
+
+
+def _mean(sigma: np.ndarray) -> float:
+    return float(np.exp(np.mean(np.log(sigma))))
 
 
 def _gradients() -> None:

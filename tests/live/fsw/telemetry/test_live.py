@@ -23,6 +23,8 @@ def test_a_daemon_is_commanded_over_its_link_and_starts_again_when_told(arm: Arm
         assert ground.tell("RUN_BATCH", {"method": "FUSED", "unknown": 0, "last_s": 0.0}) == (
             "completion_failure"  # no window yet
         )
+        asked = {"duration_s": 20.0, "starts": 1, "seed": 0}
+        assert ground.tell("RUN_PLAN", asked) == "completion_failure"  # no limits configured
         assert ground.tell("SET_MODE", {"mode": "STANDBY"}) == "completion_success"
         ground.mode("STANDBY")
         before = ground.wait("link").values["boot_count"]

@@ -58,6 +58,7 @@ def test_wrong_packets_are_rejected_with_their_reason(flight: Flight, name):
     assert "TC_REJECTED" in flight.codes
 
 
+PLAN = {"duration_s": 20.0, "starts": 1, "seed": 0}
 ARGUMENTS = [
     ("REPORT_SET", {"sid": 9}, Error.BAD_ARG),
     ("SET_INTERVAL", {"sid": 1, "interval_ms": 9}, Error.OUT_OF_RANGE),
@@ -68,6 +69,11 @@ ARGUMENTS = [
     ("SET_TIME_REPORT_RATE", {"exponent": 9}, Error.OUT_OF_RANGE),
     ("RUN_BATCH", {"method": 0, "unknown": 0, "last_s": 0.0}, Error.BAD_ARG),
     ("RUN_BATCH", {"method": 1, "unknown": 0, "last_s": -1.0}, Error.OUT_OF_RANGE),
+    ("RUN_PLAN", PLAN | {"duration_s": 0.5}, Error.OUT_OF_RANGE),
+    ("RUN_PLAN", PLAN | {"duration_s": float("nan")}, Error.OUT_OF_RANGE),
+    ("RUN_PLAN", PLAN | {"duration_s": float("inf")}, Error.OUT_OF_RANGE),
+    ("RUN_PLAN", PLAN | {"starts": 0}, Error.OUT_OF_RANGE),
+    ("RUN_PLAN", PLAN | {"starts": 65}, Error.OUT_OF_RANGE),
     ("REPORT_PARAMETERS", {"count": 1, "parameter": 99}, Error.BAD_ARG),
     ("REPORT_PARAMETERS", {"count": 0, "parameter": 1}, Error.OUT_OF_RANGE),
     ("REPORT_PARAMETERS", {"count": 2, "parameter": 1}, Error.BAD_LENGTH),

@@ -232,6 +232,25 @@ def test_a_batch_job_is_followed_to_its_end(flight):
     assert (told["state"], told["result_status"], told["cost"], told["unknown"]) == (2, 1, 5.0, 2)
 
 
+def test_a_planned_motion_is_followed_like_a_batch_job(flight):
+    asked = {"duration_s": 20.0, "starts": 2, "seed": 7}
+    assert flight.send("RUN_PLAN", asked) == BEGUN
+    command = flight.commands[0]
+    assert (command.name, command.args) == ("run_plan", asked)
+    flight.answer()
+    assert flight.app.modes.mode is Mode.BATCH
+    flight.app.job(JobReport(id=command.id, state="running", progress=0.4, text="start 1 of 2"))
+    assert [v["step"] for v in flight.all("progress_success")] == [40]
+    ten = {"mass_kg": 0.5, "com_m": [0.1] * 3, "inertia_kg_m2": [0.2] * 6}
+    bodies = {"estimate": {"target": ten}, "sigma": {"target": ten}}
+    result = {"method": "plan", "unknown": ["target"], "status": "OK", **bodies}
+    flight.app.job(JobReport(id=command.id, state="done", progress=1.0, result=result))
+    assert flight.packets[-1].packet.name == "completion_success"
+    flight.send("REPORT_SET", {"sid": 5})
+    told = flight.last("batch")
+    assert (told["method"], told["result_status"], told["target_sigma_mass_kg"]) == (6, 1, 0.5)
+
+
 def test_recordings_are_begun_and_closed(flight):
     assert flight.send("REC_START") == DONE
     assert flight.recording.on

@@ -51,13 +51,26 @@ def test_the_same_request_gives_the_same_trajectory():
     np.testing.assert_array_equal(again.trajectory.points_rad, planned()[1].trajectory.points_rad)
 
 
-def test_starts_side_by_side_give_what_they_give_in_turn():
+@pytest.mark.parametrize("known", [1.0, 0.1], ids=["prior", "estimate"])
+def test_starts_side_by_side_give_what_they_give_in_turn(known):
     several = replace(TINY, starts=2, iterations=4)
-    found = [
-        Planner(subject(), limits(), None, replace(several, jobs=jobs)).plan() for jobs in (1, 2)
-    ]
+    own = replace(subject(), prior_root=subject().prior_root / known)
+    found = [Planner(own, limits(), None, replace(several, jobs=jobs)).plan() for jobs in (1, 2)]
+    assert found[0].starts == found[1].starts
+    assert [line.endswith(", taken") for line in found[0].starts].count(True) == 1
     points = [plan.trajectory.points_rad for plan in found]
     np.testing.assert_array_equal(*points)
+
+
+def test_after_an_estimate_a_random_start_still_finds_a_motion_that_tells_more():
+    """The criterion alone is nearly flat there: the search would end where it begins."""
+    request = replace(TINY, iterations=15)
+    own = replace(subject(), prior_root=1e3 * subject().prior_root)
+    plan = Planner(own, limits(), None, request).plan()
+    blind = replace(own, wide_root=own.prior_root)
+    value = Planner(blind, limits(), None, request).one_start(0, None)
+    assert not isinstance(value, list)
+    assert plan.value < value.value
 
 
 def test_a_panel_is_kept_below_its_amplitude():

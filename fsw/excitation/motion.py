@@ -1,4 +1,4 @@
-"""A planned motion, from the request to its files: shared by `fsw excite` and the Python API."""
+"""A planned motion, from request to files: of `fsw excite`, `RUN_PLAN` and the Python API."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fsw.excitation.collision import Collisions, build_collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
 from fsw.excitation.plan import MotionRequest, Planner
-from fsw.excitation.subject import Subject, build_subject
+from fsw.excitation.subject import QUANTITIES, Subject, build_subject
 from fsw.excitation.verify import Use
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
@@ -40,6 +40,7 @@ class PlannedMotion:
     values: dict[str, float]  # criteria by name
     root: FloatArray  # (p, p) R of the information R^T R after the motion, prior included
     uses: list[Use]  # of every limit, the most used first
+    starts: tuple[str, ...]  # what every start of the search has led to, in words
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -51,6 +52,31 @@ class PlannedMotion:
         """Predicted 1 sigma by quantity, `target.mass_kg` ..."""
         return dict(zip(self.subject.names, predicted_sigma(self.subject, self.root), strict=True))
 
+    def bodies(self) -> dict[str, dict[str, Any]]:
+        """Return estimate and predicted sigma of every body, laid out as in a result."""
+        found: dict[str, dict[str, Any]] = {"estimate": {}, "sigma": {}}
+        for body, k in self._places():
+            mass, com, inertia = from_parameters(self.subject.x[k])
+            found["estimate"][body] = _plain(np.concatenate(([mass], com, inertia)))
+            found["sigma"][body] = _plain(np.array(predicted_sigma(self.subject, self.root))[k])
+        return found
+
+    def changes(self) -> list[str]:
+        """Return a line for each body: every quantity's sigma before and after the motion."""
+        before, after = self.subject.scale.prior_sigma, list(self.sigma.values())
+        return [
+            f"{body}: sigma "
+            + ", ".join(
+                f"{name} {was:.3g} > {will:.3g}"
+                for name, was, will in zip(QUANTITIES, before[k], after[k], strict=True)
+            )
+            for body, k in self._places()
+        ]
+
+    def _places(self) -> list[tuple[str, slice]]:
+        problem = self.subject.problem
+        return [(body, problem.body(body)) for body in problem.unknown]
+
     def samples(self, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return times (m,) [s], and positions, speeds, accelerations, each (m, n) [rad, s]."""
         t_s = export.sample_times(self.trajectory, rate_hz)
@@ -60,20 +86,31 @@ class PlannedMotion:
     def save(self, out: Path | str, rate_hz: float = 20.0) -> None:
         """Write the spline (YAML), and beside it samples as CSV and as a ROS JointTrajectory."""
         out = Path(out)
+        self.save_spline(out, "fsw excite")
+        export.write_csv(self.trajectory, self.joints, out.with_suffix(".csv"), rate_hz)
+        ros = out.with_name(f"{out.stem}_joint_trajectory.yaml")
+        export.write_joint_trajectory(self.trajectory, self.joints, ros, rate_hz)
+
+    def save_spline(self, out: Path, command: str) -> None:
+        """Write the spline (YAML) with what it promises; a file of this name is replaced whole."""
+        before = dict(zip(self.subject.names, self.subject.scale.prior_sigma, strict=True))
         about: dict[str, Any] = {
-            "command": "fsw excite",
+            "command": command,
             "unknown": list(self.subject.problem.unknown),
             "criterion": self.request.criterion,
             "seed": self.request.seed,
             "values": {key: float(f"{value:.6g}") for key, value in self.values.items()},
             "joints": list(self.joints),
             "limits": {use.kind: float(f"{use.value:.5g}") for use in self.uses},
+            "sigma_before_and_after": {
+                name: [float(f"{before[name]:.4g}"), float(f"{after:.4g}")]
+                for name, after in self.sigma.items()
+            },
         }
         out.parent.mkdir(parents=True, exist_ok=True)
-        spline.save(self.trajectory, out, about)
-        export.write_csv(self.trajectory, self.joints, out.with_suffix(".csv"), rate_hz)
-        ros = out.with_name(f"{out.stem}_joint_trajectory.yaml")
-        export.write_joint_trajectory(self.trajectory, self.joints, ros, rate_hz)
+        partial = out.with_name(f".{out.name}")
+        spline.save(self.trajectory, partial, about)
+        partial.replace(out)
 
 
 def bounds(
@@ -123,6 +160,7 @@ def planned(
         values=values,
         root=root,
         uses=found.uses,
+        starts=found.starts,
     )
 
 
@@ -183,6 +221,12 @@ def knowledge(subject: Subject, root: FloatArray) -> list[str]:
         words = in_words(predicted_verdicts(mass_kg, inertia, sigma[k], prior[k]))
         lines.append(f"{body}: {words}; mass to {100.0 * sigma[k][0] / mass_kg:.2g} %")
     return lines
+
+
+def _plain(values: FloatArray) -> dict[str, Any]:
+    """Return ten reported quantities as a result has them."""
+    mass, com, inertia = float(values[0]), values[1:4].tolist(), values[4:].tolist()
+    return {"mass_kg": mass, "com_m": com, "inertia_kg_m2": inertia}
 
 
 def predicted_sigma(subject: Subject, root: FloatArray) -> list[float]:
