@@ -18,7 +18,7 @@ from fsw.config import Config
 from fsw.exchange.sinks import Message, ScienceRecord, StatusReport
 from fsw.loop.ports import Ports
 from fsw.messages import Block, Estimate, Event
-from fsw.messages.commands import Code, Command, CommandName, Reply
+from fsw.messages.commands import JOBS, Code, Command, CommandName, Reply
 from fsw.messages.errors import CommandError
 from fsw.service.blockstore import BlockWriter
 from fsw.service.control import ControlServer
@@ -43,12 +43,12 @@ WINDOW_S = 0.1
 LOOK_NS = 100_000_000
 MOST_LOOKS = 80  # until a telecommand that the loop carries out has its end
 UNFORESEEN = re.compile(r"\b(?!(?:Tc|Config|Command|Estimator|Text|Port|OS)Error)\w*Error: ")
-LONG = {"RUN_BATCH", "DOWNLINK_FILE", "DOWNLINK_PIECE", "PLAY_BACK", "CHECK_OBJECT"}  # a peer ends
+LONG = {"RUN_BATCH", "RUN_PLAN", "DOWNLINK_FILE", "DOWNLINK_PIECE", "PLAY_BACK", "CHECK_OBJECT"}
 OUTSIDE = b"nothing of this may change"
 REQUEST_AT = TM_HEADER_BYTES  # in a verification report
 SEQUENCE_AT = REQUEST_AT + 2
 VERIFICATION = {p.subtype: p.name for p in DICTIONARY.packets if p.service == 1}
-BATCH = (CommandName.RUN_BATCH, CommandName.ABORT_BATCH, CommandName.ADOPT)
+BATCH = (*JOBS, CommandName.ABORT_BATCH, CommandName.ADOPT)
 
 
 class _Recording:

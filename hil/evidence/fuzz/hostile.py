@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from fsw.config.tables import MonitorsTable, NoiseTable, RatesTable
-from fsw.messages.commands import CommandName
+from fsw.messages.commands import PLAN_BOUNDS, CommandName
 from fsw.telemetry.dictionary import DICTIONARY, Field, Telecommand, Type
 from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from hil.evidence.fuzz.choices import Choices
@@ -230,6 +230,9 @@ class Grammar:
         if name == "run_batch" or choices.once_in(8):
             values["method"] = choices.one(("fused", "rda", "ce", "none", 3, ["fused"]))
             values["last_s"] = choices.one((*NUMBERS, *STRANGE, 10**400))
+        if name == "run_plan":
+            strange = (*NUMBERS, *STRANGE, 10**400, 20.0, 1)
+            values |= {key: choices.one(strange) for key in PLAN_BOUNDS}
         if name in ("run_batch", "configure") or choices.once_in(8):
             values["unknown"] = choices.one(("both", "base", "target", [], ["x"], [[[]]], None, 1))
         text = json.dumps(values, default=str).encode()

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from fsw.config import parse
-from fsw.messages.commands import MAX_LINE_BYTES, CommandName, parse_command
+from fsw.messages.commands import JOBS, MAX_LINE_BYTES, parse_command
 from fsw.messages.errors import CommandError, ConfigError
 from hil.evidence.fuzz.oracle import Target, require
 
@@ -29,7 +29,7 @@ def command_target() -> Target:
                 continue
             require(len(line) <= MAX_LINE_BYTES, "too long a line", len(line))
             require(command.id == 5, "another id", line)
-            if command.name is not CommandName.RUN_BATCH and command.args:
+            if command.name not in JOBS and command.args:
                 continue  # arguments in a form of their own
             text = json.dumps({"command": str(command.name), **command.args}).encode()
             require(parse_command(text, 5) == command, "not the same again", line, command)
