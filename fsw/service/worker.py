@@ -92,13 +92,14 @@ def _planned(config: Config, request: PlanRequest, progress: Progress) -> Mappin
     from fsw.excitation.plan import MotionRequest
     from fsw.excitation.subject import build_subject
 
-    if config.excitation is None:
+    own = config.excitation
+    if own is None:
         raise ConfigError("excitation.limits: missing; which limits hold is never assumed")
     config = config.with_unknown(request.unknown)
     asked = MotionRequest(
         duration_s=request.duration_s,
         starts=request.starts,
-        jobs=config.excitation.jobs,
+        jobs=own.jobs,
         seed=request.seed,
     )
     seen = 0
@@ -110,7 +111,7 @@ def _planned(config: Config, request: PlanRequest, progress: Progress) -> Mappin
         progress(min(ratio, 0.99), text)
 
     subject = build_subject(config, after=request.posterior, seed=asked.seed)
-    limits, collisions = bounds(config, subject, config.resolve(config.excitation.limits), report)
+    limits, collisions = bounds(config, subject, config.resolve(own.limits), report)
     motion = planned(subject, limits, collisions, asked, report)
     motion.save_spline(request.out, "RUN_PLAN")
     return {

@@ -92,7 +92,7 @@ class FlightSection(_Section):
     sync_jitter_s: float  # 1 sigma of a SYNC's stamp from the latch, in real time
     estimator: dict[str, Any]  # as in the configuration
     modes: ModesSection | None = None  # null: liquid and panels are not declared
-    excitation: dict[str, Any] | None = None  # as in the configuration; limits: where they stand
+    excitation: dict[str, Any] | None = None  # as in the configuration
 
 
 class FaultEntry(_Section):
