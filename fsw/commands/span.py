@@ -55,9 +55,10 @@ WHOLE = Span()
 
 
 def _within(piece: Piece, bounds: tuple[float, float]) -> dict[str, Column]:
-    kept: dict[str, Column] = {}
-    for topic, (data, spans) in piece.read().items():
-        within = (spans[:, 0] >= bounds[0]) & (spans[:, 0] < bounds[1])
-        if within.any():
-            kept[topic] = Column(data, spans[within])
-    return kept
+    kept = {
+        topic: column._replace(
+            spans=[span for span in column.spans if bounds[0] <= span[0] < bounds[1]]
+        )
+        for topic, column in piece.read().items()
+    }
+    return {topic: column for topic, column in kept.items() if column.spans}

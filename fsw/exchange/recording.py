@@ -25,7 +25,6 @@ from mcap.records import Attachment, Channel, Chunk, Metadata
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
-from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from fsw.config.text import MAX_TEXT_BYTES, kind_of
@@ -36,22 +35,14 @@ from fsw.drivers.wire import (
     FrameArray,
     frames_from,
 )
-from fsw.messages import IntArray
 from fsw.messages.errors import ConfigError
 
 SAMPLES = "/samples/"  # before the name of a source; values as the sensor gave them, as JSON
 SAMPLED = "samples"  # metadata of a recording with decoded samples: names of its joints
 END_NS = 1 << 63  # after every time
 _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
-_MESSAGE = np.dtype(  # MCAP: both heads of a record that is a message
-    {
-        "names": ["opcode", "length", "channel", "t_ns"],
-        "formats": ["u1", "<u8", "<u2", "<u8"],
-        "offsets": [0, 1, 9, 15],
-        "itemsize": 31,  # sequence and publish time are left out
-    }
-)
-_RUN = 8  # records of one length in a row: there may be many
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time
+_RECORD = struct.Struct("<BQH4xQ8x")  # both, without sequence and publish time
 
 
 class RecordedMessage(NamedTuple):
@@ -67,25 +58,24 @@ class Column(NamedTuple):
     """The messages of one topic in a piece of a recording, in file order."""
 
     data: bytes  # of the piece
-    spans: IntArray  # (k, 3) log time [ns], first byte and byte behind each message
+    spans: list[tuple[int, int, int]]  # log time [ns], first byte and byte behind each message
 
     def frames(self) -> FrameArray:
         """Return them as frames of a bus; what is no frame is left out."""
-        spans = self.spans
+        spans = np.array(self.spans, np.int64)
         sizes = spans[:, 2] - spans[:, 1]
         width = int(sizes[0])
         if width in (CLASSIC_BYTES, FD_BYTES) and np.count_nonzero(sizes == width) == len(sizes):
             octets = np.frombuffer(self.data, np.uint8)
             rows = np.lib.stride_tricks.sliding_window_view(octets, width)[spans[:, 1]]
         else:
-            parts = spans[:, 1:].tolist()
-            padded = [self.data[a:b][:FD_BYTES].ljust(FD_BYTES, b"\0") for a, b in parts]
+            padded = [self.data[a:b][:FD_BYTES].ljust(FD_BYTES, b"\0") for _, a, b in self.spans]
             rows = np.frombuffer(b"".join(padded), np.uint8).reshape(-1, FD_BYTES)
         return frames_from(spans[:, 0], rows, sizes)
 
     def chunks(self) -> list[ByteChunk]:
         """Return them as chunks of a serial line."""
-        return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans.tolist()]
+        return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,7 +150,7 @@ def messages_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[Record
                 RecordedMessage(
                     t_ns, (piece.part, piece.offset, start), topic, column.data[start:stop]
                 )
-                for t_ns, start, stop in column.spans.tolist()
+                for t_ns, start, stop in column.spans
             ]
         held.sort()
         ready = bisect_left(held, following_ns, key=lambda item: item.t_ns)
@@ -234,9 +224,9 @@ def _pieces(path: Path, part: int, wanted: set[str]) -> Iterator[Piece]:
             )
         return
     found = _streamed(path, wanted)
-    if found:
-        start_ns = min(int(column.spans[:, 0].min()) for column in found.values())
-        yield Piece(start_ns, part, 0, lambda: found)
+    times_ns = [t_ns for column in found.values() for t_ns, _, _ in column.spans]
+    if times_ns:
+        yield Piece(min(times_ns), part, 0, lambda: found)
 
 
 def _streamed(path: Path, wanted: set[str]) -> dict[str, Column]:
@@ -255,7 +245,7 @@ def _streamed(path: Path, wanted: set[str]) -> dict[str, Column]:
             span = (record.log_time, start, len(data))
             spans.setdefault(names[record.channel_id], []).append(span)
     whole = bytes(data)
-    return {topic: Column(whole, np.array(found, np.int64)) for topic, found in spans.items()}
+    return {topic: Column(whole, found) for topic, found in spans.items()}
 
 
 def _read_chunk(
@@ -266,7 +256,8 @@ def _read_chunk(
             file.seek(offset + _RECORD_HEAD.size)
             stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), True)
             found = _columns(stream.read(size), topics)
-        if any(column.spans[:, 0].min() < start_ns for column in found.values()):
+        times_ns = [t_ns for column in found.values() for t_ns, _, _ in column.spans]
+        if times_ns and not start_ns <= min(times_ns) <= max(times_ns) < END_NS:
             raise ValueError("messages before the time its index says, or after every time")
     except _BROKEN as error:
         words = "what is before may be used: --to S, in seconds from its start"
@@ -276,43 +267,19 @@ def _read_chunk(
 
 def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
     """Return the messages in a chunk by topic."""
-    starts, heads = _records(data)
-    spans = np.empty((len(heads), 3), np.int64)
-    spans[:, 0] = heads["t_ns"]  # one that int64 cannot hold is before what any index says
-    spans[:, 1] = starts + _MESSAGE.itemsize
-    spans[:, 2] = starts + _RECORD_HEAD.size + heads["length"].astype(np.int64)
-    is_message = heads["opcode"] == Opcode.MESSAGE
-    found = {t: spans[is_message & (heads["channel"] == c)] for c, t in topics.items()}
-    return {topic: Column(data, own) for topic, own in found.items() if len(own)}
-
-
-def _records(data: bytes) -> tuple[IntArray, NDArray[np.void]]:
-    """Return where the records of a chunk begin (k,), and what they begin with (k,) of `_MESSAGE`.
-
-    Those of one length in a row are found at once.
-    """
-    starts, heads = list[IntArray | list[int]](), list[bytes]()
-    at, size, width, first = 0, len(data), _RECORD_HEAD.size, _MESSAGE.itemsize
-    octets, padded = np.frombuffer(data, np.uint8), data + bytes(first)
-    kind, alike = b"", 0
+    spans: dict[int, list[tuple[int, int, int]]] = {channel: [] for channel in topics}
+    at, size, head, body = 0, len(data), _RECORD_HEAD.size, _RECORD_HEAD.size + _MESSAGE_HEAD.size
+    unpack, message = _RECORD.unpack_from, int(Opcode.MESSAGE)
+    padded = data + bytes(_RECORD.size)
     while at < size:
-        before, kind = kind, padded[at : at + width]
-        stride = width + int.from_bytes(kind[1:], "little")
-        alike = alike + 1 if kind == before else 0
-        if alike < _RUN or stride < first or at + stride > size:
-            starts.append([at])
-            heads.append(padded[at : at + first])
-            at += stride
-            continue
-        rows = octets[at : size - (size - at) % stride].reshape(-1, stride)[:, :first]
-        other = (rows[:, :width] != rows[0, :width]).any(axis=1)
-        count = int(other.argmax()) or len(rows)
-        starts.append(np.arange(at, at + count * stride, stride))
-        heads.append(rows[:count].tobytes())
-        at, alike = at + count * stride, 0
+        opcode, length, channel, t_ns = unpack(padded, at)
+        stop = at + head + length
+        if opcode == message and channel in spans:
+            spans[channel].append((t_ns, at + body, stop))
+        at = stop
     if at > size:
         raise ValueError("a record longer than its chunk")
-    return np.concatenate([[], *starts]).astype(np.int64), np.frombuffer(b"".join(heads), _MESSAGE)
+    return {topics[channel]: Column(data, found) for channel, found in spans.items() if found}
 
 
 @dataclass(slots=True)
