@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -153,6 +154,7 @@ def main(source: IO[bytes], target: IO[str]) -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # which the service ignores, and so its children
     end_with(int(sys.argv[1]))
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.nice(NICE)
