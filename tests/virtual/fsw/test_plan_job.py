@@ -5,6 +5,7 @@ import json
 import os
 import pickle
 import select
+import signal
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -87,7 +88,9 @@ def test_a_motion_from_the_estimate_is_planned_beside_the_service(tmp_path):
 
 def test_an_ended_job_leaves_no_process_and_no_file(tmp_path):
     jobs, told = jobs_of(flight(tmp_path, 2), tmp_path)
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)  # as the service has it
     jobs.carry_out(Command(name=CommandName.RUN_PLAN, id=5, args=ASKED))
+    signal.signal(signal.SIGTERM, before)
     process = jobs._process
     assert process is not None
     assert os.getpriority(os.PRIO_PROCESS, process.pid) in (0, worker.NICE)  # 0: not up yet
