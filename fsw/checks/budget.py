@@ -28,7 +28,10 @@ TPDO1_FD_BYTES = 20
 TPDO2_BYTES = 8
 WHEEL_TPDO2_BYTES = 2
 TPDO2_DIVIDER = 10  # sent at every tenth SYNC
-IMU_BYTES = (28, 63)  # shortest datagram with an accelerometer, and the longest of all
+IMU_BYTES = {  # shortest datagram with an accelerometer, and the longest of all
+    "stim300": (28, 63),
+    "mip": (44, 134),  # rate, acceleration and time alone; the longest packet that is read
+}
 CRLF_BYTES = 2
 IMU_RATES_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0)
 STAR_TRACKER_BYTES = 2 + 2 * 87  # a solution frame with every byte escaped
@@ -86,11 +89,11 @@ def bus_load(
 
 def imu_load(imu: ImuConfig) -> tuple[float, float]:
     """Return the share of the line that the shortest and the longest datagram would take."""
-    if imu.driver == SAMPLES:
+    if imu.driver not in IMU_BYTES:  # no serial line
         return 0.0, 0.0
     end = CRLF_BYTES if imu.crlf else 0
     shortest, longest = (
-        (size + end) * BITS_PER_BYTE * imu.rate_hz / imu.baud_rate for size in IMU_BYTES
+        (size + end) * BITS_PER_BYTE * imu.rate_hz / imu.baud_rate for size in IMU_BYTES[imu.driver]
     )
     return shortest, longest
 
@@ -109,7 +112,8 @@ def joint_delay_s(bus: BusConfig, scheduler: SchedulerConfig) -> float:
 def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:
     """Return the time [s] from validity to reading: group delay, one sample, the line, a tick."""
     group_s = max(imu.gyro_group_delay_s, imu.acc_group_delay_s)
-    line_s = (IMU_BYTES[1] + CRLF_BYTES) * BITS_PER_BYTE / imu.baud_rate
+    longest = IMU_BYTES.get(imu.driver, (0, 0))[1]  # no line: no bytes
+    line_s = (longest + CRLF_BYTES) * BITS_PER_BYTE / imu.baud_rate
     return group_s + 1.0 / imu.rate_hz + line_s + 1.0 / scheduler.tick_rate_hz
 
 

@@ -28,7 +28,10 @@ class Span:
             raise ConfigError(f"--to: {self.to_s:g} must be greater than --from {self.from_s:g}")
 
     def pieces(self, pieces: Iterator[tuple[Piece, int]]) -> Iterator[tuple[Piece, int]]:
-        """Yield the pieces of a recording with what lies within."""
+        """Yield each piece of a recording that may hold messages of this span, cut to the span.
+
+        Beside a piece stands the time [ns] at which the next one starts.
+        """
         bounds: tuple[float, float] | None = None
         for piece, following_ns in pieces:
             if self == WHOLE:

@@ -44,7 +44,10 @@ def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
 
 
 def whole_problem(subject: Subject) -> tuple[Problem, FloatArray]:
-    """Return the problem as it flies, and its prior covariance with the subject's bodies."""
+    """Return the estimation problem with all states of the configuration, and its prior covariance.
+
+    The covariance's block of the unknown bodies is the subject's.
+    """
     problem = build_problem(subject.config, subject.model)
     covariance, p = problem.prior_covariance.copy(), len(subject.x)
     covariance[:p, :p] = subject.state_covariance[:p, :p]

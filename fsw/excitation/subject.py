@@ -151,7 +151,7 @@ def build_subject(
 
 
 def prior_root(covariance: FloatArray) -> FloatArray:
-    """Return the square root R of an information matrix: R^T R is the inverse covariance."""
+    """Return a triangular R with R^T R the inverse of a covariance."""
     L = np.linalg.cholesky(covariance)
     return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
 

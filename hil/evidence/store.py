@@ -23,7 +23,10 @@ Row = Mapping[str, Any]  # plain values of JSON
 
 
 class Store:
-    """Rows by key, in one folder or, without one, in memory."""
+    """Results, one row of JSON values for each key, kept in a journal file in a folder.
+
+    Without a folder they are kept in memory only.
+    """
 
     def __init__(self, folder: Path | None, settings: Mapping[str, Any]) -> None:
         """Open or make the folder.

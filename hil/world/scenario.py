@@ -355,17 +355,17 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
-    """Return a scenario with some settings of its sensors or its flight software changed.
+    """Return the scenario with settings of its sensors, flight software or timing changed.
 
     Parameters
     ----------
-    settings : KEY=VALUE each; KEY as `sensors.joints.torque_noise_nm`, VALUE as YAML; the rests
-        are `timing.before_s` and `timing.after_s`, the motions `trajectories.identification`
-        and `trajectories.verification`
+    settings : KEY=VALUE each; KEY as `sensors.joints.torque_noise_nm`, VALUE as YAML.
+        `timing.before_s` and `timing.after_s` are the times at rest before and after the motion,
+        `trajectories.identification` and `trajectories.verification` the motions
 
     Raises
     ------
-    ScenarioError for what is no such setting.
+    ScenarioError for a KEY outside these sections, and for a value that is not allowed.
     """
     sections: dict[str, Any] = {
         "sensors": deepcopy(scenario.sensors),

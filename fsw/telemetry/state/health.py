@@ -37,7 +37,11 @@ CLEARED_BY = {"COMMAND_BACK": Health.COMMAND_LOSS, "LIMIT_RECOVERED": Health.LIM
 
 
 class HealthWord:
-    """Latched bits, and the same bits as they are now where that is known."""
+    """One bit for each kind of fault.
+
+    `latched`: faults that have occurred, until cleared. `now`: faults known to be present; one that
+    only an event tells of is latched, and never in `now`.
+    """
 
     def __init__(self) -> None:
         self.latched = 0
@@ -45,7 +49,7 @@ class HealthWord:
 
     @property
     def now(self) -> int:
-        """Faults that stand."""
+        """Faults known to be present."""
         return self._standing
 
     def event(self, code: str) -> int:

@@ -52,7 +52,10 @@ def mistakes() -> Mapping[str, Change]:
 
 
 def wrong(name: str, document: Mapping[str, Any], urdf: str) -> tuple[Document, str]:
-    """Return the document and the robot file with a mistake in them."""
+    """Return copies of a flight configuration and of the robot file's text, one of them wrong.
+
+    `name` is the mistake that is made in it.
+    """
     changed = copy.deepcopy(dict(document)) | {"_urdf": urdf}
     mistakes()[name](changed)
     text: str = changed.pop("_urdf")

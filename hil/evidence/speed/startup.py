@@ -52,7 +52,7 @@ class StartupPair:
 
 
 def time_import() -> float:
-    """Return how long a fresh interpreter takes to import the libraries and end [s]."""
+    """Return the time [s] that a fresh interpreter takes to import the libraries and exit."""
     began_ns = time.monotonic_ns()
     subprocess.run(tied([sys.executable, "-c", IMPORTS]), check=True, env=_environment())
     return (time.monotonic_ns() - began_ns) * 1e-9

@@ -21,7 +21,10 @@ GRAZING = 1e-12  # sine below which a plate has no direction of shear
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plates:
-    """Flat plates, one-sided, each in the frame of its body."""
+    """Flat plates, each in the axes of its body.
+
+    Air and sunlight act only on the side of the outward normal.
+    """
 
     body: FloatArray  # (p,) number of the body, integer
     area_m2: FloatArray  # (p,)

@@ -67,3 +67,10 @@ def test_the_line_load_counts_ten_bits_per_byte_and_the_line_end(arm):
     shortest, longest = budget.imu_load(load(arm.write()).imu)
     assert shortest == pytest.approx(30 * 10 * 1000 / 460800)
     assert longest == pytest.approx(65 * 10 * 1000 / 460800)
+
+
+def test_the_line_load_is_that_of_the_drivers_own_packets(arm):
+    arm.data["imu"].update(driver="mip", rate_hz=100.0, baud_rate=115200)
+    shortest, longest = budget.imu_load(load(arm.write()).imu)
+    assert shortest == pytest.approx((6 + 14 + 14 + 10) * 10 * 100 / 115200)
+    assert longest == pytest.approx((6 + 128) * 10 * 100 / 115200)
