@@ -46,7 +46,7 @@ class MipMatcher:
         return len(data) - 1 if data[-1] == SYNC[0] else len(data)
 
     def match(self, data: bytearray, start: int) -> int:
-        """Return the length of the packet at `start`; 0 if it is incomplete, -1 if there is none."""
+        """Return the length of the packet at `start`: 0 if it is incomplete, -1 if none."""
         if len(data) - start < 4:
             return 0
         if data[start + 3] > MAX_PAYLOAD_BYTES:

@@ -59,7 +59,7 @@ def store_of(packet: bytes) -> Store | None:
 
 
 class Playback:
-    """Stores chosen downlink packets (events, housekeeping, science); sends them again on request."""
+    """Stores packets of events, housekeeping and science, and sends them again on request."""
 
     def __init__(self, context: TelemetryContext, link: GroundLink) -> None:
         self._context, self._link = context, link

@@ -56,12 +56,12 @@ class Orbit:
         return 2.0 * math.pi / self.rate_rad_s
 
     def up(self, t_s: ArrayLike) -> FloatArray:
-        """Return unit vectors (k, 3) in N from the Earth's centre to the spacecraft at times (k,)."""
+        """Return unit vectors (k, 3) in N from the Earth's centre to the craft at times (k,)."""
         angle = self.rate_rad_s * np.asarray(t_s)[..., None]
         return np.asarray(np.cos(angle) * self.up_N + np.sin(angle) * self.along_N)
 
     def up_at(self, t_s: float) -> FloatArray:
-        """Return the unit vector (3,) in N from the Earth's centre to the spacecraft at one time."""
+        """Return the unit vector (3,) in N from the Earth's centre to the craft at one time."""
         angle = self.rate_rad_s * t_s
         return math.cos(angle) * self.up_N + math.sin(angle) * self.along_N
 
