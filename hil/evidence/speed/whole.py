@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -66,7 +66,8 @@ class Condition:
     dropped: int = 0  # messages the recorder or the ring lost
     lost: dict[str, int] = field(default_factory=dict)  # samples, by source
     timer_wakes: int = 0  # of cyclictest; 0: not installed
-    timer_slips: int = 0  # of these, later than a tick's period
+    timer_slips: int = 0  # grid points that it missed: a wake-up k periods late misses k
+    timer_stalls: int = 0  # its wake-ups as late as what the loop calls a stall
 
     @property
     def slips_per_1000(self) -> float:
@@ -75,8 +76,14 @@ class Condition:
 
     @property
     def timer_slips_per_1000(self) -> float:
-        """Wake-ups of cyclictest later than a period, of a thousand."""
-        return 1000.0 * self.timer_slips / max(1, self.timer_wakes)
+        """Grid points that cyclictest missed, of a thousand: it skips them as the loop does."""
+        return 1000.0 * self.timer_slips / max(1, self.timer_wakes + self.timer_slips)
+
+    @property
+    def timer_stalls_of_run(self) -> float:
+        """Stalls of cyclictest, in proportion to as many grid points as the loop had."""
+        points = max(1, self.timer_wakes + self.timer_slips)
+        return self.timer_stalls * (self.ticks + self.slips) / points
 
     @property
     def unexplained(self) -> int:
@@ -93,7 +100,9 @@ class Condition:
         """Return a few lines."""
         cores = ", ".join(f"{k} {v:.1f} %" for k, v in self.core_percent.items())
         memory = ", ".join(f"{k} {v:.0f}" for k, v in self.resident_mb.items())
-        timer = f"{self.timer_slips_per_1000:.1f}" if self.timer_wakes else "not measured"
+        timer = stalls = "not measured"
+        if self.timer_wakes:
+            timer, stalls = f"{self.timer_slips_per_1000:.1f}", f"{self.timer_stalls_of_run:.0f}"
         late = Counter(self.bench["explains"])
         incidents, late_ones = (
             ", ".join(f"{k} {v}" for k, v in counts.items()) or "none"
@@ -109,7 +118,7 @@ class Condition:
                 f"  memory [MB]: {memory}",
                 f"  slips of 1000 ticks: {self.slips_per_1000:.1f}; of cyclictest: {timer}",
                 f"  work of a tick: mean {self.work_mean_us:.0f} us, p99 {self.work_p99_us:.0f} us;"
-                f" {self.over_budget} over budget; {self.stalls} stalls",
+                f" {self.over_budget} over budget; {self.stalls} stalls; of cyclictest: {stalls}",
                 f"  p99: frame to sample {self.sampled_p99_us / 1e3:.1f} ms{sent};"
                 f" window closed to estimate published {self.published_p99_us / 1e3:.1f} ms,"
                 f" to its packet {self.estimate_packet_p99_ms:.1f} ms",
@@ -186,7 +195,11 @@ def measure(
         for client in clients:
             client.close()
         stack.close()
-        condition = _condition(name, watch, outcome.status, wakes, 1e6 / rate_hz)
+        condition = _condition(name, watch, outcome.status)
+        condition.timer_wakes = sum(count for _, count in wakes)
+        condition.timer_slips = missed(wakes, 1e6 / rate_hz)
+        stall_us = 1e6 * setup.config.health.stall_s
+        condition.timer_stalls = sum(count for late_us, count in wakes if late_us >= stall_us)
         events = live.events_of(outcome.recordings)
         condition.bench = bench_stalls(events, outcome.plant["stalls_ns"])
         condition.sample_packet_p99_ms = clients[0].p99_ms("science")
@@ -194,13 +207,17 @@ def measure(
         return condition
 
 
-def _condition(
-    name: str,
-    watch: _Watch,
-    final: Mapping[str, Any],
-    wakes: list[tuple[int, int]],
-    period_us: float,
-) -> Condition:
+def missed(wakes: Sequence[tuple[int, int]], period_us: float) -> int:
+    """Return the grid points that wake-ups missed.
+
+    Parameters
+    ----------
+    wakes : how late wake-ups were [us], and how many were so late
+    """
+    return sum(count * int(late_us // period_us) for late_us, count in wakes)
+
+
+def _condition(name: str, watch: _Watch, final: Mapping[str, Any]) -> Condition:
     first, last = watch.first, watch.last
     if first is None or last is None:
         raise live.LiveError(f"{name}: no status after {SETTLE_S:.0f} s")
@@ -227,8 +244,6 @@ def _condition(
         incidents=dict(last.status["health"]["incidents"]),
         dropped=int(final.get("ring", {}).get("dropped", 0)),
         lost={k: v["lost"] for k, v in last.status["samples"].items()},
-        timer_wakes=sum(count for _, count in wakes),
-        timer_slips=sum(count for late_us, count in wakes if late_us >= period_us),
     )
 
 
@@ -299,6 +314,8 @@ def summary(rounds: list[list[Condition]]) -> str:
             "service [% of a core]": [run.core_percent.get("service", 0.0) for run in runs],
             "slips of 1000": [run.slips_per_1000 for run in runs],
             "slips of 1000, cyclictest": [run.timer_slips_per_1000 for run in runs],
+            "stalls": [float(run.stalls) for run in runs],
+            "stalls, cyclictest": [run.timer_stalls_of_run for run in runs],
             "work of a tick, p99 [us]": [run.work_p99_us for run in runs],
             "work of a tick, mean [us]": [run.work_mean_us for run in runs],
             "frame to sample, p99 [ms]": [run.sampled_p99_us / 1e3 for run in runs],
