@@ -325,12 +325,9 @@ def _excite(arguments: argparse.Namespace) -> int:
 
 
 def _ctl(arguments: argparse.Namespace) -> int:
-    from fsw.commands.ctl import request_of
-    from fsw.service.control import control
+    from fsw.commands.ctl import reply_to
 
-    config = _config(arguments)
-    request = request_of(arguments.name, arguments.arguments)
-    reply = control(config.resolve(config.service.state_directory), request)
+    reply = reply_to(_config(arguments), arguments.name, arguments.arguments)
     print(json.dumps(reply))
     return 0 if reply.get("accepted") else FAILED_EXIT
 

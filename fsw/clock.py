@@ -13,7 +13,6 @@ CLOCK_READINGS = 4  # attempts at reading two clocks together
 TOGETHER_NS = 5_000  # apart at most, so that no attempt is made again
 TIME_ERROR = 5  # of adjtimex(2): not synchronised
 UNKNOWN_ERROR_NS = 16_000_000_000  # as the kernel has it when nothing steers its clock
-KERNEL_WAIT_NS = 20_000_000  # of a stamped frame in the kernel's own queues, at most; 16 ms seen
 
 
 class Clock(Protocol):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fsw.clock import KERNEL_WAIT_NS
 from fsw.config import (
     BusConfig,
     ImuConfig,
@@ -18,6 +17,7 @@ from fsw.config import (
     WheelConfig,
 )
 from fsw.config.devices import SAMPLES
+from fsw.drivers.ports.stamps import KERNEL_WAIT_NS
 
 BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
 ASSUMED_BITRATE = 1_000_000  # of a bus whose interface sets the bit rate elsewhere

@@ -1,13 +1,27 @@
-"""The request that `fsw ctl` sends to a running daemon."""
+"""`fsw ctl`: one command to a running daemon, and its reply."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
+from fsw.config import Config
 from fsw.messages.commands import PLAN_BOUNDS
 from fsw.messages.errors import ConfigError
+from fsw.service.control import control
 
 NUMBERS = ("last_s", *PLAN_BOUNDS)
+
+
+def reply_to(config: Config, name: str, pairs: Iterable[str]) -> dict[str, Any]:
+    """Send a command with its arguments, given as KEY=VALUE; return the daemon's reply.
+
+    Raises
+    ------
+    ConfigError as `request_of`; PortError when no daemon answers.
+    """
+    request = request_of(name, pairs)
+    return control(config.resolve(config.service.state_directory), request)
 
 
 def request_of(name: str, pairs: Iterable[str]) -> dict[str, object]:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.clock import KERNEL_WAIT_NS, Clock, monotonic_less_realtime_ns
+from fsw.clock import Clock, monotonic_less_realtime_ns
 
+KERNEL_WAIT_NS = 20_000_000  # of a stamped frame in the kernel's own queues, at most; 16 ms seen
 SET_NS = 100_000  # two clocks that moved further apart than this: one of them was set
 DOUBT_NS = 100_000_000  # after that
 
