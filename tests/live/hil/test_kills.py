@@ -30,5 +30,7 @@ def test_killed_processes_come_back_and_nothing_readable_is_lost() -> None:
     result = json.loads(done.stdout)
     assert result["kills"] == COUNT, done.stderr
     assert result["faults"] == [], result
-    medians = [result[victim]["median_ratio"] for victim in VICTIMS if victim in result]
+    seen = [result[victim] for victim in VICTIMS if victim in result]
+    medians = [one["median_ratio"] for one in seen if one["kills"] >= 3]  # fewer: no median
+    assert medians, result
     assert 1.0 < max(medians) <= result["bound_ratio"] == 2.5, result
