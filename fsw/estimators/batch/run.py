@@ -47,6 +47,7 @@ Keep = Callable[[Problem, FloatArray, FloatArray], None]  # problem, mean (p,), 
 CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
 NEED_EVERY_TORQUE = ("mrnea", "ce")
 WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
+WARM_BLOCKS = 32  # at least, where there are so many: the start need only be near
 WIDENINGS = 6  # rounds: of bodies, whose values hold one another, then of the rest of the model
 SETTLED = ("OK", "INSUFFICIENT_EXCITATION")
 _DISTANCE = "sigma is that of the errors in variables and includes the distance from them"
@@ -269,8 +270,9 @@ def _likelihood(
 
 
 def _warm_start(problem: Problem, blocks: Sequence[Block], gate_probability: float) -> FloatArray:
-    """Return the state at which the linear method ends."""
-    near = minimise(problem, Target(Linearisation(row_function("mrnea", "eiv", problem), blocks)))
+    """Return the state at which the linear method ends on some of the blocks, of all the motion."""
+    some = blocks[:: max(1, len(blocks) // WARM_BLOCKS)]
+    near = minimise(problem, Target(Linearisation(row_function("mrnea", "eiv", problem), some)))
     if near.status == "NOT_CONVERGED":  # blocks that do not fit may be why
         return _likelihood(problem, "mrnea", blocks, gate_probability, None).mean
     return near.mean
