@@ -193,9 +193,13 @@ def without_spikes(values: FloatArray, limit: float) -> FloatArray:
     """Return values (k, 3) with what is far from the median of five replaced by that median."""
     if len(values) < MEDIAN_OF:
         return values
-    side = MEDIAN_OF // 2
-    padded = np.pad(values, ((side, side), (0, 0)), mode="reflect")
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_OF, axis=0), axis=-1)
+    side, k = MEDIAN_OF // 2, len(values)
+    padded = np.concatenate([values[side:0:-1], values, values[-2 : -2 - side : -1]])
+    a, b, c, d, e = (padded[i : i + k] for i in range(MEDIAN_OF))
+    # what is neither least nor greatest of four, and the fifth; of NaN comes NaN, as of np.median
+    a, b, c, d = np.minimum(a, b), np.maximum(a, b), np.minimum(c, d), np.maximum(c, d)
+    low, high = np.maximum(a, c), np.minimum(b, d)
+    middle = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
     return np.where(np.abs(values - middle) > limit, middle, values)
 
 
@@ -209,13 +213,17 @@ def _matrix(q: FloatArray) -> FloatArray:
 
 
 def _conjugate(q: FloatArray) -> FloatArray:
-    return np.concatenate([-q[:3], q[3:]])
+    return np.array([-q[0], -q[1], -q[2], q[3]])
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the Hamilton product: rotation b, then a."""
-    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])
+    ax, ay, az, aw = a.tolist()  # numpy takes ten times as long with so few
+    bx, by, bz, bw = b.tolist()
+    x = aw * bx + bw * ax + (ay * bz - az * by)
+    y = aw * by + bw * ay + (az * bx - ax * bz)
+    z = aw * bz + bw * az + (ax * by - ay * bx)
+    return np.array([x, y, z, aw * bw - (ax * bx + ay * by + az * bz)])
 
 
 def _quaternion(turn_rad: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from fsw.drivers.wire import Reject
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.findings import Fault
 
-HISTORY_SYNCS = 2048  # SYNCs over which losses are settled
+HISTORY_SYNCS = 1024  # SYNCs over which losses are settled
 CHAIN = 3  # samples in unbroken, consistent order ...
 CHAIN_S = 0.1  # ... over at least this time are believed against the last accepted one
 SLACK_SIGMAS = 10.0

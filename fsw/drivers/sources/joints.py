@@ -182,11 +182,15 @@ class JointBusSource:
         syncs: list[Mark] = []
         others: list[Mark] = []
         part = frames[rows]
+        is_sync = part["word"] == canopen.COB_SYNC
+        own = part[is_sync]
+        if len(own) and (own["length"] == 1).all():
+            first, places, stamps_ns = self._syncs.count, rows[is_sync], own["t_ns"].tolist()
+            if self._syncs.follow(own["data"][:, 0].tolist(), stamps_ns, places.tolist()):
+                indexes = range(first, self._syncs.count)
+                syncs += map(Mark, places.tolist(), stamps_ns, indexes)
+                rows, part = rows[~is_sync], part[~is_sync]
         data, width = part["data"].tobytes(), MAX_DATA_BYTES
-        if len(part) and (part["word"] == canopen.COB_SYNC).all() and (part["length"] == 1).all():
-            first, places, stamps_ns = self._syncs.count, rows.tolist(), part["t_ns"].tolist()
-            if self._syncs.follow(part["data"][:, 0].tolist(), stamps_ns, places):
-                return list(map(Mark, places, stamps_ns, range(first, self._syncs.count))), []
         columns = (rows, part["word"], part["length"], part["t_ns"])
         items = zip(*(column.tolist() for column in columns), strict=True)
         for k, (row, word, length, t_ns) in enumerate(items):
