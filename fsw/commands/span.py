@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from math import inf
+from math import ceil, inf
 
-from fsw.exchange.recording import Column, Piece
+from fsw.exchange.recording import END_NS, Column, Piece
 from fsw.messages.errors import ConfigError
 
 
@@ -58,10 +58,11 @@ WHOLE = Span()
 
 
 def _within(piece: Piece, bounds: tuple[float, float]) -> dict[str, Column]:
-    kept = {
-        topic: column._replace(
-            spans=[span for span in column.spans if bounds[0] <= span[0] < bounds[1]]
-        )
-        for topic, column in piece.read().items()
-    }
-    return {topic: column for topic, column in kept.items() if column.spans}
+    first_ns, stop_ns = (min(END_NS - 1, ceil(min(bound, END_NS))) for bound in bounds)
+    kept = {}
+    for topic, column in piece.read().items():
+        times_ns = column.spans[:, 0]
+        spans = column.spans[(times_ns >= first_ns) & (times_ns < stop_ns)]
+        if len(spans):
+            kept[topic] = column._replace(spans=spans)
+    return kept

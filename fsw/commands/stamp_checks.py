@@ -24,7 +24,7 @@ def stamp_findings(parts: Sequence[Path], topics: Sequence[str]) -> list[str]:
     times_ns: dict[str, list[int]] = {topic: [] for topic in topics}
     for piece in pieces:
         for topic, column in piece.read().items():
-            times_ns[topic] += [t_ns for t_ns, _, _ in column.spans]
+            times_ns[topic] += column.spans[:, 0].tolist()
     start_ns = min((t[0] for t in times_ns.values() if t), default=0)
     back, holes = dict[str, str](), dict[str, str]()
     for topic, values in times_ns.items():

@@ -21,7 +21,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Attachment, Channel, Chunk, Metadata
+from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Metadata
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
@@ -35,6 +35,7 @@ from fsw.drivers.wire import (
     FrameArray,
     frames_from,
 )
+from fsw.messages import IntArray
 from fsw.messages.errors import ConfigError
 
 SAMPLES = "/samples/"  # before the name of a source; values as the sensor gave them, as JSON
@@ -43,6 +44,11 @@ END_NS = 1 << 63  # after every time
 _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time
 _RECORD = struct.Struct("<BQH4xQ8x")  # both, without sequence and publish time
+_INDEX = struct.Struct("<BQHI")  # MCAP: opcode, length, channel, bytes of (log time, place) pairs
+_HEADS = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("", "V4"), ("t_ns", "<i8")]
+    + [("", "V8")]
+)  # of a message: `_RECORD`
 
 
 class RecordedMessage(NamedTuple):
@@ -58,24 +64,25 @@ class Column(NamedTuple):
     """The messages of one topic in a piece of a recording, in file order."""
 
     data: bytes  # of the piece
-    spans: list[tuple[int, int, int]]  # log time [ns], first byte and byte behind each message
+    spans: IntArray  # (k, 3) log time [ns], first byte and byte behind each message
 
     def frames(self) -> FrameArray:
         """Return them as frames of a bus; what is no frame is left out."""
-        spans = np.array(self.spans, np.int64)
+        spans = self.spans
         sizes = spans[:, 2] - spans[:, 1]
         width = int(sizes[0])
         if width in (CLASSIC_BYTES, FD_BYTES) and np.count_nonzero(sizes == width) == len(sizes):
             octets = np.frombuffer(self.data, np.uint8)
             rows = np.lib.stride_tricks.sliding_window_view(octets, width)[spans[:, 1]]
         else:
-            padded = [self.data[a:b][:FD_BYTES].ljust(FD_BYTES, b"\0") for _, a, b in self.spans]
+            parts = (self.data[a:b] for _, a, b in spans.tolist())
+            padded = [part[:FD_BYTES].ljust(FD_BYTES, b"\0") for part in parts]
             rows = np.frombuffer(b"".join(padded), np.uint8).reshape(-1, FD_BYTES)
         return frames_from(spans[:, 0], rows, sizes)
 
     def chunks(self) -> list[ByteChunk]:
         """Return them as chunks of a serial line."""
-        return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans]
+        return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans.tolist()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +157,7 @@ def messages_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[Record
                 RecordedMessage(
                     t_ns, (piece.part, piece.offset, start), topic, column.data[start:stop]
                 )
-                for t_ns, start, stop in column.spans
+                for t_ns, start, stop in column.spans.tolist()
             ]
         held.sort()
         ready = bisect_left(held, following_ns, key=lambda item: item.t_ns)
@@ -219,14 +226,13 @@ def _pieces(path: Path, part: int, wanted: set[str]) -> Iterator[Piece]:
             if held and held.keys().isdisjoint(topics):
                 continue
             start_ns, offset = index.message_start_time, index.chunk_start_offset
-            yield Piece(
-                start_ns, part, offset, partial(_read_chunk, path, offset, start_ns, topics)
-            )
+            read = partial(_read_chunk, path, index, topics)
+            yield Piece(start_ns, part, offset, read)
         return
     found = _streamed(path, wanted)
-    times_ns = [t_ns for column in found.values() for t_ns, _, _ in column.spans]
-    if times_ns:
-        yield Piece(min(times_ns), part, 0, lambda: found)
+    if found:
+        start_ns = min(int(column.spans[:, 0].min()) for column in found.values())
+        yield Piece(start_ns, part, 0, lambda: found)
 
 
 def _streamed(path: Path, wanted: set[str]) -> dict[str, Column]:
@@ -245,24 +251,57 @@ def _streamed(path: Path, wanted: set[str]) -> dict[str, Column]:
             span = (record.log_time, start, len(data))
             spans.setdefault(names[record.channel_id], []).append(span)
     whole = bytes(data)
-    return {topic: Column(whole, found) for topic, found in spans.items()}
+    return {topic: Column(whole, np.array(found, np.int64)) for topic, found in spans.items()}
 
 
-def _read_chunk(
-    path: Path, offset: int, start_ns: int, topics: Mapping[int, str]
-) -> dict[str, Column]:
+def _read_chunk(path: Path, index: ChunkIndex, topics: Mapping[int, str]) -> dict[str, Column]:
+    start_ns, offset = index.message_start_time, index.chunk_start_offset
     try:
         with _open(path) as file:
             file.seek(offset + _RECORD_HEAD.size)
             stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), True)
-            found = _columns(stream.read(size), topics)
-        times_ns = [t_ns for column in found.values() for t_ns, _, _ in column.spans]
-        if times_ns and not start_ns <= min(times_ns) <= max(times_ns) < END_NS:
-            raise ValueError("messages before the time its index says, or after every time")
+            data, places = stream.read(size), _places(file.read(index.message_index_length))
+        found = _indexed(data, places, topics)
+        found = _columns(data, topics) if found is None else found
+        for column in found.values():
+            times_ns = column.spans[:, 0]  # those of END_NS and after are negative
+            if not start_ns <= int(times_ns.min()):
+                raise ValueError("messages before the time its index says, or after every time")
     except _BROKEN as error:
         words = "what is before may be used: --to S, in seconds from its start"
         raise ConfigError(f"{path}: damaged at byte {offset}: {error}; {words}") from error
     return found
+
+
+def _places(indexes: bytes) -> IntArray:
+    """Return where in a chunk its message indexes say that messages begin, ascending."""
+    at, found = 0, [np.empty(0, np.int64)]
+    while at + _INDEX.size <= len(indexes):
+        _, length, _, size = _INDEX.unpack_from(indexes, at)
+        pairs = indexes[at + _INDEX.size :][: size // 16 * 16]
+        found.append(np.frombuffer(pairs[: len(pairs) // 16 * 16], np.int64)[1::2])
+        at += _RECORD_HEAD.size + length
+    return np.sort(np.concatenate(found))
+
+
+def _indexed(data: bytes, at: IntArray, topics: Mapping[int, str]) -> dict[str, Column] | None:
+    """Return `_columns` by the places `at` of a chunk's messages; None if it holds anything else.
+
+    That each message ends where the next begins, and the last one with the chunk, shows that these
+    are the places.
+    """
+    size = len(data)
+    if not at.size or at[0] != 0 or at[-1] > size - _HEADS.itemsize:
+        return None
+    heads = np.ndarray((size - _HEADS.itemsize + 1,), _HEADS, data, strides=(1,))[at]
+    stops = at + _RECORD_HEAD.size + heads["length"].astype(np.int64)
+    is_message = heads["opcode"] == int(Opcode.MESSAGE)
+    follows = (stops == np.append(at[1:], size)) & (stops - at >= _HEADS.itemsize)
+    if not (is_message & follows).all():
+        return None
+    spans = np.stack([heads["t_ns"], at + _HEADS.itemsize, stops], axis=1)
+    own = {topic: spans[heads["channel"] == channel] for channel, topic in topics.items()}
+    return {topic: Column(data, found) for topic, found in own.items() if len(found)}
 
 
 def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
@@ -279,7 +318,11 @@ def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
         at = stop
     if at > size:
         raise ValueError("a record longer than its chunk")
-    return {topics[channel]: Column(data, found) for channel, found in spans.items() if found}
+    return {
+        topics[channel]: Column(data, np.array(found, np.uint64).astype(np.int64))
+        for channel, found in spans.items()
+        if found
+    }
 
 
 @dataclass(slots=True)
