@@ -88,7 +88,7 @@ def identify(
         windows_only=alone and chosen.estimator.outside_wrench == "ignore",
     )
     warnings = [*([result.cut_off()] if result.truncated else []), *nodes.findings()]
-    if not _plausible(collector.blocks):
+    if not any(map(plausible, collector.blocks)):
         why = warnings or ["fsw check CONFIG RECORDING says why"]
         raise EstimatorError(f"{recording}: no window can be used; {'; '.join(why)}")
     names = tuple(chosen.unknown)

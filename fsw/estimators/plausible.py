@@ -32,5 +32,5 @@ LIMITS = {
 def plausible(block: Block) -> bool:
     """Return whether every value is finite and within the widest physical limits."""
     return all(
-        bool(np.all(np.abs(getattr(block, name)) <= limit)) for name, limit in LIMITS.items()
+        bool((np.abs(getattr(block, name)) <= limit).all()) for name, limit in LIMITS.items()
     )

@@ -103,9 +103,9 @@ def _shapes(samples: int, nodes: int) -> _Shapes:
 
 def mean_products(residuals: FloatArray) -> FloatArray:
     """Return the mean products (L, n) of residuals (k, n), LAGS samples apart."""
-    k = len(residuals)
-    pairs = [(residuals[lag:], residuals[: max(0, k - lag)]) for lag in LAGS]
-    return np.array([np.einsum("ij,ij->j", late, early) for late, early in pairs]) / k
+    k, rows = len(residuals), np.ascontiguousarray(residuals.T)
+    pairs = [(rows[:, lag:], rows[:, : max(0, k - lag)]) for lag in LAGS]
+    return np.array([np.einsum("ji,ji->j", late, early) for late, early in pairs]) / k
 
 
 def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArray:

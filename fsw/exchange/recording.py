@@ -184,11 +184,11 @@ def pieces_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[tuple[Pi
 
 def _whole_contents(file: IO[bytes]) -> Contents | None:
     """Return what the summary and what it points at say; None of a file without, or a wrong one."""
-    summary = _summary(file)
-    if summary is None:
-        return None
     try:
         reader = make_reader(file)
+        summary = reader.get_summary()
+        if summary is None:
+            return None
         return Contents(
             topics=tuple(channel.topic for channel in summary.channels.values()),
             attachments={item.name: item.data for item in reader.iter_attachments()},

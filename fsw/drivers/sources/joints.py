@@ -151,7 +151,7 @@ class JointBusSource:
         return joined([self._feed(part) for part in np.split(frames, ends)])
 
     def _feed(self, frames: FrameArray) -> JointSamples:
-        words = frames["word"]
+        words = np.ascontiguousarray(frames["word"])
         is_answer = (words > canopen.COB_TPDO1) & (
             words <= canopen.COB_TPDO1 | canopen.NODE_MASK
         )  # no flag bits: base format
