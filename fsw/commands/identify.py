@@ -18,6 +18,7 @@ from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import fits_throughout, screened
+from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.messages import Block, Estimate, FloatArray
@@ -99,16 +100,20 @@ def identify(
         if not empty.blocks:
             raise EstimatorError("--reference: no window in this recording")
     state: list[tuple[Problem, FloatArray, FloatArray]] = []
+    rows: list[Sequence[Rows]] = []
 
-    def keep(problem: Problem, x: FloatArray, covariance: FloatArray) -> None:
+    def keep(
+        problem: Problem, x: FloatArray, covariance: FloatArray, fused: Sequence[Rows]
+    ) -> None:
         state.append((problem, x, covariance))
+        rows.append(fused)
 
     if holdout is None:
         values = run_batch(
             chosen, collector.blocks, method, names, progress, keep, reference=empty.blocks
         )
         unscreened = alone and result.estimate is None and values["status"] != "ABORTED"
-        if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0]):
+        if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0], rows[0]):
             tell("something does not fit: looking for the sensor")
             collector.blocks = screened(chosen, collector.blocks)
             values = run_batch(chosen, collector.blocks, method, names, progress, keep)

@@ -231,10 +231,12 @@ class Conditioner:
         m, n = self._nodes, len(positions)
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
-        white = [fit.whitener((1, 2)) @ motion[m:, k] for k, fit in enumerate(fits)]
-        for k, sigma in enumerate(self._position_sigma.tolist()):
-            if white[k] @ white[k] <= sigma**2 * chdtri(len(white[k]), STILL_PROBABILITY):
-                motion[m:, k] = 0.0  # at rest; see STILL_PROBABILITY
+        for fit in dict.fromkeys(fits):
+            own = np.array([k for k in range(n) if fits[k] is fit])
+            white = fit.whitener((1, 2)) @ motion[m:, own]
+            limits = self._position_sigma[own] ** 2 * chdtri(len(white), STILL_PROBABILITY)
+            resting = own[np.sum(white**2, axis=0) <= limits]
+            motion[m:, resting] = 0.0  # see STILL_PROBABILITY
         tau, cov_tau = np.zeros((m, n)), np.empty((n, m, m))
         for k, torque in enumerate(torques):
             cov_tau[k] = torque.covariance((0,), self._torque_sigma[k], m)

@@ -103,9 +103,11 @@ def _shapes(samples: int, nodes: int) -> _Shapes:
 
 def mean_products(residuals: FloatArray) -> FloatArray:
     """Return the mean products (L, n) of residuals (k, n), LAGS samples apart."""
-    k, rows = len(residuals), np.ascontiguousarray(residuals.T)
-    pairs = [(rows[:, lag:], rows[:, : max(0, k - lag)]) for lag in LAGS]
-    return np.array([np.einsum("ji,ji->j", late, early) for late, early in pairs]) / k
+    k, n = residuals.shape
+    later = np.zeros((n, k + LAGS[-1]))
+    later[:, :k] = residuals.T
+    shifted = np.stack([later[:, lag : lag + k] for lag in LAGS], axis=1)  # (n, L, k)
+    return np.asarray((shifted @ later[:, :k, None])[:, :, 0].T / k)
 
 
 def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArray:

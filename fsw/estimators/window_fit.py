@@ -94,7 +94,8 @@ class Instants:
             if (steps < 1).any():
                 return np.zeros((len(LAGS), left.shape[1]))
             products = mean_products(left) if (steps == 1).all() else gapped_products(left, place)
-        return np.nan_to_num(products, nan=0.0, posinf=0.0, neginf=0.0)
+        whole = bool(np.isfinite(products).all())
+        return products if whole else np.nan_to_num(products, nan=0.0, posinf=0.0, neginf=0.0)
 
     def _fit(self, degree: int, keep: NDArray[np.bool_] | None = None) -> NodeFit:
         """Return the fit of all instants, or of those to keep as if there were no others."""

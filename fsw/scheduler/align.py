@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -326,7 +327,10 @@ class Aligner:
         if first == last:
             self._overflow += bins.add(first, channel, t_ns, values)
             return late
-        for window in np.unique(index).tolist():
-            inside = index == window
-            self._overflow += bins.add(window, channel[inside], t_ns[inside], values[inside])
+        order = np.argsort(index, kind="stable")
+        channel, index, t_ns, values = channel[order], index[order], t_ns[order], values[order]
+        starts = np.append(0, np.flatnonzero(np.diff(index)) + 1)
+        for start, stop in pairwise([*starts.tolist(), len(index)]):
+            own = slice(start, stop)
+            self._overflow += bins.add(int(index[start]), channel[own], t_ns[own], values[own])
         return late

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from fsw.estimators.diagnosis import diagnose, plain, whiteness
-from fsw.estimators.measurement.row_functions import row_function, stack
+from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, BodyEstimate, FloatArray
 
 
 def diagnose_batch(
     problem: Problem,
+    fused: Sequence[Rows],
     residuals: Sequence[FloatArray],
     blocks: Sequence[Block],
     mean: FloatArray,
@@ -25,15 +26,17 @@ def diagnose_batch(
 ) -> dict[str, Any] | None:
     """Return the diagnosis of a batch estimate as plain values; None without a proper covariance.
 
-    `residuals` are the method's whitened ones, block by block; a `status` other than OK stands in
+    `fused` are the rows of all sensors at the estimate, none where they cannot be had; `residuals`
+    are the method's whitened ones, block by block; a `status` other than OK stands in
     the verdict.
 
     The Cramer-Rao bound is that of all sensors: the Fisher information of the fused rows at the
     estimate, for a noise variance `level` times the declared. So a method that does not use them
     all has an efficiency below one.
     """
+    if not fused:
+        return None
     try:
-        fused = stack(row_function("fused", "eiv", problem), blocks, mean)
         fisher = np.asarray(sum(part.A.T @ part.A for part in fused)) / level
         precision = fisher + np.linalg.solve(problem.prior_covariance, np.eye(len(mean)))
         least = np.asarray(np.linalg.solve(precision, np.eye(len(mean))), np.float64)
@@ -50,7 +53,7 @@ def diagnose_batch(
             duration_s=int(blocks[-1].t_ns[-1] - blocks[0].t_ns[0]) * 1e-9,
             bound=least[np.ix_(k, k)],
         )
-    except ValueError:  # LinAlgError: no inertia at the estimate, or no proper covariance
+    except ValueError:  # LinAlgError: no proper covariance
         return None
     correlation, bound = whiteness(residuals)
     count, squares = sum(map(len, residuals)), sum(float(b @ b) for b in residuals)

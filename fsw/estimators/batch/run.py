@@ -33,7 +33,8 @@ from fsw.estimators.batch.solver import (
 )
 from fsw.estimators.measurement.compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.measurement.first_rate import at_first_rate
-from fsw.estimators.measurement.row_functions import Linearisation, row_function
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.measurement.row_functions import Linearisation, row_function, stack
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
@@ -43,7 +44,8 @@ from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
-Keep = Callable[[Problem, FloatArray, FloatArray], None]  # problem, mean (p,), covariance (p, p)
+# problem, mean (p,), covariance (p, p), fused rows of the blocks used at the mean
+Keep = Callable[[Problem, FloatArray, FloatArray, Sequence[Rows]], None]
 CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
 NEED_EVERY_TORQUE = ("mrnea", "ce")
 WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
@@ -86,7 +88,8 @@ def run_batch(
     """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
 
     `reference` are blocks of the same robot without what is unknown but the base; they show arm and
-    calibration. `keep` is given the problem and the whole state, what is not published included.
+    calibration. `keep` is given the problem, the whole state, what is not published included, and
+    the rows of all sensors at it; none where nothing can be predicted.
 
     Raises
     ------
@@ -150,8 +153,12 @@ def _run(
         found = _regression(problem, weighting, sound, settings.gate_probability, progress)
     problem = found.problem
     covariance = found.covariance + problem.liquid
+    try:
+        fused = stack(row_function("fused", "eiv", problem), found.used, found.mean)
+    except ValueError:  # LinAlgError: no inertia at the estimate
+        fused = []
     if keep is not None:
-        keep(problem, found.mean, covariance)
+        keep(problem, found.mean, covariance, fused)
     bodies = {
         name: body_estimate(problem, name, found.mean, covariance)[0] for name in problem.unknown
     }
@@ -179,6 +186,7 @@ def _run(
         **noise.report(model.joint_names),
         "diagnosis": diagnose_batch(
             problem,
+            fused,
             found.residuals,
             found.used,
             found.mean,

@@ -14,6 +14,7 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.estimators.batch.run import SETTLED, sound_blocks, with_noise_found
+from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import row_function, stack
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Screening
@@ -32,23 +33,26 @@ def fits_throughout(
     problem: Problem,
     x: FloatArray,
     covariance: FloatArray,
+    fused: Sequence[Rows],
 ) -> bool:
     """Return whether every channel of every block fits a batch result of these blocks.
 
     Parameters
     ----------
     result : of `run_batch`; one that left blocks out, or is not valid, does not fit
-    problem, x, covariance : what it keeps: the whole state (p,), (p, p)
+    problem, x, covariance, fused : what it keeps: the whole state (p,), (p, p); rows there
     """
-    if result["status"] not in SETTLED or result["gated"]:
+    if result["status"] not in SETTLED or result["gated"] or not fused:
         return False
     settings = config.estimator
-    seen = with_noise_found(problem, sound_blocks(blocks))[0]
     screen = ChannelScreen(problem.model.joint_names, config.health.false_alarm_probability)
     nothing, nodes = np.zeros(len(x)), settings.nodes
     try:
         root: FloatArray = np.asarray(np.linalg.cholesky(covariance), np.float64)
-        for rows in stack(row_function(settings.method, settings.weighting, problem), seen, x):
+        if settings.method != "fused":
+            seen = with_noise_found(problem, sound_blocks(blocks))[0]
+            fused = stack(row_function(settings.method, settings.weighting, problem), seen, x)
+        for rows in fused:
             if max(screen.ratios(rows, nodes, nothing, root, 1.0).values(), default=0.0) > SUSPECT:
                 return False
     except NUMERICAL:
