@@ -10,6 +10,7 @@ configured wrongly, and the gyro is left alone.
 from __future__ import annotations
 
 from dataclasses import replace
+from math import cos, sin, sqrt
 
 import numpy as np
 
@@ -228,5 +229,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _quaternion(turn_rad: FloatArray) -> FloatArray:
     """Return the quaternion of a rotation vector."""
-    angle = float(np.linalg.norm(turn_rad))
-    return np.append(0.5 * np.sinc(angle / (2.0 * np.pi)) * turn_rad, np.cos(0.5 * angle))
+    x, y, z = turn_rad.tolist()
+    half = 0.5 * sqrt(x * x + y * y + z * z)
+    share = 0.5 * sin(half) / half if half else 0.5
+    return np.array([share * x, share * y, share * z, cos(half)])

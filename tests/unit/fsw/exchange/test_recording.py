@@ -202,3 +202,26 @@ def test_runs_of_records_of_any_length_are_those_of_the_library(tmp_path: Path):
             for _, channel, message in make_reader(file).iter_messages(topics)
         ]
     assert held(tmp_path / "a.mcap", topics) == expected
+
+
+@pytest.mark.parametrize("damage", [b"", bytes(7), b"\xff" * 40])
+def test_a_message_index_that_does_not_fit_changes_nothing(tmp_path: Path, damage: bytes):
+    writer, t_ns = RecordingWriter(tmp_path / "a.mcap", chunk_bytes=1 << 20), 0
+    sent = []
+    for _ in range(3):
+        chunks = [ByteChunk(t_ns := t_ns + 1, bytes(t_ns)) for _ in range(20)]
+        writer.traffic(SerialTraffic("imu", chunks))
+        writer.end_chunk()
+        sent += chunks
+    writer.close()
+    data = bytearray((tmp_path / "a.mcap").read_bytes())
+    with (tmp_path / "a.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    for index in summary.chunk_indexes:
+        at = index.chunk_start_offset + index.chunk_length + 15  # behind the head of its index
+        data[at + 24 : at + 24 + len(damage)] = damage
+    (tmp_path / "a.mcap").write_bytes(data)
+    assert held(tmp_path / "a.mcap", ["/serial/imu"]) == [
+        (chunk.t_ns, "/serial/imu", chunk.data) for chunk in sent
+    ]

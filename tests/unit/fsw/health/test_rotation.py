@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.health.rotation import RotationMonitor
+from fsw.health.rotation import MEDIAN_OF, RotationMonitor, without_spikes
 from fsw.messages import ChannelWindow, Window
 from fsw.messages.findings import Fault
 from tests.support.driver_configs import star_tracker_config
@@ -161,3 +161,17 @@ def test_single_wrong_rates_are_not_integrated(seed: int) -> None:
     struck = set(np.random.default_rng(seed).choice(1900, size=40, replace=False).tolist())
     out = run(10, gyro=lambda t: 0.5 if round(t / 0.002) in struck else 0.0, seed=seed)
     assert not set().union(*(found for _, found in out))
+
+
+@pytest.mark.parametrize("count", [5, 6, 7, 50])
+def test_a_spike_is_replaced_by_numpy_s_median(count: int) -> None:
+    rng = np.random.default_rng(count)
+    for _ in range(50):
+        values = np.round(rng.normal(size=(count, 3)), 1)
+        values[rng.random((count, 3)) < 0.1] *= 50.0
+        values[rng.random(count) < 0.1] = np.nan
+        padded = np.pad(values, ((2, 2), (0, 0)), mode="reflect")
+        near = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_OF, axis=0)
+        middle = np.median(near, axis=-1)
+        expected = np.where(np.abs(values - middle) > 1.0, middle, values)
+        np.testing.assert_array_equal(without_spikes(values, 1.0), expected)

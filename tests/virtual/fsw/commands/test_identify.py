@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from fsw.commands.identify import identify
 from fsw.config import load
+from fsw.estimators.batch import run
 from fsw.estimators.recursive.online import OnlineEstimator
 
 
@@ -21,3 +23,15 @@ def test_what_fits_throughout_needs_no_recursion(flown, monkeypatch: pytest.Monk
     del alone["wall_s"], beside["wall_s"]
     assert alone == beside
     assert alone["status"] == "OK"
+
+
+def test_a_warm_start_from_some_blocks_ends_at_the_same_estimate(
+    flown, monkeypatch: pytest.MonkeyPatch
+):
+    path, config = flown / "recording.mcap", load(flown / "flight.yaml")
+    some = identify(path, config, "rda", ())
+    monkeypatch.setattr(run, "WARM_BLOCKS", 10**9)
+    every = identify(path, config, "rda", ())
+    root = np.linalg.cholesky(every["covariance"])
+    off = np.linalg.solve(root, np.subtract(some["mean"], every["mean"]))
+    assert 0.0 < np.abs(off).max() < 1e-6
