@@ -45,10 +45,14 @@ _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time
 _RECORD = struct.Struct("<BQH4xQ8x")  # both, without sequence and publish time
 _INDEX = struct.Struct("<BQHI")  # MCAP: opcode, length, channel, bytes of (log time, place) pairs
-_HEADS = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("", "V4"), ("t_ns", "<i8")]
-    + [("", "V8")]
-)  # of a message: `_RECORD`
+_HEADS = np.dtype(  # of a message: `_RECORD`
+    {
+        "names": ["opcode", "length", "channel", "t_ns"],
+        "formats": ["u1", "<u8", "<u2", "<i8"],
+        "offsets": [0, 1, 9, 15],
+        "itemsize": _RECORD.size,
+    }
+)
 
 
 class RecordedMessage(NamedTuple):
