@@ -65,7 +65,8 @@ def main(argv: list[str] | None = None) -> int:
             low, high = found.sigma
             _say(
                 f"{found.name}: {found.seeds} flights, published over predicted sigma {low:.3f} to "
-                f"{high:.3f}; whitened error {found.error:.3f} of the prediction"
+                f"{high:.3f}; whitened error {found.error:.3f} of the prediction "
+                "({:.3f} to {:.3f}, 95 %)".format(*found.interval)
             )
     if "replanned" in parts:
         _replanned(options.seeds)

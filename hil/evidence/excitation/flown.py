@@ -32,6 +32,7 @@ class Flights:
     seeds: int
     sigma: tuple[float, float]  # least and largest of published over predicted, all parameters
     error: float  # whitened by the predicted covariance, root mean square
+    interval: tuple[float, float]  # 95 % of it, by drawing the seeds again
 
 
 def flights(folder: Path) -> Flights:
@@ -49,11 +50,15 @@ def flights(folder: Path) -> Flights:
     errors = [stacked(o["estimate"]) - stacked(o["truth"]) for o in outcomes]
     shares = [ratios(o["sigma"], C) for o in outcomes]
     white = np.linalg.solve(root, np.transpose(errors))
+    squares = np.mean(white**2, axis=0)
+    draws = np.random.default_rng(0).choice(squares, (20_000, len(squares)))
+    low, high = np.percentile(np.sqrt(draws.mean(axis=1)), (2.5, 97.5))
     return Flights(
         name=settings["scenario"],
         seeds=len(outcomes),
         sigma=(float(np.min(shares)), float(np.max(shares))),
-        error=float(np.sqrt(np.mean(white**2))),
+        error=float(np.sqrt(np.mean(squares))),
+        interval=(float(low), float(high)),
     )
 
 
