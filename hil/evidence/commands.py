@@ -103,11 +103,7 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
         choices=("target_leo", "table_target", "bench_target"),
         help="this one; may be repeated",
     )
-    calibration.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
-    calibration.add_argument("--count", type=count, default=20, metavar="N", help="seeds, 20")
-    calibration.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    calibration.add_argument("--out", type=Path, metavar="DIR", help="keep figures and resume")
-    calibration.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_seeds(calibration, 20, "object")
     calibration.set_defaults(command=_calibration)
     rough = commands.add_parser("rough", help="friction, wrong links, coloured noise: honest?")
     rough.add_argument(
@@ -125,19 +121,22 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
         help="rough world declared or undeclared; ideal one, declared as exact, with the terms of"
         " the rough one, with default uncertainties; may be repeated",
     )
-    rough.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
-    rough.add_argument("--count", type=count, default=50, metavar="N", help="seeds, 50")
-    rough.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    rough.add_argument("--out", type=Path, metavar="DIR", help="keep rows and resume")
-    rough.add_argument("--json", action="store_true", help="print one JSON list")
+    _add_seeds(rough, 50, "list")
     rough.set_defaults(command=_rough)
     differential = commands.add_parser("differential", help="same motion, empty: half the error?")
-    differential.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
-    differential.add_argument("--count", type=count, default=20, metavar="N", help="seeds, 20")
-    differential.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    differential.add_argument("--out", type=Path, metavar="DIR", help="keep rows and resume")
-    differential.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_seeds(differential, 20, "object")
     differential.set_defaults(command=_differential)
+
+
+def _add_seeds(command: argparse.ArgumentParser, number: int, printed: str) -> None:
+    """Add the arguments of evidence over seeds; `printed` is the form of its JSON."""
+    command.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
+    command.add_argument(
+        "--count", type=count, default=number, metavar="N", help=f"seeds, {number}"
+    )
+    command.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
+    command.add_argument("--out", type=Path, metavar="DIR", help="keep what was found and resume")
+    command.add_argument("--json", action="store_true", help=f"print one JSON {printed}")
 
 
 def bar() -> Progress:

@@ -49,7 +49,8 @@ def run_seeds(
     ------
     ScenarioError for a folder of another scenario or other options.
     """
-    store = Store(out, {"scenario": scenario, "options": list(options)})
+    settings = {"scenario": scenario, "options": list(options), "judged": "every output"}
+    store = Store(out, settings)
     rest = runner.missing(seeds, str, store)
     ran = pool.run(partial(outcome, scenario=scenario, options=options), rest, jobs)
     runner.complete(scenario, len(seeds), ran, rest, store, console)
