@@ -1,7 +1,5 @@
 """Kinds of command-line options."""
 
-from __future__ import annotations
-
 import argparse
 
 

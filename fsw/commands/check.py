@@ -1,7 +1,5 @@
 """`fsw check`: a configuration alone, or beside a recording or a motion."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """A configuration in words, for `fsw check`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.checks import budget

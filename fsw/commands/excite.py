@@ -1,7 +1,5 @@
 """The command `fsw excite`: plan a trajectory, or judge one (or a recording) that exists."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

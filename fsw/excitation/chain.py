@@ -7,8 +7,6 @@ transformation. The geometry is read from the Pinocchio model, which is also the
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), chs. 5, 6 and 9.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as ca

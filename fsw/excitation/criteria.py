@@ -16,8 +16,6 @@ a, e and cond are minimised in logarithms, e and cond by a power mean of the eig
 smooth where eigenvalues cross.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

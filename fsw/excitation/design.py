@@ -5,8 +5,6 @@ criterion in reverse (one sweep of the per-sample functions, whatever the number
 limits forward, sample by sample, where each row depends on few control points.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Trajectories for others: CSV samples, and YAML in the shape of a ROS JointTrajectory message."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -7,8 +7,6 @@ an orbit's gravity gradient and the noise that no model has count as well. Rates
 those of zero momentum, without firings: what these change acts through the predicted rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

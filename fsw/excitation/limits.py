@@ -1,7 +1,5 @@
 """The limits a trajectory must keep: their file, and the share of each that a motion uses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated

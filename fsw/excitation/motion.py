@@ -1,7 +1,5 @@
 """A planned motion, from request to files: of `fsw excite`, `RUN_PLAN` and the Python API."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One picture of a trajectory: joints, base, shares of the limits, and what is learnt when."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

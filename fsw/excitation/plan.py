@@ -5,8 +5,6 @@ optimiser's, for every member of the prior set, and when it teaches something. M
 limit join the optimiser's set, limits that are exceeded between samples are tightened by as much.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The bodies to be identified and the prior knowledge of them: the fixed part of a request."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@
 progress, then the result or the failure. SIGTERM ends it, and so does the end of process PID.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -4,8 +4,6 @@ Every link is off by 5 % and every joint rubs; the configuration says so. The sa
 the target from the loaded run alone, and from it and the empty one (`fsw identify --reference`).
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -6,8 +6,6 @@ known to rest at the start, so the bound is rather too low. Offsets, biases and 
 frequency and damping are estimated along, with the priors that the flight software is told.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -4,8 +4,6 @@ A campaign is a list of cases and an importable function that turns a case into 
 the store has is not run again; the summary is made of the store's rows alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Many seeds of one scenario, each a run of its own process, and what they say together."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A real-time run of the bench with telemetry on, and what the daemon sends kept byte by byte."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Whether a packet says what the daemon's own log says, bit by bit; one check a kind."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time

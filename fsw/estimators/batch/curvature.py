@@ -8,8 +8,6 @@ near the path, is then within sqrt(D) sigma. Source: profile likelihood, Bates, 
 Regression Analysis (1988), sec. 6.1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """How good a batch estimate is: covariance against the bound of all sensors, residuals, words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

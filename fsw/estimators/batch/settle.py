@@ -1,7 +1,5 @@
 """Solving a batch of blocks of which some do not fit, and noise that is not as declared."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress

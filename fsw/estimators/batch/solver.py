@@ -4,8 +4,6 @@ The unknown bodies move in log-Cholesky coordinates, so every iterate is physica
 base's inertia never becomes singular; the covariance is given in the linear parameters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress

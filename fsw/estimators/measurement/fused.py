@@ -16,8 +16,6 @@ with Y_h the base rows of Y(q, 0, nu) at the full predicted nu (v_b included) an
 (eqs. 22-23 of the paper) is the torque channel, CM (eq. 30) the gyro channel of the same model.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ does not explain re-opens the estimate to the prior's spread; a prior that the d
 widened. Both are reported as events. When units are run is for `online` to decide.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace

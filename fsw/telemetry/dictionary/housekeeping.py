@@ -1,7 +1,5 @@
 """Housekeeping sets 1 to 8 and the science set: what service 3 reports, field by field."""
 
-from __future__ import annotations
-
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,

@@ -1,7 +1,5 @@
 """`hil calibration`: many seeds of every scenario, and what their figures say together."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

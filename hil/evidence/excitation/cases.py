@@ -1,7 +1,5 @@
 """The paper's robot and limits as the planner sees them, and as the truth does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

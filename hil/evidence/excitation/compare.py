@@ -1,7 +1,5 @@
 """Each criterion, optimised for itself, against random feasible splines; limits in the truth."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

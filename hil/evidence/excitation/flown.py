@@ -3,8 +3,6 @@
 The prediction at the true bodies is the Cramer-Rao bound of what the configuration declares.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The exact gradients: against finite differences, and what they save."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Both are flown from device bytes. A flight's own prior is taken out of it and th
 estimate put in its place: with independent flights that is exact but for the linearisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Requests that cannot be met, and one under ignorance: what the planner says and keeps."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fsw.excitation import limits as flight_limits

@@ -1,7 +1,5 @@
 """The flight software's side of one seed: a configuration without truth, and its problem."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """`hil rough`: many seeds of a rough world, declared and not, and of an ideal one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

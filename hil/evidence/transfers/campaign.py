@@ -5,8 +5,6 @@ the ground program or the daemon's service, at a random instant of the transfer.
 operator does what an operator would: wait, or `ground file resume`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -3,8 +3,6 @@
 One run serves all tests of this file, in their order; the last ones read what it left behind.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """The planner's evidence in short: the code of `python -m hil.evidence.excitation`, less of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What `fsw check` says of effects that a configuration leaves out."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arithmetic that fails is a reset with its event, or an error with words; never a traceback."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace

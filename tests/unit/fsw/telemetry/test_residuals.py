@@ -1,7 +1,5 @@
 """Residual torques in telemetry: what the estimator in force leaves, over the declared noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

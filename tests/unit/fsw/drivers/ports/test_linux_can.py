@@ -1,7 +1,5 @@
 """The batch receiver on UDP sockets, which know the same stamps and drop counter as CAN's."""
 
-from __future__ import annotations
-
 import socket
 import time
 

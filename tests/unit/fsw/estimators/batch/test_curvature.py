@@ -1,7 +1,5 @@
 """Profile-widened covariance on functions whose shape is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
