@@ -14,7 +14,8 @@ from fsw.excitation import assess, criteria, export, foreseen, spline
 from fsw.excitation.collision import Collisions, build_collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
-from fsw.excitation.plan import MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import MotionRequest
 from fsw.excitation.subject import QUANTITIES, Subject, build_subject
 from fsw.excitation.verify import Use
 from fsw.messages import FloatArray

@@ -88,7 +88,7 @@ def run_plan(config: Config, request: PlanRequest, progress: Progress) -> JobRep
 
 def _planned(config: Config, request: PlanRequest, progress: Progress) -> Mapping[str, Any]:
     from fsw.excitation.motion import bounds, planned
-    from fsw.excitation.plan import MotionRequest
+    from fsw.excitation.request import MotionRequest
     from fsw.excitation.subject import build_subject
 
     own = config.excitation

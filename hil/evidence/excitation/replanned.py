@@ -16,7 +16,8 @@ from fsw.estimators.model.inertia import report_jacobian, to_parameters
 from fsw.excitation import limits, spline
 from fsw.excitation.foreseen import foreseen_root
 from fsw.excitation.motion import predicted_sigma
-from fsw.excitation.plan import MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import MotionRequest
 from fsw.excitation.subject import Subject, build_subject
 from hil.evidence.excitation.cases import LIMITS
 from hil.run import bench

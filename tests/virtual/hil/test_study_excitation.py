@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fsw.excitation.plan import MotionRequest
+from fsw.excitation.request import MotionRequest
 from hil.evidence.excitation import cases
 from hil.evidence.excitation.compare import contests
 from hil.evidence.excitation.gradients import criterion_error, limits_error, race

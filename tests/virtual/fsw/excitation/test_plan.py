@@ -10,7 +10,8 @@ import pytest
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import build_collisions
-from fsw.excitation.plan import InfeasibleError, MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import InfeasibleError, MotionRequest
 from fsw.excitation.subject import build_subject
 from fsw.excitation.verify import every_limit
 from hil.evidence.excitation import cases
@@ -42,7 +43,7 @@ def test_a_success_keeps_every_limit_ten_times_denser_and_in_the_truth():
 def test_it_tells_much_more_than_a_random_feasible_motion():
     planner, plan = planned()
     rng = np.random.default_rng(5)
-    randoms = [planner.criterion.value(planner.random_feasible(rng)) for _ in range(20)]
+    randoms = [planner.criterion.value(planner.guesses.random_feasible(rng)) for _ in range(20)]
     assert np.exp(np.median(randoms) - plan.value) > 2.0
 
 
@@ -87,7 +88,7 @@ def test_a_panel_is_kept_below_its_amplitude():
 
 def test_a_random_feasible_motion_touches_a_limit():
     planner, _ = planned()
-    z = planner.random_feasible(np.random.default_rng(1))
+    z = planner.guesses.random_feasible(np.random.default_rng(1))
     rows = planner.rows.rows(z, [planner.subject.x])
     room = min(float(np.min([r.value - r.lower, r.upper - r.value])) for r in rows)
     assert 0 <= room < 0.01
