@@ -70,7 +70,9 @@ def predicted(config: Config, scenario: Scenario) -> FloatArray:
         k = own.problem.body(body)
         T[k, k] = report_jacobian(x[k])
     motion = replace(spline.load(scenario.identification), firings=_firings(config, scenario))
-    own = replace(own, x=x, scale=replace(own.scale, T=T))
+    whole = np.concatenate([x, own.problem.prior_mean[len(x) :]])
+    known = own.problem.prior.at(whole).covariance()
+    own = replace(own, x=x, state_covariance=known, scale=replace(own.scale, T=T))
     return criteria.report_covariance(foreseen_root(own, motion), own.scale)
 
 

@@ -69,10 +69,10 @@ def _second(after: Subject, first: Gaussian, scenario: Scenario, seed: int, fold
     """Fly a motion and join its estimate with the first one's."""
     root = foreseen_root(after, spline.load(scenario.identification))
     (mean, covariance), valid, config = _flight(scenario, seed, folder)
-    prior = build_subject(config)
-    p = len(mean)
+    problem, p = build_subject(config).problem, len(mean)
+    known = problem.prior.at(np.concatenate([mean, problem.prior_mean[p:]]))
     terms = [(first, 1.0), ((mean, covariance), 1.0)]
-    terms.append(((prior.x, prior.state_covariance[:p, :p]), -1.0))
+    terms.append(((known.mean()[:p], known.covariance()[:p, :p]), -1.0))
     information = sum(sign * np.linalg.solve(C, np.eye(p)) for (_, C), sign in terms)
     joined = np.linalg.solve(information, np.eye(p))
     x = joined @ sum(sign * np.linalg.solve(C, m) for (m, C), sign in terms)
