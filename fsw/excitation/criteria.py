@@ -62,6 +62,12 @@ def triangular_root(rows: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
+def prior_root(covariance: FloatArray) -> FloatArray:
+    """Return a triangular R with R^T R the inverse of a covariance."""
+    L = np.linalg.cholesky(covariance)
+    return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
+
+
 def covariance(R: FloatArray, p: int) -> FloatArray:
     """Return the first p columns of the covariance (R^T R)^-1, shape (s, p)."""
     half = solve_triangular(R, np.eye(len(R), p), trans=1)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fsw.config import Config
 from fsw.estimators.model.inertia import (
@@ -20,7 +19,7 @@ from fsw.estimators.model.inertia import (
 from fsw.estimators.model.problem import Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.chain import Geometry, geometry
-from fsw.excitation.criteria import Scale
+from fsw.excitation.criteria import Scale, prior_root
 from fsw.excitation.kernel import Kernel, build_kernel
 from fsw.excitation.noise import NoiseModel, noise_model
 from fsw.messages import FloatArray
@@ -146,12 +145,6 @@ def build_subject(
         draws=_draw(problem, x, sigma, spread, draws if spread > 0 else 0, seed),
         names=names,
     )
-
-
-def prior_root(covariance: FloatArray) -> FloatArray:
-    """Return a triangular R with R^T R the inverse of a covariance."""
-    L = np.linalg.cholesky(covariance)
-    return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
 
 
 def posterior(source: Path | Mapping[str, Any], problem: Problem) -> tuple[FloatArray, FloatArray]:
