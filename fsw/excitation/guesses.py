@@ -13,6 +13,7 @@ from fsw.messages import FloatArray
 FIRST_MARGIN = 0.01  # of a bound of any limit but torque, in the first round (metres for distances)
 START_RANGE = 0.6  # of a joint's range, for random start poses
 START_TRIES = 200
+FREE_M = 1.0  # taken as the range of a prismatic joint that has none
 
 
 class Guesses:
@@ -108,7 +109,8 @@ class Guesses:
         if self.limits.start_rad is not None:
             return np.array(self.limits.start_rad)
         low, high = self.rows.joints.lower_rad, self.rows.joints.upper_rad
-        low = np.where(np.isfinite(low), low, -np.pi)
-        high = np.where(np.isfinite(high), high, np.pi)
+        free = np.where(np.array(self.rows.joints.units) == "m", FREE_M, np.pi)
+        low = np.where(np.isfinite(low), low, -free)
+        high = np.where(np.isfinite(high), high, free)
         reach = START_RANGE * rng.uniform(-1.0, 1.0, len(low))
         return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * reach)

@@ -77,7 +77,7 @@ class PlannedMotion:
         return [(body, problem.body(body)) for body in problem.unknown]
 
     def samples(self, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return times (m,) [s], and positions, speeds, accelerations, each (m, n) [rad, s]."""
+        """Return times (m,) [s], positions, speeds, accelerations, each (m, n) [rad or m, s]."""
         t_s = export.sample_times(self.trajectory, rate_hz)
         q, qd, qdd, _ = self.trajectory.evaluate(t_s)
         return t_s, q, qd, qdd
@@ -86,7 +86,10 @@ class PlannedMotion:
         """Write the spline (YAML), and beside it samples as CSV and as a ROS JointTrajectory."""
         out = Path(out)
         self.save_spline(out, "fsw excite")
-        export.write_csv(self.trajectory, self.joints, out.with_suffix(".csv"), rate_hz)
+        units = {"revolute": "rad", "prismatic": "m"}
+        kinds = (units[kind] for kind in self.subject.model.kinds())
+        named = dict(zip(self.joints, kinds, strict=True))
+        export.write_csv(self.trajectory, named, out.with_suffix(".csv"), rate_hz)
         ros = out.with_name(f"{out.stem}_joint_trajectory.yaml")
         export.write_joint_trajectory(self.trajectory, self.joints, ros, rate_hz)
 

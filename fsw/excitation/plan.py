@@ -325,7 +325,7 @@ def sigma_ratio(subject: Subject, trajectory: Trajectory, rate_hz: float) -> flo
 
 
 def _first_margin(kind: str) -> float:
-    return TORQUE_MARGIN if kind.startswith("torque") else FIRST_MARGIN
+    return TORQUE_MARGIN if kind.startswith(("torque", "force")) else FIRST_MARGIN
 
 
 def _better(one: MotionPlan | None, other: MotionPlan) -> MotionPlan:

@@ -93,11 +93,6 @@ def build_subject(
     if config.base.motion != "free":
         raise ConfigError(f"base.motion: {config.base.motion}; motions are planned for a free base")
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    sliding = next((joint.name for joint in config.joints if joint.kind == "prismatic"), None)
-    if sliding is not None:
-        raise ConfigError(
-            f"joints: {sliding!r} is prismatic; motions are planned for revolute ones"
-        )
     locked = config.model_copy(update={"modes": (), "wheels": (), "thrusters": ()})
     problem = build_problem(locked, model, exact=True)
     noise = noise_model(config, model)
