@@ -1,5 +1,7 @@
 """Numbers of transactions: 63 bits, never used twice, also when what was kept of them is lost."""
 
+from __future__ import annotations
+
 import fcntl
 import secrets
 import time

@@ -1,5 +1,7 @@
 """Progress and outcome of a transfer."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import Enum
 

@@ -1,5 +1,7 @@
 """Time as a port: the only module of the flight software that reads a clock."""
 
+from __future__ import annotations
+
 import ctypes
 import select
 import time

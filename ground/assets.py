@@ -1,5 +1,7 @@
 """Open MCT's own files: fetched once by npm, checked, and served as they are."""
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import os

@@ -1,5 +1,7 @@
 """The `file` subcommands: transfers and what lies in the daemon's folders."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 import time

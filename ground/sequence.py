@@ -1,5 +1,7 @@
 """Request sequences as text: one telecommand a line, and `wait SECONDS` between them."""
 
+from __future__ import annotations
+
 import math
 import shlex
 import struct

@@ -1,5 +1,7 @@
 """Telemetry packets by the XTCE."""
 
+from __future__ import annotations
+
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping

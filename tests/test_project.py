@@ -1,5 +1,7 @@
 """The project's own rules: style, types, imports, spelling, and that CI runs the README."""
 
+from __future__ import annotations
+
 import subprocess
 import sys
 import tomllib

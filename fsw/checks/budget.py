@@ -3,6 +3,8 @@
 Worst cases only, computed before any device is opened. Frame lengths are those of docs/icd.md.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 from fsw.config import (

@@ -1,5 +1,7 @@
 """Arguments of the commands that concern the daemon and its machine: run, ctl, install, bench."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 from fsw.commands.recording_arguments import Command, Commands, overlay_argument

@@ -1,5 +1,7 @@
 """A model judged by data it was not estimated from: part of the windows is predicted only."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Arguments of `fsw init`."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """fsw install-service: a systemd unit for one configuration."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Sequence
 from pathlib import Path

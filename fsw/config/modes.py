@@ -1,5 +1,7 @@
 """Modes: parts of the base that move on springs, as a hinged panel or liquid in a tank."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 

@@ -1,5 +1,7 @@
 """Changes above the configuration: uplinked tables, on-board parameters, chosen unknowns."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any, TypeVar
 

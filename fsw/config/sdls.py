@@ -1,5 +1,7 @@
 """Keys of the authenticated link."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated, Literal, Self
 

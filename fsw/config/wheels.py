@@ -1,5 +1,7 @@
 """Reaction wheels: rotors on the base whose momentum the base feels."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
 

@@ -1,5 +1,7 @@
 """The whole configuration of one daemon: its sections, what must hold between them, reading."""
 
+from __future__ import annotations
+
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

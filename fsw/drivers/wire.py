@@ -4,8 +4,10 @@ Frames travel as arrays of `FRAME`: the stamp, then the Linux structure of a CAN
 a classic frame uses the first 16 bytes. `CanFrame` is one of them as plain values.
 """
 
+from __future__ import annotations
+
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
@@ -29,6 +31,7 @@ FRAME = np.dtype(
     }
 )
 _WORD = 8  # where the Linux structure begins in a row
+CLASSIC_ROW_BYTES = _WORD + CLASSIC_BYTES  # of a row that a classic frame uses
 FrameArray = NDArray[np.void]  # (k,) of FRAME; `word` is the identifier with its flag bits
 NO_FRAMES: FrameArray = np.empty(0, FRAME)
 
@@ -81,8 +84,11 @@ class FramePort(Protocol):
         """Take every waiting frame from the system, and do nothing else. Raises PortError."""
         ...
 
-    def read(self) -> FrameArray:
-        """Return every frame drained since the last call, with its stamp."""
+    def take(self) -> Callable[[], FrameArray]:
+        """Take over every frame drained since the last call; what is returned reads them.
+
+        Reading is most of the work, and may be done later.
+        """
         ...
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
@@ -153,6 +159,11 @@ def frame_array(frames: Iterable[CanFrame]) -> FrameArray:
 def rows_of(data: bytes | bytearray | memoryview) -> FrameArray:
     """Return the frames of a buffer of whole `FRAME` rows, without copying it."""
     return np.frombuffer(data, FRAME)
+
+
+def joined(parts: Sequence[FrameArray]) -> FrameArray:
+    """Return arrays of frames as one."""
+    return parts[0] if len(parts) == 1 else np.concatenate([NO_FRAMES, *parts])
 
 
 def frame_at(frames: FrameArray, row: int) -> CanFrame:

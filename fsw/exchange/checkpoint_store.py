@@ -1,5 +1,7 @@
 """Two generations of checkpoints in a directory, replaced in turn and each atomically."""
 
+from __future__ import annotations
+
 import zlib
 from pathlib import Path
 

@@ -1,13 +1,18 @@
 """Records of the rings: messages between the processes, and commands back."""
 
+from __future__ import annotations
+
 import os
 import pickle
 import struct
 from dataclasses import replace
 from enum import IntEnum
+from functools import lru_cache
+
+import numpy as np
 
 from fsw.config import Config
-from fsw.drivers.wire import ByteChunk, rows_of
+from fsw.drivers.wire import CLASSIC_ROW_BYTES, FRAME, ByteChunk, FrameArray
 from fsw.exchange.ring import RingReader, RingRecord, RingWriter
 from fsw.exchange.sinks import (
     AppliedCommand,
@@ -71,10 +76,16 @@ def handed_down(fd: int) -> Config:
     return config
 
 
+@lru_cache(maxsize=1)  # every ring gets the same
 def pack_frames(traffic: CanTraffic) -> bytes:
-    """Return traffic of a bus as bytes: the bus, then the frames as they are in memory."""
-    name = traffic.bus.encode()
-    return bytes((len(name),)) + name + traffic.frames.tobytes()
+    """Return traffic of a bus as bytes: the bus, bytes of a frame, the frames as in memory.
+
+    Where all are classic, the empty room for the data of CAN FD is left out.
+    """
+    name, frames = traffic.bus.encode(), traffic.frames
+    size = FRAME.itemsize if frames["flags"].any() else CLASSIC_ROW_BYTES
+    rows = frames.view(np.uint8).reshape(len(frames), FRAME.itemsize)[:, :size]
+    return bytes((len(name), *name, size)) + rows.tobytes()
 
 
 def pack_chunks(traffic: SerialTraffic) -> bytes:
@@ -92,7 +103,7 @@ def unpack_traffic(record: RingRecord) -> CanTraffic | SerialTraffic:
     offset = 1 + payload[0]
     name = payload[1:offset].decode()
     if record.kind == Kind.FRAMES:
-        return CanTraffic(name, rows_of(payload[offset:]))
+        return CanTraffic(name, _unpack_rows(payload[offset + 1 :], payload[offset]))
     chunks = []
     while offset < len(payload):
         t_ns, length = _STAMPED.unpack_from(payload, offset)
@@ -100,6 +111,14 @@ def unpack_traffic(record: RingRecord) -> CanTraffic | SerialTraffic:
         chunks.append(ByteChunk(t_ns, payload[offset : offset + length]))
         offset += length
     return SerialTraffic(name, chunks)
+
+
+def _unpack_rows(data: bytes, size: int) -> FrameArray:
+    """Return frames of which only the first bytes were kept."""
+    rows = np.zeros((len(data) // size, FRAME.itemsize), np.uint8)
+    rows[:, :size] = np.frombuffer(data, np.uint8).reshape(-1, size)
+    frames: FrameArray = rows.view(FRAME)[:, 0]
+    return frames
 
 
 class RingSink:

@@ -5,8 +5,11 @@ as they were on the wire around a SYNC of ours, and stamps never run backwards; 
 estimation get this order.
 """
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +25,8 @@ from fsw.drivers.wire import (
     FramePort,
     frame_array,
     frame_at,
+    joined,
+    row_of,
 )
 from fsw.exchange.sinks import CanTraffic, Sink
 from fsw.loop.link import Link
@@ -29,6 +34,7 @@ from fsw.messages import Event
 
 COB_HEARTBEAT = 0x700
 NODE_MASK = 0x07F
+_NO_NODE = np.uint32(0xFFFFFFFF & ~NODE_MASK)
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
 BACK_TOLERANCE_NS = 1_000_000  # of two clocks read at different moments; less than a period
@@ -94,8 +100,9 @@ class BusInput:
         self._places = np.zeros(SFF_MASK + 1, np.bool_)  # identifiers of configured nodes
         for node in nodes:
             self._places[node :: NODE_MASK + 1] = True
-        self._read = NO_FRAMES
-        self._taken = NO_FRAMES  # for a batch, and what was sent until then
+        self._drained: list[Callable[[], FrameArray]] = []
+        self._unread: list[Callable[[], FrameArray]] = []  # for a batch
+        self._taken = NO_FRAMES  # that was read, and what was sent until then
         self._taken_sent: list[tuple[int, CanFrame]] = []
         self._ordered = NO_FRAMES
 
@@ -136,7 +143,7 @@ class BusInput:
         """Forget what a bus that is not active holds. Raises PortError."""
         if link.port is not None:
             link.port.drain()
-            link.port.read()
+            link.port.take()
 
     def select(self, sink: Sink) -> bool:
         """Change to the other bus when the active one is lost; True when that was done."""
@@ -163,14 +170,18 @@ class BusInput:
 
     def _keep(self, link: Link[FramePort]) -> None:
         if link.port is not None:
-            frames = link.port.read()
-            self._read = np.concatenate([self._read, frames]) if len(self._read) else frames
+            self._drained.append(link.port.take())
 
     def take(self) -> None:
         """End a batch: what was drained and sent until now belongs to it."""
         self.keep()
-        self._taken, self._read = self._read, NO_FRAMES
+        self._unread, self._drained = self._drained, []
         self._taken_sent, self._sent = self._sent, []
+
+    def read(self) -> None:
+        """Read the frames of the batch."""
+        unread, self._unread = self._unread, []
+        self._taken = joined([read() for read in unread])
 
     def order(self) -> None:
         """Put the batch in order."""
@@ -191,17 +202,16 @@ class BusInput:
             return
         sink.put(CanTraffic(self.name, frames))
         words = read["word"]
-        own = words <= SFF_MASK
-        own[own] = self._places[words[own]]
         if self.selector is not None and self._talking_since_ns is not None:
             # older frames have waited in the port; their nodes may have toggled away since
-            answers = own & (read["t_ns"] >= self._talking_since_ns)
-            if np.count_nonzero(answers):
+            heard = words[read["t_ns"] >= self._talking_since_ns]
+            if self._places[heard[heard <= SFF_MASK]].any():
                 self.selector.hear()
-        for row in np.flatnonzero(own & (words & ~np.uint32(NODE_MASK) == COB_HEARTBEAT)).tolist():
+        for row in (words & _NO_NODE == COB_HEARTBEAT).nonzero()[0].tolist():
             frame = frame_at(read, row)
-            if frame.data in NOT_STARTED:
-                self._send(*self._nodes[frame.can_id & NODE_MASK])
+            node = frame.can_id & NODE_MASK
+            if frame.data in NOT_STARTED and node in self._nodes:
+                self._send(*self._nodes[node])
 
     def _send(self, can_id: int, data: bytes) -> bool:
         """Send one frame; False when it is not out."""
@@ -254,13 +264,13 @@ class BusInput:
         """
         back_at = self._all_back(read)
         if back_at is not None:
-            back_frames = read[back_at]
-            before_ns = [before_ns for before_ns, _ in self._taken_sent]
-            steps_ns = np.diff(read["t_ns"], prepend=np.int64(0))
-            is_in_place = (steps_ns >= 0).all() and (steps_ns[back_at] > 0).all()
-            if is_in_place and (back_frames["t_ns"] >= before_ns).all():
+            t_ns = read["t_ns"]
+            back_ns, before_ns = t_ns[back_at], [before_ns for before_ns, _ in self._taken_sent]
+            is_in_order = (t_ns[1:] >= t_ns[:-1]).all() and (back_ns >= before_ns).all()
+            if is_in_order and (t_ns.searchsorted(back_ns) == back_at).all():
                 return read
-            back_frames["t_ns"] = np.maximum(back_frames["t_ns"], before_ns)
+            back_frames = read[back_at]
+            back_frames["t_ns"] = np.maximum(back_ns, before_ns)
             return _inserted(np.delete(read, back_at), back_frames, back_frames["t_ns"])
         now_ns = self._clock.now_ns()
         identifiers = {item.can_id for _, item in (*self._taken_sent, *self._awaited)}
@@ -293,17 +303,23 @@ class BusInput:
         if self._awaited or not self._hands_back:
             return None
         before_ns, sent = zip(*self._taken_sent, strict=True)
-        is_ours = np.zeros(len(read), np.bool_)
-        for can_id in {item.can_id for item in sent}:
-            is_ours |= read["word"] == can_id
-        rows = np.flatnonzero(is_ours)
+        words = read["word"]
+        is_ours = [words == can_id for can_id in {item.can_id for item in sent}]
+        rows = np.logical_or.reduce(is_ours).nonzero()[0]
         if len(rows) != len(sent):
             return None
         back = read[rows]
-        wanted = frame_array(sent).copy()
-        in_time = back["t_ns"] >= np.array(before_ns) - BACK_TOLERANCE_NS
-        back["t_ns"] = wanted["t_ns"] = 0
-        return rows if back.tobytes() == wanted.tobytes() and in_time.all() else None
+        if (back["t_ns"] < np.array(before_ns) - BACK_TOLERANCE_NS).any():
+            return None
+        back["t_ns"] = 0
+        wanted = b"".join(_sent_row(item.can_id, item.data) for item in sent)
+        return rows if back.tobytes() == wanted else None
+
+
+@lru_cache(maxsize=1024)
+def _sent_row(can_id: int, data: bytes) -> bytes:
+    """Return a classic frame without its stamp as the bytes of a `FRAME`."""
+    return row_of(0, can_id, data)
 
 
 def _inserted(

@@ -3,6 +3,8 @@
 A link's failure never reaches the loop.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
@@ -71,7 +73,7 @@ class Inputs:
                 self._guard(bus.link, bus.send_heartbeat)
 
     def hand_over(self) -> Iterator[None]:
-        """Hand over what has come until the first of three steps, in order."""
+        """Hand over what has come until the first of four steps, in order."""
         self.stamp_lines()
         for line in self.lines:
             line.take()
@@ -79,6 +81,9 @@ class Inputs:
             self._guard(bus.link, bus.take)
             for link in bus.idle_links:
                 self._guard(link, partial(bus.drain_idle, link))
+        yield
+        for bus in self.buses:
+            bus.read()
         yield
         for bus in self.buses:
             bus.order()

@@ -3,6 +3,8 @@
 `wiring.build` makes it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -19,6 +21,7 @@ from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
 SPREAD_TICKS = 16  # a batch of so many is handed over in steps, one a tick
+STATUS_PHASE = 8  # ticks behind those steps
 
 
 def nothing_due() -> int:
@@ -125,7 +128,7 @@ class Loop:
             Task("drain", 1, lambda _: inputs.drain()),
             Task("hand_over", 1, self._hand_over_if_due),
             Task("links", max(1, round(rate_hz / 10.0)), lambda _: inputs.retry()),
-            Task("status", status, self._status),
+            Task("status", status, self._status, phase=min(STATUS_PHASE, status - 1)),
         ]
 
     def _sync(self, bus: BusInput, _tick: Tick) -> None:

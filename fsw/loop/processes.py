@@ -1,5 +1,7 @@
 """The loop's end of the other processes: starts them, watches them, starts again what dies."""
 
+from __future__ import annotations
+
 import fcntl
 import os
 import subprocess

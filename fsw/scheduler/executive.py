@@ -1,5 +1,7 @@
 """The fixed-rate executive: an absolute grid, one wait per tick, slips counted and never burst."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 
 from fsw.clock import Clock
@@ -81,7 +83,7 @@ class Executive:
         started_ns = tick.now_ns
         is_timed = tick.index // TIMED_TICKS > previous // TIMED_TICKS
         for task in self._tasks:
-            if not is_due(task.divisor, tick.index, previous):
+            if not is_due(task.divisor, tick.index - task.phase, previous - task.phase):
                 continue
             task.run(tick)
             if is_timed:

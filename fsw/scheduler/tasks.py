@@ -1,5 +1,7 @@
 """Rate groups: a table of tasks, each run every `divisor`-th tick, with time statistics."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -15,11 +17,15 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One row of the table; rows run in table order."""
+    """One row of the table; rows run in table order.
+
+    `phase` is when in its group's period a task runs [ticks], so that not all fall on one tick.
+    """
 
     name: str
     divisor: int
     run: Callable[[Tick], None]
+    phase: int = 0
 
     def __post_init__(self) -> None:
         if self.divisor < 1:

@@ -1,5 +1,7 @@
 """The recorder: a sink that writes MCAP files, and what every recording carries with it."""
 
+from __future__ import annotations
+
 import errno
 import os
 import uuid

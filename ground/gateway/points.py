@@ -1,5 +1,7 @@
 """Values that the page can plot: every number of the dictionary, one-sigma bands of estimates."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The simulated inertial unit: own clock, own counter, datagrams on a line."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,6 +4,8 @@
 `hil.links.virtual`) and real time (`python -m hil.devices PLANT.yaml`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import Any
 

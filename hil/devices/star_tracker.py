@@ -1,5 +1,7 @@
 """The simulated star tracker: exposures on its own clock, solutions and answers on a line."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,5 +1,7 @@
 """Truth time on the host's clock, and the history looked up at single instants quickly."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

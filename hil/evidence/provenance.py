@@ -1,5 +1,7 @@
 """Which code made a result."""
 
+from __future__ import annotations
+
 import subprocess
 from functools import lru_cache
 from pathlib import Path

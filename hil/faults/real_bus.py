@@ -3,6 +3,8 @@
 The virtual links have their own taps (`hil.faults.taps`); these act on the kernel's.
 """
 
+from __future__ import annotations
+
 import fcntl
 import socket
 import struct

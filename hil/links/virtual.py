@@ -9,7 +9,6 @@ from itertools import count
 from fsw.drivers.wire import (
     FD_BRS,
     FD_FDF,
-    NO_FRAMES,
     ByteChunk,
     CanFrame,
     FrameArray,
@@ -93,10 +92,10 @@ class VirtualCan:
             stamp_ns = now_ns if producer is None else end_ns
             rows.append(row_of(stamp_ns, word, data, FD_FDF | FD_BRS if is_fd else 0))
 
-    def read(self) -> FrameArray:
-        """Return the frames drained since the last call."""
+    def take(self) -> Callable[[], FrameArray]:
+        """Take over the frames drained since the last call."""
         rows, self._drained = self._drained, []
-        return rows_of(b"".join(rows)).copy() if rows else NO_FRAMES
+        return lambda: rows_of(b"".join(rows)).copy()
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
         """Send a frame; the nodes' answers queue up."""

@@ -1,5 +1,7 @@
 """A run in real time: the plant and the daemon as processes of their own, watched from here."""
 
+from __future__ import annotations
+
 import json
 import os
 import re

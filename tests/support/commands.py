@@ -1,5 +1,7 @@
 """The commands of the project as their parsers know them."""
 
+from __future__ import annotations
+
 import argparse
 import shlex
 from collections.abc import Iterator

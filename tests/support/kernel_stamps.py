@@ -1,5 +1,7 @@
 """Waiting until Linux stamps what a port receives."""
 
+from __future__ import annotations
+
 import pytest
 
 from fsw.clock import MonotonicClock
@@ -20,6 +22,6 @@ def wait_for_kernel_stamps(port: FramePort, clock: MonotonicClock) -> None:
         port.write(WAITING_ID, b"")
         clock.sleep_until_ns(sent_ns + 20_000_000)
         port.drain()
-        if (port.read()["t_ns"] < sent_ns + 10_000_000).any():
+        if (port.take()()["t_ns"] < sent_ns + 10_000_000).any():
             return
     pytest.fail("no frame had the kernel's stamp within four seconds")

@@ -1,6 +1,8 @@
 """Fakes of clock, ports, sink and estimation for the tests of the loop."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -81,9 +83,9 @@ class FakeCan(FakePort):
     def drain(self) -> None:
         self.drained += self._taken()
 
-    def read(self) -> FrameArray:
+    def take(self) -> Callable[[], FrameArray]:
         drained, self.drained = self.drained, []
-        return frame_array(drained).copy()  # the reader may write into it
+        return lambda: frame_array(drained).copy()  # the reader may write into it
 
     def take_dropped(self) -> int:
         dropped, self.dropped = self.dropped, 0

@@ -1,5 +1,7 @@
 """Eight thrusters on the base for the estimator tests: configuration, firings."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any
 

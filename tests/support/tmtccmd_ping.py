@@ -3,6 +3,8 @@
 python tmtccmd_ping.py PORT  ->  one JSON line: the verification chain as tmtccmd has seen it
 """
 
+from __future__ import annotations
+
 import json
 import sys
 import time

@@ -1,5 +1,7 @@
 """Ground tools in environments of their own, since each pins other versions."""
 
+from __future__ import annotations
+
 import json
 import os
 import subprocess

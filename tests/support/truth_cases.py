@@ -1,5 +1,7 @@
 """Robots and motions for the tests of the truth, and Pinocchio's view of them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Help of every command: an example that its parser accepts, and completion of the shell."""
 
+from __future__ import annotations
+
 import re
 import shlex
 import subprocess

@@ -4,6 +4,8 @@ Every reader gets the same numbered frames from a process of its own and drains 
 second, as the loop does. The numbers show which were lost.
 """
 
+from __future__ import annotations
+
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -67,11 +69,11 @@ class _Ours:
         self._port.drain()
         self._ticks += 1
         if self._ticks % BATCH_TICKS == 0:
-            self.frames.append(self._port.read())
+            self.frames.append(self._port.take()())
 
     def received(self) -> int:
         self._port.drain()
-        self.frames.append(self._port.read())
+        self.frames.append(self._port.take()())
         data = np.concatenate(self.frames)["data"][:, :8]
         return len(np.unique(np.ascontiguousarray(data).view(np.int64)))
 

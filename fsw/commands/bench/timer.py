@@ -1,5 +1,7 @@
 """Wake-ups of the executive beside those of cyclictest."""
 
+from __future__ import annotations
+
 import os
 import re
 import shutil

@@ -1,5 +1,7 @@
 """Captures of the wire: logs of CAN buses, bytes of serial lines with their stamps."""
 
+from __future__ import annotations
+
 import csv
 import io
 import json

@@ -1,5 +1,7 @@
 """Stamps of sampled data, judged: order, repetitions, gaps, jitter, rate."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Sections of the sensors: residuals, health, timing; and the configuration of the reading."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from fsw.commands.report.collect import Collected

@@ -1,5 +1,7 @@
 """Spectrum and histogram of normalised residuals."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from fsw.messages import FloatArray

@@ -1,5 +1,7 @@
 """A collected replay as tables (CSV, Parquet) beside the page."""
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Collection, Iterable
 from pathlib import Path

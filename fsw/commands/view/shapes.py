@@ -1,5 +1,7 @@
 """Shapes of a scene: triangles of links, boxes of bodies, balls."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 

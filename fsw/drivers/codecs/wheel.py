@@ -3,6 +3,8 @@
 Pure functions between bytes and values.
 """
 
+from __future__ import annotations
+
 import struct
 from dataclasses import dataclass
 

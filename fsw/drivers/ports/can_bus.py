@@ -1,5 +1,7 @@
 """CAN port over python-can; sockets of SocketCAN and udp_multicast are read here, in batches."""
 
+from __future__ import annotations
+
 import contextlib
 import errno
 import os
@@ -9,6 +11,7 @@ from typing import Any
 
 import can
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.clock import Clock
 from fsw.config import BusConfig
@@ -22,6 +25,7 @@ from fsw.drivers.wire import (
     FrameArray,
     FramePort,
     frames_from,
+    joined,
     rows_of,
 )
 from fsw.messages.errors import PortError
@@ -31,6 +35,7 @@ MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 UDP_MULTICAST = "udp_multicast"
 UDP_FRAMES = "udp_frames"  # struct can_frame in its datagrams: stands for SocketCAN on a bench
+_Stamped = tuple[linux_can.Received, NDArray[np.int64]]  # datagrams, and the time of each
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
 
 
@@ -104,10 +109,10 @@ class CanPort:
         except (can.CanError, OSError) as error:
             raise PortError(f"{self._name}: cannot be read: {error}") from error
 
-    def read(self) -> FrameArray:
-        """Return every frame drained since the last call."""
+    def take(self) -> Callable[[], FrameArray]:
+        """Take over every frame drained since the last call."""
         messages, self._messages = self._messages, []
-        return rows_of(b"".join(message_row(*item) for item in messages)).copy()
+        return lambda: rows_of(b"".join(message_row(*item) for item in messages)).copy()
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
         """Send a classic frame and stamp it."""
@@ -174,7 +179,7 @@ class SocketPort:
         self._receiver = linux_can.Receiver(link, slot_bytes)
         self._stamps = KernelStamps(clock)
         self._empty_ns = clock.now_ns()  # when the last drain that left nothing waiting began
-        self._batches: list[FrameArray] = []  # read because every slot was taken
+        self._batches: list[_Stamped] = []  # taken from the slots because all were full
 
     def drain(self) -> None:
         """Take every waiting frame into the receiver's slots.
@@ -194,19 +199,21 @@ class SocketPort:
             if self._receiver.drain():
                 self._empty_ns = began_ns
                 return
-            self._batches.append(self._frames())
+            self._batches.append(self._stamped())
 
-    def read(self) -> FrameArray:
-        """Return every frame drained since the last call, with its kernel stamp."""
-        batches, self._batches = [*self._batches, self._frames()], []
+    def take(self) -> Callable[[], FrameArray]:
+        """Take over every frame drained since the last call, with its kernel stamp."""
+        batches, self._batches = [*self._batches, self._stamped()], []
         self._stamps.left_empty(self._empty_ns)
-        return batches[0] if len(batches) == 1 else np.concatenate(batches)
+        return lambda: joined([self._frames(*batch) for batch in batches])
 
-    def _frames(self) -> FrameArray:
+    def _stamped(self) -> _Stamped:
         batch = self._receiver.read()
-        if not len(batch.lengths):
+        return batch, self._stamps.monotonic_ns(batch.realtime_ns)
+
+    def _frames(self, batch: linux_can.Received, times_ns: NDArray[np.int64]) -> FrameArray:
+        if not len(times_ns):
             return NO_FRAMES
-        times_ns = self._stamps.monotonic_ns(batch.realtime_ns)
         if self._unpacker is not None:
             return self._unpacker.frames(batch, times_ns)
         return frames_from(times_ns, batch.data, batch.lengths)

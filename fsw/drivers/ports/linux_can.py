@@ -3,6 +3,8 @@
 Source: the kernel's networking/can.rst, recvmmsg(2), socket(7).
 """
 
+from __future__ import annotations
+
 import ctypes
 import errno
 import os
@@ -56,9 +58,9 @@ _MESSAGE = np.dtype(
 
 
 class Received(NamedTuple):
-    """Datagrams of one system call; the arrays are the caller's own."""
+    """Datagrams that were received; the arrays are the caller's own."""
 
-    data: NDArray[np.uint8]  # (k, slot)
+    data: NDArray[np.uint8]  # (k, w), w the least multiple of 8 that holds the longest
     lengths: NDArray[np.uint32]  # (k,)
     realtime_ns: NDArray[np.int64]  # (k,) CLOCK_REALTIME, 0: not stamped
 
@@ -147,7 +149,9 @@ class Receiver:
             return NOTHING
         stamps_ns = self._ancillary(count)
         self._control_lengths[:count] = CONTROL_BYTES
-        return Received(self._data[:count].copy(), self._lengths[:count].copy(), stamps_ns)
+        lengths = self._lengths[:count].copy()
+        width = (int(lengths.max()) + 7) & ~7
+        return Received(self._data[:count, :width].copy(), lengths, stamps_ns)
 
     def _ancillary(self, count: int) -> NDArray[np.int64]:
         """Return the stamps of a batch, and read the drop counter where it comes with them.
@@ -156,12 +160,14 @@ class Receiver:
         before the drop counter.
         """
         control, used = self._control[:count], self._control_lengths[:count]
+        stamps_ns = control[:, 2] * 1_000_000_000 + control[:, 3]
+        if (used == _STAMP_END).all() and (control[:, 1] == _STAMP_KIND).all():
+            return stamps_ns  # nothing was ever dropped
         stamped = (used >= _STAMP_END) & (control[:, 1] == _STAMP_KIND)
-        stamps_ns = np.where(stamped, control[:, 2] * 1_000_000_000 + control[:, 3], 0)
         behind = (used >= _DROPS_END) & (control[:, 5] == _DROPS_KIND)
         alone = (used < _STAMP_END) & (used > 0) & (control[:, 1] == _DROPS_KIND)
         if behind.any() or alone.any():
             counted = np.where(behind, control[:, 6], control[:, 2])[behind | alone] & _U32
             self.dropped += (int(counted[-1]) - self._drops) & _U32
             self._drops = int(counted[-1])
-        return stamps_ns
+        return np.where(stamped, stamps_ns, 0)

@@ -5,7 +5,10 @@ is unpacked by msgpack and shows where these stand; all others that are equal el
 columns of bytes, any other is unpacked by msgpack too.
 """
 
+from __future__ import annotations
+
 import struct
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -44,21 +47,22 @@ def packed(can_id: int, data: bytes) -> bytes:
 
 
 class _Layout(NamedTuple):
-    """Byte offsets of the values of base-format data frames of one size."""
+    """Where the values of base-format data frames of one size stand, in words of 8 bytes."""
 
-    first: NDArray[np.uint8]  # (size,) the datagram that it was found in
-    fixed: NDArray[np.uint8]  # (size,) 255 where the bytes do not change, else 0
-    can_id: int
-    at_id: int | None  # place of the identifier's two bytes; None: it does not change
-    data: slice
-    flags: int
+    first: NDArray[np.uint64]  # (words,) the datagram that it was found in
+    fixed: NDArray[np.uint64]  # (words,) bits that are the same in all
+    fields: np.dtype[np.void]  # `data`, and `word` where the identifier changes
+    length: int  # of the data
+    plain: FrameArray  # (1,) what is the same in all frames
 
 
 class Unpacker:
     """Reads packed frames; the layouts seen are kept."""
 
     def __init__(self) -> None:
-        self._layouts: dict[int, _Layout] = {}  # by size
+        self._kinds = np.zeros(PACKED_BYTES + 1, np.intp)  # by size; 0: none is known
+        self._layouts: list[_Layout] = []  # of kind 1 and on
+        self._plain: FrameArray = np.zeros(1, FRAME)  # by kind
 
     def frames(self, batch: Received, times_ns: NDArray[np.int64]) -> FrameArray:
         """Return the frames of datagrams, in order; what is no frame is left out.
@@ -67,55 +71,64 @@ class Unpacker:
         ----------
         times_ns : (k,) stamp of each datagram
         """
-        frames = np.zeros(len(times_ns), FRAME)
-        left = np.ones(len(times_ns), np.bool_)  # not read yet
-        for size in set(batch.lengths.tolist()):
-            rows = np.flatnonzero(batch.lengths == size)
-            layout = self._layout(size, batch.data[rows[0], :size])
-            if layout is None:
-                continue
-            data = batch.data[:, :size][rows]
-            alike = ~((data ^ layout.first) & layout.fixed).any(axis=1)
-            words: NDArray[Any] = np.full(len(rows), layout.can_id)
-            if layout.at_id is not None:
-                words = data[:, layout.at_id].astype(np.int64) << 8 | data[:, layout.at_id + 1]
-                alike &= words <= SFF_MASK
-            if np.count_nonzero(alike) < len(rows):
-                rows, data, words = rows[alike], data[alike], words[alike]
-            length = layout.data.stop - layout.data.start
-            frames["word"][rows], frames["length"][rows] = words, length
-            frames["flags"][rows] = layout.flags
-            frames["data"][rows, :length] = data[:, layout.data]
-            left[rows] = False
+        kinds = self._kinds[batch.lengths]
+        if not kinds.all():
+            self._learn(batch, (kinds == 0).nonzero()[0])
+            kinds = self._kinds[batch.lengths]
+        frames: FrameArray = self._plain[kinds]
         frames["t_ns"] = times_ns
-        good = np.ones(len(frames), np.bool_)
-        for k in np.flatnonzero(left).tolist():
-            row = _unpacked(batch.data[k, : batch.lengths[k]].tobytes(), int(times_ns[k]))
-            if row is None:
-                good[k] = False
-            else:
-                frames[k] = rows_of(row)[0]
-        return frames if good.all() else frames[good]
+        words = batch.data.view(np.uint64)
+        left: list[int] = []  # not read yet
+        for kind in set(kinds.tolist()):
+            rows = (kinds == kind).nonzero()[0]
+            if not kind:
+                left += rows.tolist()
+                continue
+            layout = self._layouts[kind - 1]
+            values = words[rows, : len(layout.first)]
+            differs = (values ^ layout.first) & layout.fixed
+            if differs.any():
+                alike = ~differs.any(axis=1)
+                left += rows[~alike].tolist()
+                rows, values = rows[alike], values[alike]
+            columns = values.view(layout.fields)[:, 0]
+            if layout.length:
+                frames["data"][rows, : layout.length] = columns["data"]
+            if "word" in layout.fields.names:
+                frames["word"][rows] = columns["word"]
+        return _with_left(frames, batch, sorted(left)) if left else frames
 
-    def _layout(self, size: int, datagram: NDArray[np.uint8]) -> _Layout | None:
-        layout = self._layouts.get(size)
-        if layout is None and len(self._layouts) < MOST_LAYOUTS:
-            layout = _layout_of(datagram)
+    def _learn(self, batch: Received, rows: NDArray[np.intp]) -> None:
+        """Find the layouts of sizes not known yet."""
+        for row in rows.tolist():
+            size = int(batch.lengths[row])
+            if self._kinds[size] or len(self._layouts) == MOST_LAYOUTS:
+                continue
+            layout = _layout_of(batch.data[row, :size].tobytes())
             if layout is not None:
-                self._layouts[size] = layout
-        return layout
+                self._layouts.append(layout)
+                self._kinds[size] = len(self._layouts)
+                self._plain = np.concatenate([self._plain, layout.plain])
 
 
-def _layout_of(datagram: NDArray[np.uint8]) -> _Layout | None:
+def _with_left(frames: FrameArray, batch: Received, left: Sequence[int]) -> FrameArray:
+    """Read by msgpack what no layout fits."""
+    good = np.ones(len(frames), np.bool_)
+    for k in left:
+        row = _unpacked(batch.data[k, : batch.lengths[k]].tobytes(), int(frames["t_ns"][k]))
+        good[k] = row is not None
+        if row is not None:
+            frames[k] = rows_of(row)[0]
+    return frames[good]
+
+
+def _layout_of(raw: bytes) -> _Layout | None:
     """Return the layout of a datagram; None where it is no plain frame in python-can's own form."""
-    raw = datagram.tobytes()
-    try:
-        values = msgpack.unpackb(raw)
-        if _unpacked(raw, 0) is None or msgpack.packb(values) != raw:
-            return None
-    except (ValueError, TypeError, msgpack.UnpackException):
+    row = _unpacked(raw, 0)
+    if row is None:
         return None
-    if values["is_extended_id"] or values["is_remote_frame"] or values["is_error_frame"]:
+    values = msgpack.unpackb(raw)
+    if msgpack.packb(values) != raw or rows_of(row)["word"][0] > SFF_MASK:
         return None
     at, places = 1, {}  # behind the byte that begins a map
     for key, value in values.items():
@@ -123,23 +136,28 @@ def _layout_of(datagram: NDArray[np.uint8]) -> _Layout | None:
         places[key] = at
         at += len(msgpack.packb(value))
     word, data, time = places["arbitration_id"], places["data"], places.get("timestamp", 0)
-    length = len(values["data"])
     if len(values) > 15 or raw[data] != _BIN8 or raw[time] != _FLOAT64:
         return None
-    at_id = word + 1 if raw[word] == _UINT16 else None
-    fixed = np.full(len(raw), 255, np.uint8)
-    fixed[time + 1 : time + 9] = 0
-    fixed[data + 2 : data + 2 + length] = 0
-    if at_id is not None:
-        fixed[at_id : at_id + 2] = 0
-    flags = flags_of(is_fd=values["is_fd"], bitrate_switch=values["bitrate_switch"])
+    fixed = bytearray(-(-len(raw) // 8) * 8)
+    fixed[: len(raw)] = bytes([255]) * len(raw)
+    fixed[time + 1 : time + 9] = bytes(8)
+    length = len(values["data"])
+    fixed[data + 2 : data + 2 + length] = bytes(length)
+    columns = {"data": (f"({length},)u1", data + 2)} if length else {}
+    if raw[word] == _UINT16:
+        columns["word"] = (">u2", word + 1)
+        fixed[word + 1 : word + 3] = (0xFFFF & ~SFF_MASK).to_bytes(2, "big")
+    formats, offsets = zip(*columns.values(), strict=True) if columns else ((), ())
+    plain = rows_of(row).copy()
+    plain["data"] = 0
     return _Layout(
-        datagram.copy(),
-        fixed,
-        values["arbitration_id"],
-        at_id,
-        slice(data + 2, data + 2 + length),
-        flags,
+        np.frombuffer(raw.ljust(len(fixed), b"\0"), np.uint64),
+        np.frombuffer(fixed, np.uint64),
+        np.dtype(
+            {"names": [*columns], "formats": formats, "offsets": offsets, "itemsize": len(fixed)}
+        ),
+        length,
+        plain,
     )
 
 

@@ -1,5 +1,7 @@
 """Service 23, and the functions and reports of file transfer that the standard does not have."""
 
+from __future__ import annotations
+
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
     FILE_KIND,

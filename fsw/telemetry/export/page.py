@@ -1,5 +1,7 @@
 """The dictionary as a page for people."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 
 from fsw.telemetry.dictionary import Dictionary, Enumeration, Field, Packet, Telecommand

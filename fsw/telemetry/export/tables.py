@@ -3,6 +3,8 @@
 ccsdspy reads the first four columns; unit, limits and labels that ask for attention follow.
 """
 
+from __future__ import annotations
+
 import csv
 import io
 

@@ -1,5 +1,7 @@
 """The parts of the telemetry application that every service shares."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 

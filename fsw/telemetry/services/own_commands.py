@@ -1,5 +1,7 @@
 """Telecommands to the telemetry application itself: ping, version, counters, keys, health."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import partial
 

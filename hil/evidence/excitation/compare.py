@@ -1,5 +1,7 @@
 """Each criterion, optimised for itself, against random feasible splines; limits in the truth."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +10,7 @@ import numpy as np
 
 from fsw.excitation import criteria
 from fsw.excitation.design import Criterion
-from fsw.excitation.request import MotionPlan, MotionRequest, shown
+from fsw.excitation.plan import MotionPlan, MotionRequest, shown
 from hil.evidence.excitation.cases import DEFAULT, joint_spline, planner, subject, truth
 from hil.world.limits import LimitCheck, check, worst
 from hil.world.truth import simulate
@@ -72,7 +74,7 @@ def contests(
         for name in names
     ):
         began = time.process_time()
-        z = chance.guesses.random_feasible(rng)
+        z = chance.random_feasible(rng)
         drawn_s = time.process_time() - began
         if z is None:
             continue

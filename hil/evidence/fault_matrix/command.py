@@ -1,5 +1,7 @@
 """`hil faults`: run the matrix, or part of it."""
 
+from __future__ import annotations
+
 import json
 import sys
 from collections.abc import Sequence

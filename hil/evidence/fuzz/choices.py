@@ -1,5 +1,7 @@
 """An input as decisions: whatever bytes come, they choose among what a grammar allows."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import TypeVar
 

@@ -1,5 +1,7 @@
 """Targets of text: lines of the control socket, and the configuration."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The subcommand `hil study paper`."""
 
+from __future__ import annotations
+
 import os
 import tempfile
 from contextlib import ExitStack

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -119,8 +119,8 @@ class _Can:
         _refuse(self.unplugged)
         self._port.drain()
 
-    def read(self) -> FrameArray:
-        return self._port.read()
+    def take(self) -> Callable[[], FrameArray]:
+        return self._port.take()
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
         _refuse(self.unplugged)

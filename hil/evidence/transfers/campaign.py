@@ -5,6 +5,8 @@ the ground program or the daemon's service, at a random instant of the transfer.
 operator does what an operator would: wait, or `ground file resume`.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import signal
@@ -19,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.evidence.store import Store
+from hil.errors import same_settings
 from hil.evidence.transfers.cable import Cable
 from hil.run.bench import prepare
 from hil.run.live import LiveError, processes_of
@@ -135,13 +137,14 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
     ------
     LiveError when the daemon does not come back. ScenarioError for a folder with another seed.
     """
-    store = open_store(folder, seed)
-    done = len(store.rows)
+    same_settings(folder, {"seed": seed})
+    path = folder / "transfers.jsonl"
+    done = len(held(path))
     if done >= count:
         return
     place = folder / f"run_{done:05d}"
     place.mkdir(exist_ok=True)
-    with ExitStack() as stack:
+    with ExitStack() as stack, path.open("a", encoding="utf-8") as file:
         daemon = TransferDaemon(place)
         stack.callback(daemon.close)
         daemon.wait()
@@ -149,13 +152,9 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
         stack.callback(cable.close)
         for number in range(done, count):
             result = Exchange(daemon, cable, place, number, seed).run()
-            store.add(str(number), asdict(result))
+            file.write(json.dumps(asdict(result)) + "\n")
+            file.flush()
             yield result
-
-
-def open_store(folder: Path, seed: int) -> Store:
-    """Return the store of a campaign. Raises ScenarioError for one with another seed."""
-    return Store(folder, {"seed": seed})
 
 
 class Exchange:
@@ -246,9 +245,18 @@ class Exchange:
         )
 
 
-def summary(store: Store) -> dict[str, Any]:
+def held(path: Path) -> list[TransferResult]:
+    """Return the transfers of a campaign so far."""
+    if not path.exists():
+        return []
+    return [
+        TransferResult(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()
+    ]
+
+
+def summary(folder: Path) -> dict[str, Any]:
     """Return counts, the longest times, and every fault."""
-    results = [TransferResult(**row) for row in store.rows.values()]
+    results = held(folder / "transfers.jsonl")
     found: dict[str, Any] = {"transfers": len(results), "bytes": sum(r.size for r in results)}
     for kind in ("", *INTERRUPTIONS):
         of_kind = [r for r in results if r.interruption == kind]

@@ -1,5 +1,7 @@
 """Basilisk flies what MuJoCo flies, and the daemon finds the target from its bytes."""
 
+from __future__ import annotations
+
 import pytest
 
 from hil.basilisk.command import ENVIRONMENT, fly

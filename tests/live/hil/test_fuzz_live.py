@@ -1,5 +1,7 @@
 """A short form of `hil fuzz --only operations --live`."""
 
+from __future__ import annotations
+
 import json
 import subprocess
 import sys

@@ -1,5 +1,7 @@
 """Everything that is started ends with its parent, however that ends: kill -9, interrupt."""
 
+from __future__ import annotations
+
 import os
 import signal
 import subprocess

@@ -1,5 +1,7 @@
 """`hil run --bus socketcan` as one types it below `hil vcan --`."""
 
+from __future__ import annotations
+
 import json
 import subprocess
 import sys

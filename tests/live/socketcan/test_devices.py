@@ -1,5 +1,7 @@
 """The simulated devices' end of a real bus."""
 
+from __future__ import annotations
+
 import select
 
 import can

@@ -1,5 +1,7 @@
 """The links `hil vcan` gives a command."""
 
+from __future__ import annotations
+
 import subprocess
 import sys
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The daemon's CAN port on a real SocketCAN link, python-can at the other end."""
 
+from __future__ import annotations
+
 import gc
 import os
 import subprocess
@@ -51,7 +53,7 @@ def message(number, *, can_id=0x191, fd=False, **more):
 
 def taken(port):
     port.drain()
-    return frame_list(port.read())
+    return frame_list(port.take()())
 
 
 def received(port, count):
@@ -169,7 +171,7 @@ def test_frames_received_before_the_link_went_down_are_there_after_the_error():
     try:
         with pytest.raises(PortError, match="Network is down"):
             port.drain()
-        assert [f.data[0] for f in frame_list(port.read())] == [1]
+        assert [f.data[0] for f in frame_list(port.take()())] == [1]
     finally:
         ip("set", "vcan1", "up")
         port.close()

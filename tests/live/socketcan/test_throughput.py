@@ -1,5 +1,7 @@
 """Seven joints' frames from python-can to the daemon's port: each arrives, or is counted."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
@@ -40,7 +42,7 @@ def test_no_frame_of_seven_joints_is_lost(rate_hz):
             ended = sender.poll() is not None  # before the last reads
             time.sleep(1.0 / rate_hz)
             port.drain()
-            for frame in frame_list(port.read()):
+            for frame in frame_list(port.take()()):
                 seen[frame.can_id].append(int.from_bytes(frame.data, "little"))
     dropped = port.take_dropped()
     port.close()

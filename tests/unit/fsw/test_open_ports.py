@@ -1,5 +1,7 @@
 """Opening the configured devices: paths are taken from the configuration's folder."""
 
+from __future__ import annotations
+
 import os
 import pty
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Telecommands from the XTCE and text, against packets made by hand from the dictionary."""
 
+from __future__ import annotations
+
 import struct
 
 import pytest

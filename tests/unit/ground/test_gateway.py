@@ -1,5 +1,7 @@
 """The gateway's requests and its stream, without a browser."""
 
+from __future__ import annotations
+
 import asyncio
 import json
 import time

@@ -1,5 +1,7 @@
 """Playback, sequences and kept telecommands from the ground, against the daemon's own services."""
 
+from __future__ import annotations
+
 import pytest
 
 from fsw.telemetry.dictionary import DICTIONARY

@@ -1,5 +1,7 @@
 """Reports that somebody on the way has forged do not steer the ground."""
 
+from __future__ import annotations
+
 import pytest
 
 from fsw.telemetry.link.sdls import Association, Role

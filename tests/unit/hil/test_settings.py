@@ -1,5 +1,7 @@
 """Long evidence goes on in its own folder only: results of other settings are never mixed."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Two redundant buses in the wiring: what is sent where, and when the daemon changes bus."""
 
+from __future__ import annotations
+
 import itertools
 import struct
 

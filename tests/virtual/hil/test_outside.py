@@ -1,5 +1,7 @@
 """Wrenches from outside that nothing declares, in MuJoCo's motion: found, told apart, left out."""
 
+from __future__ import annotations
+
 from functools import lru_cache
 
 import numpy as np

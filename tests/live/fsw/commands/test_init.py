@@ -1,5 +1,7 @@
 """A configuration for a robot of one's own, written by `fsw init`."""
 
+from __future__ import annotations
+
 import pytest
 
 from fsw.__main__ import main

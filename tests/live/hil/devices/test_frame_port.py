@@ -1,5 +1,7 @@
 """The devices' end of `udp_frames`; that of SocketCAN is tested in tests/live/socketcan."""
 
+from __future__ import annotations
+
 import os
 import select
 import socket
@@ -77,7 +79,7 @@ def test_the_daemon_s_port_gets_every_frame_of_several_batches_in_order():
         got = []
         while len(got) < len(sent):
             host.drain()
-            got += frame_list(host.read())
+            got += frame_list(host.take()())
         assert [(f.can_id, f.data, f.is_fd) for f in got] == [f[1:] for f in sent]
         host.write(0x080, b"\x07")
         assert [frame[1:] for frame in heard(end)] == [(0x080, b"\x07")]

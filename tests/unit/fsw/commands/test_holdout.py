@@ -1,5 +1,7 @@
 """Which windows are held out."""
 
+from __future__ import annotations
+
 import itertools
 from types import SimpleNamespace
 from typing import Any

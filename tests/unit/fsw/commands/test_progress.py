@@ -1,5 +1,7 @@
 """Progress on a terminal is one line; elsewhere one line per stage."""
 
+from __future__ import annotations
+
 import contextlib
 import fcntl
 import os

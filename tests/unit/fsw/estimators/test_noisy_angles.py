@@ -1,5 +1,7 @@
 """Blocks whose angles are as noisy as their rates: derivatives, covariance, smoothed Jacobian."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,7 @@
 """A word for every published parameter: measured, prior-dominated, unbounded or not valid."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Noise that is correlated in time: found, and its covariance against a simulation."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,7 @@
 """States of valves to edges: times, time open, what is missed."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 

@@ -3,9 +3,10 @@
 import os
 
 import numpy as np
+import pytest
 
 from fsw.config import load
-from fsw.drivers.wire import ByteChunk, CanFrame, frame_array
+from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, frame_list
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import (
     TO_ESTIMATION,
@@ -43,6 +44,21 @@ def test_the_estimation_gets_the_stream_and_is_called_at_the_end_of_a_batch() ->
     os.close(wake)
 
 
+@pytest.mark.parametrize("fd", [(), (1,), (0, 1, 2)])
+def test_frames_come_out_of_a_ring_as_they_went_in(fd: tuple[int, ...]) -> None:
+    sent = [
+        CanFrame(1 << 60, 0x7FF, bytes(range(1, 65 if 0 in fd else 9)), is_fd=0 in fd),
+        CanFrame(2, 0x1FFFFFFF, bytes(range(1, 8)), is_extended=True, is_fd=1 in fd),
+        CanFrame(3, 0x5, b"", is_remote=2 not in fd, is_fd=2 in fd, bitrate_switch=2 in fd),
+    ]
+    ring = RingWriter.create(1 << 12)
+    RingSink(ring, TO_SERVICE).put(CanTraffic("arm", frame_array(sent)))
+    (record,) = RingReader(os.dup(ring.fd)).read()
+    found = message_of(record)
+    assert isinstance(found, CanTraffic)
+    assert (found.bus, frame_list(found.frames)) == ("arm", sent)
+
+
 def test_the_service_gets_traffic_and_events_and_no_end_of_a_batch() -> None:
     ring = RingWriter.create(1 << 16)
     sink = RingSink(ring, TO_SERVICE)
@@ -59,7 +75,7 @@ def test_the_service_gets_traffic_and_events_and_no_end_of_a_batch() -> None:
 
 
 def test_what_finds_no_room_is_counted_to_the_frame() -> None:
-    ring = RingWriter.create(2048)
+    ring = RingWriter.create(1024)
     sink = RingSink(ring, TO_ESTIMATION)
     for _ in range(5):
         sink.put(STREAM[0])

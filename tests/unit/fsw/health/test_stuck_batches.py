@@ -1,5 +1,7 @@
 """Stuck sensors are the same ones however their samples are cut into batches."""
 
+from __future__ import annotations
+
 from dataclasses import fields
 
 import numpy as np

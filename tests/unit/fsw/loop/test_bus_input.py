@@ -1,5 +1,7 @@
 """Sent and received frames of a bus in one order, SYNC stamped where the bus handed it back."""
 
+from __future__ import annotations
+
 import pytest
 
 from fsw.drivers.wire import CanFrame
@@ -48,6 +50,7 @@ class Line:
 
     def handed_over(self) -> None:
         self.bus.take()
+        self.bus.read()
         self.bus.order()
         self.bus.hand_over(self.sink)
 

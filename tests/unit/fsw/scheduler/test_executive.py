@@ -55,6 +55,16 @@ def test_rate_groups_run_in_table_order_at_their_divisor():
     ]  # fmt: skip
 
 
+def test_a_task_with_a_phase_runs_behind_the_beginning_of_its_period():
+    log: list[tuple[int, str]] = []
+    tasks = [
+        Task("early", 3, lambda t: log.append((t.index, "early"))),
+        Task("late", 3, lambda t: log.append((t.index, "late")), phase=2),
+    ]
+    run(FakeClock(), tasks, 6)
+    assert log == [(0, "early"), (2, "late"), (3, "early"), (5, "late")]
+
+
 def test_a_rate_group_whose_tick_was_skipped_runs_at_the_next_one():
     assert is_due(4, 9, 7)
     assert not is_due(4, 7, 5)

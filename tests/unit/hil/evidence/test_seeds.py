@@ -1,5 +1,7 @@
 """The summary of many seeds, on outcomes made by hand."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import pytest

@@ -1,5 +1,7 @@
 """The journal of results: nothing lost in a crash, nothing twice, nothing of other settings."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import pytest

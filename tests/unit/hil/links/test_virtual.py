@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import numpy as np
 
 from fsw.clock import Clock
@@ -16,7 +18,7 @@ def bench(seed: int = 3, **imu: object) -> VirtualBench:
 
 def taken(port: FramePort) -> list[CanFrame]:
     port.drain()
-    return frame_list(port.read())
+    return frame_list(port.take()())
 
 
 def run(world: VirtualBench, ticks: int) -> tuple[list, list, list]:

@@ -1,5 +1,7 @@
 """`fsw identify --holdout` on a flight in virtual time: a right model passes, a wrong one fails."""
 
+from __future__ import annotations
+
 import json
 
 import numpy as np

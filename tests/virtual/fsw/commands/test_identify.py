@@ -1,5 +1,7 @@
 """`fsw identify` without a recursion beside it."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 

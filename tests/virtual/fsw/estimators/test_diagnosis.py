@@ -1,5 +1,7 @@
 """Diagnosis over whole motions: wrong priors are reported, bad blocks leave nothing behind."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,5 +1,7 @@
 """Torques that no model has, slower than a sensor's noise: honest where declared, else refused."""
 
+from __future__ import annotations
+
 from dataclasses import fields, replace
 from pathlib import Path
 

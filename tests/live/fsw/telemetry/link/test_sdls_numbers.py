@@ -1,5 +1,7 @@
 """No restart, however it came about, opens an old number again."""
 
+from __future__ import annotations
+
 import errno
 import json
 import os

@@ -1,5 +1,7 @@
 """The offset between star tracker and gyro on a motion in closed form."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

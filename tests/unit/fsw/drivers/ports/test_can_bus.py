@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import socket
 import struct
 
@@ -7,7 +9,7 @@ import pytest
 
 from fsw.clock import MonotonicClock
 from fsw.drivers.ports.can_bus import CanPort, open_can
-from fsw.drivers.wire import CanFrame, FramePort, frame_list, unpack_frame
+from fsw.drivers.wire import CanFrame, FrameArray, FramePort, frame_list, unpack_frame
 from fsw.messages.errors import PortError
 from tests.support.driver_configs import bus_config
 from tests.support.kernel_stamps import WAITING_ID, wait_for_kernel_stamps
@@ -15,7 +17,7 @@ from tests.support.kernel_stamps import WAITING_ID, wait_for_kernel_stamps
 
 def taken(port: FramePort) -> list[CanFrame]:
     port.drain()
-    return frame_list(port.read())
+    return frame_list(port.take()())
 
 
 def test_frames_pass_both_ways_on_a_virtual_bus() -> None:
@@ -62,6 +64,33 @@ def test_multicast_carries_frames_between_ports(interface: str) -> None:
     finally:
         first.close()
         second.close()
+
+
+@pytest.mark.parametrize("interface", ["udp_multicast", "udp_frames"])
+def test_frames_that_were_read_stay_when_the_next_come(interface: str) -> None:
+    config = bus_config(interface=interface, channel="239.74.163.9", port=43996)
+    clock = MonotonicClock()
+    port = open_can(config, clock)
+    try:
+        wait_for_kernel_stamps(port, clock)
+        port.write(0x191, bytes(range(8)))
+        first = read_one(port, 0x191)
+        kept = first.copy()
+        port.write(0x192, bytes(range(8, 16)))
+        second = read_one(port, 0x192)
+        assert first.tobytes() == kept.tobytes()
+        assert frame_list(first)[0].data == bytes(range(8))
+        assert frame_list(second)[0].data == bytes(range(8, 16))
+    finally:
+        port.close()
+
+
+def read_one(port: FramePort, can_id: int) -> FrameArray:
+    while True:
+        port.drain()
+        frames = port.take()()
+        if (frames["word"] == can_id).any():
+            return frames
 
 
 @pytest.mark.parametrize("interface", ["no_such_interface", "socketcan"])

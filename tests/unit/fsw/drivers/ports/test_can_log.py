@@ -1,5 +1,7 @@
 """CAN logs of other tools: every kind of frame as python-can's own writers put it down."""
 
+from __future__ import annotations
+
 import can
 import pytest
 

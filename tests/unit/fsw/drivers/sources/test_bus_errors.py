@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 from fsw.drivers.sources.bus_errors import BusErrors
 from fsw.drivers.wire import CanFrame
 

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 from fsw.config import RedundantBusConfig
 from fsw.drivers.sources import BusSelector
 

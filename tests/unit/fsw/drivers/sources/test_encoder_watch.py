@@ -1,5 +1,7 @@
 """Jumps and stands of an encoder on motions in closed form."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 

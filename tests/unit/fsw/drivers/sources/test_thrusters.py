@@ -1,5 +1,7 @@
 """Reports of a valve driver to states and changes, and what lost ones cost."""
 
+from __future__ import annotations
+
 import struct
 
 import numpy as np

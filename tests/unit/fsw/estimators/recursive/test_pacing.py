@@ -1,5 +1,7 @@
 """How far a pass's point goes: passes that swing between two points settle between them."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 

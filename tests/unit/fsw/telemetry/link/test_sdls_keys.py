@@ -1,5 +1,7 @@
 """Where keys may come from, and which are refused."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import pytest

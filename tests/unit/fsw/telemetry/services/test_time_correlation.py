@@ -1,5 +1,7 @@
 """The correlation of mission elapsed time with UTC, as it goes down."""
 
+from __future__ import annotations
+
 from datetime import UTC, datetime
 
 import pytest

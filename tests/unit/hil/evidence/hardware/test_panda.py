@@ -1,5 +1,7 @@
 """The recordings' own clock, and the tables that are imported."""
 
+from __future__ import annotations
+
 import csv
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """What an environment's section refuses, by key and value."""
 
+from __future__ import annotations
+
 import pytest
 from pydantic import ValidationError
 

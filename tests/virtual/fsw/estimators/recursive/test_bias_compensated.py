@@ -1,5 +1,7 @@
 """Bias-compensated MRNEA: what noise adds is what is taken off, in memory that does not grow."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
