@@ -22,7 +22,6 @@ from tests.support.estimator_cases import (
     BASE,
     HIL,
     TARGET,
-    URDF,
     Body,
     covariances,
     make_config,
@@ -30,27 +29,10 @@ from tests.support.estimator_cases import (
     true_block,
     wrong,
 )
+from tests.support.gimballed import AXIAL_KG_M2, GYRO_JOINTS, with_gyro, with_run_up
 
-AXIAL_KG_M2, SPIN_RAD_S, SWING_RAD_S = 0.05, 100.0, 0.2
+SPIN_RAD_S, SWING_RAD_S = 100.0, 0.2
 BLOCKS, SEEDS = 58, 6
-GYRO = """<joint name="a_gimbal" type="revolute"><parent link="{root}"/><child link="cage"/>
-<origin xyz="0.2 -0.1 0.3"/><axis xyz="1 0 0"/>
-<limit lower="-3" upper="3" effort="20" velocity="1"/></joint>
-<link name="cage"><inertial><mass value="2"/>
-<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-<joint name="a_rotor" type="revolute"><parent link="cage"/><child link="rotor"/>
-<axis xyz="0 0 1"/><limit lower="-1e6" upper="1e6" effort="5" velocity="400"/></joint>
-<link name="rotor"><inertial><mass value="6"/>
-<inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="{axial}"/></inertial></link></robot>"""
-
-
-def with_gyro(folder: Path) -> Path:
-    text = URDF.read_text()
-    root = RobotModel(URDF, "tool").model.frames[2].name
-    assert f'<link name="{root}">' in text
-    path = folder / "gyro.urdf"
-    path.write_text(text.replace("</robot>", GYRO.format(root=root, axial=AXIAL_KG_M2)))
-    return path
 
 
 def config_of(urdf: Path, target: Body = TARGET) -> Config:
@@ -76,22 +58,11 @@ def blocks_of(urdf: Path) -> list[Block]:
     """Return noise-free windows: the arm moves, the wheel runs up, then its gimbal swings."""
     arm = JointSpline.load(HIL / "trajectories" / "target_leo_identification.yaml")
     robot = Robot.load(urdf, "tool", base=BASE, target=TARGET)
-    knots = np.arange(len(arm.control_points_rad)) * arm.knot_spacing_s
-    run = np.clip(knots, knots[3], knots[-4]) - knots[3]
-    own = {
-        "a_gimbal": SWING_RAD_S / 0.6 * (1.0 - np.cos(0.6 * run)),
-        "a_rotor": SPIN_RAD_S * run,
-    }
-    order = [f"joint{k + 1}" for k in range(7)]
-    columns = [
-        own[name] if name in own else arm.control_points_rad[:, order.index(name)]
-        for name in robot.joint_names
-    ]
-    spline = JointSpline(arm.duration_s, np.stack(columns, axis=1))
+    spline = with_run_up(arm, robot.joint_names, SPIN_RAD_S, SWING_RAD_S)
     truth = simulate(robot, spline, -1.0, 0.4 * BLOCKS + 1.0, 0.0025)
     cov, count = covariances(), robot.n
     stacked = {key: np.stack([cov[key][0]] * count) for key in ("cov_joint", "cov_tau")}
-    has = np.array([name not in own for name in robot.joint_names])
+    has = np.array([name not in GYRO_JOINTS for name in robot.joint_names])
     return [replace(true_block(truth, 0.4 * k, k), **stacked, has_joint=has) for k in range(BLOCKS)]
 
 
