@@ -4,8 +4,6 @@ A parameter here is `name : words`, and its type stands in the signature; numpyd
 a line of their own.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -5,8 +5,6 @@ scenarios is a file, written by `python docs/generate.py`, and so is the diction
 `python -m fsw.telemetry.export`; tests compare both with the code.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

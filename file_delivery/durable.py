@@ -3,8 +3,6 @@
 It lies here because the flight software, the bench and the ground side may all import this package.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import IO

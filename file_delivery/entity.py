@@ -6,8 +6,6 @@ refusals, names confined to the file directory, the checksum of every file, file
 place only when they are whole, and transfers that are cancelled, suspended and resumed.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping

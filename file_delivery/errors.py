@@ -1,7 +1,5 @@
 """The error of file delivery."""
 
-from __future__ import annotations
-
 
 class DeliveryError(Exception):
     """A file that cannot be sent or received.

@@ -1,7 +1,5 @@
 """One file on its way here; it takes its place only when it is whole."""
 
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Use of cfdp-py by both directions of file delivery: its settings and its errors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

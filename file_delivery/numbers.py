@@ -1,7 +1,5 @@
 """Numbers of transactions: 63 bits, never used twice, also when what was kept of them is lost."""
 
-from __future__ import annotations
-
 import fcntl
 import secrets
 import time

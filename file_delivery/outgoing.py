@@ -1,7 +1,5 @@
 """One file on its way to the other end."""
 
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 

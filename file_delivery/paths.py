@@ -1,7 +1,5 @@
 """Names of files as the ground gives them, confined to one directory."""
 
-from __future__ import annotations
-
 from pathlib import Path, PurePosixPath
 
 from file_delivery.errors import DeliveryError

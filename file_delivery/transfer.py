@@ -1,7 +1,5 @@
 """Progress and outcome of a transfer."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 

@@ -4,8 +4,6 @@ The library trusts offsets and requests: a request for 4 GB would be prepared in
 a far offset would make a file of that size. Everything here is checked against limits first.
 """
 
-from __future__ import annotations
-
 import struct
 
 from spacepackets.cfdp import CfdpLv, ConditionCode, Direction, PduConfig

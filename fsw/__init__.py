@@ -3,8 +3,6 @@
 In a notebook: `from fsw import Robot, load, identify, replay, plan, report`; docs/api.md.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING
 

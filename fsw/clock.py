@@ -1,7 +1,5 @@
 """Time as a port: the only module of the flight software that reads a clock."""
 
-from __future__ import annotations
-
 import ctypes
 import select
 import time

@@ -1,7 +1,5 @@
 """Open MCT's own files: fetched once by npm, checked, and served as they are."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """Telecommands by the XTCE: what there is, and packets with arguments given as text."""
 
-from __future__ import annotations
-
 import math
 import struct
 import xml.etree.ElementTree as ET

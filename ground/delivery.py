@@ -1,7 +1,5 @@
 """Files to and from the daemon over one link: CFDP class 2 in the link's own packets."""
 
-from __future__ import annotations
-
 import time
 import zlib
 from collections.abc import Callable, Mapping

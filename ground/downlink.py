@@ -8,8 +8,6 @@ The IV is a number of 6 bytes that rises from frame to frame, and 6 random bytes
 when its MAC is right and its IV is above every one seen, also by an earlier run.
 """
 
-from __future__ import annotations
-
 import struct
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Errors of the ground programs and their exit codes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 

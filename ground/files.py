@@ -1,7 +1,5 @@
 """The `file` subcommands: transfers and what lies in the daemon's folders."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """Command history of the ground: every telecommand that was sent, by whom, and its outcome."""
 
-from __future__ import annotations
-
 import getpass
 import json
 import os

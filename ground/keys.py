@@ -1,7 +1,5 @@
 """Key files: 32 bytes, closed to others; a file that was replaced is read again."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

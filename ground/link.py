@@ -1,7 +1,5 @@
 """A connection to the daemon: packets down, telecommands up, in clear or sealed."""
 
-from __future__ import annotations
-
 import secrets
 import socket
 import time

@@ -1,7 +1,5 @@
 """A number kept in a file that several programs change, and that no crash sets back."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 from collections.abc import Callable

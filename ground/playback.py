@@ -5,8 +5,6 @@ lacks; times in the packets say when that was. Retrieved packets are the same by
 time, so one that is there already is left out.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

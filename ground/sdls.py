@@ -5,8 +5,6 @@ before it is. If it is lost all the same (another state folder, an old copy of i
 keep the key from sealing two frames with one IV.
 """
 
-from __future__ import annotations
-
 import secrets
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Request sequences as text: one telecommand a line, and `wait SECONDS` between them."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import struct

@@ -1,7 +1,5 @@
 """The subcommands that print: telecommands with their reports, telemetry, files."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,7 +1,5 @@
 """The subcommands about what is kept on board: playback of telemetry, sequences."""
 
-from __future__ import annotations
-
 import argparse
 import secrets
 import zlib

@@ -1,7 +1,5 @@
 """Telemetry packets by the XTCE."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping

@@ -5,8 +5,6 @@ board the pieces of an upload are appended to NAME.ID.part, here those of a down
 .NAME.ID.part; both take their final name when size and CRC are right.
 """
 
-from __future__ import annotations
-
 import json
 import secrets
 import time

@@ -1,7 +1,5 @@
 """UTC of the daemon's packets, by the correlation it sends after every time packet."""
 
-from __future__ import annotations
-
 import math
 from datetime import UTC, datetime, timedelta
 

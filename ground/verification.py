@@ -1,7 +1,5 @@
 """Following one telecommand through its verification reports (service 1)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from hil.basilisk import command as vs_basilisk
 from hil.evidence import commands as evidence
 from hil.examples import EXAMPLES, STUDIES
-from hil.options import count
+from hil.options import call, count
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,14 +36,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
     arguments = parser().parse_args(argv)
-    command: Callable[[argparse.Namespace], int] = arguments.command
     from fsw.commands.out_argument import refuse_existing
     from hil.errors import explained
 
     def action() -> int:
         if "force" in arguments:
             refuse_existing(arguments)
-        return command(arguments)
+        return call(arguments)
 
     return explained(action, WRONG_EXIT, FAILED_EXIT)
 
@@ -100,6 +99,7 @@ def parser() -> argparse.ArgumentParser:
     )
     faults.add_argument(
         "--lane",
+        dest="lanes",
         action="append",
         default=[],
         choices=("virtual", "machine", "socketcan"),
@@ -108,9 +108,9 @@ def parser() -> argparse.ArgumentParser:
     faults.add_argument("--seed", type=int, default=1, metavar="N", help="fixes every bit, 1")
     faults.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
     faults.add_argument("--short", action="store_true", help="the selection that the tests run")
-    faults.add_argument("--json", action="store_true", help="print one JSON object")
+    faults.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
     faults.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
-    faults.set_defaults(command=_faults)
+    faults.set_defaults(function="hil.evidence.fault_matrix.command:run")
     commands.add_parser("list", help="list the scenarios").set_defaults(command=_list)
     _study_parser(commands)
     _campaign_parser(commands)
@@ -142,7 +142,9 @@ def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         " a User-Mode Linux that shares this machine's files. Output and exit status are the"
         " command's; 124: out of time, 125: it could not be run, 128 + n: ended by signal n.",
     )
-    vcan.add_argument("--timeout", type=float, metavar="S", help="end the command after so long")
+    vcan.add_argument(
+        "--timeout", type=float, metavar="S", dest="timeout_s", help="end the command after so long"
+    )
     vcan.add_argument(
         "--realtime",
         action="store_true",
@@ -150,18 +152,7 @@ def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     vcan.add_argument("--on", choices=("auto", "kernel", "uml"), default="auto", dest="where")
     vcan.add_argument("argv", nargs="+", metavar="COMMAND", help="and its arguments, after --")
-    vcan.set_defaults(command=_vcan)
-
-
-def _vcan(arguments: argparse.Namespace) -> int:
-    from hil.vcan.command import run
-
-    return run(
-        arguments.argv,
-        timeout_s=arguments.timeout,
-        where=arguments.where,
-        realtime=arguments.realtime,
-    )
+    vcan.set_defaults(function="hil.vcan.command:run")
 
 
 def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -181,91 +172,39 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     methods.add_argument(
         "--redo", action="append", default=[], metavar="METHOD", help="drop its stored results"
     )
-    methods.add_argument("--report", action="store_true", help="run nothing, judge what is stored")
-    methods.set_defaults(command=_study_methods)
+    methods.add_argument(
+        "--report",
+        action="store_true",
+        dest="report_only",
+        help="run nothing, judge what is stored",
+    )
+    methods.set_defaults(function="hil.evidence.methods.command:methods")
     paper = kinds.add_parser("paper", help="the paper's tables and figure, and the fused estimator")
     paper.add_argument("--quick", action="store_true", help="one seed, 100 Hz, no device bytes")
     paper.add_argument("--out", type=Path, metavar="DIR", help="keep results and resume from them")
     paper.add_argument("--seeds", type=count, metavar="N", help="per cell of Tables 4-7, 20")
     paper.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 20")
-    paper.set_defaults(command=_study_paper)
+    paper.set_defaults(function="hil.evidence.paper.command:paper")
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
-    energy.set_defaults(command=_study_energy)
+    energy.set_defaults(function="hil.evidence.methods.command:energy")
     modes = kinds.add_parser("modes", help="sigma over the bound, of panels and liquid")
     modes.add_argument("scenario", metavar="SCENARIO", help="with panels or liquid, declared")
     modes.add_argument(
         "--runs", type=Path, required=True, metavar="DIR", help="of `hil seeds SCENARIO --out DIR`"
     )
-    modes.set_defaults(command=_study_modes)
+    modes.set_defaults(function="hil.evidence.modes_bound:study")
     for name, example in STUDIES.items():
         kinds.choices[name].epilog = f"example: {example}"
-
-
-def _faults(arguments: argparse.Namespace) -> int:
-    from hil.evidence.fault_matrix.command import run
-
-    return run(
-        only=arguments.only,
-        lanes=arguments.lane,
-        seed=arguments.seed,
-        jobs=arguments.jobs,
-        out=arguments.out,
-        as_json=arguments.json,
-        short=arguments.short,
-    )
 
 
 def _campaign_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the campaigns."""
     campaign = commands.add_parser("campaign", help="Monte Carlo over what a YAML file names")
-    campaign.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml")
+    campaign.add_argument("path", type=Path, metavar="CAMPAIGN.yaml")
     campaign.add_argument("--out", type=Path, metavar="DIR", help="results; resumed if there")
     campaign.add_argument("--workers", type=count, default=2, metavar="N", help="processes, 2")
     campaign.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, instead")
-    campaign.set_defaults(command=_campaign)
-
-
-def _campaign(arguments: argparse.Namespace) -> int:
-    from hil.evidence.campaign.command import campaign
-
-    return campaign(arguments.campaign, arguments.out, arguments.workers, arguments.scheduler)
-
-
-def _study_methods(arguments: argparse.Namespace) -> int:
-    from hil.evidence.methods.command import methods
-
-    return methods(
-        quick=arguments.quick,
-        out=arguments.out,
-        seeds=arguments.seeds,
-        device_seeds=arguments.device_seeds,
-        jobs=arguments.jobs,
-        redo=arguments.redo,
-        report_only=arguments.report,
-    )
-
-
-def _study_paper(arguments: argparse.Namespace) -> int:
-    from hil.evidence.paper.command import paper
-
-    return paper(
-        quick=arguments.quick,
-        out=arguments.out,
-        seeds=arguments.seeds,
-        device_seeds=arguments.device_seeds,
-    )
-
-
-def _study_energy(_arguments: argparse.Namespace) -> int:
-    from hil.evidence.methods.command import energy
-
-    return energy()
-
-
-def _study_modes(arguments: argparse.Namespace) -> int:
-    from hil.evidence.modes_bound import study
-
-    return study(arguments.scenario, arguments.runs)
+    campaign.set_defaults(function="hil.evidence.campaign.command:campaign")
 
 
 def _list(_arguments: argparse.Namespace) -> int:
@@ -277,8 +216,6 @@ def _list(_arguments: argparse.Namespace) -> int:
 
 
 def _seeds(arguments: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from hil.evidence.seeds import run_seeds, show, summary
     from hil.world.scenario import changed, load
 
@@ -286,8 +223,7 @@ def _seeds(arguments: argparse.Namespace) -> int:
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]
-    console, out = Console(stderr=True), arguments.out
-    outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, out, console)
+    outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, arguments.out)
     if arguments.json:
         print(json.dumps({"summary": summary(outcomes), "runs": outcomes}))
     else:

@@ -1,7 +1,5 @@
 """Errors that end the bench with one clear message."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,8 +1,8 @@
 """Kinds of command-line options."""
 
-from __future__ import annotations
-
 import argparse
+from collections.abc import Callable
+from importlib import import_module
 
 
 def count(text: str) -> int:
@@ -11,3 +11,17 @@ def count(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 1")
     return number
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Call the function that a command names, with its options as keywords; return the exit code.
+
+    A command of its own gets the arguments as they are. Modules are imported when they are called,
+    so that the help needs none of them.
+    """
+    given = vars(arguments)
+    if "command" in given:
+        command: Callable[[argparse.Namespace], int] = given["command"]
+        return command(arguments)
+    module, name = given.pop("function").split(":")
+    return int(getattr(import_module(module), name)(**given))

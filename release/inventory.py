@@ -4,8 +4,6 @@
 environment that has the wheel and nothing else. Exit code 1 where the size is over its bound.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

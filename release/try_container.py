@@ -5,8 +5,6 @@ stays as it is; every stage works on a copy in WORK. Ends with `fsw --version` a
 as the image's user.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

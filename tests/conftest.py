@@ -1,7 +1,5 @@
 """Fixtures every test of the project may use: a small robot and its configuration."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The project's own rules: style, types, imports, spelling, and that CI runs the README."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

@@ -3,8 +3,6 @@
 Worst cases only, computed before any device is opened. Frame lengths are those of docs/icd.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from fsw.config import (

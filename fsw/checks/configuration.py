@@ -4,8 +4,6 @@
 one line: key, value found, bound.
 """
 
-from __future__ import annotations
-
 import os
 from math import hypot, sqrt, tau
 from pathlib import Path

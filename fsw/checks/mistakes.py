@@ -5,8 +5,6 @@ sensor turned. With each of them the bodies are identified again; the mistake th
 residuals of the declared noise, and hardly any other does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -4,8 +4,6 @@ The estimator takes a wrong place or attitude of the inertial unit as a state of
 small residuals; only its distance from its prior shows the mistake.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rates, noise and attitude found in recorded windows beside what a configuration declares."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ estimator are made as the loop makes them, and given a window of a gentle motion
 time does what background work the first has left.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The robot of a configuration: a readable URDF, joints that can be used, bodies that can be."""
 
-from __future__ import annotations
-
 import os
 from math import tau
 from pathlib import Path

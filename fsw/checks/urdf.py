@@ -4,8 +4,6 @@ The library recurses through links and elements: thousands of either end the pro
 numbers that no robot has, and says nothing.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from math import inf, isfinite
 

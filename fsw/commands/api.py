@@ -279,7 +279,7 @@ def plan(
     without the extra `excite`.
     """
     from fsw.excitation.motion import bounds, planned
-    from fsw.excitation.plan import MotionRequest
+    from fsw.excitation.request import MotionRequest
     from fsw.excitation.subject import build_subject
 
     one_of("criterion", criterion, get_args(Criterion))

@@ -1,7 +1,5 @@
 """`fsw check`: a configuration alone, or beside a recording or a motion."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +9,7 @@ from fsw.checks.configuration import missing_devices, validate, validate_outputs
 from fsw.commands.describe import describe
 from fsw.commands.progress import Progress
 from fsw.config import Config
+from fsw.excitation.effects import told
 from fsw.messages.errors import ConfigError
 
 YAML_ENDINGS = (".yaml", ".yml")
@@ -37,12 +36,18 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
 
         warnings += check_uplink(config, os.environ)
     warnings += missing_devices(config)
-    lines = [describe(config, problem), *(f"warning: {warning}" for warning in warnings)]
+    motion = None
+    if other is not None:
+        with planning("check PLAN"):
+            from fsw.excitation.motion import check_motion, loaded
+        motion = loaded(other, config)
+    lines = [
+        describe(config, problem, told(config, problem, motion)),
+        *(f"warning: {warning}" for warning in warnings),
+    ]
     many = f"{len(warnings) or 'no'} warning{'s' if len(warnings) != 1 else ''}"
     lines.append(f"{config.name}: valid, {many}; no device was opened")
     if other is not None:
-        with planning("check PLAN"):
-            from fsw.excitation.motion import check_motion
         lines += check_motion(config, other)
     return "\n".join(lines), True
 

@@ -1,7 +1,5 @@
 """`fsw check CONFIG RECORDING`: what a recording says of its configuration."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fsw ctl`: one command to a running daemon, and its reply."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

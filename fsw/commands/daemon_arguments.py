@@ -1,7 +1,5 @@
 """Arguments of the commands that concern the daemon and its machine: run, ctl, install, bench."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from fsw.commands.recording_arguments import Command, Commands, overlay_argument

@@ -1,6 +1,6 @@
 """A configuration in words, for `fsw check`."""
 
-from __future__ import annotations
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,11 +10,9 @@ from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
 
-LOW_ORBIT_RAD_S = 1.16e-3  # mean motion at 300 km
 
-
-def describe(config: Config, problem: Problem) -> str:
-    """Return a page of text: robot, unknowns, links, rates, states, lag, files."""
+def describe(config: Config, problem: Problem, costs: Sequence[str] = ()) -> str:
+    """Return a page of text: robot, unknowns, links, rates, states, costs, lag, files."""
     sections = (
         ("robot", _robot(config, problem)),
         ("bodies", _bodies(config, problem)),
@@ -25,6 +23,7 @@ def describe(config: Config, problem: Problem) -> str:
         ("serial", _serial(config)),
         ("loop", _loop(config)),
         ("estimate", _estimate(config, problem)),
+        *([("left out", costs)] if costs else []),
         ("telemetry", _telemetry(config)),
         ("files", _files(config)),
     )
@@ -195,7 +194,7 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
         f"{', ' + ', '.join(nuisances) if nuisances else ''}",
         f"in doubt, estimated along: {', '.join(_doubts(config, problem)) or 'nothing'}",
         f"taken as exact: {', '.join(_certain(config, problem)) or 'nothing'}",
-        f"effects that are off: {', '.join(_off(config, problem)) or 'none'}",
+        f"effects that are off: {', '.join(_off(config)) or 'none'}",
         f"valid after {estimator.settle_blocks} windows "
         f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",
     ]
@@ -246,7 +245,7 @@ def _certain(config: Config, problem: Problem) -> list[str]:
     return [name for name, is_exact in exact.items() if is_exact]
 
 
-def _off(config: Config, problem: Problem) -> list[str]:
+def _off(config: Config) -> list[str]:
     """Return which effects the model leaves out, with the key that would bring each in.
 
     An effect that some joints have and others have not is off at the others, which are named. What
@@ -287,6 +286,7 @@ def _off(config: Config, problem: Problem) -> list[str]:
                 estimator.outside_wrench == "ignore"
             ),
             "thrusters (thrusters)": not config.thrusters,
+            "gravity gradient (orbit)": config.orbit is None,
             "panels that bend and liquid that moves: MODEL_MISMATCH at best (modes)": not (
                 config.modes or any(body.liquid for body in config.bodies.values())
             ),
@@ -299,20 +299,7 @@ def _off(config: Config, problem: Problem) -> list[str]:
                 f"motion of {moving_kg:.4g} kg of liquid in {name}, which may cost as much of its "
                 "mass and is in its sigma (modes)"
             )
-    if motion == "free" and config.orbit is None:
-        off.append(_gradient(problem))
     return off
-
-
-def _gradient(problem: Problem) -> str:
-    """Return what an orbit that is not told may cost: 3/2 n^2 (I_max - I_min) at zero angles."""
-    model = problem.model
-    model.set_parameters(problem.pi(problem.prior_mean))
-    H = model.mass_matrix(np.zeros(model.n))[:6, :6]
-    about_com = H[3:, 3:] - H[3:, :3] @ H[:3, 3:] / H[0, 0]
-    moments = np.linalg.eigvalsh(about_com)
-    cost_nm = 1.5 * LOW_ORBIT_RAD_S**2 * (moments[-1] - moments[0])
-    return f"gravity gradient, in low orbit up to {cost_nm:.2g} N m on the whole (orbit)"
 
 
 def _telemetry(config: Config) -> list[str]:

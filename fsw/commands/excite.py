@@ -1,7 +1,5 @@
 """The command `fsw excite`: plan a trajectory, or judge one (or a recording) that exists."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence
@@ -18,7 +16,8 @@ from fsw.excitation import assess, criteria, foreseen, spline
 from fsw.excitation.collision import Collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.motion import bounds, judged, knowledge, loaded, planned
-from fsw.excitation.plan import DENSER, InfeasibleError, MotionRequest
+from fsw.excitation.plan import DENSER
+from fsw.excitation.request import InfeasibleError, MotionRequest
 from fsw.excitation.subject import Subject, build_subject
 from fsw.excitation.verify import Use, every_limit
 from fsw.messages import Block, FloatArray

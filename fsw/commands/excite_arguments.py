@@ -1,7 +1,5 @@
 """Arguments of `fsw excite`, apart from the planner so that the other commands never load it."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fsw export`: an identified body in the formats of other tools."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io

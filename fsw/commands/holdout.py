@@ -1,7 +1,5 @@
 """A model judged by data it was not estimated from: part of the windows is predicted only."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

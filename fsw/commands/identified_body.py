@@ -1,7 +1,5 @@
 """An identified body: parameters, covariance and verdict, from the JSON of a result."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

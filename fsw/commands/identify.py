@@ -1,7 +1,5 @@
 """Batch identification of a recording from the shell: replay it for its blocks, then one method."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

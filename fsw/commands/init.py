@@ -1,7 +1,5 @@
 """`fsw init URDF`: a commented configuration of a robot, from flags or questions."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """fsw install-service: a systemd unit for one configuration."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which CAN nodes send in a recording, against those of a configuration."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.config import Config

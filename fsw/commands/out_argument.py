@@ -1,7 +1,5 @@
 """`--out` and what else names a new file: nothing is overwritten without `--force`."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables as Parquet files, by pyarrow."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Arguments of the commands that read or make a recording: replay, identify, report, import."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from math import inf

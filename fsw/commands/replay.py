@@ -4,8 +4,6 @@ Recorded frames and chunks are handed over with their recorded stamps, as the lo
 a batch is does not matter: results depend on the stamps alone.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Result of a replay: plain values for scripts, a short table for people."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Residuals of every channel at a state, in its unit and over its own sigma."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """A part of a recording, between two times from its start."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Stamps of a recording as they stand in the file: clocks that were set, and holes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Conditioning that keeps what it is given and what it makes of it."""
 
-from __future__ import annotations
-
 from fsw.config import Config
 from fsw.estimators.conditioning import Conditioner
 from fsw.messages import Block, Window

@@ -1,7 +1,5 @@
 """When the daemon calls a sensor faulty, and when healthy again."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from fsw.config.base import Positive, Section

@@ -1,7 +1,5 @@
 """Modes: parts of the base that move on springs, as a hinged panel or liquid in a tank."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """Changes above the configuration: uplinked tables, on-board parameters, chosen unknowns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, TypeVar
 

@@ -4,8 +4,6 @@ An overlay has the sections and keys of the configuration. A list of named secti
 wheels, thrusters) holds those that it changes, by name; any other list replaces the one there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Sections of processing: loop, estimator, orbit."""
 
-from __future__ import annotations
-
 from typing import Literal, Self
 
 from pydantic import Field, model_validator

@@ -1,7 +1,5 @@
 """The robot: its known arm, and the bodies that are known or sought."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal, Self
 

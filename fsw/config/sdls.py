@@ -1,7 +1,5 @@
 """Keys of the authenticated link."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """Sections of the service process: recordings, local state."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

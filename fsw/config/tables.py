@@ -1,7 +1,5 @@
 """Tables that can be uplinked: what they may hold. The same strictness as the configuration's."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator

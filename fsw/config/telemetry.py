@@ -1,7 +1,5 @@
 """The link to the ground."""
 
-from __future__ import annotations
-
 from ipaddress import ip_address
 from typing import Annotated, Literal, Self
 

@@ -3,8 +3,6 @@
 A fault names the key, the value found and the bound or the choices, one line each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from difflib import get_close_matches
 from types import NoneType, UnionType

@@ -1,7 +1,5 @@
 """Thrusters: valves on the base whose firings are known inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """Reaction wheels: rotors on the base whose momentum the base feels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
 

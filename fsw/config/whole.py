@@ -1,7 +1,5 @@
 """The whole configuration of one daemon: its sections, what must hold between them, reading."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

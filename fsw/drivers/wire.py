@@ -4,8 +4,6 @@ Frames travel as arrays of `FRAME`: the stamp, then the Linux structure of a CAN
 a classic frame uses the first 16 bytes. `CanFrame` is one of them as plain values.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

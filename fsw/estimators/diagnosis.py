@@ -9,8 +9,6 @@ likelihood of its own channels the two coincide by construction (its factor is t
 Fisher information at its estimate); against the bound of all channels it says what a method wastes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -4,8 +4,6 @@ An autoregression of first order (Box, Jenkins, Time Series Analysis, 1976, sec.
 the polynomial that takes a window's samples to its nodes.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

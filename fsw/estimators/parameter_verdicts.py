@@ -4,8 +4,6 @@ A light payload's mass and centre of mass are of use though its inertia is not. 
 has a word of its own, beside the verdict on the estimate as a whole.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.messages import BodyEstimate, FloatArray

@@ -1,7 +1,5 @@
 """The protocols of conditioning and estimation, and how the configured ones are made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 

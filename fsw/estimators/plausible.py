@@ -1,7 +1,5 @@
 """Whether a block can be the motion of a spacecraft's arm at all; whatever sent it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.messages import Block

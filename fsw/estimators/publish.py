@@ -1,7 +1,5 @@
 """From estimation coordinates to what operators read: the bodies, and the whole as posed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.estimators.model.inertia import (

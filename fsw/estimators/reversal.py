@@ -7,8 +7,6 @@ holds a joint at rest, is not known below some v; the same fit of 1 - tanh^2 say
 window that concerns.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -10,8 +10,6 @@ windows together hold (the long-run variance). White noise is left as declared, 
 Channels are the torque sensors, then gyro and accelerometer, whose three axes are taken as alike.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache

@@ -5,8 +5,6 @@ are zero. Edges whose force has settled before the window are left out. A valve 
 along has one opening edge, placed so early that its force has settled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

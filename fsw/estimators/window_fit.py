@@ -4,8 +4,6 @@ Channels sampled at the same instants are fitted in one matrix product; one with
 again without them. Outliers are judged by their distance from the window's own polynomial.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ robot's file u32, sequence u64, length of the body u64; body; CRC-32 of all befo
 MessagePack; an array is extension type 1: MessagePack of type, shape and bytes.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Mapping

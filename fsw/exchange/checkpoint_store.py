@@ -1,7 +1,5 @@
 """Two generations of checkpoints in a directory, replaced in turn and each atomically."""
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 

@@ -5,8 +5,6 @@ configuration, the robot and the identity of its recording. The numbers of recor
 the last one is kept in a file of the directory, which outlives the recordings themselves.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

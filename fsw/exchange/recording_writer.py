@@ -1,7 +1,5 @@
 """MCAP recordings: writing them; `fsw.exchange.recording` has the form."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

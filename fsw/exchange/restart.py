@@ -1,7 +1,5 @@
 """Going on after a restart: snapshots of the estimator, and the choice of what to continue from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Records of the rings: messages between the processes, and commands back."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import struct

@@ -1,7 +1,5 @@
 """Messages between the processes and where they go: the Sink protocol, null sink and fan-out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol

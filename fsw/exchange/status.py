@@ -1,7 +1,5 @@
 """Status summaries: counters, times and estimates as plain JSON values, in the words of the CLI."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

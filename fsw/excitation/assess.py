@@ -1,7 +1,5 @@
 """Information of a trajectory about the unknown bodies, by the solver's own rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ all later attitudes; for the angle |phi|, phi = log R_k+1, R_k+1 phi = phi makes
     d |phi_k|^2 / 2 = phi_k . sum_{i <= k} h R_i+1 J_r(h w_i) dw_i
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

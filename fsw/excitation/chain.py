@@ -7,8 +7,6 @@ transformation. The geometry is read from the Pinocchio model, which is also the
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), chs. 5, 6 and 9.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as ca
@@ -29,6 +27,7 @@ class Geometry:
     R: tuple[FloatArray, ...]  # joint i in its parent at zero, (3, 3)
     p: tuple[FloatArray, ...]  # (3,)
     axis: tuple[FloatArray, ...]  # (3,) in the joint's own frame
+    slides: tuple[bool, ...]  # along its axis, instead of turning about it
     R_tool: FloatArray  # tool frame in that body's frame
     p_tool: FloatArray
     pi_links: FloatArray  # (10 (n + 1),) base and links alone
@@ -58,10 +57,10 @@ def geometry(model: RobotModel, tool_frame: str) -> Geometry:
     """Read placements, axes and the tool frame from a robot model."""
     data = model.model.createData()
     pin.computeJointJacobians(model.model, data, pin.neutral(model.model))
-    axes = []
+    axes, slides = [], tuple(kind == "prismatic" for kind in model.kinds())
     for index in range(2, model.model.njoints):
         J = pin.getJointJacobian(model.model, data, index, pin.ReferenceFrame.LOCAL)
-        axes.append(np.array(J[3:, 4 + index]))
+        axes.append(np.array(J[:3, 4 + index] if slides[index - 2] else J[3:, 4 + index]))
     placements = list(model.model.jointPlacements)[2:]
     tool = model.model.frames[model.model.getFrameId(tool_frame)].placement
     return Geometry(
@@ -70,6 +69,7 @@ def geometry(model: RobotModel, tool_frame: str) -> Geometry:
         R=tuple(np.array(x.rotation) for x in placements),
         p=tuple(np.array(x.translation) for x in placements),
         axis=tuple(axes),
+        slides=slides,
         R_tool=np.array(tool.rotation),
         p_tool=np.array(tool.translation),
         pi_links=model.pi_links,
@@ -80,10 +80,17 @@ def pose(arm: Geometry, q: ca.SX) -> Pose:
     """Return all frames of the arms in the base frame at joint positions q (n,)."""
     R, p, S = [ca.SX.eye(3)], [ca.SX.zeros(3)], []
     for k, (axis, parent) in enumerate(zip(arm.axis, arm.parents, strict=True)):
+        fixed = ca.sparsify(ca.SX(_clean(arm.R[k])))
+        if arm.slides[k]:
+            R.append(R[parent] @ fixed)
+            direction = R[-1] @ axis
+            p.append(p[parent] + R[parent] @ arm.p[k] + direction * q[k])
+            S.append(ca.vertcat(direction, ca.SX(3, 1)))
+            continue
         A = ca.skew(axis)
         turn = ca.SX.eye(3) + ca.sin(q[k]) * A + (1 - ca.cos(q[k])) * ca.mtimes(A, A)
         p.append(p[parent] + R[parent] @ arm.p[k])
-        R.append(R[parent] @ (ca.sparsify(ca.SX(_clean(arm.R[k]))) @ turn))
+        R.append(R[parent] @ (fixed @ turn))
         direction = R[-1] @ axis
         S.append(ca.vertcat(ca.cross(p[-1], direction), direction))
     at = arm.tool_body

@@ -5,8 +5,6 @@ from Pinocchio and coal. Pairs on one link or on neighbouring links, which touch
 out.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import coal

@@ -16,8 +16,6 @@ a, e and cond are minimised in logarithms, e and cond by a power mean of the eig
 smooth where eigenvalues cross.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 
@@ -62,6 +60,12 @@ class Value:
 def triangular_root(rows: FloatArray) -> FloatArray:
     """Return R with R^T R = rows^T rows."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
+
+
+def prior_root(covariance: FloatArray) -> FloatArray:
+    """Return a triangular R with R^T R the inverse of a covariance."""
+    L = np.linalg.cholesky(covariance)
+    return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
 
 
 def covariance(R: FloatArray, p: int) -> FloatArray:

@@ -5,8 +5,6 @@ criterion in reverse (one sweep of the per-sample functions, whatever the number
 limits forward, sample by sample, where each row depends on few control points.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -177,17 +175,15 @@ class LimitRows:
     def _joint_rows(self, z: FloatArray, derivatives: bool) -> list[DesignRows]:
         grid, own = self.grid, self.joints
         points = z.reshape(grid.layout.rows, grid.layout.n)
-        speed, bounds = own.speed_rad_s, self.limits
         half = 0.5 * (own.upper_rad - own.lower_rad)
         middle = np.where(np.isfinite(half), own.upper_rad - half, 0.0)
-        ones = np.ones_like(speed)
-        kinds = [
+        none = np.zeros_like(half)
+        kinds = (
             ("joint_range", half, middle),
-            ("joint_speed", speed, 0.0 * ones),
-            ("joint_acceleration", bounds.joint_acceleration_rad_s2 * ones, 0.0 * ones),
-        ]
-        if bounds.joint_jerk_rad_s3 is not None:
-            kinds.append(("joint_jerk", bounds.joint_jerk_rad_s3 * ones, 0.0 * ones))
+            ("joint_speed", own.speed_rad_s, none),
+            ("joint_acceleration", own.acceleration_rad_s2, none),
+            ("joint_jerk", own.jerk_rad_s3, none),
+        )
         found = []
         for d, (kind, bound, offset) in enumerate(kinds):
             for j, name in enumerate(self.names):
@@ -200,7 +196,7 @@ class LimitRows:
                     full[:, :, j] = W
                     by_z = full.reshape(grid.count, -1)
                 value = W @ points[:, j] - offset[j] / bound[j]
-                unit = ("rad", "rad/s", "rad/s^2", "rad/s^3")[d]
+                unit = own.units[j] + ("", "/s", "/s^2", "/s^3")[d]
                 found.append(_both(f"{kind} {name}", unit, float(bound[j]), value, by_z))
         return found
 
@@ -222,7 +218,8 @@ class LimitRows:
         for j, name in enumerate(self.names):
             bound = self.joints.torque_nm[j]
             by_z = None if J is None else J[j] / bound
-            found.append(_both(f"torque {name}", "N m", float(bound), tau[j] / bound, by_z))
+            kind, unit = ("torque", "N m") if self.joints.units[j] == "rad" else ("force", "N")
+            found.append(_both(f"{kind} {name}", unit, float(bound), tau[j] / bound, by_z))
         J_w = None if J is None else J[n : n + 3].transpose(1, 0, 2)
         J_wd = None if J is None else J[n + 3 : n + 6].transpose(1, 0, 2)
         found.append(_square("base_rate", "rad/s", w, J_w, bounds.base_rate_rad_s))

@@ -1,7 +1,6 @@
 """Trajectories for others: CSV samples, and YAML in the shape of a ROS JointTrajectory message."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,17 @@ def sample_times(trajectory: Trajectory, rate_hz: float) -> np.ndarray:
 
 
 def write_csv(
-    trajectory: Trajectory, joint_names: tuple[str, ...], path: Path, rate_hz: float
+    trajectory: Trajectory, joints: Mapping[str, str], path: Path, rate_hz: float
 ) -> None:
-    """Write time, positions, velocities, accelerations and jerks, one row per sample."""
+    """Write time, positions, velocities, accelerations and jerks, one row per sample.
+
+    `joints` : rad or m by name, in the model's order
+    """
     t_s = sample_times(trajectory, rate_hz)
-    units = ("rad", "rad_s", "rad_s2", "rad_s3")
-    kinds = ("position", "velocity", "acceleration", "jerk")
     header = ["t_s"]
-    for kind, unit in zip(kinds, units, strict=True):
-        header += [f"{name}_{kind}_{unit}" for name in joint_names]
+    kinds = {"position": "", "velocity": "_s", "acceleration": "_s2", "jerk": "_s3"}
+    for kind, per in kinds.items():
+        header += [f"{name}_{kind}_{unit}{per}" for name, unit in joints.items()]
     table = np.column_stack([t_s, *trajectory.evaluate(t_s)])
     np.savetxt(path, table, delimiter=",", header=",".join(header), comments="", fmt="%.12g")
 

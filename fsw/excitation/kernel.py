@@ -9,8 +9,6 @@ so no differential equation is left but the base's attitude, a quadrature of w. 
 of it by q, qd, qdd come from CasADi's algorithmic differentiation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as ca

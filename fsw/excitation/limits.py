@@ -1,7 +1,5 @@
 """The limits a trajectory must keep: their file, and the share of each that a motion uses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -26,6 +24,16 @@ class TargetBox(Section):
     size_m: PositiveVector3
 
 
+class SlidingLimits(Section):
+    """Bounds on every prismatic joint, as `MotionLimits` has them for the others."""
+
+    range_margin_m: NonNegative
+    speed_m_s: Positive
+    acceleration_m_s2: Positive
+    jerk_m_s3: Positive | None = None
+    force_n: Positive
+
+
 class MotionLimits(Section):
     """Bounds on a whole motion; vectors of the base are bounded by their norm.
 
@@ -38,6 +46,7 @@ class MotionLimits(Section):
     joint_acceleration_rad_s2: Positive
     joint_jerk_rad_s3: Positive | None = None
     torque_nm: Positive
+    sliding: SlidingLimits | None = None  # of prismatic joints; needed where there are some
     base_attitude_rad: Positive
     base_rate_rad_s: Positive
     base_acceleration_rad_s2: Positive
@@ -47,6 +56,7 @@ class MotionLimits(Section):
     target_box: TargetBox | None = None
     mode_amplitude: Mapping[str, Positive] = Field(default_factory=dict)  # by name [rad or m]
     firings: tuple[Firing, ...] = ()  # of thrusters, that are flown beside the motion
+    # given poses: of a prismatic joint in m
     start_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
 
@@ -76,19 +86,49 @@ def load(path: Path) -> MotionLimits:
 
 
 class JointLimits:
-    """A limits file joined with the robot's own ranges, speeds and efforts, per joint (n,)."""
+    """A limits file joined with the robot's own ranges, speeds and efforts, per joint (n,).
+
+    Those of a prismatic joint are in m, s and N.
+    """
 
     def __init__(self, limits: MotionLimits, model: RobotModel) -> None:
-        own, margin = model.model, limits.joint_range_margin_rad
+        own, slides = model.model, np.array([kind == "prismatic" for kind in model.kinds()])
+        sliding = limits.sliding
+        if sliding is None and slides.any():
+            name = model.joint_names[int(slides.argmax())]
+            raise ConfigError(f"sliding: missing; {name!r} is prismatic, its limits stand there")
+
+        turning = (
+            limits.joint_range_margin_rad,
+            limits.joint_speed_rad_s,
+            limits.joint_acceleration_rad_s2,
+            limits.joint_jerk_rad_s3 or np.inf,
+            limits.torque_nm,
+        )
+        straight = turning
+        if sliding is not None:
+            straight = (
+                sliding.range_margin_m,
+                sliding.speed_m_s,
+                sliding.acceleration_m_s2,
+                sliding.jerk_m_s3 or np.inf,
+                sliding.force_n,
+            )
+        margin, speed, acceleration, jerk, effort = (
+            np.where(slides, metres, rad) for metres, rad in zip(straight, turning, strict=True)
+        )
+        self.units: tuple[str, ...] = tuple(np.where(slides, "m", "rad").tolist())
         self.lower_rad: FloatArray = np.array(own.lowerPositionLimit[7:]) + margin
         self.upper_rad: FloatArray = np.array(own.upperPositionLimit[7:]) - margin
-        self.speed_rad_s: FloatArray = np.minimum(limits.joint_speed_rad_s, own.velocityLimit[6:])
-        self.torque_nm: FloatArray = np.minimum(limits.torque_nm, own.effortLimit[6:])
+        self.speed_rad_s: FloatArray = np.minimum(speed, own.velocityLimit[6:])
+        self.acceleration_rad_s2: FloatArray = acceleration
+        self.jerk_rad_s3: FloatArray = jerk
+        self.torque_nm: FloatArray = np.minimum(effort, own.effortLimit[6:])
         for key in ("start_rad", "end_rad"):
             pose = getattr(limits, key)
             if pose is not None and len(pose) != model.n:
                 raise ConfigError(f"{key}: has {len(pose)} joints; the robot has {model.n}")
         if np.any(self.lower_rad >= self.upper_rad):
-            raise ConfigError(
-                f"joint_range_margin_rad: {margin} leaves no range to some joint of the robot"
-            )
+            j = int((self.lower_rad >= self.upper_rad).argmax())
+            key = "sliding.range_margin_m" if slides[j] else "joint_range_margin_rad"
+            raise ConfigError(f"{key}: {margin[j]:g} leaves no range to {model.joint_names[j]!r}")

@@ -1,7 +1,5 @@
 """A planned motion, from request to files: of `fsw excite`, `RUN_PLAN` and the Python API."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +14,8 @@ from fsw.excitation import assess, criteria, export, foreseen, spline
 from fsw.excitation.collision import Collisions, build_collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
-from fsw.excitation.plan import MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import MotionRequest
 from fsw.excitation.subject import QUANTITIES, Subject, build_subject
 from fsw.excitation.verify import Use
 from fsw.messages import FloatArray
@@ -78,7 +77,7 @@ class PlannedMotion:
         return [(body, problem.body(body)) for body in problem.unknown]
 
     def samples(self, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return times (m,) [s], and positions, speeds, accelerations, each (m, n) [rad, s]."""
+        """Return times (m,) [s], positions, speeds, accelerations, each (m, n) [rad or m, s]."""
         t_s = export.sample_times(self.trajectory, rate_hz)
         q, qd, qdd, _ = self.trajectory.evaluate(t_s)
         return t_s, q, qd, qdd
@@ -87,7 +86,10 @@ class PlannedMotion:
         """Write the spline (YAML), and beside it samples as CSV and as a ROS JointTrajectory."""
         out = Path(out)
         self.save_spline(out, "fsw excite")
-        export.write_csv(self.trajectory, self.joints, out.with_suffix(".csv"), rate_hz)
+        units = {"revolute": "rad", "prismatic": "m"}
+        kinds = (units[kind] for kind in self.subject.model.kinds())
+        named = dict(zip(self.joints, kinds, strict=True))
+        export.write_csv(self.trajectory, named, out.with_suffix(".csv"), rate_hz)
         ros = out.with_name(f"{out.stem}_joint_trajectory.yaml")
         export.write_joint_trajectory(self.trajectory, self.joints, ros, rate_hz)
 

@@ -6,8 +6,6 @@ diagonalised together; at a Jacobian that hardly changes in a window, its inform
 over those modes that a constant excites (the even ones).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One picture of a trajectory: joints, base, shares of the limits, and what is learnt when."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +31,8 @@ def draw(
     grid = Grid(layout, PICTURE_RATE_HZ)
     figure = Figure(figsize=(12.0, 13.0), layout="constrained")
     axes = figure.subplots(4, 2)
-    units = ("q [rad]", "qd [rad/s]", "qdd [rad/s²]")
+    angle = "rad or m" if "prismatic" in subject.model.kinds() else "rad"
+    units = (f"q [{angle}]", f"qd [{angle}/s]", f"qdd [{angle}/s²]")
     for axis, label, values in zip(axes.flat[:3], units, grid.motion(z), strict=True):
         for name, line in zip(subject.model.joint_names, values, strict=True):
             axis.plot(grid.t_s, line, linewidth=1, label=name)

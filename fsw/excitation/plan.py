@@ -5,15 +5,12 @@ optimiser's, for every member of the prior set, and when it teaches something. M
 limit join the optimiser's set, limits that are exceeded between samples are tightened by as much.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from fsw.exchange.tied import end_with
 from fsw.excitation import criteria
@@ -21,88 +18,32 @@ from fsw.excitation.assess import information_root
 from fsw.excitation.collision import Collisions
 from fsw.excitation.design import Criterion, Grid, LimitRows
 from fsw.excitation.foreseen import foreseen_root
+from fsw.excitation.guesses import FIRST_MARGIN, Guesses
 from fsw.excitation.limits import MotionLimits
+from fsw.excitation.request import (
+    ROUNDS,
+    MotionPlan,
+    MotionRequest,
+    infeasible,
+    later,
+    shown,
+)
 from fsw.excitation.solver import Effort, optimise
 from fsw.excitation.spline import SplineLayout, Trajectory
 from fsw.excitation.subject import Subject
 from fsw.excitation.verify import SHARE_MARGIN, Use, every_limit
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError, FswError
+from fsw.messages.errors import ConfigError
 
 DENSER = 10
 TORQUE_MARGIN = 0.02  # of its bound, in the first round; it varies fastest between samples
-FIRST_MARGIN = 0.01  # likewise for the others (metres for distances)
-ROUNDS = 4
 SMALL_SHRINKS = (0.999, 0.997, 0.994, 0.99, 0.985)  # excursions that cost next to nothing
 LARGE_SHRINKS = (0.98, 0.97, 0.96, 0.94, 0.92, 0.9, 0.87, 0.84, 0.8)
 REPAIRABLE = 0.05  # excess up to which another round may help
-START_RANGE = 0.6  # of a joint's range, for random start poses
-START_TRIES = 200
 PROBE_RAD = 0.1  # size of the motion that shows what holds a request back
 NOTHING_LEARNT = 0.9  # geometric mean of sigma over prior sigma
 
-PAPER_GAMMA = criteria.Gamma(xi1=1.0, xi2=1e4)  # the paper gives no figures
-
 Report = Callable[[str], None]
-
-
-class InfeasibleError(FswError):
-    """No trajectory keeps the limits; `uses` are the limits of the nearest one found."""
-
-    def __init__(self, message: str, uses: list[Use]) -> None:
-        super().__init__(message)
-        self.uses = uses
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionRequest:
-    """A request, besides its subject and limits."""
-
-    criterion: criteria.Name = "sigma"
-    gamma: criteria.Gamma = PAPER_GAMMA
-    duration_s: float = 60.0
-    knot_s: float = 2.5
-    closed: bool = False
-    starts: int = 1
-    jobs: int = 1  # starts side by side
-    candidates: int = 10  # random feasible motions per start, the best one is optimised
-    iterations: int = 40
-    rate_hz: float = 2.5
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Raise ConfigError for a number that no request can have."""
-        for key in (
-            "duration_s",
-            "knot_s",
-            "starts",
-            "jobs",
-            "candidates",
-            "iterations",
-            "rate_hz",
-        ):
-            if not 0.0 < (value := getattr(self, key)) < np.inf:
-                raise ConfigError(f"{key}: {value:g} must be positive")
-        if self.seed < 0:
-            raise ConfigError(f"seed: {self.seed} must not be negative")
-
-    @property
-    def evaluations(self) -> float:
-        """Return about how often each process evaluates the criterion, at most."""
-        each = self.iterations + (ROUNDS - 1) * _later(self.iterations)
-        return float(np.ceil(self.starts / min(self.jobs, self.starts)) * each)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MotionPlan:
-    """A trajectory that passed; limits from the dense grid, the criterion as minimised."""
-
-    trajectory: Trajectory
-    value: float
-    uses: list[Use]
-    rounds: int
-    gradients: int
-    starts: tuple[str, ...] = ()  # what every start has led to, in words
 
 
 class Planner:
@@ -132,6 +73,7 @@ class Planner:
         )
         self.members = [subject.x, *subject.draws]
         self.fixed = self._fixed()
+        self.guesses = Guesses(limits, self.layout, self.rows, self.members, self.fixed)
 
     def plan(self, guess: Trajectory | None = None) -> MotionPlan:
         """Optimise from several starts; return the best trajectory that keeps every limit.
@@ -156,7 +98,7 @@ class Planner:
             elif not nearest or found[0].excess < nearest[0].excess:
                 nearest = found
         if best is None:
-            raise _infeasible("no trajectory found keeps every limit; the nearest one has", nearest)
+            raise infeasible("no trajectory found keeps every limit; the nearest one has", nearest)
         self._require_learning(best)
         words = (self._words(found, best) for found in ends)
         return replace(best, starts=tuple(f"start {k}: {text}" for k, text in enumerate(words, 1)))
@@ -225,68 +167,12 @@ class Planner:
         """Return the best of some random feasible motions, or the least bad of the rest."""
         found: list[FloatArray] = []
         for _ in range(self.request.candidates):
-            z = self.random_feasible(rng)
+            z = self.guesses.random_feasible(rng)
             if z is not None:
                 found.append(z)
         if found:
             return self._shrunk(min(found, key=self.criterion.value), SMALL_SHRINKS)
-        return self.nearest_feasible(self._random_pose_motion(rng))
-
-    def random_feasible(self, rng: np.random.Generator) -> FloatArray | None:
-        """Return random coefficients with their amplitude bisected up to the first active limit.
-
-        (A start for the solver is shrunk further, so that it passes the dense check as well.)
-
-        None when no motionless start pose keeps the limits, or the end pose is given too.
-        """
-        if self.limits.end_rad is not None:
-            return None
-        for _ in range(START_TRIES):
-            start = self._random_pose(rng)
-            rest = np.tile(start, (self.layout.rows, 1))
-            if self.feasible(rest.ravel()):
-                break
-            if self.limits.start_rad is not None:
-                return None
-        else:
-            return None
-        direction = rng.uniform(-1.0, 1.0, rest.shape)
-        direction[0] = 0.0
-        low, high = 0.0, 1.0
-        for _ in range(12):
-            middle = 0.5 * (low + high)
-            if self.feasible((rest + middle * direction).ravel()):
-                low = middle
-            else:
-                high = middle
-        return np.asarray((rest + low * direction).ravel())
-
-    def feasible(self, z: FloatArray) -> bool:
-        """Return whether all limits hold on the optimiser's grid, a margin kept, for every body."""
-        rows = self.rows.rows(z, self.members)
-        return all(bool(np.all(r.value <= r.upper) and np.all(r.value >= r.lower)) for r in rows)
-
-    def nearest_feasible(self, z: FloatArray, in_set: Sequence[int] = (0,)) -> FloatArray:
-        """Return variables with a locally smallest sum of squared violations."""
-        members = [self.members[k] for k in in_set]
-        free = np.array([k for k in range(z.size) if k not in self.fixed])
-
-        def violation(part: FloatArray) -> tuple[float, FloatArray]:
-            whole = z.copy()
-            whole[free] = part
-            total, gradient = 0.0, np.zeros(z.size)
-            for row in self.rows.rows(whole, members, derivatives=True):
-                above = np.maximum(row.value - row.upper + FIRST_MARGIN, 0.0)
-                below = np.maximum(row.lower - row.value + FIRST_MARGIN, 0.0)
-                total += float(above @ above + below @ below)
-                if row.by_z is not None:
-                    gradient += 2 * (above - below) @ row.by_z
-            return total, gradient[free]
-
-        found = minimize(violation, z[free], jac=True, method="L-BFGS-B", options={"maxiter": 150})
-        nearest = z.copy()
-        nearest[free] = found.x
-        return nearest
+        return self.guesses.nearest_feasible(self.guesses.random_motion(rng))
 
     def check(self, z: FloatArray) -> list[Use]:
         """Return the use of every limit on the dense grid, for all members, the worst first."""
@@ -327,7 +213,7 @@ class Planner:
             new = sorted({use.member for use in broken} - set(in_set))
             in_set += new
             if not new and uses[0].excess > REPAIRABLE:
-                z = self.nearest_feasible(z, in_set)
+                z = self.guesses.nearest_feasible(z, in_set)
                 broken = self.check(z)
                 if broken[0].excess > REPAIRABLE:
                     return best or broken
@@ -335,8 +221,8 @@ class Planner:
             for use in broken:
                 if -SHARE_MARGIN < use.excess <= REPAIRABLE:
                     margins[use.kind] += max(use.excess, 0.0) + 2 * SHARE_MARGIN
-            iterations = _later(self.request.iterations)
-        return best or self.check(self.nearest_feasible(z, in_set))
+            iterations = later(self.request.iterations)
+        return best or self.check(self.guesses.nearest_feasible(z, in_set))
 
     def _repaired(
         self, best: MotionPlan | None, z: FloatArray, turn: int, gradients: int
@@ -390,28 +276,6 @@ class Planner:
             fixed |= {last + k: value for k, value in enumerate(self.limits.end_rad)}
         return fixed
 
-    def _random_pose(self, rng: np.random.Generator) -> FloatArray:
-        if self.limits.start_rad is not None:
-            return np.array(self.limits.start_rad)
-        low, high = self.rows.joints.lower_rad, self.rows.joints.upper_rad
-        low = np.where(np.isfinite(low), low, -np.pi)
-        high = np.where(np.isfinite(high), high, np.pi)
-        reach = START_RANGE * rng.uniform(-1.0, 1.0, len(low))
-        return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * reach)
-
-    def _random_pose_motion(self, rng: np.random.Generator) -> FloatArray:
-        """Return a smooth way from the start pose to the end pose, or a small random motion."""
-        start = self._random_pose(rng)
-        if self.limits.end_rad is None:
-            points = start + 0.05 * rng.uniform(-1.0, 1.0, (self.layout.rows, self.layout.n))
-            points[0] = start
-            return np.asarray(points.ravel())
-        share = np.linspace(0.0, 1.0, self.layout.rows)[:, None]
-        share = share**3 * (10 - 15 * share + 6 * share**2)
-        way = start + share * (np.array(self.limits.end_rad) - start)
-        way[1:-1] += 0.02 * rng.uniform(-1.0, 1.0, way[1:-1].shape)
-        return np.asarray(way.ravel())
-
     def _check_start_pose(self) -> None:
         for key in ("start_rad", "end_rad"):
             pose = getattr(self.limits, key)
@@ -421,7 +285,7 @@ class Planner:
             if uses[0].excess > 0:
                 at_s = 0.0 if key == "start_rad" else self.layout.duration_s
                 uses = [replace(use, time_s=at_s) for use in uses]
-                raise _infeasible(f"{key} breaks", uses)
+                raise infeasible(f"{key} breaks", uses)
 
     def _require_learning(self, plan: MotionPlan) -> None:
         """Refuse a motion that leaves the unknowns where they were."""
@@ -431,7 +295,7 @@ class Planner:
         shape = (self.layout.rows, self.layout.n)
         probe = np.random.default_rng(self.request.seed).uniform(-1.0, 1.0, shape)
         probe = plan.trajectory.points_rad[0] + PROBE_RAD * (probe - probe[0])
-        raise _infeasible(
+        raise infeasible(
             f"within the limits nothing is learnt: the sigmas stay at {ratio:.3f} of the prior's "
             f"(at most {NOTHING_LEARNT} is asked); a motion of {PROBE_RAD} rad about the same pose "
             "has",
@@ -460,24 +324,9 @@ def sigma_ratio(subject: Subject, trajectory: Trajectory, rate_hz: float) -> flo
     return float(np.exp(np.mean(np.log(sigma[keep] / subject.scale.prior_sigma[keep]))))
 
 
-def shown(name: criteria.Name, value: float) -> float:
-    """Return a minimised value as the criterion itself."""
-    return value if name == "gamma" else float(np.exp(value))
-
-
-def _later(iterations: int) -> int:
-    """Return how many iterations a round after the first has."""
-    return max(8, iterations // 4)
-
-
 def _first_margin(kind: str) -> float:
-    return TORQUE_MARGIN if kind.startswith("torque") else FIRST_MARGIN
+    return TORQUE_MARGIN if kind.startswith(("torque", "force")) else FIRST_MARGIN
 
 
 def _better(one: MotionPlan | None, other: MotionPlan) -> MotionPlan:
     return other if one is None or other.value <= one.value else one
-
-
-def _infeasible(text: str, uses: list[Use]) -> InfeasibleError:
-    lines = [use.text() for use in uses if use.excess > 0] or [uses[0].text()]
-    return InfeasibleError("\n  ".join([text, *lines]), uses)

@@ -11,8 +11,6 @@ so what still swings after the motion is bounded as well. Left out: that the mod
 turn, and that x changes d.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import toeplitz
 from scipy.signal import cont2discrete

@@ -4,8 +4,6 @@ CasADi carries IPOPT; its functions are Python callbacks here, because the crite
 goes through one small dense matrix (the information) that is not worth an expression graph.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The bodies to be identified and the prior knowledge of them: the fixed part of a request."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fsw.config import Config
 from fsw.estimators.model.inertia import (
@@ -22,7 +19,7 @@ from fsw.estimators.model.inertia import (
 from fsw.estimators.model.problem import Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.chain import Geometry, geometry
-from fsw.excitation.criteria import Scale
+from fsw.excitation.criteria import Scale, prior_root
 from fsw.excitation.kernel import Kernel, build_kernel
 from fsw.excitation.noise import NoiseModel, noise_model
 from fsw.messages import FloatArray
@@ -96,11 +93,6 @@ def build_subject(
     if config.base.motion != "free":
         raise ConfigError(f"base.motion: {config.base.motion}; motions are planned for a free base")
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    sliding = next((joint.name for joint in config.joints if joint.kind == "prismatic"), None)
-    if sliding is not None:
-        raise ConfigError(
-            f"joints: {sliding!r} is prismatic; motions are planned for revolute ones"
-        )
     locked = config.model_copy(update={"modes": (), "wheels": (), "thrusters": ()})
     problem = build_problem(locked, model, exact=True)
     noise = noise_model(config, model)
@@ -148,12 +140,6 @@ def build_subject(
         draws=_draw(problem, x, sigma, spread, draws if spread > 0 else 0, seed),
         names=names,
     )
-
-
-def prior_root(covariance: FloatArray) -> FloatArray:
-    """Return a triangular R with R^T R the inverse of a covariance."""
-    L = np.linalg.cholesky(covariance)
-    return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
 
 
 def posterior(source: Path | Mapping[str, Any], problem: Problem) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,5 @@
 """Every limit on a dense grid, for all members of the prior set: what a success must pass."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

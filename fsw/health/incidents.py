@@ -8,8 +8,6 @@ keeps the incident open and raises nothing of its own. A stall of the loop expla
 it and for 0.1 s behind it, no longer: what continues is a fault of its own.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field

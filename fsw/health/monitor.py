@@ -4,8 +4,6 @@ Whatever changes an estimate depends on stamped samples and windows alone, so a 
 same samples. Silence and overruns, which only a clock shows, change nothing but events.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, Protocol
 

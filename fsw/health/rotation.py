@@ -7,8 +7,6 @@ the gyro says, but about other axes, come from no fault of a sensor: a rotation 
 configured wrongly, and the gyro is left alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import cos, sin, sqrt
 

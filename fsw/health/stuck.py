@@ -5,8 +5,6 @@ zero with probability below q / (s sqrt(2 pi)); k equal readings in a row are th
 that to the power k - 1. The bound is taken for a sensor three times quieter than declared.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The loop process on the machine's clock and devices, until SIGTERM or SIGINT."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable

@@ -5,8 +5,6 @@ as they were on the wire around a SYNC of ours, and stamps never run backwards; 
 estimation get this order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache

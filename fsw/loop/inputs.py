@@ -3,8 +3,6 @@
 A link's failure never reaches the loop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """A serial device as an input of the loop: link, and what was read but not handed over yet."""
 
-from __future__ import annotations
-
 from fsw.drivers.wire import ByteChunk, BytePort
 from fsw.exchange.sinks import SerialTraffic, Sink
 from fsw.loop.link import Link

@@ -1,7 +1,5 @@
 """One device link of the loop: a port that may be lost and is tried again until it is back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Generic, TypeVar
 

@@ -3,8 +3,6 @@
 `wiring.build` makes it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Notifications to systemd: ready, stopping, healthy. Source: sd_notify(3)."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Open ports by name, as a daemon is given them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

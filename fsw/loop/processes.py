@@ -1,7 +1,5 @@
 """The loop's end of the other processes: starts them, watches them, starts again what dies."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import subprocess

@@ -3,8 +3,6 @@
 `app.run_live` gives it the machine's, the bench simulated ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from fsw.clock import Clock

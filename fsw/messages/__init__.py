@@ -3,8 +3,6 @@
 Frames: N inertial, B spacecraft bus (base body), S sensor, E tool. `R_NB` takes B components to N.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Typed commands: a JSON line or telecommand becomes a `Command`, or a refusal with a code."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 Anything else that is raised is a programmer's mistake.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from reprlib import Repr
 

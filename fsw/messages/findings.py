@@ -4,8 +4,6 @@ The part that sees a fault first (source, conditioning, estimator, monitor) make
 `fsw.health` turns findings into incidents with hysteresis, events and counters.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

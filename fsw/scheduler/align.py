@@ -4,8 +4,6 @@ Window k is [t0 + k T, t0 + (k + 1) T) by time of validity and closes at its end
 samples it holds depends on recorded stamps only, never on when the loop looked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

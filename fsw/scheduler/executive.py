@@ -1,7 +1,5 @@
 """The fixed-rate executive: an absolute grid, one wait per tick, slips counted and never burst."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from fsw.clock import Clock

@@ -1,7 +1,5 @@
 """Real-time settings of a process, each best effort: what the system refuses is reported."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

@@ -1,7 +1,5 @@
 """Rate groups: a table of tasks, each run every `divisor`-th tick, with time statistics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Batch jobs: the commands that start, end and adopt one, and the worker process that runs it."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -6,8 +6,6 @@ has room for the largest form a block of so many joints and nodes can have, what
 configured, and stands beside its own shape.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import fields

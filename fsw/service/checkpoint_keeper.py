@@ -1,7 +1,5 @@
 """The service's part in checkpoints: joins a state and the blocks it refers to, and writes them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

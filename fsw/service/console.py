@@ -1,7 +1,5 @@
 """Events that somebody must act on, as lines of standard error: a terminal's, or the journal's."""
 
-from __future__ import annotations
-
 import os
 import sys
 from queue import Full, Queue

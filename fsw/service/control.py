@@ -1,7 +1,5 @@
 """The local control socket: one JSON line in, one JSON line out. Server for the service, client."""
 
-from __future__ import annotations
-
 import json
 import os
 import selectors

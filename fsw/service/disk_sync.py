@@ -4,8 +4,6 @@ A write is with the system, not yet on the disk: the process may die, the machin
 for the disk takes milliseconds to seconds, so it is done in a thread of its own.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor

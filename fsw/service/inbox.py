@@ -1,7 +1,5 @@
 """What comes to the service: messages of the loop and of the estimation, in an order that holds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from fsw.exchange.ring import RingReader

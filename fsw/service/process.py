@@ -5,8 +5,6 @@ estimation, and one back. When the loop ends, however it ends, what is left in t
 and the recording closed.
 """
 
-from __future__ import annotations
-
 import argparse
 import fcntl
 import json

@@ -1,7 +1,5 @@
 """The recorder: a sink that writes MCAP files, and what every recording carries with it."""
 
-from __future__ import annotations
-
 import errno
 import os
 import uuid

@@ -1,7 +1,5 @@
 """The recorder, begun and closed by command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@
 progress, then the result or the failure. SIGTERM ends it, and so does the end of process PID.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
@@ -90,7 +88,7 @@ def run_plan(config: Config, request: PlanRequest, progress: Progress) -> JobRep
 
 def _planned(config: Config, request: PlanRequest, progress: Progress) -> Mapping[str, Any]:
     from fsw.excitation.motion import bounds, planned
-    from fsw.excitation.plan import MotionRequest
+    from fsw.excitation.request import MotionRequest
     from fsw.excitation.subject import build_subject
 
     own = config.excitation

@@ -4,8 +4,6 @@
 receive what the loop sends; `Host.forward` carries commands to the loop's command queue.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial

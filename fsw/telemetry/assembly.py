@@ -1,7 +1,5 @@
 """Builds the telemetry application from a configuration: keys, numbers, file delivery, services."""
 
-from __future__ import annotations
-
 import os
 
 from file_delivery.entity import FileEntity

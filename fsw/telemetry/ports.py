@@ -1,7 +1,5 @@
 """Interfaces that the telemetry application needs: file delivery, the loop, the recorder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The daemon's dictionary as it is given to everyone: XTCE, COSMOS, ccsdspy tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 XTCE = Path(__file__).parent / "inertia.xml"

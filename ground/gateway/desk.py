@@ -1,7 +1,5 @@
 """Commanding from the page: a telecommand is sent once, after a confirmation, and followed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any

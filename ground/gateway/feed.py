@@ -1,7 +1,5 @@
 """The daemon's telemetry, kept connected, decoded, kept and handed on."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

@@ -4,8 +4,6 @@ A browser sends requests for any page it shows, also to this server: a foreign p
 read the stream (Origin, Sec-Fetch-Site) nor reach the server under a name of its own (Host).
 """
 
-from __future__ import annotations
-
 import hmac
 from ipaddress import ip_address
 from pathlib import Path

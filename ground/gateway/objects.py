@@ -1,7 +1,5 @@
 """The page's tree: an overview made ready, and every point of the dictionary below its packet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

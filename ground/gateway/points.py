@@ -1,7 +1,5 @@
 """Values that the page can plot: every number of the dictionary, one-sigma bands of estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path

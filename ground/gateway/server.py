@@ -1,7 +1,5 @@
 """The web server of the live page: files, objects, history, and a stream of live values."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import json

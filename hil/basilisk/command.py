@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Any
 from hil.options import count
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from hil.world.history import FloatArray, TruthHistory
     from hil.world.scenario import Scenario
     from hil.world.thrusters import ThrusterSystem
@@ -179,8 +177,6 @@ def _apart(
 
 
 def _vs_basilisk(arguments: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from hil.errors import make_folder
     from hil.world.scenario import load
 
@@ -188,7 +184,7 @@ def _vs_basilisk(arguments: argparse.Namespace) -> int:
         make_environment(arguments.env)
         if not arguments.scenario:
             return 0
-    console, found, failed = Console(stderr=True), {}, False
+    found, failed = {}, False
     with tempfile.TemporaryDirectory(prefix="hil-") as scratch:
         folder = (arguments.out or Path(scratch)).absolute()
         make_folder(folder)
@@ -202,7 +198,7 @@ def _vs_basilisk(arguments: argparse.Namespace) -> int:
             if not arguments.json:
                 _show(name, flown)
             if arguments.seeds:
-                summary = _estimate(name, file, arguments, console)
+                summary = _estimate(name, file, arguments)
                 low, high = summary["nees_band_99"]
                 failed |= summary["valid"] < summary["seeds"]
                 failed |= not low <= summary["mean_nees"] <= high
@@ -212,19 +208,17 @@ def _vs_basilisk(arguments: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _estimate(
-    name: str, file: Path, arguments: argparse.Namespace, console: Console
-) -> dict[str, Any]:
+def _estimate(name: str, file: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     """Run the daemon on a truth's bytes; return the summary of all seeds."""
-    from rich.console import Console as Output
+    from rich.console import Console
 
     from hil.evidence.seeds import run_seeds, show, summary
 
     options = ["--fast", "--truth", str(file)]
     out = None if arguments.out is None else file.with_suffix("")
-    outcomes = run_seeds(name, range(arguments.seeds), arguments.jobs, options, out, console)
+    outcomes = run_seeds(name, range(arguments.seeds), arguments.jobs, options, out)
     if not arguments.json:
-        show(outcomes, Output(width=120))
+        show(outcomes, Console(width=120))
     return summary(outcomes)
 
 

@@ -4,8 +4,6 @@ Rigid parts, torques and initial state cross to the engine, nothing of MuJoCo's 
 dynamics: links that do not move are merged by `hil.world.inertia`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace

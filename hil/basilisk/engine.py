@@ -8,8 +8,6 @@ that is written. Source: Basilisk (AVS Lab, University of Colorado; ISC), module
 spinningBodyNDOFStateEffector, reactionWheelStateEffector, linearSpringMassDamper, extForceTorque.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

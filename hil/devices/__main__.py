@@ -1,7 +1,5 @@
 """The plant in real time: `python -m hil.devices PLANT.yaml`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

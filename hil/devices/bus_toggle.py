@@ -5,8 +5,6 @@ toggles to the other bus and counts that in Ctoggle. After Ntoggle toggles it st
 bus on which it hears the heartbeat again becomes Bdefault, and Ctoggle is zero.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """One CAN bus of joint nodes: what they answer, and when each frame ends on the bus."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 

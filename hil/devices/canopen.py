@@ -3,8 +3,6 @@
 Source: the project's ICD; values are little-endian. Written independently of the flight decoder.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

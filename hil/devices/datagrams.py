@@ -1,7 +1,5 @@
 """Many datagrams, or frames, by one system call: sendmmsg(2) and recvmmsg(2) with kernel stamps."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

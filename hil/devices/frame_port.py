@@ -4,8 +4,6 @@ The answers to a SYNC go out by one system call. Source of the layout: the kerne
 networking/can.rst.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import struct

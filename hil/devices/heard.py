@@ -1,7 +1,5 @@
 """Which frames of a bus a node hears."""
 
-from __future__ import annotations
-
 from hil.devices.canopen import NMT_ID, SDO_ID, SYNC_ID
 
 HeardFrame = tuple[int, int, bytes]  # kernel stamp [ns, CLOCK_REALTIME], identifier, data

@@ -1,7 +1,5 @@
 """The simulated inertial unit: own clock, own counter, datagrams on a line."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ sendmmsg as bytes packed beforehand around the data, and frames that no node hea
 of the nodes themselves, end in a filter of the kernel.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import socket

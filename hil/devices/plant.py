@@ -4,8 +4,6 @@
 `hil.links.virtual`) and real time (`python -m hil.devices PLANT.yaml`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

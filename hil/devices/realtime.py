@@ -1,7 +1,5 @@
 """The plant in real time: python-can buses and pseudo-terminals, one thread, absolute deadlines."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import json

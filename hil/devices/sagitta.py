@@ -4,8 +4,6 @@ Source: the project's ICD (arcsec Sagitta). Little-endian. Answers to requests o
 solution are four bytes (address, type, id, status): not confirmed by a document.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 

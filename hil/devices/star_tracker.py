@@ -1,7 +1,5 @@
 """The simulated star tracker: exposures on its own clock, solutions and answers on a line."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

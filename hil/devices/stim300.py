@@ -5,8 +5,6 @@ The CRC goes through zlib on bit-reversed bytes (CRC-32/MPEG-2 is the unreflecte
 zlib's), so it shares no code with the flight decoder's.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from dataclasses import dataclass

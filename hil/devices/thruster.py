@@ -1,7 +1,5 @@
 """A thruster node: its wire format and its state; written from the ICD alone."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

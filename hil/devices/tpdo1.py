@@ -1,7 +1,5 @@
 """TPDO1, classic and CAN FD: its form, and fields of a frame read and written again."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Truth time on the host's clock, and the history looked up at single instants quickly."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

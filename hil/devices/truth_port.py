@@ -3,8 +3,6 @@
 Frames: N inertial, B base body; `R_NB` takes B components to N. SI units.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

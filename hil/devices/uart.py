@@ -1,7 +1,5 @@
 """A serial line: when each byte has crossed, and in which pieces the host gets them."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

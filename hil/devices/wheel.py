@@ -1,7 +1,5 @@
 """A reaction wheel node: its wire format and its state; written from the ICD alone."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable

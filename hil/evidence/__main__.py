@@ -3,8 +3,6 @@
 `capabilities COMMIT` lists what a user could do at a commit and cannot do today.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import sys

@@ -4,8 +4,6 @@ Each side is asked itself, in a process of its own: the parsers of its commands,
 configuration, its dictionary and its scenarios. `names` runs in the checkout of either side.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

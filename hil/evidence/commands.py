@@ -90,8 +90,8 @@ def _add_real(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
     hardware.add_argument("--fetch", action="store_true", help="load what is missing from GitHub")
     hardware.add_argument("--out", type=Path, metavar="DIR", help="keep what was imported")
-    hardware.add_argument("--json", action="store_true", help="print one JSON list")
-    hardware.set_defaults(command=_hardware)
+    hardware.add_argument("--json", action="store_true", dest="as_json", help="print one JSON list")
+    hardware.set_defaults(function="hil.evidence.hardware.command:run")
 
 
 def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -258,17 +258,16 @@ def _mistakes(arguments: argparse.Namespace) -> int:
 
 
 def _transfers(arguments: argparse.Namespace) -> int:
-    from hil.evidence.transfers.campaign import campaign, summary
+    from hil.evidence.transfers.campaign import campaign, open_store, summary
 
     folder = arguments.out.absolute()
-    folder.mkdir(parents=True, exist_ok=True)
     with bar() as progress:
         task = progress.add_task("transfers", total=arguments.count)
         for result in campaign(arguments.count, folder, arguments.seed):
             progress.update(task, completed=result.number + 1)
             if result.fault:
                 progress.console.print(f"{result.number}: {result.fault}", markup=False)
-    found = summary(folder)
+    found = summary(open_store(folder, arguments.seed))
     print(json.dumps(found))
     return FAILED_EXIT if found["faults"] or found["late"] else 0
 
@@ -318,12 +317,6 @@ def _soak(arguments: argparse.Namespace) -> int:
     result = summary(store)
     print(json.dumps(result))
     return FAILED_EXIT if result["broken"] else 0
-
-
-def _hardware(arguments: argparse.Namespace) -> int:
-    from hil.evidence.hardware.command import run
-
-    return run(arguments.data, fetch=arguments.fetch, out=arguments.out, as_json=arguments.json)
 
 
 def _bench(arguments: argparse.Namespace) -> int:

@@ -4,8 +4,6 @@ Every link is off by 5 % and every joint rubs; the configuration says so. The sa
 the target from the loaded run alone, and from it and the empty one (`fsw identify --reference`).
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,14 +13,13 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from rich.console import Console
 from scipy.stats import chi2
 
 from fsw.config import Config
 from fsw.config.robot import BodySigma
 from fsw.estimators.batch.run import run_batch
 from fsw.messages import Block
-from hil.evidence import pool, runner
+from hil.evidence import runner
 from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
 from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import condition, declared, draws, sensed, with_noise
@@ -151,10 +148,7 @@ def differential(seeds: Sequence[int], jobs: int, out: Path | None) -> dict[str,
     ScenarioError for a folder of other results.
     """
     store = Store(out, {"differential": "5 % of the links, friction"})
-    rest = runner.missing(seeds, str, store)
-    ran = pool.run(work, rest, jobs)
-    runner.complete("differential", len(seeds), ran, rest, store, Console(stderr=True))
-    return summary([store.rows[str(seed)] for seed in seeds])
+    return summary(runner.rows("differential", work, seeds, store, jobs))
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:

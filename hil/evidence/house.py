@@ -6,8 +6,6 @@ are the rooms of the longest chain of arrows, rooms that import each other count
 The hops of a value are counted by `python -m hil.evidence walks`, from a run.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tomllib

@@ -6,8 +6,6 @@ known to rest at the start, so the bound is rather too low. Offsets, biases and 
 frequency and damping are estimated along, with the priors that the flight software is told.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -135,8 +133,8 @@ def ratios(scenario: Scenario, outcomes: list[Mapping[str, Any]]) -> dict[str, F
     return {body: np.sqrt(np.mean(np.square(each), axis=0)) for body, each in found.items()}
 
 
-def study(name: str, runs: Path) -> int:
-    """Print sigma over bound of the valid runs of `hil seeds NAME --out RUNS`; return 0.
+def study(scenario: str, runs: Path) -> int:
+    """Print sigma over bound of the valid runs of `hil seeds SCENARIO --out RUNS`; return 0.
 
     Raises
     ------
@@ -147,14 +145,16 @@ def study(name: str, runs: Path) -> int:
     except OSError as error:
         raise ScenarioError(f"--runs {runs}: {error}") from error
     rows = [json.loads(line)[1] for line in lines]
-    valid = [row for row in rows if row["scenario"] == name and row["valid"]]
+    valid = [row for row in rows if row["scenario"] == scenario and row["valid"]]
     if not valid:
-        raise ScenarioError(f"--runs {runs}: no valid run of {name}")
-    table = Table(title=f"{name}: sigma over its bound, modes included; {len(valid)} valid runs")
+        raise ScenarioError(f"--runs {runs}: no valid run of {scenario}")
+    table = Table(
+        title=f"{scenario}: sigma over its bound, modes included; {len(valid)} valid runs"
+    )
     names = ("m", "cx", "cy", "cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-    for title in ("body", *names):
-        table.add_column(title, justify="right")
-    for body, ratio in ratios(load(name), valid).items():
+    for column in ("body", *names):
+        table.add_column(column, justify="right")
+    for body, ratio in ratios(load(scenario), valid).items():
         table.add_row(body, *(f"{value:.2f}" for value in ratio))
     Console().print(table)
     return 0

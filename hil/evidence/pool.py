@@ -1,7 +1,5 @@
 """Where cases are run: in this process, in processes of this machine, or on a Dask cluster."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Which code made a result."""
 
-from __future__ import annotations
-
 import subprocess
 from functools import lru_cache
 from pathlib import Path

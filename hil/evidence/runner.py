@@ -4,8 +4,6 @@ A campaign is a list of cases and an importable function that turns a case into 
 the store has is not run again; the summary is made of the store's rows alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
@@ -19,6 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from hil.evidence import pool
 from hil.evidence.store import Row, Store
 
 C = TypeVar("C")
@@ -51,6 +50,20 @@ def bar(title: str, console: Console) -> Progress:
         console=console,
         refresh_per_second=2,
     )
+
+
+def rows(
+    title: str,
+    work: Callable[[C], Mapping[str, Row]],
+    cases: Sequence[C],
+    store: Store,
+    jobs: int,
+    text: Callable[[C], str] = str,
+) -> list[Row]:
+    """Run over processes what the store lacks, keyed by the case's text; return all cases' rows."""
+    rest, console = missing(cases, str, store), Console(stderr=True)
+    complete(title, len(cases), pool.run(work, rest, jobs), rest, store, console, text)
+    return [store.rows[str(case)] for case in cases]
 
 
 def complete(

@@ -1,7 +1,5 @@
 """Many seeds of one scenario, each a run of its own process, and what they say together."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -15,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
-from hil.evidence import pool, runner
+from hil.evidence import runner
 from hil.evidence.store import Row, Store
 from hil.run.live import LiveError
 from hil.run.processes import tied
@@ -41,7 +39,6 @@ def run_seeds(
     jobs: int,
     options: Sequence[str],
     out: Path | None,
-    console: Console,
 ) -> list[Mapping[str, Any]]:
     """Run the seeds that the folder lacks; return the outcomes of all, in order.
 
@@ -51,10 +48,8 @@ def run_seeds(
     """
     settings = {"scenario": scenario, "options": list(options), "judged": "every output"}
     store = Store(out, settings)
-    rest = runner.missing(seeds, str, store)
-    ran = pool.run(partial(outcome, scenario=scenario, options=options), rest, jobs)
-    runner.complete(scenario, len(seeds), ran, rest, store, console)
-    return [store.rows[str(seed)] for seed in seeds]
+    work = partial(outcome, scenario=scenario, options=options)
+    return runner.rows(scenario, work, seeds, store, jobs)
 
 
 def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

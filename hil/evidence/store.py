@@ -5,8 +5,6 @@ it comes; a later line of the same key replaces an earlier one. A line that a cr
 discarded at the next start, so its case runs again.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Collection, Mapping

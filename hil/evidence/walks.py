@@ -10,8 +10,6 @@ computes in functions that come back before the next station is not counted.
 Loop, estimation, service and worker run in one process here; their rings and pipes are real.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

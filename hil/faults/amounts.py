@@ -1,7 +1,5 @@
 """By how much a fault of a script changes what a sensor measures, at its place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from hil.faults import values

@@ -1,7 +1,5 @@
 """Faults of a bus, its nodes and their sensors, by name, on the CAN link of a virtual bench."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 from fsw.drivers.wire import ERR_FLAG

@@ -1,7 +1,5 @@
 """Where one fault of a script goes: a virtual bench, a window of time, a seed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

@@ -3,8 +3,6 @@
 The virtual links have their own taps (`hil.faults.taps`); these act on the kernel's.
 """
 
-from __future__ import annotations
-
 import fcntl
 import socket
 import struct

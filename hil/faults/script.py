@@ -5,8 +5,6 @@ that are gone, or the values of them that a sensor at fault cannot have measured
 fault is held against is a run with the reference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from hil.faults import can_bus as faults_can

@@ -1,7 +1,5 @@
 """Faults of the serial devices and their sensors, by name, on the lines of a virtual bench."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -7,8 +7,6 @@ not depend on how the items are batched. Serial actions want one transmission pe
 devices' `datagram` chunking); `Regrouped` behind them gives the host other chunks.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Sequence
 from itertools import groupby

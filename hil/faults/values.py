@@ -3,8 +3,6 @@
 Every function returns an action for `hil.faults.taps.Struck`; check values are correct afterwards.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable, Sequence

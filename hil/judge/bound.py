@@ -14,8 +14,6 @@ a the classical acceleration of the base origin. Their total derivatives, w bein
 Source: Rackl, Lampariello, Albu-Schaeffer (2013), eqs. (2), (22)-(23), (30), differentiated.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ Source: the end-effector error of Rackl, Lampariello, Albu-Schaeffer (2013), eq.
 the error in README.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

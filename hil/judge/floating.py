@@ -4,8 +4,6 @@ The bench judges the flight software with its own model: Pinocchio for kinematic
 flight code. Base axes B, base origin; nu = [v_b, w_b, qd]; zero gravity, zero momentum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

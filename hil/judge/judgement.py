@@ -1,7 +1,5 @@
 """Judgement of a run: its case, its JSON, and the series of its picture."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

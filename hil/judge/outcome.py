@@ -1,7 +1,5 @@
 """The final estimate of a run as a result to be scored, from memory or from a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A run as one page of the report's kind, with what only the bench knows: truth, errors, tool."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The score of a run: errors against the truth, consistency, tool error, bound, and their table."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ No device answers milliseconds late because the computer beside it had no time; 
 bench notes when it did so, and what the daemon then rightly reports is no fault of the daemon.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """The outcome of a run on a terminal: bodies, tool error, consistency, samples, events."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path

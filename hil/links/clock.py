@@ -1,7 +1,5 @@
 """Simulated monotonic time: it passes only in sleeps, and serial arrivals end a sleep early."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ The daemon is the flight software's own loop and estimation; in real time it is 
 process of its own. What is judged later comes from its estimates, or from its recording.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

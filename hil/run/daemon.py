@@ -1,7 +1,5 @@
 """Loop and estimation in one process, one called after the other: the daemon in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

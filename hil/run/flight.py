@@ -1,7 +1,5 @@
 """The files of the flight side: configuration and robot, with no truth of an unknown body."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

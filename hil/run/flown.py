@@ -3,8 +3,6 @@
 For measurements that need the daemon's own input and must not ask the user for a recording.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass

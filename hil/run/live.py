@@ -1,7 +1,5 @@
 """A run in real time: the plant and the daemon as processes of their own, watched from here."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The file of the plant in real time: the truth, which the flight side never reads."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import asdict

@@ -4,8 +4,6 @@ The kernel kills them (`PR_SET_PDEATHSIG`, prctl(2)) when the thread that starte
 Whatever starts further processes ties those itself: the signal reaches children, not grandchildren.
 """
 
-from __future__ import annotations
-
 import ctypes
 import multiprocessing
 import os

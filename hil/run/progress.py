@@ -1,7 +1,5 @@
 """The live progress bar: current mass with its sigma, and the excitation gathered so far."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Protocol

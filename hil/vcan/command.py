@@ -1,7 +1,5 @@
 """`hil vcan -- COMMAND`: on this kernel's CAN, else in User-Mode Linux."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ user 0 of a kernel that has the host's files as its own. Serial lines lead out: 
 carry the command's standard output and error, ttyS2 one JSON object a line: signals in, end out.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

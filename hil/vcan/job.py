@@ -3,8 +3,6 @@
 The numbers are those of timeout(1) and the shell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

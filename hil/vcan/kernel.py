@@ -1,7 +1,5 @@
 """Run a command on this kernel's own CAN, where it has one."""
 
-from __future__ import annotations
-
 import signal
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """The CAN links a command is given, as lines for `ip -batch`."""
 
-from __future__ import annotations
-
 NAMES = ("vcan0", "vcan1")
 FD_MTU = 72  # bytes of a canfd_frame: both frame formats pass
 

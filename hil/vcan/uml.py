@@ -4,8 +4,6 @@ The guest's first process is `guest.py`; three serial lines connect it to here: 
 output, its errors, and a line of JSON objects that takes signals in and brings the end out.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import selectors

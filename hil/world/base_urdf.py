@@ -1,7 +1,5 @@
 """The robot file that the flight side reads: without the true base, where that is unknown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree

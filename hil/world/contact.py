@@ -1,7 +1,5 @@
 """The target held to a fixture at rest in inertial axes, for a time: a soft spring and damper."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

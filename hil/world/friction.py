@@ -1,7 +1,5 @@
 """Friction that a link-side torque sensor sees: of bearing, seal and cables beyond it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

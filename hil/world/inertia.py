@@ -5,8 +5,6 @@ order); a report is [m, cx, cy, cz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz] with the inert
 of mass. SI units, body axes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The limits every motion must keep (Rackl et al. 2013, eq. 18-20 and section 3.4)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

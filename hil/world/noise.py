@@ -5,8 +5,6 @@ white noise of power 0.1 at 0.1 ms with seed 23000 and gain 0.01 on joint angle,
 base acceleration and base rate. What that means is not certain, so the readings are options.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Literal

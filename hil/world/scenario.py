@@ -5,8 +5,6 @@ models and the flight settings. Paths are relative to the file. The prior of eve
 drawn from the run's seed, so the flight configuration holds no truth of it.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy

@@ -4,8 +4,6 @@ A kept truth belongs to the bytes of its arguments and of the sources here: anyt
 simulated. The tests set the folder, so that one simulation serves all runs of a scenario.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 from collections.abc import Callable

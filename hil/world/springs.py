@@ -1,7 +1,5 @@
 """Parts of the base that move on springs: liquid in tanks, hinged panels; and their forces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

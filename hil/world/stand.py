@@ -1,7 +1,5 @@
 """What holds the base in a laboratory: a bench, or an air-bearing table; and gravity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

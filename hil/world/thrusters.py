@@ -1,7 +1,5 @@
 """Thrusters of the true robot: jets on the base, when their valves open, and how force follows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -5,8 +5,6 @@ start or a wrench acts; or on a stand in a laboratory. The joint controller sits
 integration (every stage of every step), so it has no sampling delay.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Reaction wheels of the true robot: rotors on the base, and the law by which they hold it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Words for a scenario file that is wrong: what the file is instead, and its faults by key."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A telemetry application on a fake host: no loop, no sockets, time by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

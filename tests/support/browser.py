@@ -1,7 +1,5 @@
 """Chromium without a window, for the live page."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

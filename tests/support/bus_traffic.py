@@ -1,7 +1,5 @@
 """Traffic of a bus with faults of every kind between stretches without any, from a seed."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

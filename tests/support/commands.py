@@ -1,7 +1,5 @@
 """The commands of the project as their parsers know them."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Its recording (estimates, summaries, raw bytes), event log, kept tables and parameters.
 """
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """Device configurations for the drivers' tests."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fsw.config import BusConfig, ImuConfig, JointConfig, Mounting, StarTrackerConfig

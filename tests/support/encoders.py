@@ -1,7 +1,5 @@
 """Device encoders written from the ICD alone, with other libraries than the drivers use."""
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Table 1's robot for the estimator tests: configuration, true motion, windows and blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Subjects, limits and motions for the excitation tests."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

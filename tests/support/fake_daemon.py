@@ -160,7 +160,7 @@ def run_of_estimates(seed: int = 1) -> Callable[[], bytes]:
             "target_com_x_m": 0.01,
             "target_com_z_m": 0.52,
         }
-        residuals = {f"residual_torque_{k}_nm": abs(rng.normal(0.05, 0.01)) for k in range(1, 8)}
+        residuals = {f"residual_torque_{k}": abs(rng.normal(0.05, 0.01)) for k in range(1, 8)}
         residuals |= {f"residual_torque_{k}_ratio": rng.normal(1.0, 0.05) for k in range(1, 8)}
         health = packet(
             "health",

@@ -1,7 +1,5 @@
 """Waiting until Linux stamps what a port receives."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.clock import MonotonicClock

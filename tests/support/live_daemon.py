@@ -1,7 +1,5 @@
 """The daemon as real processes on terminals nobody writes to, and a client of its link."""
 
-from __future__ import annotations
-
 import os
 import pty
 import select

@@ -1,7 +1,5 @@
 """A real-time run of the bench with telemetry on, and what the daemon sends kept byte by byte."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -10,14 +8,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from hil.run import bench
 from hil.run.flight import write_yaml
 from hil.run.plant_document import plant_document
-from hil.world.scenario import load
+from hil.world.scenario import changed, load
 
 PATIENCE_S = 180.0
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
@@ -37,12 +35,13 @@ def wait_for(what: str, condition: Callable[[], Any], timeout_s: float = PATIENC
 class LiveRun:
     """Plant and daemon as processes; a client that keeps everything that comes down."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, settings: Sequence[str] = ()) -> None:
         self.folder = folder
-        scenario = load("target_leo")
+        scenario = changed(load("target_leo"), settings)
         telemetry = {"port": 0, "housekeeping_interval_s": 0.5, "science_interval_s": 0.1}
         setup = bench.prepare(scenario, 1, folder, real_time=True, telemetry=telemetry)
         self.config_path = setup.config_path
+        self.scenario = setup.scenario
         plant = write_yaml(
             folder / "plant.yaml", plant_document(scenario, 1, folder, setup.bus_ports)
         )
@@ -127,3 +126,19 @@ class LiveRun:
             link.settimeout(PATIENCE_S)
             while data := link.recv(1 << 20):
                 self.raw += data
+
+
+def ground(
+    live: LiveRun, *words: str, timeout_s: float = 100.0
+) -> subprocess.CompletedProcess[str]:
+    """Run the ground command; it has patience with a busy machine."""
+    if words[0] == "tc":
+        words = (*words, "--timeout", f"{timeout_s:g}")
+    return subprocess.run(
+        [sys.executable, "-m", "ground", "--port", str(live.port), *words],
+        capture_output=True,
+        text=True,
+        timeout=timeout_s + 50.0,
+        check=False,
+        env=ENVIRONMENT,
+    )

@@ -1,7 +1,5 @@
 """Fakes of clock, ports, sink and estimation for the tests of the loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

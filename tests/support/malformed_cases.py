@@ -4,8 +4,6 @@ The reference keeps what the device really sent, intact, once and in its order, 
 other byte and frame; the stamps stay. It is made without the flight software's codecs.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections import defaultdict

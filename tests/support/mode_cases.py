@@ -1,7 +1,5 @@
 """A hinged panel and a tank for the estimator tests: configuration, and truth by another engine."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

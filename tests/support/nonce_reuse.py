@@ -7,8 +7,6 @@ square root in GF(2^128) is 127 squarings. The plaintext known of one frame give
 Source: Joux, Authentication failures in NIST version of GCM (2006); field of NIST SP 800-38D.
 """
 
-from __future__ import annotations
-
 from tests.support.sdls_sender import with_fecf
 
 R = 0xE1 << 120

@@ -1,7 +1,5 @@
 """Checks of packets about what is kept on board: sequences, stores, event actions, commands."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Mapping
 from typing import Any

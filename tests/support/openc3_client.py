@@ -4,8 +4,6 @@ python openc3_client.py FOLDER            ->  one JSON line: what is loaded, and
 python openc3_client.py FOLDER PORT       ->  and what became of commands sent to the daemon
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import sys

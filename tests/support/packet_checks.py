@@ -1,7 +1,5 @@
 """Whether a packet says what the daemon's own log says, bit by bit; one check a kind."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time
@@ -81,7 +79,7 @@ def _is(values: Values, logged: Values) -> bool:
         expected[f"acc_bias_{axis}_m_s2"] = named[f"acc_bias.{axis}"]
         expected[f"gyro_bias_{axis}_rad_s"] = named[f"gyro_bias.{axis}"]
     offsets = [value for name, value in named.items() if name.startswith("torque_offset.")]
-    expected |= {f"torque_offset_{k}_nm": value for k, value in enumerate(offsets, start=1)}
+    expected |= {f"torque_offset_{k}": value for k, value in enumerate(offsets, start=1)}
     return holds(values, expected)
 
 
@@ -130,7 +128,7 @@ def _counters(slots: Mapping[str, str], summary: Values, log: DaemonLog) -> dict
 def is_science(sample: Sample, log: DaemonLog) -> bool:
     values = sample.values
     joints = [
-        (f"joint_{k}", (values[f"joint_{k}_position_rad"], values[f"joint_{k}_torque_nm"]))
+        (f"joint_{k}", (values[f"joint_{k}_position"], values[f"joint_{k}_torque"]))
         for k in range(1, len(log.config.joints) + 1)
     ]
     found = {

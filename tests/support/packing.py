@@ -1,7 +1,5 @@
 """Telemetry packets packed from the dictionary by `struct` alone, with random values."""
 
-from __future__ import annotations
-
 import binascii
 import struct
 from typing import Any

@@ -1,7 +1,5 @@
 """An analytic truth and noise-free sensors for the tests of the devices."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

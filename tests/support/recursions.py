@@ -1,7 +1,5 @@
 """The recursion over blocks, and what it reported on the way."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fsw.estimators.recursive.online import OnlineEstimator, build_online

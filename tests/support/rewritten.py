@@ -1,7 +1,5 @@
 """A recording written again with changes, as a broken recorder would have written it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

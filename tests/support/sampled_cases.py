@@ -3,8 +3,6 @@
 Raw values, as the sensors give them: sign, zero and units are left to mapping and configuration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

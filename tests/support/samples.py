@@ -1,7 +1,5 @@
 """Samples of the flight software row by row, and sources that accept plain frames."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import fields

@@ -4,8 +4,6 @@ Fields of the primary header (232.0-B 4.1.2): version 2 bits, bypass 1, control 
 spacecraft 10, virtual channel 6, length - 1 10, sequence number 8. Mask (355.0-B, TC): VCID, SPI.
 """
 
-from __future__ import annotations
-
 import binascii
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A serial line of an inertial unit with known truth: bytes, wire times, chunkings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

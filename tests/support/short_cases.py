@@ -1,7 +1,5 @@
 """A short, slow-rate scenario: the first seconds of a motion, cheap enough for any machine."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The paper's robot with a prismatic joint in the place of its fourth."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

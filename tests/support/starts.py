@@ -1,7 +1,5 @@
 """Configurations whose unknown bodies start 30-50 % off, by case, and bodies that change."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

@@ -3,8 +3,6 @@
 python -m tests.support.telemetry_alone FOLDER  ->  its port on one line; ends with its input
 """
 
-from __future__ import annotations
-
 import select
 import sys
 import time

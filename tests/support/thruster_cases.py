@@ -1,7 +1,5 @@
 """Eight thrusters on the base for the estimator tests: configuration, firings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 python tmtccmd_ping.py PORT  ->  one JSON line: the verification chain as tmtccmd has seen it
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -1,7 +1,5 @@
 """Ground tools in environments of their own, since each pins other versions."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

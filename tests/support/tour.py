@@ -1,7 +1,5 @@
 """Telecommands that make the daemon send every packet it can, and what must be in the answers."""
 
-from __future__ import annotations
-
 import binascii
 import json
 import struct

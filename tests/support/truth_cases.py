@@ -1,7 +1,5 @@
 """Robots and motions for the tests of the truth, and Pinocchio's view of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

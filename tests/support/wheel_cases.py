@@ -1,7 +1,5 @@
 """Four reaction wheels in a pyramid for the estimator tests: configuration and random motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

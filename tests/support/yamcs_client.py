@@ -3,8 +3,6 @@
 python yamcs_client.py HTTP_PORT  ->  one JSON line: commands with their stages, parameters, alarms
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

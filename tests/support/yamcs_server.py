@@ -1,7 +1,5 @@
 """Yamcs as PyPI brings it (`fprime-yamcs-bundle`), with the project's own configuration of it."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

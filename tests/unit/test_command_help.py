@@ -1,7 +1,5 @@
 """Help of every command: an example that its parser accepts, and completion of the shell."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

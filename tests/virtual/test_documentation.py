@@ -1,7 +1,5 @@
 """The documentation: the site builds without warning or network, and every block of code holds."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

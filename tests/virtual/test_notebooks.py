@@ -1,7 +1,5 @@
 """The notebooks of docs/notebooks: committed with their outputs, small, and they run."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

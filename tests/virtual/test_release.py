@@ -1,7 +1,5 @@
 """What is released: wheel, sdist, their contents, licences, bill of materials, Containerfile."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -5,8 +5,6 @@ ports beside python-can's `recv` and Notifier. Line: bytes through the port besi
 figure is the median of several rounds, in which ours and the reference take turns.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field

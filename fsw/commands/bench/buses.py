@@ -4,8 +4,6 @@ Every reader gets the same numbered frames from a process of its own and drains 
 second, as the loop does. The numbers show which were lost.
 """
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

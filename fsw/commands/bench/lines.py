@@ -1,7 +1,5 @@
 """Bytes through the serial port of the loop beside pyserial, over a pseudo-terminal."""
 
-from __future__ import annotations
-
 import os
 import select
 import tty

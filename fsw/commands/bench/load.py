@@ -1,7 +1,5 @@
 """The process that sends what the bench's ports read."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

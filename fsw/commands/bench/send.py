@@ -3,8 +3,6 @@
 Frames of seven nodes carry their number; a sender's last line says how many it has sent.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import socket

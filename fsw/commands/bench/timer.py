@@ -1,7 +1,5 @@
 """Wake-ups of the executive beside those of cyclictest."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """`fsw calibrate rest|motion RECORDING --config CONFIG`: replay, figures, table, overlay."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable

@@ -6,8 +6,6 @@ derivative, its sigma the curvature of the correlation's peak, and whatever else
 difference (bodies, biases, mounting) is estimated along, so that none of it is taken for a delay.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -4,8 +4,6 @@ The error of a mean over a recording at rest is that of the white noise and that
 value drifts within the recording, so the mean is not the value of any one moment.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

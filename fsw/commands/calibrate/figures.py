@@ -1,7 +1,5 @@
 """Figures of a calibration: value, 1 sigma, verdict; their table and the overlay that they make."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf

@@ -1,7 +1,5 @@
 """Calibration in motion: every error of sensors and mounting in one batch with wide priors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

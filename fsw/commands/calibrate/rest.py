@@ -1,7 +1,5 @@
 """Calibration at rest: torque offsets and biases of the inertial unit, from what it reads then."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ through the points about the peak gives the offset between the points of the gri
 the sigma. Gyro bias and a small difference of the two mountings are estimated along everywhere.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import cholesky_banded, solve_banded

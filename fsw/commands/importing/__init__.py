@@ -1,7 +1,5 @@
 """`fsw import`: what other tools have recorded becomes a recording of this project."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain

@@ -1,7 +1,5 @@
 """Captures of the wire: logs of CAN buses, bytes of serial lines with their stamps."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The mapping file of `fsw import`: which columns are which quantity, in which unit."""
 
-from __future__ import annotations
-
 from math import pi
 from pathlib import Path
 from typing import Literal

@@ -4,8 +4,6 @@ The recording holds the sensors' own values in SI units. Calibration and delays 
 configuration are applied when it is replayed, as to values from the wire.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

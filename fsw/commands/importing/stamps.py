@@ -1,7 +1,5 @@
 """Stamps of sampled data, judged: order, repetitions, gaps, jitter, rate."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Columns of numbers by name: CSV with a header, NumPy .npz, ROS 2 bags."""
 
-from __future__ import annotations
-
 import csv
 import struct
 import zipfile

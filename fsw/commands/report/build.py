@@ -1,7 +1,5 @@
 """A collected replay as a report: the sections in their order."""
 
-from __future__ import annotations
-
 from fsw.commands.report import channel_sections as channels
 from fsw.commands.report import estimate_sections as estimates
 from fsw.commands.report.collect import Collected

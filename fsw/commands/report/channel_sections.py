@@ -1,7 +1,5 @@
 """Sections of the sensors: residuals, health, timing; and the configuration of the reading."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.commands.report.collect import Collected

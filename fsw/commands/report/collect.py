@@ -1,7 +1,5 @@
 """Everything a report shows, collected by one sink in one replay."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

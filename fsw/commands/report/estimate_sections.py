@@ -1,7 +1,5 @@
 """Sections of a report: the identified bodies, their history, and what limits them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.commands.report.collect import Collected

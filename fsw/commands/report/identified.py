@@ -1,7 +1,5 @@
 """The result of a batch method as a page: verdict, held-out windows, residuals, limits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec

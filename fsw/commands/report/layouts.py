@@ -4,8 +4,6 @@ Sources: a layout exported by Foxglove (`configById`, mosaic `layout`) and foxgl
 PlotJuggler 3, `MainWindow::xmlSaveState`, `PlotDocker::xmlSaveState`, `DataLoadMCAP::xmlSaveState`.
 """
 
-from __future__ import annotations
-
 import json
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Report of a running daemon: its status, and its recording so far."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

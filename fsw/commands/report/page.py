@@ -1,7 +1,5 @@
 """A report as one HTML page that needs nothing but itself; a pure function of the view."""
 
-from __future__ import annotations
-
 import json
 import re
 from html import escape

@@ -3,8 +3,6 @@
 A message is inertia_daemon_msgs/msg/BodyEstimate, with 1 sigma, and the mean -+ 3 sigma as bounds.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Spectrum and histogram of normalised residuals."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.messages import FloatArray

@@ -1,7 +1,5 @@
 """A collected replay as tables (CSV, Parquet) beside the page."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Collection, Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The parts of a report as plain values: sections of texts, tables and charts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any

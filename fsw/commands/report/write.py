@@ -1,7 +1,5 @@
 """A report on the disk: one replay, one page, and what was asked for beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

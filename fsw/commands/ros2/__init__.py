@@ -3,8 +3,6 @@
 Source: BodyEstimate.msg beside this file; geometry_msgs/Inertia of ROS 2 common_interfaces.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 from typing import Any

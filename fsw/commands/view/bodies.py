@@ -1,7 +1,5 @@
 """The sought bodies over time: centre of mass, its ellipsoid, and the truth where it is known."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

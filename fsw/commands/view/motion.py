@@ -1,7 +1,5 @@
 """Base and joints over time, from a recording's windows or from a planned motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A scene as plain values for the page: parts, their motion, ellipsoids of the centres of mass."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Shapes of a scene: triangles of links, boxes of bodies, balls."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fsw view` on the disk: one page with the scene, the viewer and nothing to fetch."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ Source: Linux include/uapi/linux/can/error.h. An error frame's identifier holds 
 bits, its eight bytes the details.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

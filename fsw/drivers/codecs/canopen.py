@@ -4,8 +4,6 @@ Pure functions between bytes and values, of many frames at once for TPDO1; ident
 11-bit COB-IDs.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ frame was seen the next one is expected right behind it: something else standing
 reject, `CRC` where it looked like a frame and `SYNC` where it did not.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass

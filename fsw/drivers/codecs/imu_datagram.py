@@ -1,7 +1,5 @@
 """The datagram that the codec of every inertial unit hands to its source."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol

@@ -4,8 +4,6 @@
 begins with its length (length and descriptor bytes included), then its descriptor and data.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

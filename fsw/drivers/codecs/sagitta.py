@@ -3,8 +3,6 @@
 `C0 | escaped(payload | XXH32(payload, seed 1425)) | C0`; the payload begins with the address byte.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ to it and a CRC-32 that holds. After the first datagram only its identifier is l
 sends one kind), until 1024 bytes passed without one.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Pure functions between bytes and values.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 

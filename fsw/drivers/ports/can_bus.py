@@ -1,7 +1,5 @@
 """CAN port over python-can; sockets of SocketCAN and udp_multicast are read here, in batches."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

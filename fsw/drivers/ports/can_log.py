@@ -1,7 +1,5 @@
 """CAN logs of other tools as frames: whatever python-can reads, candump, BLF and ASC among it."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

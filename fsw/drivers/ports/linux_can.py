@@ -3,8 +3,6 @@
 Source: the kernel's networking/can.rst, recvmmsg(2), socket(7).
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

@@ -5,8 +5,6 @@ is unpacked by msgpack and shows where these stand; all others that are equal el
 columns of bytes, any other is unpacked by msgpack too.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The kernel's stamps of one port as times of the monotonic clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -7,8 +7,6 @@ never count, so junk moves no time. A chunk's last bound is final once the next 
 known; every earlier chunk is final when a frame is accepted, with or without junk in between.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from fsw.drivers.codecs.framing import Frame

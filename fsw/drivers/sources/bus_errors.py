@@ -1,7 +1,5 @@
 """Health of one CAN bus as its controller's error frames report it."""
 
-from __future__ import annotations
-
 from fsw.drivers.codecs.can_error import BusCondition, decode_error
 from fsw.drivers.wire import CanFrame, Reject
 

@@ -5,8 +5,6 @@ toggles between the buses until it finds it again. So the master is free to chan
 node is received on the active bus any more, or when its own port there is down.
 """
 
-from __future__ import annotations
-
 from fsw.config import RedundantBusConfig
 
 STALL_PART = 5  # a stall of the loop counts for a fifth of what makes a bus lost, at most

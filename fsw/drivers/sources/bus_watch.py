@@ -9,8 +9,6 @@ nothing can be found, which a few comparisons of arrays show; any other batch is
 event.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ information. Minima of short bins over the last minute are kept; the line is the
 convex hull at the mean abscissa (the support line with the least summed distance to the points).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque

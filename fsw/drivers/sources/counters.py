@@ -1,7 +1,5 @@
 """Counters every source keeps."""
 
-from __future__ import annotations
-
 from fsw.drivers.codecs.framing import Framer
 from fsw.drivers.wire import Reject
 

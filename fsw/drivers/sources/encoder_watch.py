@@ -5,8 +5,6 @@ encoder's. Steps are added up: after the one back the position is trusted again 
 that never comes back is taken as it is after a while, for without it there is no estimate at all.
 """
 
-from __future__ import annotations
-
 from fsw.messages.findings import Fault
 
 GAP_PERIODS = 3.5  # a longer gap hides what happened in it

@@ -1,7 +1,5 @@
 """Inertial unit: serial chunks to samples with their times of validity."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

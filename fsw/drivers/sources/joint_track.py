@@ -1,7 +1,5 @@
 """Joint nodes: calibration, plausibility and bookkeeping of their samples."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import tau

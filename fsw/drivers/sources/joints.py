@@ -1,7 +1,5 @@
 """Joint nodes of one CAN bus: frames to calibrated samples, timed by SYNC."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -4,8 +4,6 @@ So many datagrams are missing by the device's own counter, and so many bytes wer
 damaged datagram leaves its own length, one that lost bytes less; junk takes none away.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A message holds values as the sensor gave them, in SI units; calibration and del
 configuration are applied as to values from the wire. Its stamp is the time of the sample.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

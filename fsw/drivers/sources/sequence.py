@@ -9,8 +9,6 @@ The unit reports how long a datagram waited before it was sent. A wait that grew
 datagram later by as much: one that instead puts the sample ahead of the clock is untrue.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 

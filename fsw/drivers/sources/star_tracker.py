@@ -1,7 +1,5 @@
 """Star tracker: serial chunks to attitudes of the spacecraft bus."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

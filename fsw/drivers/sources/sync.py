@@ -1,7 +1,5 @@
 """History of the SYNCs of one bus: the joints' time."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

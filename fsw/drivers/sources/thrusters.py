@@ -1,7 +1,5 @@
 """Thruster nodes of one CAN bus: frames to states of valves, timed by the SYNC they echo."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Reaction wheel nodes of one CAN bus: frames to samples, timed by the SYNC they echo."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

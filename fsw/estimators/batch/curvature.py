@@ -8,8 +8,6 @@ near the path, is then within sqrt(D) sigma. Source: profile likelihood, Bates, 
 Regression Analysis (1988), sec. 6.1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -26,7 +24,7 @@ STEPS = (1.0, 3.0, 12.0)  # sigma of the linearisation
 ENOUGH = 9.0  # rise of the cost at which a side is ended
 OPEN = 4.0  # least rise that bounds a side
 BENT = 0.5  # allowed difference of D / t^2 from 1, and squared offset from the axis over t^2
-STIFF = 1e4  # weight of the constraint in squared sigma
+STIFF = 100.0  # weight of the constraint per sigma
 
 NOTE = "posterior not Gaussian over one sigma along {}; sigma widened by its profile"
 OPEN_NOTE = "not bounded by the data along {}"
@@ -131,14 +129,3 @@ def _side(
             return points, True
         start, before = found, t
     return points, points[-1][2] >= OPEN
-
-
-def constrained_prior(
-    mean: FloatArray, information: FloatArray, normal: FloatArray, value: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and information (p, p) of a prior with normal . x = value joined to it."""
-    joined = information + STIFF * np.outer(normal, normal)
-    pull = information @ mean + STIFF * value * normal
-    scale = np.sqrt(np.maximum(np.diag(joined), 1e-300))
-    centre = np.linalg.lstsq(joined / np.outer(scale, scale), pull / scale, rcond=1e-14)[0] / scale
-    return centre, joined

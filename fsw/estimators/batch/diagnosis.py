@@ -1,7 +1,5 @@
 """How good a batch estimate is: covariance against the bound of all sensors, residuals, words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -38,7 +36,8 @@ def diagnose_batch(
         return None
     try:
         fisher = np.asarray(sum(part.A.T @ part.A for part in fused)) / level
-        precision = fisher + np.linalg.solve(problem.prior_covariance, np.eye(len(mean)))
+        R = problem.prior.at(mean).R
+        precision = fisher + R.T @ R
         least = np.asarray(np.linalg.solve(precision, np.eye(len(mean))), np.float64)
         k = problem.published
         names = tuple(problem.names[i] for i in k)

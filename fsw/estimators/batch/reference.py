@@ -7,8 +7,6 @@ covariance. The two motions need not be alike, and what a reference does not sho
 Biases, momentum and wrenches are of one run and are not handed on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ what is left drifts, the result says MODEL_MISMATCH. The paper's regressions are
 errors in variables on the same blocks, and their sigma includes the distance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -5,8 +5,6 @@ where it fits, and no channel of any block is half as far from it as one that is
 nothing to leave out, and the recursion, which takes longer than the batch, need not run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

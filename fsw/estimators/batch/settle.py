@@ -1,7 +1,5 @@
 """Solving a batch of blocks of which some do not fit, and noise that is not as declared."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress
@@ -13,7 +11,6 @@ from fsw.estimators.batch.solver import BatchSolution, Progress, Target, minimis
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
-from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 
 GATE_ROUNDS = 6
@@ -76,7 +73,7 @@ def settle(
 
 def _fitted(problem: Problem, solution: BatchSolution) -> float:
     """Return how many parameters the data have fitted: all, less what the prior holds."""
-    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    prior = problem.prior.at(solution.mean)
     held = prior.R @ solution.information.covariance_root()
     return float(len(prior.z) - np.sum(held**2))
 

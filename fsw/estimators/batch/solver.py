@@ -4,16 +4,14 @@ The unknown bodies move in log-Cholesky coordinates, so every iterate is physica
 base's inertia never becomes singular; the covariance is given in the linear parameters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.estimators.batch.curvature import WEAK, Widening, constrained_prior, widen
+from fsw.estimators.batch.curvature import STIFF, WEAK, Widening, widen
 from fsw.estimators.measurement.row_functions import Linearisation, RowsFunction
 from fsw.estimators.model.inertia import (
     from_log_cholesky,
@@ -23,6 +21,7 @@ from fsw.estimators.model.inertia import (
     to_log_cholesky,
 )
 from fsw.estimators.model.mobility import NOTE, TORQUE, by_mobility
+from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
@@ -50,6 +49,10 @@ class BatchSolution:
     iterations: int
     cost: float  # sum of squared whitened residuals, prior included
     rows: int
+
+
+# rows A (k, p) and b (k,) at a state
+RowsAt = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class Target:
@@ -88,7 +91,7 @@ def solve(
 
 def minimise(
     problem: Problem,
-    target: Target,
+    target: RowsAt,
     progress: Progress | None = None,
     start: FloatArray | None = None,
     max_iterations: int = MAX_ITERATIONS,
@@ -103,8 +106,8 @@ def minimise(
 
     `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
     """
-    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
-    x = problem.prior_mean if start is None else start
+    prior = problem.prior
+    x = prior.mean if start is None else start
     if plain:
         x, settled = _gauss_newton(problem, target, prior, x)
         light = _light(problem, target, prior, x) if settled else None
@@ -117,8 +120,9 @@ def minimise(
     cost = _cost(prior, x, b)
     while iterations < max_iterations:
         iterations += 1
-        J = np.vstack([stacked, prior.R]) @ _chain(problem, theta)
-        r = np.concatenate([b, prior.z - prior.R @ x])
+        known = prior.at(x)
+        J = np.vstack([stacked, known.R]) @ _chain(problem, theta)
+        r = np.concatenate([b, known.z - known.R @ x])
         N, g = J.T @ J, J.T @ r
         if not np.all(np.isfinite(N)):
             break
@@ -151,7 +155,7 @@ def minimise(
     return BatchSolution(
         status=status,
         mean=x,
-        information=prior.update(stacked, b + stacked @ x),
+        information=prior.at(x).update(stacked, b + stacked @ x),
         iterations=iterations,
         cost=cost,
         rows=len(b),
@@ -181,13 +185,13 @@ def regress(problem: Problem, target: Target) -> BatchSolution:
         mean=x,
         information=prior.update(A, b + A @ x),
         iterations=iterations,
-        cost=_cost(prior, x, b),
+        cost=_cost(problem.prior, x, b),
         rows=len(b),
     )
 
 
 def _gauss_newton(
-    problem: Problem, target: Target, prior: SquareRootInformation, start: FloatArray
+    problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
 ) -> tuple[FloatArray, bool]:
     """Return where undamped steps in the linear parameters settle, or the start if they do not.
 
@@ -208,19 +212,17 @@ def _gauss_newton(
 
 
 def _plain_step(
-    target: Target, prior: SquareRootInformation, x: FloatArray, at: FloatArray
+    target: RowsAt, prior: Prior, x: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, float, SquareRootInformation]:
     """Return the minimum of the rows linearised at a state, its whitened rms distance from x."""
     A, b = target(at)
-    information = prior.update(A, b + A @ at)
+    information = prior.at(at).update(A, b + A @ at)
     mean = information.mean()
     step = information.R @ (mean - x)
     return mean, float(np.sqrt(step @ step / len(x))), information
 
 
-def _light(
-    problem: Problem, target: Target, prior: SquareRootInformation, x: FloatArray
-) -> BatchSolution | None:
+def _light(problem: Problem, target: RowsAt, prior: Prior, x: FloatArray) -> BatchSolution | None:
     """Return the solution where a body's best values are inconsistent by no more than noise makes.
 
     None: the bodies are consistent, or the base is not, or one is so far off that no noise did it.
@@ -277,17 +279,16 @@ def linear_covariance(
 
 def straighten(problem: Problem, target: Target, solution: BatchSolution) -> Widening:
     """Return the solution's covariance, widened where its linearisation does not hold."""
-    weight = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
-    information = weight.R.T @ weight.R
 
     def profile(normal: FloatArray, value: float, start: FloatArray) -> tuple[FloatArray, float]:
-        mean, joined = constrained_prior(problem.prior_mean, information, normal, value)
-        scale = np.sqrt(np.diag(joined))
-        inverse = np.linalg.solve(joined / np.outer(scale, scale), np.diag(1.0 / scale))
-        covariance = inverse / scale[:, None]
-        held = replace(problem, prior_mean=mean, prior_covariance=0.5 * (covariance + covariance.T))
-        x = minimise(held, target, start=start, max_iterations=PROFILE_ITERATIONS, plain=False).mean
-        return x, _cost(weight, x, target(x)[1])
+        def held(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+            A, b = target(x)
+            return np.vstack([A, STIFF * normal]), np.append(b, STIFF * (value - normal @ x))
+
+        x = minimise(
+            problem, held, start=start, max_iterations=PROFILE_ITERATIONS, plain=False
+        ).mean
+        return x, _cost(problem.prior, x, target(x)[1])
 
     return widen(
         solution.mean,
@@ -301,9 +302,8 @@ def straighten(problem: Problem, target: Target, solution: BatchSolution) -> Wid
     )
 
 
-def _cost(prior: SquareRootInformation, x: FloatArray, b: FloatArray) -> float:
-    r = prior.z - prior.R @ x
-    return float(b @ b + r @ r)
+def _cost(prior: Prior, x: FloatArray, b: FloatArray) -> float:
+    return float(b @ b) + prior.cost(x)
 
 
 def _to_theta(problem: Problem, x: FloatArray) -> FloatArray:

@@ -9,8 +9,6 @@ the nodes:
     integral(phi tau^T qd dt) + integral(dphi/dt T(pi) dt) = 0
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -4,8 +4,6 @@ Torque and specific force are quadratic in the base's rate. Linearised at rest t
 it, and blame what it does to them on bodies and sensors; a captured object tumbles.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.estimators.measurement.fused import predict

@@ -5,8 +5,6 @@
 The shape of Coulomb friction over a window is that of `reversal`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.estimators import reversal

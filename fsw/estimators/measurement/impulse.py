@@ -4,8 +4,6 @@ The gyro channel sees the momentum, so a moment acts on it through its integral.
 carried from block to block by Gauss quadrature over the nodes, with its exact Jacobian.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 

@@ -17,8 +17,6 @@ common until it has died away, so each counts it as many times as windows fit in
 Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I (1993), sec. II.7.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

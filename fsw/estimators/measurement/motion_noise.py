@@ -5,8 +5,6 @@ rate and acceleration are correlated over the nodes of a block, and enter every 
 exact sensitivities of the prediction.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

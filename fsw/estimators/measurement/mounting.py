@@ -1,7 +1,5 @@
 """The inertial unit turned from its configured attitude, and what small turns do."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.estimators.measurement.block_stack import BlockStack

@@ -5,8 +5,6 @@ weightings: `ols` (the paper's, eqs. 8-16), `wls` (known output and input noise 
 `eiv` (errors in variables: base acceleration, rates and joint accelerations are noisy regressors).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The channels as predicted from joint motion alone, with their derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

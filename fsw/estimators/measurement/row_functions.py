@@ -1,7 +1,5 @@
 """The methods as row functions: what recursive and batch solutions share."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from itertools import groupby

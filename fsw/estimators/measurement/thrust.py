@@ -13,8 +13,6 @@ r I_j, the j-fold integrals of h at s after its start, partial integration gives
     integral of p h = sum over j of (-1)^j p^(j) I_(j+1).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial

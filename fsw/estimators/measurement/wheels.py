@@ -10,8 +10,6 @@ where s_k, the relative error of its inertia, is a state with a prior. Neither d
 that are sought. Source: Wie, Space Vehicle Dynamics and Control (2008), sec. 7.3 (gyrostat).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

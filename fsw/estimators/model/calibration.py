@@ -4,8 +4,6 @@ A link's data from a drawing are some per cent off. They are made states, not le
 a wrong link does to the torques is then taken out of the residuals and counted in every sigma.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -6,8 +6,6 @@ exchanged. Outside the estimators a body is (mass, centre of mass, inertia about
 as xx xy xz yy yz zz).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 

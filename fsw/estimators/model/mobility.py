@@ -12,8 +12,6 @@ Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws
 ten states are drawn: given them, the others are straight, and their share is in closed form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -29,6 +29,7 @@ from fsw.estimators.model.inertia import (
 )
 from fsw.estimators.model.modes import Modes, with_modes
 from fsw.estimators.model.orbit import CircularOrbit
+from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
@@ -164,6 +165,15 @@ class Problem:
         if count == 0 or self.modes is not None:
             return slice(0, own)
         return np.concatenate([np.arange(own - count), np.arange(len(self.names))[self.mode_mass]])
+
+    @property
+    def prior(self) -> Prior:
+        """Return what is known before the data."""
+        return self.prior_of(self.prior_mean, self.prior_covariance)
+
+    def prior_of(self, mean: FloatArray, covariance: FloatArray) -> Prior:
+        """Return a prior of another mean (p,) and covariance (p, p)."""
+        return Prior(mean, covariance, tuple(self.body(name) for name in self.unknown))
 
     @property
     def known(self) -> slice:

@@ -1,7 +1,5 @@
 """The recursive estimator of MRNEA compensated for its bias (`measurement/compensated.py`)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

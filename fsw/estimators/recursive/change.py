@@ -7,8 +7,6 @@ never raises it, whatever it holds.
 Source: Page, Biometrika 41 (1954); Basseville, Nikiforov, Detection of Abrupt Changes (1993), 2.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -6,8 +6,6 @@ that noise and the estimate's covariance do not explain is left out, until it ha
 some blocks. A block in which several channels newly fail is left to the change detection.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -7,8 +7,6 @@ counted twice. Forgetting multiplies everything the data said by one factor per 
 the retired information, the stored rows and a pass under way alike; the prior is never forgotten.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

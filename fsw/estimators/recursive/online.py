@@ -7,8 +7,6 @@ estimate; what moves it otherwise is data. How many blocks are re-linearised bet
 fixed, so nothing depends on when that is done.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

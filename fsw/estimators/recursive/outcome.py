@@ -1,7 +1,5 @@
 """From state and covariance to the published estimate, the same for every recursive estimator."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import chdtri
 

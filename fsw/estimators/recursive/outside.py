@@ -8,8 +8,6 @@ momentum gained is not known: from then on rates are taken as measured. A change
 like a wrench in one block; but one change explains several, and a wrench does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum

@@ -1,7 +1,5 @@
 """When to re-linearise, and how far to go: what makes the recursion settle and then rest."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

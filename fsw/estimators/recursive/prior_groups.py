@@ -6,8 +6,6 @@ its own marginal, and widened by its own factor: bodies, and what acts on them, 
 want; sensors, known bodies and mounting to LARGEST times their stated sigma.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

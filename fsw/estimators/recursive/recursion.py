@@ -6,8 +6,6 @@ does not explain re-opens the estimate to the prior's spread; a prior that the d
 widened. Both are reported as events. When units are run is for `online` to decide.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
@@ -104,7 +102,7 @@ class Recursion:
     def start(self, mean: FloatArray, covariance: FloatArray) -> None:
         """Begin again at a prior; counters and what is known of the sensors stay."""
         self.start_mean, self.start_covariance = mean, covariance
-        prior = SquareRootInformation.from_prior(mean, covariance)
+        prior = self._prior_at(mean)
         self.memory = Memory(prior, self._settings.store_blocks)
         self.x = mean.copy()
         self.since = 0
@@ -287,6 +285,10 @@ class Recursion:
         self.monitor.restart()
         self._events.append(("high", "ESTIMATOR_RESET", why))
 
+    def _prior_at(self, x: FloatArray) -> SquareRootInformation:
+        """Return what was known at the start, linearised at a state."""
+        return self.problem.prior_of(self.start_mean, self.start_covariance).at(x)
+
     def _spread(self) -> FloatArray:
         covariance = self.problem.prior_covariance
         return FLAT_PRIOR**2 * covariance if self.linear else covariance
@@ -363,6 +365,8 @@ class Recursion:
         pull = memory.pull(self._usable_rows, wanted, SAMPLES)
         if pull is None:
             return wanted, None
+        for prior, sign in ((self._prior_at(wanted), 1.0), (memory.prior, -1.0)):
+            pull = pull + sign * (prior.R.T @ (prior.z - prior.R @ wanted))
         step = pacing.rms(solve_triangular(memory.information.R, pull, trans=1))
         return wanted, step if step < pacing.WORTH else None
 
@@ -371,6 +375,7 @@ class Recursion:
         x, R = self.x, memory.information.R
         if not memory.advance(self._usable_rows):
             return
+        memory.replace_prior(self._prior_at(memory.at))
         self._solve()
         if memory is not self.memory:  # started over
             return
@@ -414,7 +419,7 @@ class Recursion:
         if all(group.factor == 1.0 for group in found):
             return
         self.start_covariance = widened
-        self.memory.replace_prior(SquareRootInformation.from_prior(self.start_mean, widened))
+        self.memory.replace_prior(self._prior_at(self.memory.at))
         self._solve()
         self.pacing.settled = False
         text = in_words(found) + self.problem.suspicion(self.x)

@@ -4,8 +4,6 @@ A state is a mapping of numbers, text, None, arrays, lists and further mappings.
 are copies; putting them back into an object of the same problem continues exactly where it was.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What decodes the traffic of each bus and line: batches of frames and chunks to samples."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 

@@ -1,7 +1,5 @@
 """Commands, applied between two windows."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol, runtime_checkable

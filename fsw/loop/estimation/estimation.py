@@ -5,8 +5,6 @@ in the same process: nothing here knows which. A window is worked off as soon as
 come between two windows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any

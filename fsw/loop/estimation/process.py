@@ -5,8 +5,6 @@ when the loop ends, also when the loop is killed. After an estimation has died, 
 continues from the newest checkpoint and reads what waits in the ring.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import os

@@ -4,8 +4,6 @@ The estimation packs it; the service only puts headers around it. Order and type
 `fsw.telemetry.dictionary.housekeeping.SCIENCE_FIELDS` (a test compares), big-endian.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Pack and unpack (`fsw.telemetry.link.packets`), the exports and the human page r
 nothing else; there is no second list.
 """
 
-from __future__ import annotations
-
 import zlib
 from functools import cache
 

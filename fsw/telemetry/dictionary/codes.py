@@ -1,7 +1,5 @@
 """Enumerations: why a telecommand failed, modes, methods, states."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 from fsw.telemetry.dictionary.types import Enumeration

@@ -1,7 +1,5 @@
 """Telecommands and their arguments."""
 
-from __future__ import annotations
-
 from fsw.messages.commands import PLAN_BOUNDS
 from fsw.telemetry.dictionary.codes import (
     FUNCTION,

@@ -1,7 +1,5 @@
 """Events of service 5; one without a number of its own goes out as OTHER, its code in the text."""
 
-from __future__ import annotations
-
 from fsw.messages.findings import Fault, severity
 from fsw.telemetry.dictionary.types import Enumeration, EventDefinition, Severity
 

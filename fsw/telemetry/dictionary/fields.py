@@ -1,7 +1,5 @@
 """Short forms for the fields of the tables: numbers, labels, texts, counters."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.codes import ERROR
 from fsw.telemetry.dictionary.types import Concern, Enumeration, Field, Limits, Type
 

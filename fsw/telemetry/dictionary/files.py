@@ -1,7 +1,5 @@
 """Service 23, and the functions and reports of file transfer that the standard does not have."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
     FILE_KIND,

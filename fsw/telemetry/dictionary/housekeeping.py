@@ -1,7 +1,5 @@
 """Housekeeping sets 1 to 8 and the science set: what service 3 reports, field by field."""
 
-from __future__ import annotations
-
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
@@ -92,11 +90,14 @@ def _device(name: str) -> tuple[Field, ...]:
     )
 
 
+SLIDING = "the second unit where joints[].kind is prismatic"
+
+
 def _motor(joint: int) -> tuple[Field, ...]:
     name = f"joint_{joint}"
     return (
         choice(f"{name}_motor_present", YES_NO, f"whether joint {joint} has sent a TPDO2"),
-        number(f"{name}_velocity_rad_s", Type.F32, "rad/s", "of its newest TPDO2"),
+        number(f"{name}_velocity", Type.F32, "rad/s or m/s", f"of its newest TPDO2; {SLIDING}"),
         number(f"{name}_motor_torque_ratio", Type.F32, doc="motor torque over rated torque"),
         number(f"{name}_temperature_degc", Type.F32, "degC", "of its newest TPDO2"),
     )
@@ -186,7 +187,7 @@ ESTIMATE_FIELDS = (
     *_vector("acc_bias", "m/s2", "m_s2", "estimated accelerometer bias, base axes"),
     *_vector("gyro_bias", "rad/s", "rad_s", "estimated gyro bias, base axes"),
     *(
-        number(f"torque_offset_{k}_nm", Type.F64, "N.m", f"estimated torque offset of joint {k}")
+        number(f"torque_offset_{k}", Type.F64, "N.m or N", f"estimated, joint {k}; {SLIDING}")
         for k in range(1, JOINT_SLOTS + 1)
     ),
     *(
@@ -194,10 +195,11 @@ ESTIMATE_FIELDS = (
         for k in range(1, JOINT_SLOTS + 1)
         for part in (
             number(
-                f"residual_torque_{k}_nm",
+                f"residual_torque_{k}",
                 Type.F32,
-                "N.m",
-                f"rms over the newest window of measured less predicted torque of joint {k}",
+                "N.m or N",
+                f"rms over the newest window of measured less predicted torque of joint {k}; "
+                + SLIDING,
             ),
             number(
                 f"residual_torque_{k}_ratio",
@@ -324,8 +326,8 @@ SCIENCE_FIELDS = (
         part
         for k in range(1, JOINT_SLOTS + 1)
         for part in (
-            number(f"joint_{k}_position_rad", Type.F64, "rad"),
-            number(f"joint_{k}_torque_nm", Type.F64, "N.m"),
+            number(f"joint_{k}_position", Type.F64, "rad or m", SLIDING),
+            number(f"joint_{k}_torque", Type.F64, "N.m or N", SLIDING),
         )
     ),
     *_vector("gyro", "rad/s", "rad_s", "sensor axes"),

@@ -4,8 +4,6 @@ The standard repeats a group N times in most of them. Here N is 1: one object pe
 that each has an acceptance and a completion of its own. N stays on the wire.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from fsw.telemetry.dictionary.codes import MEMORY, MONITOR_ACTION, STORE

@@ -4,8 +4,6 @@ A packet reports one object, with the standard's N = 1; N = 0: there is none. Te
 are hexadecimal text, because a packet has one size and readers have no other form for its bytes.
 """
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
     ENTRY_STATUS,

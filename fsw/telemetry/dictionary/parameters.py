@@ -1,7 +1,5 @@
 """On-board parameters of service 20, and the number every telemetered value has for monitoring."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.housekeeping import HOUSEKEEPING
 from fsw.telemetry.dictionary.types import Enumeration, Parameter, Type
 

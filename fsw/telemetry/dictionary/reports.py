@@ -1,7 +1,5 @@
 """Every telemetry packet that is no housekeeping set."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
     APID_TIME,

@@ -4,8 +4,6 @@ One table beside that of the telecommands: name, level, and the words a ground d
 it sends one. Every other telecommand is NORMAL.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

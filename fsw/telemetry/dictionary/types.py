@@ -1,7 +1,5 @@
 """Types of the dictionary: fields, packets, telecommands; frozen values only."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 

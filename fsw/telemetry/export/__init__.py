@@ -1,7 +1,5 @@
 """The dictionary in the forms other tools read: XTCE, COSMOS, ccsdspy, and a page for people."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary import DICTIONARY, Dictionary
 
 FOLDER = "ground/dictionary"

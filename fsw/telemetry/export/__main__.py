@@ -3,8 +3,6 @@
 The files are part of the source; a test compares them with the dictionary.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -4,8 +4,6 @@ Items before the fields are the packet's headers; identifying ones carry their v
 count is a parameter: COSMOS counts none, verification reports name the one that was sent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from fsw.telemetry.dictionary import Concern, Dictionary, Field, Packet, Significance, Type

@@ -1,7 +1,5 @@
 """The dictionary as a page for people."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from fsw.telemetry.dictionary import Dictionary, Enumeration, Field, Packet, Telecommand

@@ -4,8 +4,6 @@ A telecommand with a repeated group becomes the one with a single element, and S
 command a parameter: neither XTCE nor COSMOS has a form for groups that readers agree on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 

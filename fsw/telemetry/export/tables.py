@@ -3,8 +3,6 @@
 ccsdspy reads the first four columns; unit, limits and labels that ask for attention follow.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 

@@ -5,8 +5,6 @@ comparison of two parameters with a mask that readers agree on, so each check is
 JavaScript; `/yamcs/cmdHist/ccsds-seqcount` is the count Yamcs has filled in.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from yamcs.pymdb.algorithms import InputParameter, UnnamedAlgorithm

@@ -4,8 +4,6 @@ One SpaceSystem, no array or aggregate types; parameters are called `packet_fiel
 parameter has one place and one type. Enumerated values stay what they are on the wire.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from yamcs.pymdb.alarms import AlarmLevel, EnumerationAlarm, ThresholdAlarm

@@ -5,8 +5,6 @@ are the sender's (Yamcs: its PUS command post-processor with the CRC of 16 bits)
 are the dictionary's significance; verifiers follow the reports of service 1.
 """
 
-from __future__ import annotations
-
 import struct
 
 from yamcs.pymdb.commands import (

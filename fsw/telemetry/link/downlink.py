@@ -1,7 +1,5 @@
 """Everything that goes down: made into packets, stamped, handed to the link."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from fsw.telemetry.dictionary import DICTIONARY

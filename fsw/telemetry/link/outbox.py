@@ -1,7 +1,5 @@
 """Packets that wait for one ground client: by priority, bounded, dropped in whole packets only."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from enum import IntEnum

@@ -3,8 +3,6 @@
 Time is CUC 4+3 with its P-field (CCSDS 301.0-B): mission elapsed time, the daemon's own clock.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -5,8 +5,6 @@ taken may stay for a while: with an accepted telecommand it takes the place kept
 command, or that of the oldest client who has never commanded; without one it has to go.
 """
 
-from __future__ import annotations
-
 import socket
 from collections import deque
 from collections.abc import Sequence

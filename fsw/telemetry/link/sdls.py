@@ -12,8 +12,6 @@ allowed value. The data are whole telecommand packets.
 Not certified; no extended procedures (keys are files), no COP-1.
 """
 
-from __future__ import annotations
-
 import hashlib
 import struct
 from collections import Counter

@@ -1,7 +1,5 @@
 """Keys of the authenticated link, from files or systemd credentials."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The IVs used with each key, kept so that no crash reopens an old one."""
 
-from __future__ import annotations
-
 import json
 import zlib
 from collections.abc import Mapping

@@ -8,8 +8,6 @@ frame to frame, also across a crash, and 6 random bytes. The additional authenti
 header and security header under the standard's mask: virtual channel, MAP, SPI.
 """
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Both directions of the authenticated link: keys, roles, numbers, and new keys at run time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path

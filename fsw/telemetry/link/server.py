@@ -5,8 +5,6 @@ not fit are dropped whole, and counted. Packets from a client stay in its inbox 
 `next_item` is called; while that is full, its bytes stay in the system's buffers.
 """
 
-from __future__ import annotations
-
 import selectors
 import socket
 from collections.abc import Callable

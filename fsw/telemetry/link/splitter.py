@@ -1,7 +1,5 @@
 """The uplink in clear: a byte stream cut into space packets, whatever else is in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from fastcrc import crc16

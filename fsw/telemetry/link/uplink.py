@@ -1,7 +1,5 @@
 """Uplink: from a client's bytes to telecommand packets, in clear or authenticated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Protocol

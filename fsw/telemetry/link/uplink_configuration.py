@@ -1,7 +1,5 @@
 """Checks of `fsw check` for the authenticated uplink: its keys and its stored numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from fsw.config import Config

@@ -1,7 +1,5 @@
 """The parts of the telemetry application that every service shares."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

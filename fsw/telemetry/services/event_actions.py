@@ -5,8 +5,6 @@ the next one directly. A loop of events and actions ends by itself: a definition
 `MOST_RELEASES` times within `WINDOW_NS` is disabled, and stays so over a restart.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, field
 from functools import partial

@@ -1,7 +1,5 @@
 """Service 5: events, their ring log, per-event throttle and switch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial

@@ -4,8 +4,6 @@ A handler checks a request and returns the action to execute; it raises `TcError
 request, without any effect. The action may raise it too: the telecommand was accepted and fails.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum

@@ -4,8 +4,6 @@ Each yields None after a piece, so that the caller decides when to do the next. 
 closed before its end leaves nothing half made.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Generator, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Service 23: files and folders of the daemon."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Service 8, the functions that are the loop's, the recorder's or the application's own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """The link to the ground as the application sees it, also when its port could not be opened."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 

@@ -1,7 +1,5 @@
 """Service 3: housekeeping sets, each at its own rate, once, or not at all; science packets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """The values of every housekeeping set, put together from the parts that know them."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Telecommands that are kept on board: what may be kept, and how they lie in a document."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Collection
 from typing import Any

@@ -1,7 +1,5 @@
 """Commands of the local control socket, noted in the same history as telecommands."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from fsw.messages.commands import Command, Reply

@@ -1,7 +1,5 @@
 """Long answers and long work on files: piece by piece, so that nothing else has to wait."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from functools import partial
 

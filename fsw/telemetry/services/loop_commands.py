@@ -1,7 +1,5 @@
 """Telecommands that the loop carries out: through the one queue, and back as completion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

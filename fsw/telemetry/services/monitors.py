@@ -1,7 +1,5 @@
 """Service 12: limits of telemetered values; stale, so many times in a row, and once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum

@@ -5,8 +5,6 @@ it (6,7). Tables and files are objects. The check-sum is the CRC-32 that tables 
 use, where the standard's annex B proposes 16 bits. A file is read a piece at a time.
 """
 
-from __future__ import annotations
-
 import zlib
 
 from fsw.telemetry.dictionary.codes import Error, Memory, Table

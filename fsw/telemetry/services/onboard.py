@@ -1,7 +1,5 @@
 """The services that work without the ground, put together: one context for all of them."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.events import IDS, OTHER_ID
 from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.event_actions import EventActions

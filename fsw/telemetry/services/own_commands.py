@@ -1,7 +1,5 @@
 """Telecommands to the telemetry application itself: ping, version, counters, keys, health."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Service 20: on-board parameters; a telecommand sets all of its parameters or none."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from fsw.messages.commands import CommandName, Reply

@@ -7,8 +7,6 @@ those of a newer telecommand. A retrieval sends the packets as they were, after 
 else, and at most as fast as the client that reads fastest takes them.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A telecommand in words, for events and the command log."""
 
-from __future__ import annotations
-
 from fsw.telemetry.link.telecommands import Request
 
 

@@ -5,8 +5,6 @@ the disk before it is released, so that no crash releases it twice. Times are ke
 of their clock: after a restart of the machine the time of day connects the two.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace

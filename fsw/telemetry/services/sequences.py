@@ -4,8 +4,6 @@ Loaded sequences survive a restart; their execution does not: what had run is no
 is aborted and reported. A sequence starts no sequence, so that none runs for ever.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from dataclasses import dataclass

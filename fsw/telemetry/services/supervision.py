@@ -1,7 +1,5 @@
 """Health word, mode, command-loss timer and the loop's silence."""
 
-from __future__ import annotations
-
 from fsw.messages.findings import Fault, severity
 from fsw.telemetry.dictionary.codes import Health, Mode
 from fsw.telemetry.dictionary.housekeeping import SILENT_LEAST_S

@@ -4,8 +4,6 @@ An active table is a generation on the disk; a staged one is in memory only. Aft
 old table or the new one is active.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Mapping
 from functools import partial

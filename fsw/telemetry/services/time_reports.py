@@ -4,8 +4,6 @@ The time code of packets is mission elapsed time, which no source of UTC moves. 
 packets by the correlation.
 """
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 
 from fsw.telemetry.link.telecommands import Request

@@ -1,7 +1,5 @@
 """Files on their way over the link: begun, reported, suspended, resumed and cancelled."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 

@@ -1,7 +1,5 @@
 """History of commands: who sent what, when, and what became of it. It survives a restart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path

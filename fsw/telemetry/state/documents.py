@@ -1,7 +1,5 @@
 """Small documents of the services that survive a restart: JSON in generations with a CRC."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Events of the telemetry application itself; of a burst only the rate is reported."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.events import SEVERITIES
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state.summaries import Summaries

@@ -1,7 +1,5 @@
 """Bounded memory of what happened, in which nothing frequent displaces what is rare."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from typing import Generic, TypeVar

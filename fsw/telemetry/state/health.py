@@ -1,7 +1,5 @@
 """The health word: one bit per fault, latched until cleared; 0 is healthy."""
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.codes import Health
 
 # the event that sets a bit, and the one that says the fault is over

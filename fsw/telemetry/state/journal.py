@@ -1,7 +1,5 @@
 """Lines of JSON that survive a restart, in a file of bounded size and the one before it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

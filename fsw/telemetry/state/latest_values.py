@@ -1,7 +1,5 @@
 """The newest values received from the loop, the estimator and the worker."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 

@@ -5,8 +5,6 @@ Otherwise a running batch job gives BATCH, an estimator that receives windows ID
 STANDBY. Before the loop's first summary the mode is BOOT.
 """
 
-from __future__ import annotations
-
 from fsw.telemetry.dictionary.codes import Mode
 from fsw.telemetry.state.event_reporter import EventReporter
 

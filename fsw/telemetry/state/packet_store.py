@@ -7,8 +7,6 @@ process loses none. A full segment is on the disk before the next begins, the ne
 there by the service every few seconds.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re

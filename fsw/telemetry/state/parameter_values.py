@@ -1,7 +1,5 @@
 """Values of the on-board parameters: commanded, configured or default; kept over a restart."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any

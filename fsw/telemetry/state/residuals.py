@@ -3,8 +3,6 @@
 Made here, in the service process, so that the loop has no work with it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

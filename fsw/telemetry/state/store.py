@@ -6,8 +6,6 @@ Layout, big-endian: magic (4), format version u16, generation u32, length u32, C
 u32; content.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Rate summaries: of a burst of equal events the first pass, the rest become one line a period."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -80,7 +80,8 @@ def _motor_values(motors: Mapping[str, Mapping[str, float]], joints: Sequence[st
     for k in range(1, JOINT_SLOTS + 1):
         motor = motors.get(joints[k - 1], {}) if k <= len(joints) else {}
         values[f"joint_{k}_motor_present"] = bool(motor)
-        for word in ("velocity_rad_s", "motor_torque_ratio", "temperature_degc"):
+        values[f"joint_{k}_velocity"] = motor.get("velocity_rad_s", 0.0)
+        for word in ("motor_torque_ratio", "temperature_degc"):
             values[f"joint_{k}_{word}"] = motor.get(word, 0.0)
     return values
 
@@ -142,7 +143,7 @@ def estimate_values(
     values: Values = {}
     for k in range(JOINT_SLOTS):
         found = residuals[k] if k < len(residuals) else None
-        values[f"residual_torque_{k + 1}_nm"] = found.rms_nm if found else 0.0
+        values[f"residual_torque_{k + 1}"] = found.rms_nm if found else 0.0
         values[f"residual_torque_{k + 1}_ratio"] = found.ratio if found else 0.0
     if estimate is None:
         return values | _no_estimate()
@@ -175,7 +176,7 @@ def _nuisances(named: Mapping[str, float], joints: Sequence[str]) -> Values:
         values[f"gyro_bias_{axis}_rad_s"] = named.get(f"gyro_bias.{axis}", 0.0)
     offsets = [named.get(f"torque_offset.{name}", 0.0) for name in joints[:JOINT_SLOTS]]
     offsets += [0.0] * (JOINT_SLOTS - len(offsets))
-    return values | {f"torque_offset_{k + 1}_nm": x for k, x in enumerate(offsets)}
+    return values | {f"torque_offset_{k + 1}": x for k, x in enumerate(offsets)}
 
 
 def _no_estimate() -> Values:

@@ -1,7 +1,5 @@
 """Version of the running software: package, commit if known, interpreter."""
 
-from __future__ import annotations
-
 import platform
 from functools import cache
 from importlib import metadata

@@ -1,7 +1,5 @@
 """Contents of tables: reading, validation and writing, without any effect on the daemon."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory

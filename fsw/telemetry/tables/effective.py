@@ -1,7 +1,5 @@
 """The effective configuration: the file, changed by uplinked tables and commanded parameters."""
 
-from __future__ import annotations
-
 import os
 import zlib
 from pathlib import Path

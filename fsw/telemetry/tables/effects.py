@@ -1,7 +1,5 @@
 """Puts validated tables in force."""
 
-from __future__ import annotations
-
 import hashlib
 from collections import deque
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """One table: what is active, what is staged, and how far that is."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field

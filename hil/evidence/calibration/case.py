@@ -4,8 +4,6 @@ Offsets, scales and biases are drawn by the devices; mounting, lever arm and del
 side's configuration are wrong by draws of the seed. At rest the biases wander besides.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`hil calibration`: many seeds of every scenario, and what their figures say together."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import norm
 
-from hil.evidence import pool, runner
+from hil.evidence import runner
 from hil.evidence.calibration.case import BOUND_SIGMAS, KINDS, Case, work
 from hil.evidence.store import Row, Store
 
@@ -28,10 +26,8 @@ def calibration(
     chosen = [(name, mode) for name, mode in KINDS if not scenarios or name in scenarios]
     cases = [Case(name, mode, seed) for name, mode in chosen for seed in seeds]
     store = Store(out, {"calibration": "wrong sensors"})
-    rest = runner.missing(cases, str, store)
-    ran = pool.run(work, rest, jobs)
-    runner.complete("calibration", len(cases), ran, rest, store, Console(stderr=True))
-    return summary({case: store.rows[str(case)] for case in cases})
+    found = runner.rows("calibration", work, cases, store, jobs)
+    return summary(dict(zip(cases, found, strict=True)))
 
 
 def summary(found: Mapping[Case, Row]) -> list[dict[str, Any]]:

@@ -1,7 +1,5 @@
 """The subcommand `hil campaign`."""
 
-from __future__ import annotations
-
 import json
 from operator import attrgetter
 from pathlib import Path

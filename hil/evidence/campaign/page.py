@@ -1,7 +1,5 @@
 """A campaign as one page of the report's kind: verdict, NEES, errors against sigma, bad runs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Statistics over the runs of a campaign: intervals, consistency, efficiency."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

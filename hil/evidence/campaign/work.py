@@ -1,7 +1,5 @@
 """One run of a campaign: a pure function of what names it."""
 
-from __future__ import annotations
-
 import hashlib
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Print every figure asked of the excitation planner: `python -m hil.evidence.excitation`."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """The paper's robot and limits as the planner sees them, and as the truth does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +7,8 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.excitation import limits as flight_limits
-from fsw.excitation.plan import MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import MotionRequest
 from fsw.excitation.spline import Trajectory
 from fsw.excitation.subject import Subject, build_subject
 from hil.world.robot import Body, Robot, load_bodies

@@ -1,7 +1,5 @@
 """Each criterion, optimised for itself, against random feasible splines; limits in the truth."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +8,7 @@ import numpy as np
 
 from fsw.excitation import criteria
 from fsw.excitation.design import Criterion
-from fsw.excitation.plan import MotionPlan, MotionRequest, shown
+from fsw.excitation.request import MotionPlan, MotionRequest, shown
 from hil.evidence.excitation.cases import DEFAULT, joint_spline, planner, subject, truth
 from hil.world.limits import LimitCheck, check, worst
 from hil.world.truth import simulate
@@ -74,7 +72,7 @@ def contests(
         for name in names
     ):
         began = time.process_time()
-        z = chance.random_feasible(rng)
+        z = chance.guesses.random_feasible(rng)
         drawn_s = time.process_time() - began
         if z is None:
             continue

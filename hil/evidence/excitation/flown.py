@@ -3,8 +3,6 @@
 The prediction at the true bodies is the Cramer-Rao bound of what the configuration declares.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -72,7 +70,9 @@ def predicted(config: Config, scenario: Scenario) -> FloatArray:
         k = own.problem.body(body)
         T[k, k] = report_jacobian(x[k])
     motion = replace(spline.load(scenario.identification), firings=_firings(config, scenario))
-    own = replace(own, x=x, scale=replace(own.scale, T=T))
+    whole = np.concatenate([x, own.problem.prior_mean[len(x) :]])
+    known = own.problem.prior.at(whole).covariance()
+    own = replace(own, x=x, state_covariance=known, scale=replace(own.scale, T=T))
     return criteria.report_covariance(foreseen_root(own, motion), own.scale)
 
 

@@ -1,7 +1,5 @@
 """The exact gradients: against finite differences, and what they save."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,7 +22,7 @@ def criterion_error(own: Subject, name: criteria.Name, seed: int = 0) -> float:
     """Return the relative error of a criterion's gradient along a random direction."""
     one = planner(own)
     rng = np.random.default_rng(seed)
-    z = one.random_feasible(rng)
+    z = one.guesses.random_feasible(rng)
     if z is None:
         raise ValueError("no feasible motion drawn")
     criterion = Criterion(own, one.grid, name, one.request.gamma)
@@ -38,7 +36,7 @@ def limits_error(own: Subject, seed: int = 0) -> float:
     """Return the largest error of the limits' Jacobian, relative to the largest of its row kind."""
     one = planner(own)
     rng = np.random.default_rng(seed)
-    z = one.random_feasible(rng)
+    z = one.guesses.random_feasible(rng)
     if z is None:
         raise ValueError("no feasible motion drawn")
     direction, h = rng.standard_normal(z.size), 1e-5

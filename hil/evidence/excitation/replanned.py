@@ -4,8 +4,6 @@ Both are flown from device bytes. A flight's own prior is taken out of it and th
 estimate put in its place: with independent flights that is exact but for the linearisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +16,8 @@ from fsw.estimators.model.inertia import report_jacobian, to_parameters
 from fsw.excitation import limits, spline
 from fsw.excitation.foreseen import foreseen_root
 from fsw.excitation.motion import predicted_sigma
-from fsw.excitation.plan import MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import MotionRequest
 from fsw.excitation.subject import Subject, build_subject
 from hil.evidence.excitation.cases import LIMITS
 from hil.run import bench
@@ -70,10 +69,10 @@ def _second(after: Subject, first: Gaussian, scenario: Scenario, seed: int, fold
     """Fly a motion and join its estimate with the first one's."""
     root = foreseen_root(after, spline.load(scenario.identification))
     (mean, covariance), valid, config = _flight(scenario, seed, folder)
-    prior = build_subject(config)
-    p = len(mean)
+    problem, p = build_subject(config).problem, len(mean)
+    known = problem.prior.at(np.concatenate([mean, problem.prior_mean[p:]]))
     terms = [(first, 1.0), ((mean, covariance), 1.0)]
-    terms.append(((prior.x, prior.state_covariance[:p, :p]), -1.0))
+    terms.append(((known.mean()[:p], known.covariance()[:p, :p]), -1.0))
     information = sum(sign * np.linalg.solve(C, np.eye(p)) for (_, C), sign in terms)
     joined = np.linalg.solve(information, np.eye(p))
     x = joined @ sum(sign * np.linalg.solve(C, m) for (m, C), sign in terms)

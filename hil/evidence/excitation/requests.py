@@ -1,11 +1,10 @@
 """Requests that cannot be met, and one under ignorance: what the planner says and keeps."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fsw.excitation import limits as flight_limits
-from fsw.excitation.plan import InfeasibleError, MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import InfeasibleError, MotionRequest
 from fsw.excitation.subject import build_subject
 from hil.evidence.excitation import cases
 from hil.world.limits import LimitCheck, check, worst

@@ -1,7 +1,5 @@
 """Predicted against simulated scatter: noisy samples of the truth through the flight estimator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """`hil faults`: run the matrix, or part of it."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

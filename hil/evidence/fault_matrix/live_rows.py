@@ -6,8 +6,6 @@ without the answers, too, that the fault took (see `lost`). Both are judged at t
 the motion. What the run without a fault finds wrong is the bench's own.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import tempfile

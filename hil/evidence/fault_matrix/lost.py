@@ -4,8 +4,6 @@ An answer is a node's TPDO1 to a SYNC. Those that the run without a fault has wh
 in the other, and the other lacks, are left out of a copy of its recording, and that is replayed.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path

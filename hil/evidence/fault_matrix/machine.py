@@ -1,7 +1,5 @@
 """Faults of the machine: processors, memory, disk, processes, terminals, a slow client."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil

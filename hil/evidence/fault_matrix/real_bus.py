@@ -4,8 +4,6 @@ Daemon and devices hold the two ends of a cable (vxcan), so that the devices can
 the daemon's own link failing. Below `hil vcan` on one slow processor: rates are low, patience wide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The printed matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

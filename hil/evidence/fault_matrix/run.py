@@ -1,7 +1,5 @@
 """One row of the matrix: the run with the fault, the run it is held against, and the verdict."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import pickle

@@ -1,7 +1,5 @@
 """The table of bounds, `table.yaml`: read, checked, and nothing computed from a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal
 

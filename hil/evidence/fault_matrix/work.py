@@ -1,7 +1,5 @@
 """Rows run in processes of their own, with their outcomes kept in files so that a run resumes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

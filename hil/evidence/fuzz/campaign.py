@@ -4,8 +4,6 @@
 grown; an input that failed lies in `DIR/failed`.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -7,8 +7,6 @@ libFuzzer ends the process itself: with 0 when the runs are done, else after wri
 failed.
 """
 
-from __future__ import annotations
-
 import sys
 
 import atheris

@@ -1,7 +1,5 @@
 """An input as decisions: whatever bytes come, they choose among what a grammar allows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TypeVar
 

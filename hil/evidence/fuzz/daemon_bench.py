@@ -4,8 +4,6 @@ Telecommands go through the uplink, the executor and the command queue; the loop
 simulated plant; blocks go to the store. Everything that is sent is checked for its answer.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import socket

@@ -1,7 +1,5 @@
 """Target of file delivery: units of CCSDS 727.0-B to one end that receives and sends at once."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Targets of files: checkpoints and recordings."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

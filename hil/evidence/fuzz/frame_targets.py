@@ -1,7 +1,5 @@
 """Targets of the CAN bus: PDO codecs, error frames, the bus source, and frames as recorded."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -4,8 +4,6 @@ Telecommands and their arguments come from the dictionary, tables from the schem
 configuration. Most values are within their bounds, some on them, a few far beyond.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -4,8 +4,6 @@
 end; an input that failed stands there in hexadecimal digits.
 """
 
-from __future__ import annotations
-
 import random
 import shutil
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ every line of the control socket has one answer; no error is unforeseen; reports
 that waits grows; a packet that is damaged or refused is counted once and changes nothing.
 """
 
-from __future__ import annotations
-
 import atexit
 import shutil
 import tempfile

@@ -5,8 +5,6 @@ a segment may be sealed: its check value is put behind it by an encoder the flig
 share. The rest goes as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 SEALED = 0x01

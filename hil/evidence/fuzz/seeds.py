@@ -1,7 +1,5 @@
 """First inputs of the targets: correct ones, so that coverage begins behind the check values."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Targets of the serial lines: framing, codecs and sources of inertial unit and star tracker."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Mapping, Sequence, Sized
 from functools import partial

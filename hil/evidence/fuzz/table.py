@@ -1,7 +1,5 @@
 """Every target by name; what it needs is imported when it is made."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Targets of the ground link: telecommand packets in clear and in authenticated frames."""
 
-from __future__ import annotations
-
 import binascii
 from collections.abc import Callable, Mapping
 from itertools import pairwise

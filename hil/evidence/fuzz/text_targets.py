@@ -1,7 +1,5 @@
 """Targets of text: lines of the control socket, and the configuration."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

@@ -4,8 +4,6 @@ What is identified at the empty flange is nothing, so every value is its error. 
 the other half of the recording, or is the published one of another arm.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

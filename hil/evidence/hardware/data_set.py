@@ -1,7 +1,5 @@
 """Public recordings: where they are, under which licence, and what their bytes must be."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import urllib.error

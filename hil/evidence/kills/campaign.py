@@ -1,7 +1,5 @@
 """Many kills over many rounds, resumable, and what they say together."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from dataclasses import asdict

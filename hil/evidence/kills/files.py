@@ -1,7 +1,5 @@
 """Checks files after a kill: checkpoints and recordings, read as the daemon reads them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

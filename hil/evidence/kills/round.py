@@ -1,7 +1,5 @@
 """One round of kills: a plant that runs on, a daemon that is killed under it again and again."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

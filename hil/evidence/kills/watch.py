@@ -1,7 +1,5 @@
 """A daemon seen from outside: its status file, its events, its processes."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Cases of the study: sensor sets and levels; and the result of one method on one seed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache

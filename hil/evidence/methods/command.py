@@ -1,7 +1,5 @@
 """The subcommands `hil study methods` and `hil study trivial-energy`."""
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile

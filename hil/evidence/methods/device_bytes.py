@@ -1,7 +1,5 @@
 """Device bytes: the whole chain in virtual time, then every method on the blocks it recorded."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from functools import lru_cache

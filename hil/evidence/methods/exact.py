@@ -1,7 +1,5 @@
 """Noise-free samples of a case: the stored identification motion through the truth's dynamics."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -6,8 +6,6 @@ motion is one polynomial fitted to them. The errors of its accelerations have a 
 the window, and add D C D^T to the covariance of all that is predicted from them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

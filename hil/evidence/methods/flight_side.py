@@ -1,14 +1,12 @@
 """The flight software's side of one seed: a configuration without truth, and its problem."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from fsw.config import Config, load
+from fsw.config import BodyConfig, Config, load
 from fsw.estimators.model.problem import Problem, build_problem
 from fsw.estimators.model.robot import RobotModel
 from hil.run.flight import flight_document, write_flight
@@ -26,11 +24,27 @@ def priors_of(scenario: Scenario, seed: int, wider: float = 1.0) -> dict[str, Pr
 
 
 def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0) -> Config:
-    """Write the flight configuration of a seed into a folder and load it."""
-    priors = priors_of(scenario, seed, wider)
+    """Write the flight configuration of a seed into a folder and load it.
+
+    `wider` multiplies the sigma of the loaded priors: no file may be as much in doubt as a study.
+    """
+    priors = priors_of(scenario, seed)
     names = _joint_names(scenario.urdf, scenario.tool_frame)
     document = flight_document(scenario, priors, names, folder, scenario.bus_ports, {})
-    return load(write_flight(folder, scenario, priors, document))
+    config = load(write_flight(folder, scenario, priors, document))
+    wide = {body: _doubted(config.bodies[body], wider) for body in scenario.unknown}
+    return config.model_copy(update={"bodies": {**config.bodies, **wide}})
+
+
+def _doubted(body: BodyConfig, wider: float) -> BodyConfig:
+    """Return the body with its sigma multiplied."""
+    if body.sigma is None:
+        return body
+    com_m, inertia = (
+        tuple(wider * v for v in own) for own in (body.sigma.com_m, body.sigma.inertia_kg_m2)
+    )
+    sigma = {"mass_kg": wider * body.sigma.mass_kg, "com_m": com_m, "inertia_kg_m2": inertia}
+    return body.model_copy(update={"sigma": body.sigma.model_copy(update=sigma)})
 
 
 def problem_of(config: Config) -> Problem:

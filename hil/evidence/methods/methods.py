@@ -1,7 +1,5 @@
 """The methods under study by name, run as the worker and `fsw identify` run them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

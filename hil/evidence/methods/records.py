@@ -4,8 +4,6 @@ Each row names the commit of the code that gave it, so a study whose methods cha
 says which result is whose.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path

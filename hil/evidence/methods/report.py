@@ -1,7 +1,5 @@
 """The study's report: tables of rows and verdicts for the console and a file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from io import StringIO
 

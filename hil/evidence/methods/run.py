@@ -1,7 +1,5 @@
 """Runs what is missing of the study, over processes; a result depends on its key alone."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

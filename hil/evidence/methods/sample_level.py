@@ -1,7 +1,5 @@
 """Sample level: exact samples plus white noise through the flight conditioner, every method."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ Channels are sampled at common instants of any rate, white noise is added, and t
 declares that noise; windows are as long as the configuration says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

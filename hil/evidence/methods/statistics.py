@@ -1,7 +1,5 @@
 """Figures of one method over its seeds: errors over bounds with intervals, NEES with its band."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """From records to rows: every method, case and sensor set against its bounds, and the verdicts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -7,8 +7,6 @@ cost has its least value where the unknown bodies have no energy, at pi = 0, wha
 motors' work is what is missing: with T_msr = integral(tau^T qd dt) the least value is at the truth.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`hil mistakes`: every mistake for target, base and both, one line each, and a verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from hil.evidence.mistakes.run import Finding, run

@@ -5,8 +5,6 @@ wrong sign, zero, gain, mounting or delay acts where it would act in flight. The
 flight conditioner and the recursive estimator; every published estimate is compared with the truth.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ A mistake takes the document of a right configuration (and the text of the robot
 what a user would have written wrongly.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,6 @@ Blocks of exact channels, weighed as the data sheet's noise leaves them, through
 software's own row functions. The prior's mean is the truth: what is left is the disturbances'.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from functools import lru_cache

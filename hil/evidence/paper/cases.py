@@ -1,7 +1,5 @@
 """Cases of the study: systems, orbits, noise, disturbances, seeds."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

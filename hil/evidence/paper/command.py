@@ -1,7 +1,5 @@
 """The subcommand `hil study paper`."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from contextlib import ExitStack

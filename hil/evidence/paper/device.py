@@ -1,7 +1,5 @@
 """The fused estimator from device bytes: plant and daemon in virtual time under the same noise."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """One unit of the study: the methods on its samples, judged by the end-effector error."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -8,8 +8,6 @@ the motion as well. Predictions, derivatives and iteration are the flight softwa
 Source: errors in variables by their latent values, Fuller, Measurement Error Models (1987), 3.1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The figures the paper prints; facts of Rackl, Lampariello, Albu-Schaeffer (IFAC ACA 2013)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 METRICS = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")

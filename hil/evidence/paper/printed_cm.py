@@ -4,8 +4,6 @@ Six rows per node for the flight software's own iteration: [v_b; w_b] = -H_bb^-1
 gyro's and the velocity's noise, the joints' motion taken as exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

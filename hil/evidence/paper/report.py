@@ -1,7 +1,5 @@
 """The study on one page: a self-contained HTML file, and the same figures as CSV and JSON."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import html

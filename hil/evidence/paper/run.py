@@ -1,7 +1,5 @@
 """The study's units, run over processes, each result stored when ready, so a rerun continues."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path

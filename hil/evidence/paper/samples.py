@@ -6,8 +6,6 @@ spline on the planned motion's own knots instead (`motion`): short windows say n
 angles are as noisy as the paper's. Every method gets the same blocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """From results to cells: median and quartiles per method, verdicts, orderings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

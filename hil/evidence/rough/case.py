@@ -3,8 +3,6 @@
 The truth is the bench's own; the samples go through the flight conditioner and the recursion.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Mapping

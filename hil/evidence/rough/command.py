@@ -1,7 +1,5 @@
 """`hil rough`: many seeds of a rough world, declared and not, and of an ideal one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
-from hil.evidence import pool, runner
+from hil.evidence import runner
 from hil.evidence.mistakes.command import CASES
 from hil.evidence.rough.case import IDEAL, ROUGH, Case, work
 from hil.evidence.store import Row, Store
@@ -33,9 +31,7 @@ def rough(
     chosen = [(name, kind) for kind in told or ROUGH for name in unknown or CASES]
     cases = [Case(name, kind, seed) for name, kind in chosen for seed in seeds]
     store = Store(out, {"rough": "friction, links, coloured torque noise"})
-    rest = runner.missing(cases, str, store)
-    ran = pool.run(work, rest, jobs)
-    runner.complete("rough", len(cases), ran, rest, store, Console(stderr=True))
+    runner.rows("rough", work, cases, store, jobs)
     return [
         {"unknown": name, "told": kind}
         | _summary(kind, [store.rows[str(Case(name, kind, seed))] for seed in seeds])

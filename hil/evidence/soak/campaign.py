@@ -1,7 +1,5 @@
 """A soak: epochs in turn, resumable from one to the next, and what they say together."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 from collections.abc import Callable, Iterator

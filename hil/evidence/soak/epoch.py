@@ -1,7 +1,5 @@
 """One epoch: one daemon over many segments, each with other devices, biases, noise and faults."""
 
-from __future__ import annotations
-
 import gc
 import hashlib
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Random faults of one segment, from its seed: on the links, and of the machine's time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -8,8 +8,6 @@ daemon itself, conditioning included, at most 15 regressor calls per 500 Hz samp
 time. Peers that are not installed are named.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -8,8 +8,6 @@ from the estimator. An update is one set of joint samples absorbed; a block hold
 Results are kept in the folder of `--out`; what stands there already is not run again.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import json

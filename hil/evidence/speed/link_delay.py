@@ -1,7 +1,5 @@
 """How old samples and estimates are when their telemetry packet reaches a client."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

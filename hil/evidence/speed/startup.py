@@ -5,8 +5,6 @@ and prints both
 times and their ratio. The SYNC is seen on the bus, by another process than the daemon's.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

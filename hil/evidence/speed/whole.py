@@ -6,8 +6,6 @@ processor, a batch job, and ten telemetry clients with fast packets. During each
 the daemon is its own status, what the system counts for its processes, and what its link sends.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

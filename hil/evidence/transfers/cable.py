@@ -1,7 +1,5 @@
 """A TCP cable between the ground and the daemon that can be cut and mended."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import threading

@@ -5,8 +5,6 @@ the ground program or the daemon's service, at a random instant of the transfer.
 operator does what an operator would: wait, or `ground file resume`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -21,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.errors import same_settings
+from hil.evidence.store import Store
 from hil.evidence.transfers.cable import Cable
 from hil.run.bench import prepare
 from hil.run.live import LiveError, processes_of
@@ -137,14 +135,13 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
     ------
     LiveError when the daemon does not come back. ScenarioError for a folder with another seed.
     """
-    same_settings(folder, {"seed": seed})
-    path = folder / "transfers.jsonl"
-    done = len(held(path))
+    store = open_store(folder, seed)
+    done = len(store.rows)
     if done >= count:
         return
     place = folder / f"run_{done:05d}"
     place.mkdir(exist_ok=True)
-    with ExitStack() as stack, path.open("a", encoding="utf-8") as file:
+    with ExitStack() as stack:
         daemon = TransferDaemon(place)
         stack.callback(daemon.close)
         daemon.wait()
@@ -152,9 +149,13 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
         stack.callback(cable.close)
         for number in range(done, count):
             result = Exchange(daemon, cable, place, number, seed).run()
-            file.write(json.dumps(asdict(result)) + "\n")
-            file.flush()
+            store.add(str(number), asdict(result))
             yield result
+
+
+def open_store(folder: Path, seed: int) -> Store:
+    """Return the store of a campaign. Raises ScenarioError for one with another seed."""
+    return Store(folder, {"seed": seed})
 
 
 class Exchange:
@@ -245,18 +246,9 @@ class Exchange:
         )
 
 
-def held(path: Path) -> list[TransferResult]:
-    """Return the transfers of a campaign so far."""
-    if not path.exists():
-        return []
-    return [
-        TransferResult(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()
-    ]
-
-
-def summary(folder: Path) -> dict[str, Any]:
+def summary(store: Store) -> dict[str, Any]:
     """Return counts, the longest times, and every fault."""
-    results = held(folder / "transfers.jsonl")
+    results = [TransferResult(**row) for row in store.rows.values()]
     found: dict[str, Any] = {"transfers": len(results), "bytes": sum(r.size for r in results)}
     for kind in ("", *INTERRUPTIONS):
         of_kind = [r for r in results if r.interruption == kind]

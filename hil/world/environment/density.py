@@ -5,8 +5,6 @@ with the Sun on the equator; `python -m hil.world.environment.jb2006` makes it.
 Interpolated by splines.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 from typing import Any

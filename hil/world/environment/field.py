@@ -1,7 +1,5 @@
 """The gravity field about the robot, as the accelerometer does not feel it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

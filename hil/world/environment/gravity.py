@@ -1,7 +1,5 @@
 """The Earth's gravity gradient on extended bodies."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

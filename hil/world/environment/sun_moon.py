@@ -1,7 +1,5 @@
 """Sun and Moon from the Earth's centre (ERFA), their pull, and the Earth's shadow."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import datetime
 from typing import Any

@@ -1,7 +1,5 @@
 """All that acts on the robot from outside, as the truth's wrench: force and torque per body."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime

@@ -1,7 +1,5 @@
 """The command line: exit codes, one clear message, and nothing opened on a wrong configuration."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The page of a report in Chromium: drawn, zoomable, no error, nothing wider than the window."""
 
-from __future__ import annotations
-
 import base64
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of `fsw view` in Chromium: no error, the right poses, and what was known at a time."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

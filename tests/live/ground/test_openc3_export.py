@@ -1,7 +1,5 @@
 """The COSMOS export in openc3 itself: everything loads, with hazards and limits."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

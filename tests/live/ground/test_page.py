@@ -1,7 +1,5 @@
 """The live page in Chromium on a stand-in for the daemon; the daemon itself: test_third_parties."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

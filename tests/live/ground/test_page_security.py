@@ -1,7 +1,5 @@
 """In a real browser: another site's page reads nothing, and text from the daemon stays text."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

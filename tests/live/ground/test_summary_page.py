@@ -1,7 +1,5 @@
 """The overview of the live page in Chromium: what an operator sees, at two sizes, and commands."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -3,8 +3,6 @@
 One run serves all tests of this file, in their order; the last ones read what it left behind.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -34,7 +32,7 @@ from tests.support.browser import (
     shown,
 )
 from tests.support.daemon_log import DaemonLog
-from tests.support.live_run import ENVIRONMENT, LiveRun, wait_for
+from tests.support.live_run import ENVIRONMENT, LiveRun, ground, wait_for
 from tests.support.packet_checks import CHECKS, NEVER_SENT
 from tests.support.tool import run_tool
 from tests.support.tour import Tour
@@ -52,20 +50,6 @@ def live(tmp_path_factory) -> Iterator[LiveRun]:
     run = LiveRun(tmp_path_factory.mktemp("live"))
     yield run
     run.close()
-
-
-def ground(live: LiveRun, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run the ground command; it has patience with a busy machine."""
-    if words[0] == "tc":
-        words = (*words, "--timeout", "100")
-    return subprocess.run(
-        [sys.executable, "-m", "ground", "--port", str(live.port), *words],
-        capture_output=True,
-        text=True,
-        timeout=150,
-        check=False,
-        env=ENVIRONMENT,
-    )
 
 
 @pytest.fixture

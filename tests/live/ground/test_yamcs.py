@@ -1,7 +1,5 @@
 """Yamcs with the shipped configuration: it decodes, dates, commands and verifies."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

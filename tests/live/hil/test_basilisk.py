@@ -1,7 +1,5 @@
 """Basilisk flies what MuJoCo flies, and the daemon finds the target from its bytes."""
 
-from __future__ import annotations
-
 import pytest
 
 from hil.basilisk.command import ENVIRONMENT, fly

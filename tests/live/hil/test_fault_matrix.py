@@ -1,7 +1,5 @@
 """The short form of the fault matrix, its table, and clean runs that must raise nothing."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Every parser under its oracle: what fuzzing has grown, and a short campaign of the same code."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """A short form of `hil fuzz --only operations --live`."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

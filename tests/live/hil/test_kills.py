@@ -1,7 +1,5 @@
 """Kill -9 in a real-time run: ten of the two hundred, whatever else the machine has to do."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

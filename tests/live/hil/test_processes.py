@@ -1,7 +1,5 @@
 """Everything that is started ends with its parent, however that ends: kill -9, interrupt."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

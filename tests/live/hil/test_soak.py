@@ -1,7 +1,5 @@
 """Three minutes of the soak, twice: bounded, exact, honest, and the same to the last bit."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """File transfers in a row, some of them interrupted: a short form of `hil transfers`."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

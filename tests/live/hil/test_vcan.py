@@ -1,7 +1,5 @@
 """`hil vcan`: any command with a real vcan0 and vcan1, and the SocketCAN tests inside it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

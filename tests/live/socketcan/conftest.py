@@ -3,8 +3,6 @@
 tests/live/hil/test_vcan.py runs them so; elsewhere they are not collected.
 """
 
-from __future__ import annotations
-
 import os
 
 collect_ignore_glob = [] if os.environ.get("HIL_VCAN") else ["test_*.py"]

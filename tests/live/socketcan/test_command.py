@@ -1,7 +1,5 @@
 """`hil run --bus socketcan` as one types it below `hil vcan --`."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The simulated devices' end of a real bus."""
 
-from __future__ import annotations
-
 import select
 
 import can

@@ -1,7 +1,5 @@
 """The links `hil vcan` gives a command."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

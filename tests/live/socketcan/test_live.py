@@ -1,7 +1,5 @@
 """The daemon and the devices as processes of their own on real SocketCAN links."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import subprocess

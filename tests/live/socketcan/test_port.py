@@ -1,7 +1,5 @@
 """The daemon's CAN port on a real SocketCAN link, python-can at the other end."""
 
-from __future__ import annotations
-
 import gc
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What the systemd unit gives the loop is enough, on a machine where root may raise limits."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Seven joints' frames from python-can to the daemon's port: each arrives, or is counted."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """File delivery against LibreCube's implementation, over links that lose, and under fire."""
 
-from __future__ import annotations
-
 import filecmp
 import gc
 import io

@@ -1,7 +1,5 @@
 """The schema: what it refuses, and that every message names key, value and bound."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

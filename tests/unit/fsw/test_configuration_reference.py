@@ -1,7 +1,5 @@
 """docs/configuration.md against the schema: keys, values, defaults, a working example."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

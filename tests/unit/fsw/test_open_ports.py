@@ -1,7 +1,5 @@
 """Opening the configured devices: paths are taken from the configuration's folder."""
 
-from __future__ import annotations
-
 import os
 import pty
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command line against a stand-in for the daemon: what is printed, and exit codes."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

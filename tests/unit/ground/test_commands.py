@@ -1,7 +1,5 @@
 """Telecommands from the XTCE and text, against packets made by hand from the dictionary."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

@@ -1,7 +1,5 @@
 """Authenticated telemetry: sealed by the daemon's side, opened by the ground's own reader."""
 
-from __future__ import annotations
-
 import pytest
 from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 from spacepackets.uslp.header import PrimaryHeader

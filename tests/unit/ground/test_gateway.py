@@ -1,7 +1,5 @@
 """The gateway's requests and its stream, without a browser."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import time

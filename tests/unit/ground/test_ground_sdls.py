@@ -1,7 +1,5 @@
 """The sending end of authenticated telecommands against a sender written from the standard."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest

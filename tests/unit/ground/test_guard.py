@@ -1,7 +1,5 @@
 """A web page of another site reads nothing of the live page; an open address needs a token."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 from contextlib import asynccontextmanager

@@ -1,7 +1,5 @@
 """Playback, sequences and kept telecommands from the ground, against the daemon's own services."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.telemetry.dictionary import DICTIONARY

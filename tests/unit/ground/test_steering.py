@@ -1,7 +1,5 @@
 """Reports that somebody on the way has forged do not steer the ground."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.telemetry.link.sdls import Association, Role

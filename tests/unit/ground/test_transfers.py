@@ -1,7 +1,5 @@
 """Transfers in pieces: continued after an interruption, and given up with a reason."""
 
-from __future__ import annotations
-
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field

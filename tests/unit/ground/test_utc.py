@@ -1,7 +1,5 @@
 """Dates of packets by the correlation the daemon sends."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

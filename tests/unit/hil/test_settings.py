@@ -1,7 +1,5 @@
 """Long evidence goes on in its own folder only: results of other settings are never mixed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

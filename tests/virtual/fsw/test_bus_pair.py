@@ -1,7 +1,5 @@
 """Two redundant buses in the wiring: what is sent where, and when the daemon changes bus."""
 
-from __future__ import annotations
-
 import itertools
 import struct
 

@@ -1,7 +1,5 @@
 """Noise that is correlated in time, from device bytes: found, named, and counted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

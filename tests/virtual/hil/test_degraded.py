@@ -1,7 +1,5 @@
 """A sensor out for most of a motion: the estimate stays honest and knows less by what it lost."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A torque sensor that goes wrong: what jobs get of it, and a replay of the run."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

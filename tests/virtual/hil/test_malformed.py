@@ -1,7 +1,5 @@
 """Malformed input through the whole daemon: rejected, counted, and without any trace."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Wrenches from outside that nothing declares, in MuJoCo's motion: found, told apart, left out."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A prismatic joint from device bytes: metres and newtons on the wire, NEES within its band."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A redundant pair of buses in the whole loop: the bus is lost, the estimate is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

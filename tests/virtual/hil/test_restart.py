@@ -1,7 +1,5 @@
 """A daemon that dies in the middle of a motion, one that goes on, and its replay: the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Liquid and panels of the base: nothing at rest, their own frequency, momentum kept, a wall."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

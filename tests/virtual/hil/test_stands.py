@@ -1,7 +1,5 @@
 """A robot in a laboratory: the base clamped, or on an air-bearing table; gravity; its truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,11 +1,9 @@
 """The planner's evidence in short: the code of `python -m hil.evidence.excitation`, less of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from fsw.excitation.plan import MotionRequest
+from fsw.excitation.request import MotionRequest
 from hil.evidence.excitation import cases
 from hil.evidence.excitation.compare import contests
 from hil.evidence.excitation.gradients import criterion_error, limits_error, race

@@ -1,7 +1,5 @@
 """Thrusters from truth to estimate: MuJoCo's motion, masses at rest, what is missed or left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

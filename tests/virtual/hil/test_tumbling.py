@@ -1,7 +1,5 @@
 """Base and target tumble: found from device bytes, undeclared, and beyond the unit's range."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

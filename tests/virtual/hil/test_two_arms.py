@@ -1,7 +1,5 @@
 """Two arms on two buses: what one carries is found while both move."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

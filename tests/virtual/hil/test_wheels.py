@@ -1,7 +1,5 @@
 """Reaction wheels: MuJoCo's truth, the estimate from samples and from device bytes, left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

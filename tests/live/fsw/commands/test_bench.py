@@ -1,7 +1,5 @@
 """`fsw bench` on this machine, in its short form: nothing is lost, and ratios hold."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

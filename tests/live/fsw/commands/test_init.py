@@ -1,7 +1,5 @@
 """A configuration for a robot of one's own, written by `fsw init`."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.__main__ import main

@@ -1,7 +1,5 @@
 """The systemd unit, judged by systemd's own tools, and what the daemon tells systemd."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The devices' end of `udp_frames`; that of SocketCAN is tested in tests/live/socketcan."""
 
-from __future__ import annotations
-
 import os
 import select
 import socket

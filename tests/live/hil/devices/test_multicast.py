@@ -1,7 +1,5 @@
 """The plant's own reader and writer of python-can's udp_multicast, beside python-can's."""
 
-from __future__ import annotations
-
 import os
 import select
 import socket

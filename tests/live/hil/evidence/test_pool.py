@@ -1,7 +1,5 @@
 """Processes that die take no case along: it runs again, and in the end is reported as lost."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`hil bench` in its short form: the figures are those of the processes of a real run."""
 
-from __future__ import annotations
-
 import pytest
 
 from hil.evidence.speed.whole import measure, summary

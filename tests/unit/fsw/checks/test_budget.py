@@ -1,7 +1,5 @@
 """Link budgets against independent figures."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.checks import budget

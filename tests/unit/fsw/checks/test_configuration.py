@@ -1,7 +1,5 @@
 """Checks: one spoiled configuration per rule, and what the daemon would do in words."""
 
-from __future__ import annotations
-
 import os
 import re
 

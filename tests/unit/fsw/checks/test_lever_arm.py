@@ -1,7 +1,5 @@
 """A lever arm in millimetres is warned of; a zero in degrees is refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

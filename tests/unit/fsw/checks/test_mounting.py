@@ -1,7 +1,5 @@
 """A mounting that the data contradict, in words."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

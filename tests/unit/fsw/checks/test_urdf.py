@@ -1,7 +1,5 @@
 """Robots that have ended the process that reads them, or that no robot can be: one line each."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.checks.urdf import MAX_LINKS, check_urdf

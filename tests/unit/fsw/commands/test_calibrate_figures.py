@@ -1,7 +1,5 @@
 """An overlay undoes the errors that its figures state, and says nothing of what was refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """An identified body in the formats of other tools, read back by those tools."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

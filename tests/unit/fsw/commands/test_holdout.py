@@ -1,7 +1,5 @@
 """Which windows are held out."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 from typing import Any

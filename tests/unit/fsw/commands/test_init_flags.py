@@ -1,7 +1,5 @@
 """Flags of `fsw init` that cannot be, and URDFs with names that YAML reads as something else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """No command overwrites what `--out` names, unless it is told to."""
 
-from __future__ import annotations
-
 import pytest
 
 import hil.__main__

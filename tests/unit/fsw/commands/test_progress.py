@@ -1,7 +1,5 @@
 """Progress on a terminal is one line; elsewhere one line per stage."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

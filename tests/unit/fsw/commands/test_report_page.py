@@ -1,7 +1,5 @@
 """The page of a report: self-contained, and safe whatever a recording says; its spectra."""
 
-from __future__ import annotations
-
 import json
 import re
 from html.parser import HTMLParser

@@ -1,7 +1,5 @@
 """Commands on a robot with reaction wheels."""
 
-from __future__ import annotations
-
 import struct
 
 from fsw.commands.excite import what_stands_still

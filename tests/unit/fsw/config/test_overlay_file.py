@@ -1,7 +1,5 @@
 """Overlay files: they replace what they name and nothing else, and a fault is one line."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 

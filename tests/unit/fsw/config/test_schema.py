@@ -1,7 +1,5 @@
 """The JSON Schema: editors refuse what the configuration refuses."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From samples to nodes: values, derivatives, covariances, outliers, missing channels."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 

@@ -1,7 +1,5 @@
 """Diagnosis of an estimate against cases that can be worked out by hand, and wrong priors."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

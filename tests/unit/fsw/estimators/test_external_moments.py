@@ -1,7 +1,5 @@
 """Gravity gradient and constant wrench against the other engine, applied there body by body."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Covariance of fading noise at the nodes, against a simulation of the same noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.polynomial import legendre

@@ -1,7 +1,5 @@
 """Liquid in an unknown body widens what is published of it, not what is weighed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

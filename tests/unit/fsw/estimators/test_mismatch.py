@@ -1,7 +1,5 @@
 """Data that no body explains must not be published as valid."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

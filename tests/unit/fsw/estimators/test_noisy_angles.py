@@ -1,7 +1,5 @@
 """Blocks whose angles are as noisy as their rates: derivatives, covariance, smoothed Jacobian."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

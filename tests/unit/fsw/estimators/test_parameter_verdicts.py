@@ -1,7 +1,5 @@
 """A word for every published parameter: measured, prior-dominated, unbounded or not valid."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Values at Gauss-Legendre nodes: uncorrelated, exact, superconvergent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial

@@ -1,7 +1,5 @@
 """One engine: every module of the estimators is used by a command or by the worker."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Noise that is correlated in time: found, and its covariance against a simulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

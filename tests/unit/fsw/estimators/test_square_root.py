@@ -1,7 +1,5 @@
 """The square-root information filter against stacked least squares."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

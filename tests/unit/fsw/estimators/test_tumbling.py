@@ -1,7 +1,5 @@
 """A captured object tumbles: momentum of tens of N m s as state, from the first measured rate."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """States of valves to edges: times, time open, what is missed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

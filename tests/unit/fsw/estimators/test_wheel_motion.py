@@ -1,7 +1,5 @@
 """Wheels' conditioning: consistent at any rate, outliers left out, silence and nonsense refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checkpoints: what is written comes back, and what is not whole or not ours is refused."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Recordings in parts: rotation, a full disk and space again, and reading them as one."""
 
-from __future__ import annotations
-
 import resource
 import signal
 from collections.abc import Iterator

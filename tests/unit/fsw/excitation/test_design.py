@@ -5,7 +5,7 @@ import pytest
 
 from fsw.excitation import criteria
 from fsw.excitation.design import Criterion, Grid, LimitRows
-from fsw.excitation.plan import PAPER_GAMMA
+from fsw.excitation.request import PAPER_GAMMA
 from hil.evidence.excitation import cases
 from hil.world.limits import Limits as BenchLimits
 from hil.world.limits import check

@@ -11,10 +11,11 @@ NAMES = tuple(f"joint{k + 1}" for k in range(7))
 
 def test_csv_holds_time_and_four_derivatives(tmp_path):
     own, path = SHORT.trajectory(motion()), tmp_path / "t.csv"
-    export.write_csv(own, NAMES, path, 10.0)
+    export.write_csv(own, dict.fromkeys(NAMES, "rad") | {NAMES[3]: "m"}, path, 10.0)
     header = path.read_text().splitlines()[0].split(",")
     assert header[:2] == ["t_s", "joint1_position_rad"]
     assert header[-1] == "joint7_jerk_rad_s3"
+    assert header[4] == "joint4_position_m"
     table = np.loadtxt(path, delimiter=",", skiprows=1)
     assert table.shape == (121, 29)
     np.testing.assert_allclose(table[:, 1:8], own.evaluate(table[:, 0])[0], atol=1e-9)

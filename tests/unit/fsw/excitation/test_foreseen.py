@@ -1,7 +1,5 @@
 """What a flight would tell, with every state of the configuration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -14,6 +14,7 @@ from fsw.messages import Block
 from hil.evidence.excitation import cases
 from tests.support.estimator_cases import TWO_ARMS
 from tests.support.excitation_cases import SYSTEMS, subject
+from tests.support.sliding import sliding_config
 
 NODES = 4
 HALF_S = 0.2
@@ -82,6 +83,18 @@ def test_predictions_and_their_jacobians_are_the_estimators(system, arms):
         y, J = own.kernel.predictions(q[i], qd[i], qdd[i], own.x)
         values = np.concatenate([expected.tau_nm[i], expected.f_m_s2[i], expected.w_rad_s[i]])
         jacobian = np.vstack([expected.J_tau[i], expected.J_f[i], expected.J_w[i]])[:, :k]
+        np.testing.assert_allclose(y.full().ravel(), values, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(J.full(), jacobian, rtol=1e-9, atol=1e-9)
+
+
+def test_predictions_of_a_robot_that_slides_are_the_estimators(tmp_path):
+    own = build_subject(sliding_config(tmp_path, ("target",)))
+    q, qd, qdd = random_motion()
+    expected = predict(block_of(own, q, qd, qdd), own.problem.prior_mean, own.problem)
+    for i in range(NODES):
+        y, J = own.kernel.predictions(q[i], qd[i], qdd[i], own.x)
+        values = np.concatenate([expected.tau_nm[i], expected.f_m_s2[i], expected.w_rad_s[i]])
+        jacobian = np.vstack([expected.J_tau[i], expected.J_f[i], expected.J_w[i]])[:, :10]
         np.testing.assert_allclose(y.full().ravel(), values, rtol=0, atol=1e-9)
         np.testing.assert_allclose(J.full(), jacobian, rtol=1e-9, atol=1e-9)
 

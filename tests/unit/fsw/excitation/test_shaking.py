@@ -1,7 +1,5 @@
 """Panels and liquid under a base's acceleration: closed forms, points of mass, differences."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.config import ModeConfig

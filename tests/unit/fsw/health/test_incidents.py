@@ -1,7 +1,5 @@
 """One event when a fault begins, one when it is over, none for what another fault explains."""
 
-from __future__ import annotations
-
 from fsw.health.incidents import RECOVERED, Incidents
 from fsw.messages.findings import HIGH, LOW, Fault, Finding, severity
 

@@ -1,7 +1,5 @@
 """Gyro against star tracker, on rotations known in closed form: a spin about one axis of B."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

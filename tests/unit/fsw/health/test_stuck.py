@@ -1,7 +1,5 @@
 """Equal readings in a row: how many no live sensor gives, and what they take away."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

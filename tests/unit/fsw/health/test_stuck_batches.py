@@ -1,7 +1,5 @@
 """Stuck sensors are the same ones however their samples are cut into batches."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

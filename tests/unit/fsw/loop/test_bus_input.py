@@ -1,7 +1,5 @@
 """Sent and received frames of a bus in one order, SYNC stamped where the bus handed it back."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.drivers.wire import CanFrame

@@ -1,7 +1,5 @@
 """A lost port is back within half a second of its device, however long that was away."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.drivers.wire import BytePort

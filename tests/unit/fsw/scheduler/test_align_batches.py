@@ -1,7 +1,5 @@
 """Windows hold the same samples however these are cut into batches."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Events on standard error: those that somebody must act on, and never a service that waits."""
 
-from __future__ import annotations
-
 import os
 import sys
 

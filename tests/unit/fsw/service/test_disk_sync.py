@@ -1,7 +1,5 @@
 """Files that grow are on the disk within two seconds, and a slow disk holds nobody up."""
 
-from __future__ import annotations
-
 import os
 import threading
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every command leaves its trace: who, when, what, outcome; and the security log beside it."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Keys: their roles, their change without a restart, and the sealed telemetry of the link."""
 
-from __future__ import annotations
-
 import pytest
 from pydantic import ValidationError
 

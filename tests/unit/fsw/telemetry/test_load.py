@@ -1,7 +1,5 @@
 """What the other side of the link can ask for, at most: work of one poll, answers, events."""
 
-from __future__ import annotations
-
 import socket
 
 import pytest

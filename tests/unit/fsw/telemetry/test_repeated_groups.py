@@ -1,7 +1,5 @@
 """Services 3, 5, 11 and 12 have the standard's N: layouts of ECSS-E-ST-70-41C, byte by byte."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

@@ -1,7 +1,5 @@
 """Residual torques in telemetry: what the estimator in force leaves, over the declared noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -70,6 +68,6 @@ def test_they_reach_their_fields(flown):
     found = residuals.of(blocks[80], estimate)
     values = estimate_values(estimate, estimate.t_ns, found, [f"joint{k}" for k in range(N)])
     assert values["residual_torque_3_ratio"] == found[2].ratio
-    assert values["residual_torque_8_nm"] == 0.0
+    assert values["residual_torque_8"] == 0.0
     packet = next(p for p in DICTIONARY.packets if p.name == "estimate")
     assert {field.name for field in packet.fields} - {"sid"} <= set(values)

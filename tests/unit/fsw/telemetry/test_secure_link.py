@@ -1,7 +1,5 @@
 """The application behind authenticated frames: what is refused has no effect and is counted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

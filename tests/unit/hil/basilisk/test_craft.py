@@ -1,7 +1,5 @@
 """What crosses to the second truth's engine weighs and reaches as the scenario's robot does."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

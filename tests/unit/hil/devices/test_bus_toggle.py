@@ -1,7 +1,5 @@
 """The slave's side of ECSS-E-ST-50-15C: times and counts follow from its four parameters."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

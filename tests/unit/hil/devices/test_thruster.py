@@ -1,7 +1,5 @@
 """The simulated thruster node: the ICD's vector, its rate, its states, and what the valves do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 
 from hil.devices.truth_clock import REST_S, ClampedHistory, JointTable, TruthClock

@@ -1,7 +1,5 @@
 """The simulated wheel node: the ICD's vector, its rate, its states."""
 
-from __future__ import annotations
-
 from hil.devices.canopen import Reading
 from hil.devices.wheel import WheelNode, encode_tpdo1, encode_tpdo2
 

@@ -1,7 +1,5 @@
 """The page of a campaign: its verdict follows the runs, the bad ones are shown, worst first."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

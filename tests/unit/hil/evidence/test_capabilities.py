@@ -1,7 +1,5 @@
 """The names of what a user can do, on a small parser and a small schema."""
 
-from __future__ import annotations
-
 import argparse
 
 from hil.evidence.capabilities import keys, options

@@ -1,7 +1,5 @@
 """The figures of the source's structure, on small houses whose figures are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

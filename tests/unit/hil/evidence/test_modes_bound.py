@@ -1,7 +1,5 @@
 """The bound with modes: what it varies, and what it refuses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

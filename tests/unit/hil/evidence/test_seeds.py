@@ -1,7 +1,5 @@
 """The summary of many seeds, on outcomes made by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

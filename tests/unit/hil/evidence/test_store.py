@@ -1,7 +1,5 @@
 """The journal of results: nothing lost in a crash, nothing twice, nothing of other settings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

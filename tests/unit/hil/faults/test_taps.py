@@ -1,7 +1,5 @@
 """Faults are seeded, do not depend on batching, and do what they say."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Valid outputs and wrong ones, of estimates made by hand."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """Stalls of the bench's own process: noted where it acts late, and what they explain."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.messages import Event

@@ -1,7 +1,5 @@
 """The paper's band-limited white noise in its readings, and hysteresis."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """One short motion in virtual time for every test of the commands that read a recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The Python API on a flight in virtual time: the same figures as the commands."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

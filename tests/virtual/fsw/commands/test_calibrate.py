@@ -1,7 +1,5 @@
 """`fsw calibrate` on simulated recordings: figures against the truth's errors, and refusals."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A configuration judged by a recording: mistakes are named from the data alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`fsw identify --holdout` on a flight in virtual time: a right model passes, a wrong one fails."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`fsw identify` without a recursion beside it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ Bound, set before the first run: logs whose stamps have microseconds give the sa
 bench's CAN stamps are whole microseconds and serial stamps are written with all nine digits.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

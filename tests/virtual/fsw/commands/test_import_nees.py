@@ -4,8 +4,6 @@ Bound, set before the first run: over ten seeds the mean normalised error square
 in its 95 % band.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

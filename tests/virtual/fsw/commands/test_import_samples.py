@@ -4,8 +4,6 @@ Bound, set before the first run: CSV, .npz and a ROS 2 bag of the same samples a
 sigma, the microsecond to which stamps are kept.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import dataclass

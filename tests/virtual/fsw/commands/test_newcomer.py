@@ -1,7 +1,5 @@
 """Mistakes of a newcomer, each row of docs/howto/when_wrong.md: made here, and looked up."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

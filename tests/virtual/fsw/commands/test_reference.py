@@ -1,7 +1,5 @@
 """`fsw identify --reference`: a second recording tells arm and calibration."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

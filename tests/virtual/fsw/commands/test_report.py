@@ -1,7 +1,5 @@
 """`fsw report` on a flight in virtual time: page, tables and picture agree with the replay."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """`fsw view` of a flight and of a plan: poses and ellipsoids as the model has them."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

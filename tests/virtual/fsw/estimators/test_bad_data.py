@@ -3,8 +3,6 @@
 The same for the target stands in test_diagnosis and in recursive/test_online.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache

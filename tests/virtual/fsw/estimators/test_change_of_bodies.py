@@ -1,7 +1,5 @@
 """A step of the base's or the target's mass, with the base or both bodies unknown."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

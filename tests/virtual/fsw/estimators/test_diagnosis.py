@@ -1,7 +1,5 @@
 """Diagnosis over whole motions: wrong priors are reported, bad blocks leave nothing behind."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

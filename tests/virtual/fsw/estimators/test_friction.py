@@ -3,8 +3,6 @@
 The world's friction is its own (`hil.world.friction`): it turns over linearly, the model's as tanh.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path

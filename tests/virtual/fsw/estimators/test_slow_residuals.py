@@ -1,7 +1,5 @@
 """Residuals that drift slower than the blocks: what liquid in the base leaves behind."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

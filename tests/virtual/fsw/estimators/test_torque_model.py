@@ -1,7 +1,5 @@
 """Torques that no model has, slower than a sensor's noise: honest where declared, else refused."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from pathlib import Path
 

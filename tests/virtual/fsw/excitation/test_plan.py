@@ -10,13 +10,15 @@ import pytest
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import build_collisions
-from fsw.excitation.plan import InfeasibleError, MotionRequest, Planner
+from fsw.excitation.plan import Planner
+from fsw.excitation.request import InfeasibleError, MotionRequest
 from fsw.excitation.subject import build_subject
 from fsw.excitation.verify import every_limit
 from hil.evidence.excitation import cases
 from hil.world.limits import check
 from hil.world.truth import simulate
 from tests.support.excitation_cases import limits, panelled, subject
+from tests.support.sliding import JOINT, sliding_config
 from tests.unit.fsw.excitation.test_collision import BOX, with_geometry
 
 SHORT = MotionRequest(duration_s=20.0, iterations=25, candidates=5)
@@ -42,7 +44,7 @@ def test_a_success_keeps_every_limit_ten_times_denser_and_in_the_truth():
 def test_it_tells_much_more_than_a_random_feasible_motion():
     planner, plan = planned()
     rng = np.random.default_rng(5)
-    randoms = [planner.criterion.value(planner.random_feasible(rng)) for _ in range(20)]
+    randoms = [planner.criterion.value(planner.guesses.random_feasible(rng)) for _ in range(20)]
     assert np.exp(np.median(randoms) - plan.value) > 2.0
 
 
@@ -87,7 +89,7 @@ def test_a_panel_is_kept_below_its_amplitude():
 
 def test_a_random_feasible_motion_touches_a_limit():
     planner, _ = planned()
-    z = planner.random_feasible(np.random.default_rng(1))
+    z = planner.guesses.random_feasible(np.random.default_rng(1))
     rows = planner.rows.rows(z, [planner.subject.x])
     room = min(float(np.min([r.value - r.lower, r.upper - r.value])) for r in rows)
     assert 0 <= room < 0.01
@@ -183,3 +185,26 @@ def test_a_second_trajectory_complements_the_first(tmp_path):
     second = again.plan(plan.trajectory)
     # judged by what both give together: better than flying the first one again
     assert second.value < again.criterion.value(z)
+
+
+SLIDING = {"range_margin_m": 0.0, "speed_m_s": 0.05, "acceleration_m_s2": 0.02, "force_n": 15.0}
+
+
+def test_a_joint_that_slides_keeps_its_limits_in_metres(tmp_path):
+    own = build_subject(sliding_config(tmp_path, ("target",)))
+    bounds = limits(sliding=SLIDING)
+    plan = Planner(own, bounds, None, TINY).plan()
+    uses = {use.kind: use for use in every_limit(own, bounds, None, plan.trajectory, 25.0, [own.x])}
+    t_s = np.linspace(0.0, TINY.duration_s, 2001)
+    q, qd, qdd = (part[:, JOINT] for part in plan.trajectory.evaluate(t_s)[:3])
+    assert np.abs(qd).max() <= SLIDING["speed_m_s"]
+    assert np.abs(qdd).max() <= SLIDING["acceleration_m_s2"]
+    assert np.ptp(q) > 0.01
+    assert uses["joint_speed joint4"].unit == "m/s"
+    assert uses["force joint4"].unit == "N"
+    assert uses["torque joint3"].unit == "N m"
+    force = [
+        own.kernel.motion(*(part[k] for part in plan.trajectory.evaluate(t_s)[:3]), own.x)
+        for k in range(0, 2001, 40)
+    ]
+    assert np.abs([f.full()[JOINT, 0] for f in force]).max() <= SLIDING["force_n"]

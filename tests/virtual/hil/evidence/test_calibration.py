@@ -1,7 +1,5 @@
 """The short form of `hil calibration`: one seed of wrong sensors, every figure within its bound."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

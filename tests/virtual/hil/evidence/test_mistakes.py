@@ -1,7 +1,5 @@
 """Mistakes of configuration in their short form: none leads to a valid estimate that is wrong."""
 
-from __future__ import annotations
-
 import pytest
 
 from hil.evidence.mistakes.command import findings, line

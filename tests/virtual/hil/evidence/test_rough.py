@@ -1,7 +1,5 @@
 """The acceptance in a rough world, in its short form: one seed of the command's own code."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The two walks pass the rooms in order, with no more hops and forms than is allowed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """A kept truth is the simulated one to the bit, and belongs to its arguments alone."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """No restart, however it came about, opens an old number again."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Campaigns: every run once whatever is killed, the same bits wherever they are run."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

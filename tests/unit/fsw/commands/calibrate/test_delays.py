@@ -1,7 +1,5 @@
 """Delays as states: their rows are the derivative of the residual, and late samples are found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mean of a channel at rest against known noise: its sigma holds white noise and walk."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz

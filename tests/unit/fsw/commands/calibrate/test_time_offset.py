@@ -1,7 +1,5 @@
 """The offset between star tracker and gyro on a motion in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

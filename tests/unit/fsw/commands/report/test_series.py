@@ -1,7 +1,5 @@
 """The estimate over time and its layouts, read as Foxglove and PlotJuggler read them."""
 
-from __future__ import annotations
-
 import json
 import sys
 import xml.etree.ElementTree as ET

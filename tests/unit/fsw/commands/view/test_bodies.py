@@ -1,7 +1,5 @@
 """Ellipsoids of centres of mass against their closed form, and the truth that is given."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

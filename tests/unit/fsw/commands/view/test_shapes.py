@@ -1,7 +1,5 @@
 """What a scene draws: volumes, and boxes with the inertia of their body, in closed form."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The DBC and EDS shipped with the joint node agree with the codec."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import canopen as canopen_library

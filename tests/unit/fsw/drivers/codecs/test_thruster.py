@@ -1,7 +1,5 @@
 """Thruster nodes: the ICD's vector, and the DBC and EDS shipped agree with the codec."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import canopen as canopen_library

@@ -1,7 +1,5 @@
 """CAN logs of other tools: every kind of frame as python-can's own writers put it down."""
 
-from __future__ import annotations
-
 import can
 import pytest
 

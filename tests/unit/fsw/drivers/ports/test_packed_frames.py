@@ -1,7 +1,5 @@
 """Packed frames are read as python-can itself reads them, whatever stands beside them."""
 
-from __future__ import annotations
-
 import can
 import msgpack
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernel stamps on the monotonic clock, with both clocks in the test's hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Whatever comes in batches gives the same as one by one, however it is cut."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from fsw.drivers.sources.bus_errors import BusErrors
 from fsw.drivers.wire import CanFrame
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from fsw.config import RedundantBusConfig
 from fsw.drivers.sources import BusSelector
 

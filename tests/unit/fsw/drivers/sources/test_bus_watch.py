@@ -1,7 +1,5 @@
 """Who answered which SYNC, on answer patterns written down by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 

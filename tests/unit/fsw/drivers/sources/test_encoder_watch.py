@@ -1,7 +1,5 @@
 """Jumps and stands of an encoder on motions in closed form."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

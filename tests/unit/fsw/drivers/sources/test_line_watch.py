@@ -1,7 +1,5 @@
 """What is missing and what was skipped tell the faults of a line apart."""
 
-from __future__ import annotations
-
 import pytest
 
 from fsw.drivers.sources.line_watch import IMU_LINE, LineWatch

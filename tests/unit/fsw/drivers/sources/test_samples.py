@@ -1,7 +1,5 @@
 """Samples that another program decoded are calibrated and timed like those of the wire."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

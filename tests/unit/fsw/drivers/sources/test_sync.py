@@ -1,7 +1,5 @@
 """SYNCs that follow one another, accepted at once and one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Reports of a valve driver to states and changes, and what lost ones cost."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,11 +1,9 @@
 """Profile-widened covariance on functions whose shape is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from fsw.estimators.batch.curvature import constrained_prior, widen
+from fsw.estimators.batch.curvature import widen
 
 PRIOR = np.eye(2)
 NAMES = ("a", "b")
@@ -57,11 +55,3 @@ def test_a_well_known_axis_is_not_looked_at():
 
     found = widen(np.zeros(2), 0.0, 1e-4 * np.eye(2), PRIOR, NAMES, 2, never)
     assert found.covariance == pytest.approx(1e-4 * np.eye(2))
-
-
-def test_the_constraint_joins_the_prior():
-    normal = np.array([1.0, 1.0])
-    mean, information = constrained_prior(np.zeros(2), np.eye(2), normal, 2.0)
-    assert normal @ mean == pytest.approx(2.0, rel=1e-3)
-    assert mean[0] == pytest.approx(mean[1])
-    assert np.linalg.eigvalsh(information)[0] == pytest.approx(1.0)

@@ -1,7 +1,5 @@
 """What a batch result says about itself: against the bound of all sensors, in numbers and words."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

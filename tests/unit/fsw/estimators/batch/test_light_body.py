@@ -1,7 +1,5 @@
 """A body so light that its best values are no body's: a gripper that holds nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

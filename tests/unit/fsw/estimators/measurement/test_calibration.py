@@ -1,7 +1,5 @@
 """Arm, zeros and mounting that are not known exactly: derivatives, and what zero sigmas do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Friction as part of the state: derivatives, at reversals too, in every method's rows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The fused prediction: derivatives, the truth of another engine, RDA's equality, whitening."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A control-moment gyro is two joints of the tree: a gimbal on the base, a wheel on the gimbal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

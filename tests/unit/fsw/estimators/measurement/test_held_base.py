@@ -1,7 +1,5 @@
 """A base that is held: predictions against Pinocchio under gravity, Jacobians, refusals."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Modes of the base in the measurement model: against MuJoCo, derivatives, gaps, priors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

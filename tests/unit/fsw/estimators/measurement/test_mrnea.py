@@ -1,7 +1,5 @@
 """MRNEA: truth from clean data, covariance, nuisance columns, and the bias the paper's has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

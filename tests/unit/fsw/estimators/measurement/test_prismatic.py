@@ -1,7 +1,5 @@
 """A prismatic joint: closed form, derivatives, another engine, recovery without noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.estimators.batch.run import run_batch

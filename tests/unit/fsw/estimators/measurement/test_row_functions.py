@@ -1,7 +1,5 @@
 """The methods' rows: a measurement that is missing has no part in them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

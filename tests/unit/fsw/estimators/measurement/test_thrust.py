@@ -1,7 +1,5 @@
 """Thrusters in the measurement models: projections against quadrature, Jacobians, momentum."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Reaction wheels in the measurement models: gyrostat against explicit rotors, Jacobians, noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

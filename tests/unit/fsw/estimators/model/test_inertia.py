@@ -1,7 +1,5 @@
 """Conventions against Pinocchio, derivatives against differences, projection against optimality."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

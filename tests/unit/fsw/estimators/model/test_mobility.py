@@ -1,7 +1,5 @@
 """Covariance by way of the base's mobility: exact where straight, right where bent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

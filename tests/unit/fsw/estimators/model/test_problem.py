@@ -1,7 +1,5 @@
 """The state's layout, its prior, and where it goes in the parameters of the robot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """The model against Pinocchio's own algorithms; robots it must refuse."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Judging innovations: one spike is gated, a run of them is a change, noise is neither."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The recursive estimator: equal to the batch, consistent, bounded, and honest about validity."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How far a pass's point goes: passes that swing between two points settle between them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

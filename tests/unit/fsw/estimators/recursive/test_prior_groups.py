@@ -1,7 +1,5 @@
 """Conflicts with the prior, group by group: found where one factor for all would hide them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fsw.estimators.diagnosis import conflict_limit, stated_conflict

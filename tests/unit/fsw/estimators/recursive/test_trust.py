@@ -1,7 +1,5 @@
 """A model that does not fit is not believed again because a few blocks fit anything."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

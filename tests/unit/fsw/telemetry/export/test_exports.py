@@ -1,7 +1,5 @@
 """The checked-in exports: as the dictionary is, and read by tools nobody here wrote."""
 
-from __future__ import annotations
-
 import csv
 import io
 import warnings

@@ -1,7 +1,5 @@
 """Packets that wait for a slow client: order, priorities, what is dropped."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Who has a place on the link: idle connections lock nobody out who commands."""
 
-from __future__ import annotations
-
 import socket
 
 import pytest

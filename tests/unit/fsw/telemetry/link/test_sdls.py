@@ -1,7 +1,5 @@
 """The authenticated uplink against a sender written from the standard."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Where keys may come from, and which are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

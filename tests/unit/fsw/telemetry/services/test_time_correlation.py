@@ -1,7 +1,5 @@
 """The correlation of mission elapsed time with UTC, as it goes down."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import pytest

@@ -10,7 +10,9 @@ def test_the_motor_side_of_a_joint_has_the_slot_of_its_place_in_the_configuratio
     values = device_values({"joints": {"elbow": MOTOR}}, ["arm"], ["shoulder", "elbow"])
     assert values["joint_1_motor_present"] is False
     assert values["joint_2_motor_present"] is True
-    assert {word: values[f"joint_2_{word}"] for word in MOTOR} == MOTOR
+    assert values["joint_2_velocity"] == MOTOR["velocity_rad_s"]
+    for word in ("motor_torque_ratio", "temperature_degc"):
+        assert values[f"joint_2_{word}"] == MOTOR[word]
     assert values[f"joint_{JOINT_SLOTS}_motor_present"] is False
 
 

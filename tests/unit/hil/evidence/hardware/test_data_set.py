@@ -1,7 +1,5 @@
 """Fetching public recordings: from a server on this machine, with the bytes they must have."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The recordings' own clock, and the tables that are imported."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cells, orderings, verdicts and the page, on results made up for it."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Grid points that a timer's late wake-ups missed."""
 
-from __future__ import annotations
-
 import shutil
 import signal
 import subprocess

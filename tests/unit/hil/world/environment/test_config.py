@@ -1,7 +1,5 @@
 """What an environment's section refuses, by key and value."""
 
-from __future__ import annotations
-
 import pytest
 from pydantic import ValidationError
 

@@ -1,7 +1,5 @@
 """The density table against JB2006 itself, and JB2006 as wired here against Orekit's values."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import numpy as np

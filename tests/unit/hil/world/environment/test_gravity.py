@@ -1,7 +1,5 @@
 """The gravity gradient against Newton's law on point masses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Circular orbits against Kepler, WGS 84 and the almanac."""
 
-from __future__ import annotations
-
 import erfa
 import numpy as np
 import pytest

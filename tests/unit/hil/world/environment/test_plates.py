@@ -1,7 +1,5 @@
 """Plates in thin air and sunlight against closed forms of whole bodies and limits."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A reference without the target tells arm and friction: half the error of the plain batch."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

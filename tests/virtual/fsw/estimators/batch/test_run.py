@@ -1,7 +1,5 @@
 """Batch identification of blocks that hold junk, rest, noise above the declared, or a change."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The covariance that a run of a weakly known base publishes by way of the mobility."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import chi2
 

@@ -1,7 +1,5 @@
 """Bias-compensated MRNEA: what noise adds is what is taken off, in memory that does not grow."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

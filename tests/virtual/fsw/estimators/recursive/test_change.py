@@ -1,7 +1,5 @@
 """Changes over whole motions: a step is found, louder noise is reported, old data are forgotten."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

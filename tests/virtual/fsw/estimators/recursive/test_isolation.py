@@ -1,7 +1,5 @@
 """Innovations channel by channel: one that does not fit is left out, a change of many is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The recursion over whole motions: equal to the batch, consistent, bounded, and valid in time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

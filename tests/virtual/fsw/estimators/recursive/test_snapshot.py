@@ -1,7 +1,5 @@
 """A state taken out, written, read and put back continues exactly where it was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The short form of `hil fuzz --only operations`, and that its oracle would notice."""
 
-from __future__ import annotations
-
 import random
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The study's code end to end on one system, one seed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

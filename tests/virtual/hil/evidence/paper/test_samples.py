@@ -1,7 +1,5 @@
 """What the study's methods get: right without noise, as noisy as it says with it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

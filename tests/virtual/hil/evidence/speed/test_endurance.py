@@ -1,7 +1,5 @@
 """The endurance run in short: bounded memory, finite factor, batch covariance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The environment on the truth: what it loads, what it leaves alone, what sensors see of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any

@@ -1,0 +1,130 @@
+"""Mass matrix, forces and regressors at the base motion that the joints' motion predicts.
+
+Equations and symbols are those of `fused`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.impulse import external_force, pulled
+from fsw.estimators.measurement.mounting import turn
+from fsw.estimators.measurement.prediction import Rate
+from fsw.estimators.measurement.wheels import Wheels
+from fsw.estimators.model.problem import Problem, present
+from fsw.messages import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dynamics:
+    """Mass matrix, velocity derivative and regressors at the nodes' predicted base motion."""
+
+    H: FloatArray  # (m, 6+n, 6+n)
+    H_bb_inverse: FloatArray  # (m, 6, 6)
+    C: FloatArray  # (m, 6+n, 6+n)
+    Y: FloatArray  # (m, 6+n, k) at the predicted acceleration, unknown bodies' columns
+    Y_h: FloatArray | None  # (m, 6, k) momentum regressor, where the rate is predicted by it
+    nu: FloatArray  # (m, 6) predicted base velocity
+    a: FloatArray  # (m, 6) predicted base acceleration
+    force: FloatArray  # (m, n) joint torque
+    wheels: Wheels | None
+    by_angle: FloatArray | None  # (m, 6+n, n) d(generalised force)/dq, where angles are noisy
+    h_by_angle: FloatArray | None  # (m, 6, n) d(base momentum)/dq
+
+
+def dynamics(
+    s: BlockStack,
+    x: FloatArray,
+    problem: Problem,
+    rate: Rate,
+    given: tuple[FloatArray, FloatArray, Wheels | None],
+) -> Dynamics:
+    """Evaluate the model at the nodes.
+
+    `given`: the angular momentum (N, 3) that base and arm have, the field, and the wheels.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the base's inertia is not positive definite at these parameters.
+    """
+    model, n, N = problem.model, s.n, len(s.q_rad)
+    L_B, G, wheels = given
+    pi = problem.pi(x)
+    model.set_parameters(pi)
+    q, qd = s.q_rad, s.qd_rad_s
+    H = model.mass_matrices(q)
+    inverse = _yielding(H[:, :6, :6], problem)
+    nu, a = np.zeros((2, N, 6 + n))
+    nu[:, 6:], a[:, 6:] = qd, s.qdd_rad_s2
+    momentum = -times(H[:, :6, 6:], qd)
+    momentum[:, 3:] += L_B
+    nu[:, :6] = times(inverse, momentum)
+    Y_h = None
+    if rate == "measured":
+        nu[:, 3:6] = s.w_NB_B_rad_s
+        if present(problem.gyro_bias):
+            nu[:, 3:6] -= x[problem.gyro_bias]
+        if present(problem.imu_angle):
+            nu[:, 3:6] = nu[:, 3:6] @ turn(x, problem)[0].T
+    else:
+        Y_h = model.momentum_regressors(q, nu)[:, :6] @ problem.U
+    w = nu[:, 3:6]
+    C, force = model.forces_and_derivatives(q, w, qd, a)  # of a base that does not accelerate
+    Y_field = None
+    if problem.orbit is not None:
+        Y_field = np.stack([model.field_regressor(q[i], G[i]) for i in range(N)])
+        force -= Y_field @ pi
+    if pulled(problem):
+        force -= external_force(s, x, problem)[0]
+    if wheels is not None:
+        force[:, 3:6] += wheels.moment(w)
+        C[:, 3:6, 3:6] += wheels.by_rate()
+    a[:, :6] = -times(inverse, force[:, :6])
+    if problem.support_m_s2.any():
+        held = np.concatenate([problem.support_m_s2, np.zeros(3)])
+        a[:, :6] += held - times(inverse, H[:, :6, :6] @ held)
+    Y = model.regressors(q, w, qd, a)
+    if Y_field is not None:
+        Y -= Y_field
+    by_angle = h_by_angle = None
+    if s.angles_are_noisy or present(problem.joint_zero) or present(problem.mode_start):
+        by_angle, h_by_angle = np.empty((N, 6 + n, n)), np.empty((N, 6, n))
+        for i in range(N):
+            by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])
+            h_by_angle[i] = model.momentum_derivative(q[i], nu[i])
+    return Dynamics(
+        H=H,
+        H_bb_inverse=inverse,
+        C=C,
+        Y=Y @ problem.U,
+        Y_h=Y_h,
+        nu=nu[:, :6],
+        a=a[:, :6],
+        force=force[:, 6:] + times(H[:, 6:, :6], a[:, :6]),
+        wheels=wheels,
+        by_angle=by_angle,
+        h_by_angle=h_by_angle,
+    )
+
+
+def _yielding(H_bb: FloatArray, problem: Problem) -> FloatArray:
+    """Return (N, 6, 6): the base's acceleration by a force; the inverse of H_bb if it is free.
+
+    With the free motions S, S (S^T H_bb S)^-1 S^T: what holds the base bears the rest.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError if the inertia of a free motion is not positive.
+    """
+    S = problem.freedom
+    own = H_bb if problem.is_free else S.T @ H_bb @ S
+    np.linalg.cholesky(own)  # raises
+    inverse = np.asarray(np.linalg.solve(own, np.eye(S.shape[1])), np.float64)
+    return inverse if problem.is_free else np.asarray(S @ inverse @ S.T, np.float64)
+
+
+def times(A: FloatArray, v: FloatArray) -> FloatArray:
+    """Return A v at every node, A (N, r, k), v (N, k)."""
+    product: FloatArray = (A @ v[:, :, None])[:, :, 0]
+    return product

@@ -1,0 +1,285 @@
+"""The effects whose size a configuration or its URDF declares, and what each costs if left out.
+
+The size of an effect with states of its own is their prior sigma. Wheels hold the base still as far
+as their torques go; thrusters fire as the motion has it; modes swing as it drives them; an orbit
+that is not told is a low one; group delays are not taken off.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fsw.config import Config, OrbitConfig
+from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+from fsw.estimators.model.inertia import PARAMETERS
+from fsw.estimators.model.problem import Problem, build_problem, joint_order
+from fsw.estimators.model.robot import RobotModel
+from fsw.excitation.left_out import (
+    Information,
+    Shift,
+    blocks_along,
+    channels,
+    half_ns,
+    held,
+    late,
+    measured,
+)
+from fsw.excitation.nominal import nominal_motion
+from fsw.excitation.spline import Firing, Trajectory
+from fsw.messages import FloatArray, IntArray
+
+LOW_ORBIT_RAD_S = 1.16e-3  # mean motion at 300 km
+FIRING_S = 1.0
+STATES = {  # by kind of state: words, key, unit
+    "friction_coulomb": ("Coulomb friction", "joints[].friction_coulomb_sigma_nm", "N m"),
+    "friction_viscous": (
+        "viscous friction",
+        "joints[].friction_viscous_sigma_nms_rad",
+        "N m s/rad",
+    ),
+    "torque_offset": ("torque offsets", "joints[].torque_offset_sigma_nm", "N m"),
+    "torque_scale": ("torque scales", "joints[].torque_scale_sigma_ratio", ""),
+    "joint_zero": ("zeros of joints", "joints[].zero_sigma_rad", "rad"),
+    "known": ("errors of known bodies", "robot.links_sigma_ratio", ""),
+    "imu_place": ("place of the inertial unit", "imu.mounting_position_sigma_m", "m"),
+    "imu_angle": ("its attitude", "imu.mounting_angle_sigma_rad", "rad"),
+    "acc_bias": ("bias of accelerometer", "imu.acc_bias_sigma_m_s2", "m/s^2"),
+    "gyro_bias": ("bias of gyro", "imu.gyro_bias_sigma_rad_s", "rad/s"),
+    "momentum": ("momentum", "estimator.momentum_sigma_nms", "N m s"),
+    "wrench": ("constant wrench on the base", "estimator.external_*", "N, N m"),
+    "target_wrench": ("constant wrench on the target", "estimator.target_*", "N, N m"),
+    "wheel_scale": ("inertia of wheels", "wheels[].inertia_sigma_ratio", ""),
+    "thrust_scale": ("force of thrusters", "thrusters[].force_sigma_ratio", ""),
+    "thrust_delay": ("delay of thrusters", "thrusters[].delay_sigma_s", "s"),
+    "thrust_rise": ("rise of thrusters", "thrusters[].rise_sigma_s", "s"),
+    "mode_mass": ("mass of modes", "modes[].mass_sigma_ratio", ""),
+    "mode_frequency": ("frequency of modes", "modes[].frequency_sigma_ratio", ""),
+    "mode_damping": ("damping of modes", "modes[].damping_sigma_ratio", ""),
+    "mode_start": ("swinging of modes before", "modes[].amplitude_*", "m or rad"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """What leaving one effect out does to the masses."""
+
+    effect: str  # with its size
+    key: str
+    is_modelled: bool
+    mass_kg: tuple[float, ...]  # error of each unknown body's
+    sigmas: tuple[float, ...]  # the same in units of its predicted sigma
+
+    def text(self, bodies: Sequence[str]) -> str:
+        """Return one line: effect, whether it is modelled, and its cost."""
+        parts = (
+            f"{kg:.2g} kg of {body} ({sigmas:.2g} sigma)"
+            for body, kg, sigmas in zip(bodies, self.mass_kg, self.sigmas, strict=True)
+        )
+        state = "modelled; left out, it would cost" if self.is_modelled else "ignored; may cost"
+        return f"{self.effect} ({self.key}): {state} {', '.join(parts)}"
+
+
+def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[str]:
+    """Return the costs as lines; without a motion, of the nominal one."""
+    trajectory = motion or nominal_motion(config, problem.model)
+    words = "this motion" if motion else "a motion in which every joint swings"
+    found = [cost.text(problem.unknown) for cost in costs(config, problem, trajectory)]
+    return [
+        f"over {trajectory.duration_s:g} s of {words}, by linearised rows, what an effect of the "
+        "size that is declared would do to a mass (in sigmas that are predicted without it); an "
+        "effect that is off and not here declares no size: the key beside it does",
+        *found,
+    ]
+
+
+def costs(config: Config, problem: Problem, trajectory: Trajectory) -> list[Cost]:
+    """Return the cost of every effect with a declared size along a motion, ignored ones first."""
+    flight = _Flight(config, problem, trajectory)
+    if not flight.blocks:
+        return []
+    found = [
+        *_of_states(flight),
+        *_of_wheels(flight),
+        *_of_thrusters(flight),
+        *_of_modes(flight),
+        *_of_orbit(flight),
+        *_of_delays(flight),
+    ]
+    return sorted(found, key=lambda cost: (cost.is_modelled, -max(cost.sigmas)))
+
+
+class _Flight:
+    """A motion as the configuration has it, and what leaving a section out makes of it."""
+
+    def __init__(self, config: Config, problem: Problem, trajectory: Trajectory) -> None:
+        self.config, self.problem, self.trajectory = config, problem, trajectory
+        blocks = blocks_along(config, problem, trajectory)
+        limits_nm = np.array([wheel.torque_limit_nm for wheel in config.wheels])
+        self.blocks = held(blocks, problem, limits_nm) if config.wheels else blocks
+
+    @cached_property
+    def information(self) -> Information:
+        """Return the rows of the configured problem."""
+        return Information(self.problem, _method(self.config), self.blocks)
+
+    def unknown(self, values: Sequence[FloatArray]) -> Shift:
+        """Return what channels (m, n + 6) cost that the model does not explain."""
+        return self.information.shift(measured(self.blocks, values))
+
+    def without(self, section: str, values: Sequence[FloatArray]) -> tuple[Problem, Shift]:
+        """Return the problem without a section, and what channels with it cost there."""
+        config = self.config.model_copy(update={section: ()})
+        problem = problem_of(config, self.problem.model)
+        blocks = measured(blocks_along(config, problem, self.trajectory), values)
+        return problem, Information(problem, _method(config), blocks).shift(blocks)
+
+
+def problem_of(config: Config, model: RobotModel) -> Problem:
+    """Return the problem that a configuration's estimator has."""
+    return build_problem(config, model, exact=config.estimator.is_regression)
+
+
+def _method(config: Config) -> str:
+    own = config.estimator.method
+    return "fused" if own == "mrnea" else own  # whose rows know every effect
+
+
+def _of_states(flight: _Flight) -> Iterator[Cost]:
+    config, problem = flight.config, flight.problem
+    sized = with_sizes(config, problem.model)
+    full = build_problem(sized, problem.model)
+    own = Information(full, _method(config), flight.blocks)
+    kinds = np.array([name.partition(".")[0] for name in full.names])
+    used = np.isin(full.names, problem.names)
+    sizes = np.sqrt(np.diag(full.prior_covariance))
+    for kind, (words, key, unit) in STATES.items():
+        for is_modelled in (False, True):
+            states: IntArray = np.flatnonzero((kinds == kind) & (used == is_modelled))
+            if not len(states):
+                continue
+            apart = np.flatnonzero(~used & (kinds != kind))
+            size = config.robot.links_sigma_ratio if kind == "known" else sizes[states].max()
+            told = f"{words}, {size:.3g} {unit}".rstrip()
+            yield _cost(full, own.without(states, apart), told, key, is_modelled=is_modelled)
+
+
+def with_sizes(config: Config, model: RobotModel) -> Config:
+    """Return a configuration with the sizes that are declared elsewhere than at an effect's key.
+
+    Friction that the URDF has, and the momentum that the wheels can hold.
+    """
+    order = joint_order(config, model)
+    joints = list(config.joints)
+    for place, k in enumerate(order):
+        joint = joints[k]
+        if joint.torque == "none":
+            continue
+        urdf = {
+            "friction_coulomb_sigma_nm": float(model.model.friction[6 + place]),
+            "friction_viscous_sigma_nms_rad": float(model.model.damping[6 + place]),
+        }
+        new = {key: size for key, size in urdf.items() if size and not getattr(joint, key)}
+        joints[k] = joint.model_copy(update=new)
+    estimator = config.estimator
+    held = sum(wheel.inertia_kg_m2 * wheel.speed_limit_rad_s for wheel in config.wheels)
+    if held and not estimator.momentum_sigma_nms:
+        estimator = estimator.model_copy(update={"momentum_sigma_nms": held})
+    return config.model_copy(update={"joints": tuple(joints), "estimator": estimator})
+
+
+def _of_wheels(flight: _Flight) -> Iterator[Cost]:
+    if flight.config.wheels:
+        most_nm = max(wheel.torque_limit_nm for wheel in flight.config.wheels)
+        left = flight.without("wheels", channels(flight.blocks, flight.problem))
+        words = f"wheels that hold the base, up to {most_nm:.3g} N m each"
+        yield _cost(*left, words, "wheels", is_modelled=True)
+
+
+def _of_thrusters(flight: _Flight) -> Iterator[Cost]:
+    config, problem, motion = flight.config, flight.problem, flight.trajectory
+    if not config.thrusters:
+        return
+    strongest = max(config.thrusters, key=lambda own: own.force_n)
+    total_s = sum(firing.for_s for firing in motion.firings)
+    if total_s:
+        left = flight.without("thrusters", channels(flight.blocks, problem))
+        words = f"thrusters, up to {strongest.force_n:.3g} N, {total_s:.3g} s of firings"
+        yield _cost(*left, words, "thrusters", is_modelled=True)
+    if config.estimator.outside_wrench == "ignore":
+        more = Firing(thruster=strongest.name, on_s=0.5 * motion.duration_s, for_s=FIRING_S)
+        fired = replace(motion, firings=(*motion.firings, more))
+        shift = flight.unknown(channels(blocks_along(config, problem, fired), problem))
+        words = f"an unknown firing of {strongest.force_n:.3g} N for {FIRING_S:g} s"
+        yield _cost(problem, shift, words, "estimator.outside_wrench", is_modelled=False)
+
+
+def _of_modes(flight: _Flight) -> Iterator[Cost]:
+    if flight.config.modes:
+        left = flight.without("modes", channels(flight.blocks, flight.problem))
+        mass_kg = sum(mode.mass_kg for mode in flight.config.modes)
+        words = f"modes that the motion drives, {mass_kg:.3g} kg"
+        yield _cost(*left, words, "modes", is_modelled=True)
+
+
+def _of_orbit(flight: _Flight) -> Iterator[Cost]:
+    """Yield the cost of a low orbit that is not told: the worst of three planes at 45 degrees."""
+    config, problem, model = flight.config, flight.problem, flight.problem.model
+    if config.base.motion != "free" or config.orbit is not None:
+        return
+    model.set_parameters(problem.pi(problem.prior_mean))
+    H = model.mass_matrix(flight.blocks[0].q_rad[0])[:6, :6]
+    moments = np.linalg.eigvalsh(H[3:, 3:] - H[3:, :3] @ H[:3, 3:] / H[0, 0])
+    size_nm = 1.5 * LOW_ORBIT_RAD_S**2 * (moments[-1] - moments[0])
+    oriented = [replace(block, has_attitude=True) for block in flight.blocks]
+    radius_m = (EARTH_GRAVITY_PARAMETER_M3_S2 / LOW_ORBIT_RAD_S**2) ** (1.0 / 3.0)
+    shifts = []
+    for axis in range(3):
+        up = np.roll([0.0, 1.0, 1.0], axis) / np.sqrt(2.0)
+        orbit = OrbitConfig(
+            position_m=tuple(radius_m * up),
+            velocity_m_s=tuple(radius_m * LOW_ORBIT_RAD_S * np.eye(3)[axis]),
+        )
+        there = config.model_copy(update={"orbit": orbit})
+        shifts.append(flight.unknown(channels(oriented, problem_of(there, model))))
+    worst = max(shifts, key=lambda shift: float(np.max(np.abs(_masses(problem, shift)[1]))))
+    words = f"gravity gradient, in low orbit up to {size_nm:.2g} N m on the whole"
+    yield _cost(problem, worst, words, "orbit", is_modelled=False)
+
+
+def _of_delays(flight: _Flight) -> Iterator[Cost]:
+    imu, n = flight.config.imu, flight.problem.model.n
+    values = channels(flight.blocks, flight.problem)
+    for name, key, delay_s, first in (
+        ("accelerometer", "acc_group_delay_s", imu.acc_group_delay_s, n),
+        ("gyro", "gyro_group_delay_s", imu.gyro_group_delay_s, n + 3),
+    ):
+        if imu.present and delay_s:
+            delays_s = np.zeros(n + 6)
+            delays_s[first : first + 3] = delay_s
+            shift = flight.unknown(
+                [
+                    late(own, delays_s, 1e-9 * half_ns(block))
+                    for block, own in zip(flight.blocks, values, strict=True)
+                ]
+            )
+            words = f"group delay of {name}, {1e3 * delay_s:.3g} ms"
+            yield _cost(flight.problem, shift, words, f"imu.{key}", is_modelled=True)
+
+
+def _masses(problem: Problem, shift: Shift) -> tuple[FloatArray, FloatArray]:
+    """Return the error of every unknown body's mass, and in predicted sigmas."""
+    masses = np.arange(len(problem.unknown)) * PARAMETERS
+    return shift.error[masses], shift.error[masses] / shift.sigma[masses]
+
+
+def _cost(problem: Problem, shift: Shift, effect: str, key: str, *, is_modelled: bool) -> Cost:
+    kg, sigmas = np.abs(_masses(problem, shift))
+    return Cost(
+        effect=effect,
+        key=key,
+        is_modelled=is_modelled,
+        mass_kg=tuple(kg.tolist()),
+        sigmas=tuple(sigmas.tolist()),
+    )

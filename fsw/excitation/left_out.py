@@ -1,0 +1,159 @@
+"""What an effect costs that is in the truth and not in the model: bias by the estimator's rows.
+
+Linearised and whitened, rows A delta = b with prior information L have the solution
+P A^T b, P = (A^T A + L)^-1. A disturbance d that the model leaves out moves it by P A^T d. If the
+effect is states of its own with columns C and prior covariance S, d is C s with s of covariance S,
+and the estimate's error from it has covariance (P A^T C) S (P A^T C)^T. Any other effect is
+predicted along the same motion with and without it.
+
+Source: Tapley, Schutz, Born, Statistical Orbit Determination (2004), ch. 6 (consider covariance).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.linalg import solve_triangular
+
+from fsw.config import Config
+from fsw.estimators.measurement.block_stack import stacks_of
+from fsw.estimators.measurement.fused import predict
+from fsw.estimators.measurement.impulse import Impulse, integration
+from fsw.estimators.measurement.row_functions import row_function, stack
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.polynomial import gauss_nodes
+from fsw.excitation import criteria
+from fsw.excitation.sampled import sampled_blocks
+from fsw.excitation.spline import Trajectory
+from fsw.messages import Block, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shift:
+    """Error of every state that something left out leads to, and the sigma that is predicted."""
+
+    error: FloatArray  # (p,) 1 sigma, or the bias itself
+    sigma: FloatArray  # (p,)
+
+
+class Information:
+    """Rows and prior of a problem at its prior mean, over blocks that fit its model."""
+
+    def __init__(self, problem: Problem, method: str, blocks: Sequence[Block]) -> None:
+        self.problem = problem
+        self._rows = row_function(method, "eiv", problem)
+        found = stack(self._rows, blocks, problem.prior_mean)
+        self._A = np.concatenate([own.A for own in found])
+        self._whole: tuple[FloatArray, FloatArray] | None = None
+
+    def without(self, states: IntArray, apart: IntArray) -> Shift:
+        """Return what leaving states out costs the others, beside those apart, also left out."""
+        p = len(self.problem.names)
+        kept = np.setdiff1d(np.arange(p), np.concatenate([states, apart]))
+        R, back = self._solved(kept)
+        to_errors = back @ self._A[:, states]
+        prior = self.problem.prior_covariance[np.ix_(states, states)]
+        error, sigma = np.zeros((2, p))
+        error[kept] = np.sqrt(np.sum((to_errors @ prior) * to_errors, axis=1))
+        sigma[kept] = _sigma(R)
+        return Shift(error, sigma)
+
+    def shift(self, blocks: Sequence[Block]) -> Shift:
+        """Return the step that blocks ask for in which sensors have measured something else."""
+        if self._whole is None:
+            self._whole = self._solved(np.arange(len(self.problem.names)))
+        R, back = self._whole
+        found = stack(self._rows, blocks, self.problem.prior_mean)
+        return Shift(back @ np.concatenate([own.b for own in found]), _sigma(R))
+
+    def _solved(self, kept: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the information's root over some states, and P A^T."""
+        A = self._A[:, kept]
+        prior = criteria.prior_root(self.problem.prior_covariance[np.ix_(kept, kept)])
+        R = criteria.triangular_root(np.concatenate([prior, A]))
+        return R, solve_triangular(R, solve_triangular(R, A.T, trans=1))
+
+
+def _sigma(R: FloatArray) -> FloatArray:
+    inverse = solve_triangular(R, np.eye(len(R)))
+    return np.asarray(np.sqrt(np.sum(inverse**2, axis=1)))
+
+
+def blocks_along(config: Config, problem: Problem, trajectory: Trajectory) -> list[Block]:
+    """Return a motion's blocks as a problem's own model predicts them at its prior mean."""
+    n = problem.model.n
+
+    def still(t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return np.zeros((len(t_s), n)), np.zeros((len(t_s), 3)), np.zeros((len(t_s), 3))
+
+    blocks = sampled_blocks(config, problem.model, trajectory, still)
+    return measured(blocks, channels(blocks, problem))
+
+
+def channels(blocks: Sequence[Block], problem: Problem) -> list[FloatArray]:
+    """Return torque, specific force and rate (m, n + 6) of every block, at the prior mean."""
+    before: Impulse | None = None
+    found: list[FloatArray] = []
+    for s in stacks_of(blocks):
+        at = predict(s, problem.prior_mean, problem, "momentum", before)
+        before = at.after
+        whole = np.concatenate([at.tau_nm, at.f_m_s2, at.w_rad_s], axis=1)
+        found += np.split(whole, len(s.blocks))
+    return found
+
+
+def measured(blocks: Sequence[Block], values: Sequence[FloatArray]) -> list[Block]:
+    """Return blocks whose sensors have measured these channels (m, n + 6)."""
+    return [
+        replace(
+            block,
+            tau_nm=own[:, :-6],
+            f_NS_B_m_s2=own[:, -6:-3],
+            w_NB_B_rad_s=own[:, -3:],
+            wd_NB_B_rad_s2=derivative(own[:, -3:], 1e-9 * half_ns(block)),
+        )
+        for block, own in zip(blocks, values, strict=True)
+    ]
+
+
+def half_ns(block: Block) -> float:
+    """Return half the length of a block's window [ns], from its first and last node."""
+    length_ns, share = (
+        float(block.t_ns[-1] - block.t_ns[0]),
+        float(gauss_nodes(len(block.t_ns))[-1]),
+    )
+    return 0.5 * length_ns / share
+
+
+def derivative(values: FloatArray, half_s: float) -> FloatArray:
+    """Return the derivative at the nodes of the polynomial through values (m, k) there."""
+    nodes, m = gauss_nodes(len(values)), len(values)
+    coefficients = np.linalg.solve(legendre.legvander(nodes, m - 1), values)
+    slope = legendre.legval(nodes, legendre.legder(coefficients))
+    return np.asarray(slope.T / half_s, np.float64)
+
+
+def late(values: FloatArray, delays_s: FloatArray, half_s: float) -> FloatArray:
+    """Return channels (m, k) as they were by delays (k,) [s] before, to first order."""
+    return values - delays_s * derivative(values, half_s)
+
+
+def held(blocks: Sequence[Block], problem: Problem, limits_nm: FloatArray) -> list[Block]:
+    """Return blocks in which the wheels hold the base still, as far as their torques (k,) go."""
+    model, x = problem.model, problem.prior_mean
+    to_wheels = np.linalg.pinv(problem.wheel_axes)
+    momentum, found = np.zeros(len(limits_nm)), []
+    for block, free in zip(blocks, channels(blocks, problem), strict=True):
+        model.set_parameters(problem.pi(x))
+        H = model.mass_matrices(block.q_rad)[:, :6, :6]
+        about_com = H[:, 3:, 3:] - H[:, 3:, :3] @ H[:, :3, 3:] / H[:, :1, :1]
+        half_s = 1e-9 * half_ns(block)
+        wanted = (about_com @ free[:, -3:, None])[:, :, 0] @ to_wheels.T
+        torque = np.clip(derivative(wanted, half_s), -limits_nm, limits_nm)
+        cumulative, weights = integration(len(torque))
+        found.append(
+            replace(block, wheel_nms=momentum + half_s * cumulative @ torque, wheel_nm=torque)
+        )
+        momentum = momentum + half_s * weights @ torque
+    return found

@@ -1,0 +1,44 @@
+"""A motion where none is planned: every joint swings about its middle, every thruster fires."""
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.robot import RobotModel
+from fsw.excitation.spline import REST_POINTS, Firing, Trajectory
+from fsw.messages import FloatArray
+
+DURATION_S = 20.0
+FIRING_S = 1.0  # of every thruster, one after the other
+POINTS = 40
+SWINGS = 1.0  # of the slowest joint; each after it makes an eighth of a swing more
+SWING = {"revolute": 0.3, "prismatic": 0.1}  # at most [rad or m]
+RANGE_SHARE = 0.4  # of a joint's range to either side
+SPEED_SHARE = 0.5  # of its speed limit
+
+
+def nominal_motion(config: Config, model: RobotModel) -> Trajectory:
+    """Return a motion from rest to rest in which no two joints swing alike."""
+    joints = [config.joints[k] for k in joint_order(config, model)]
+    lower, upper = (
+        np.array(limit[7:])
+        for limit in (model.model.lowerPositionLimit, model.model.upperPositionLimit)
+    )
+    bounded = (np.isfinite(lower) & np.isfinite(upper)) & (np.abs(upper - lower) < 2.0 * np.pi)
+    middle = np.where(bounded, 0.5 * (lower + upper), 0.0)
+    reach = np.where(bounded, RANGE_SHARE * (upper - lower), np.inf)
+    most = np.array([SWING[kind] for kind in model.kinds()])
+    turns_rad_s = 2.0 * np.pi * (SWINGS + 0.125 * np.arange(model.n)) / DURATION_S
+    speed = np.array([joint.speed_limit_rad_s for joint in joints])
+    swing = np.minimum(np.minimum(most, reach), SPEED_SHARE * speed / turns_rad_s)
+    inner = np.linspace(0.0, DURATION_S, POINTS)[:, None]
+    points: FloatArray = middle + swing * np.sin(turns_rad_s * inner)
+    ends = np.repeat(middle[None], REST_POINTS, axis=0)
+    step_s = DURATION_S / (len(config.thrusters) + 1)
+    firings = tuple(
+        Firing(thruster=own.name, on_s=step_s * (k + 0.5), for_s=min(FIRING_S, 0.5 * step_s))
+        for k, own in enumerate(config.thrusters)
+    )
+    return Trajectory(
+        duration_s=DURATION_S, points_rad=np.concatenate([ends, points, ends]), firings=firings
+    )

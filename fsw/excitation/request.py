@@ -1,0 +1,88 @@
+"""What is asked of the planner, what it gives, and the error when there is no such motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.excitation import criteria
+from fsw.excitation.spline import Trajectory
+from fsw.excitation.verify import Use
+from fsw.messages.errors import ConfigError, FswError
+
+ROUNDS = 4
+PAPER_GAMMA = criteria.Gamma(xi1=1.0, xi2=1e4)  # the paper gives no figures
+
+
+class InfeasibleError(FswError):
+    """No trajectory keeps the limits; `uses` are the limits of the nearest one found."""
+
+    def __init__(self, message: str, uses: list[Use]) -> None:
+        super().__init__(message)
+        self.uses = uses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionRequest:
+    """A request, besides its subject and limits."""
+
+    criterion: criteria.Name = "sigma"
+    gamma: criteria.Gamma = PAPER_GAMMA
+    duration_s: float = 60.0
+    knot_s: float = 2.5
+    closed: bool = False
+    starts: int = 1
+    jobs: int = 1  # starts side by side
+    candidates: int = 10  # random feasible motions per start, the best one is optimised
+    iterations: int = 40
+    rate_hz: float = 2.5
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for a number that no request can have."""
+        for key in (
+            "duration_s",
+            "knot_s",
+            "starts",
+            "jobs",
+            "candidates",
+            "iterations",
+            "rate_hz",
+        ):
+            if not 0.0 < (value := getattr(self, key)) < np.inf:
+                raise ConfigError(f"{key}: {value:g} must be positive")
+        if self.seed < 0:
+            raise ConfigError(f"seed: {self.seed} must not be negative")
+
+    @property
+    def evaluations(self) -> float:
+        """Return about how often each process evaluates the criterion, at most."""
+        each = self.iterations + (ROUNDS - 1) * later(self.iterations)
+        return float(np.ceil(self.starts / min(self.jobs, self.starts)) * each)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionPlan:
+    """A trajectory that passed; limits from the dense grid, the criterion as minimised."""
+
+    trajectory: Trajectory
+    value: float
+    uses: list[Use]
+    rounds: int
+    gradients: int
+    starts: tuple[str, ...] = ()  # what every start has led to, in words
+
+
+def shown(name: criteria.Name, value: float) -> float:
+    """Return a minimised value as the criterion itself."""
+    return value if name == "gamma" else float(np.exp(value))
+
+
+def later(iterations: int) -> int:
+    """Return how many iterations a round after the first has."""
+    return max(8, iterations // 4)
+
+
+def infeasible(text: str, uses: list[Use]) -> InfeasibleError:
+    """Return the error, with the limits that are exceeded, or the nearest one."""
+    lines = [use.text() for use in uses if use.excess > 0] or [uses[0].text()]
+    return InfeasibleError("\n  ".join([text, *lines]), uses)

@@ -1,0 +1,129 @@
+"""The windows of samples that devices would give along a motion."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fsw.config import Config
+from fsw.estimators.conditioning import build_conditioner, rotation_from_xyzw
+from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.robot import RobotModel
+from fsw.excitation import attitude
+from fsw.excitation.spline import Firing, Trajectory
+from fsw.messages import Block, ChannelWindow, FloatArray, IntArray, Window
+
+Signals = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+
+
+def sampled_blocks(
+    config: Config, model: RobotModel, trajectory: Trajectory, signals: Signals
+) -> list[Block]:
+    """Return the blocks of the windows that a motion fills.
+
+    `signals` of times (m,) [s]: torque (m, n), the base's rate and the sensor's specific force
+    (m, 3), in B.
+    """
+    window_ns = round(config.estimator.window_s * 1e9)
+    conditioner = build_conditioner(config, model)
+    windows = _Windows(config, model, trajectory, signals)
+    count = int(trajectory.duration_s * 1e9 + 1) // window_ns
+    blocks = (conditioner.condition(windows.at(k, window_ns)) for k in range(count))
+    return [block for block in blocks if block is not None]
+
+
+class _Windows:
+    """Exact samples of every sensor along a motion, wheels at rest."""
+
+    def __init__(
+        self, config: Config, model: RobotModel, trajectory: Trajectory, signals: Signals
+    ) -> None:
+        self._config, self._trajectory, self._signals = config, trajectory, signals
+        self._own = np.argsort(joint_order(config, model))  # model's joint of each
+        self._R_BS = rotation_from_xyzw(np.array(config.imu.mounting.q_BS_xyzw))
+        count = max(int(np.ceil(trajectory.duration_s * config.imu.rate_hz)), 1)
+        step_s = trajectory.duration_s / count
+        w = signals(step_s * np.arange(0.5, count))[1]
+        self._R_NB, self._step_s = attitude.attitudes(w, step_s), step_s
+
+    def at(self, index: int, window_ns: int) -> Window:
+        config, start_ns = self._config, index * window_ns
+        rates = {bus.name: bus.rate_hz for bus in config.buses}
+        joints = []
+        found = {name: self._arm(start_ns, window_ns, rate) for name, rate in rates.items()}
+        for joint, k in zip(config.joints, self._own, strict=True):
+            t_ns, q, tau = found[joint.bus]
+            torque = tau[:, k] if joint.torque != "none" else np.full(len(t_ns), np.nan)
+            joints.append(_channel(t_ns, np.stack([q[:, k], torque], axis=1)))
+        imu_rate_hz = config.imu.rate_hz if config.imu.present else 0.0
+        t_ns = _times(start_ns, window_ns, imu_rate_hz)
+        _, w, f = self._signals(_seconds(t_ns))
+        return Window(
+            index=index,
+            start_ns=start_ns,
+            stop_ns=start_ns + window_ns,
+            joints=tuple(joints),
+            gyro=_channel(t_ns, w @ self._R_BS),
+            accelerometer=_channel(t_ns, f @ self._R_BS),
+            attitude=self._attitude(start_ns, window_ns),
+            wheels=tuple(
+                _channel(t, np.stack([0.0 * t, np.where(own.torque == "none", np.nan, 0.0 * t)], 1))
+                for own in config.wheels
+                for t in [_times(start_ns, window_ns, own.rate_hz)]
+            ),
+            thrusters=tuple(
+                _valve(_times(start_ns, window_ns, own.rate_hz), window_ns, own.name, self._firings)
+                for own in config.thrusters
+            ),
+        )
+
+    @property
+    def _firings(self) -> tuple[Firing, ...]:
+        return self._trajectory.firings
+
+    def _arm(
+        self, start_ns: int, window_ns: int, rate_hz: float
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        t_ns = _times(start_ns, window_ns, rate_hz)
+        t_s = _seconds(t_ns)
+        return t_ns, self._trajectory.evaluate(t_s)[0], self._signals(t_s)[0]
+
+    def _attitude(self, start_ns: int, window_ns: int) -> ChannelWindow:
+        if self._config.star_tracker is None:
+            return _channel(np.empty(0, np.int64), np.empty((0, 4)))
+        t_ns = _times(start_ns, window_ns, self._config.star_tracker.rate_hz)
+        steps = np.minimum((t_ns * 1e-9 / self._step_s).astype(np.intp), len(self._R_NB) - 1)
+        return _channel(t_ns, Rotation.from_matrix(self._R_NB[steps]).as_quat())
+
+
+def _times(start_ns: int, window_ns: int, rate_hz: float) -> IntArray:
+    """Return the instants of a device's samples in a window, on one grid for all windows."""
+    if not rate_hz:
+        return np.empty(0, np.int64)
+    period_ns = 1e9 / rate_hz
+    first = int(np.ceil(start_ns / period_ns - 0.5))
+    last = int(np.ceil((start_ns + window_ns) / period_ns - 0.5))
+    return np.asarray(np.rint((np.arange(first, last) + 0.5) * period_ns), dtype=np.int64)
+
+
+def _seconds(t_ns: IntArray) -> FloatArray:
+    return np.asarray(t_ns * 1e-9, dtype=np.float64)
+
+
+def _channel(t_ns: IntArray, values: FloatArray) -> ChannelWindow:
+    return ChannelWindow(t_ns=t_ns, values=values, missing=not len(t_ns), stale=not len(t_ns))
+
+
+def _valve(t_ns: IntArray, window_ns: int, name: str, firings: Sequence[Firing]) -> ChannelWindow:
+    """Return the reports of a valve and its changes, each change at its own instant."""
+    edges = [
+        (round(time_s * 1e9), state)
+        for firing in firings
+        if firing.thruster == name
+        for time_s, state in ((firing.on_s, 1.0), (firing.on_s + firing.for_s, 0.0))
+    ]
+    start_ns = t_ns[0] // window_ns * window_ns
+    own = [edge for edge in edges if start_ns <= edge[0] < start_ns + window_ns]
+    before = [(int(t), max((e for e in edges if e[0] < t), default=(0, 0.0))[1], 0.0) for t in t_ns]
+    rows = sorted([*before, *((t, state, 1.0) for t, state in own)], key=lambda row: row[0])
+    return _channel(np.array([r[0] for r in rows]), np.array([r[1:] for r in rows]))
