@@ -88,10 +88,37 @@ def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[st
     found = [cost.text(problem.unknown) for cost in costs(config, problem, trajectory)]
     return [
         f"over {trajectory.duration_s:g} s of {words}, by linearised rows, what an effect of the "
-        "size that is declared would do to a mass (in sigmas that are predicted without it); an "
-        "effect that is off and not here declares no size: the key beside it does",
+        "size that is declared would do to a mass (in sigmas that are predicted without it):",
         *found,
+        f"no size declared, so no cost: {', '.join(undeclared(config, problem)) or 'nothing'}",
     ]
+
+
+def undeclared(config: Config, problem: Problem) -> list[str]:
+    """Return the effects that nothing gives a size of, each with the key that does."""
+    full = build_problem(with_sizes(config, problem.model), problem.model)
+    kinds = {name.partition(".")[0] for name in full.names}
+    impossible = {
+        "imu": not config.imu.present,
+        "acc": not config.imu.present,
+        "gyro": not config.imu.present,
+        "momentum": config.base.motion == "clamped",
+        "wrench": config.base.motion == "clamped",
+        "wheel": not config.wheels,
+        "thrust": not config.thrusters,
+        "mode": not config.modes,
+    }
+    found = [
+        f"{words} ({key})"
+        for kind, (words, key, _) in STATES.items()
+        if kind not in kinds and not impossible.get(kind.partition("_")[0], False)
+    ]
+    if config.base.motion == "free":
+        sections = ("wheels", "thrusters", "modes")
+        found += [f"{name} ({name})" for name in sections if not getattr(config, name)]
+        if config.estimator.outside_wrench == "ignore":
+            found.append("contact of the target (estimator.outside_wrench)")
+    return found
 
 
 def costs(config: Config, problem: Problem, trajectory: Trajectory) -> list[Cost]:

@@ -95,8 +95,12 @@ def test_an_orbit_that_is_not_told_is_ignored_and_has_its_size_by_pinocchio() ->
     expected = 1.5 * LOW_ORBIT_RAD_S**2 * (moments[-1] - moments[0])
     found = float(gradient.split("up to ")[1].split(" ")[0])
     np.testing.assert_allclose(found, expected, rtol=0.05)
-    for word in ("wheels", "thrusters", "modes"):
-        assert not any(f"({word})" in line for line in lines)  # nothing declares their size
+    for word in ("wheels", "thrusters", "modes", "robot.links_sigma_ratio"):
+        assert not any(f"({word})" in line for line in lines[:-1])
+        assert f"({word})" in lines[-1]
+    assert lines[-1].startswith("no size declared, so no cost: ")
+    for kind in ("inertia of wheels", "force of thrusters", "bias of gyro"):
+        assert kind not in lines[-1]  # what the robot has not, and what is declared
 
 
 def test_strong_wheels_hold_the_base_still_and_weak_ones_pull_with_their_limit():
