@@ -29,6 +29,7 @@ class SchedulerConfig(Section):
     work_budget_s: Duration | None = None  # processor time of a tick; null: the tick's period
     realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
     cpu: int | None = Field(default=None, ge=0)
+    idle_latency_us: int | None = Field(default=None, ge=0, le=1_000_000)  # null: untouched
     estimation_priority: int | None = Field(default=None, ge=0, le=98)  # null: half of the loop's
     estimation_cpu: int | None = Field(default=None, ge=0)
 

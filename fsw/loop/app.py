@@ -97,6 +97,12 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     loop = build(config, clock, open_ports(config, clock, sink), sink, processes.deadline_ns)
     for text in realtime.prepare(config.scheduler.cpu, config.scheduler.realtime_priority):
         sink.put(Event(clock.now_ns(), "low", "REALTIME", text))
+    if config.scheduler.idle_latency_us is not None:
+        try:
+            realtime.keep_awake(config.scheduler.idle_latency_us)
+        except OSError as error:
+            text = f"scheduler.idle_latency_us: {error}"
+            sink.put(Event(clock.now_ns(), "low", "REALTIME", text))
     realtime.freeze_garbage()
     ticks_per_s = max(1, round(config.scheduler.tick_rate_hz))
     notifier.send("READY=1")

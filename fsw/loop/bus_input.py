@@ -36,6 +36,7 @@ _NO_NODE = np.uint32(0xFFFFFFFF & ~NODE_MASK)
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # between two events of one kind
 BACK_TOLERANCE_NS = 1_000_000  # of two clocks read at different moments; less than a period
+HELD_NS = 1_000_000  # a send takes some 40 us; in one that takes so long the kernel did other work
 LATE_NS = 2_000_000_000  # what was sent and has not come back by then never will
 
 
@@ -92,6 +93,7 @@ class BusInput:
         self._hands_back = False  # the port that what was sent went to; it may be lost by now
         self._newest_ns = -(1 << 62)
         self.overflowed = 0  # received frames the port had no room for
+        self._held_ns = 0  # in sends that took far too long
         self.unsent = 0  # frames its transmit queue had no room for
         self._trouble = (0, 0)  # of both, as last reported
         self._reported_ns = self._newest_ns
@@ -130,6 +132,11 @@ class BusInput:
     def send_heartbeat(self) -> None:
         """Send the computer's heartbeat. Raises PortError."""
         self._send(*self._heartbeat)
+
+    def take_held_ns(self) -> int:
+        """Return and forget how long the kernel held the loop in sends that took far too long."""
+        held_ns, self._held_ns = self._held_ns, 0
+        return held_ns
 
     @property
     def idle_links(self) -> tuple[Link[FramePort], ...]:
@@ -223,6 +230,8 @@ class BusInput:
             return False
         self._hands_back = port.hands_back
         self._sent.append((before_ns, sent))
+        if sent.t_ns - before_ns >= HELD_NS:
+            self._held_ns += sent.t_ns - before_ns
         if self._talking_since_ns is None:
             self._talking_since_ns = before_ns
         return True

@@ -91,6 +91,10 @@ class Inputs:
         for line in self.lines:
             line.hand_over(self._sink)
 
+    def take_held_ns(self) -> int:
+        """Return and forget how long the kernel held the loop in sends that took far too long."""
+        return sum(bus.take_held_ns() for bus in self.buses)
+
     def lost(self) -> tuple[str, ...]:
         """Return the names of the inputs that have no port."""
         return tuple(member.name for member in self if not member.link.up)

@@ -60,6 +60,7 @@ class Loop:
             wake_fds=inputs.wake_fds,
             drain=inputs.stamp_lines,
             cpu_time_ns=clock.cpu_time_ns,
+            held_ns=inputs.take_held_ns,
             stall_ns=round(config.health.stall_s * 1e9),
             budget_ns=period_ns if budget_s is None else round(budget_s * 1e9),
         )

@@ -34,6 +34,8 @@ class Executive:
     wake_fds : descriptors that may end the wait early
     drain : run after an early wake, nothing else; then the wait continues
     cpu_time_ns : processor time of this thread [ns]; separates the loop's own work from a stall
+    held_ns : returns and forgets how long the kernel held this thread for work that is not its own:
+        counted as its processor time, and no work of the loop's
     stall_ns : a wake so late without work of the loop's own is a stall
     budget_ns : processor time that the work of a tick may take
     """
@@ -47,6 +49,7 @@ class Executive:
         wake_fds: Callable[[], Sequence[int]] = _no_descriptors,
         drain: Callable[[], None] = _nothing,
         cpu_time_ns: Callable[[], int] = _no_time,
+        held_ns: Callable[[], int] = _no_time,
         stall_ns: int = NEVER_NS,
         budget_ns: int = NEVER_NS,
     ) -> None:
@@ -57,7 +60,8 @@ class Executive:
         self._tasks = tuple(tasks)
         self._wake_fds = wake_fds
         self._drain = drain
-        self._cpu_time_ns, self._stall_ns, self._budget_ns = cpu_time_ns, stall_ns, budget_ns
+        self._cpu_time_ns, self._held_ns = cpu_time_ns, held_ns
+        self._stall_ns, self._budget_ns = stall_ns, budget_ns
         self._began_ns = 0  # the newest tick
         self._began_cpu_ns = 0  # processor time when the wait for it began
         self._longest_ns = 0  # work over the budget since it was last taken
@@ -103,7 +107,8 @@ class Executive:
 
     def _wait(self) -> Tick:
         cpu_ns = self._cpu_time_ns()
-        worked_ns, self._began_cpu_ns = cpu_ns - self._began_cpu_ns, cpu_ns
+        worked_ns = max(0, cpu_ns - self._began_cpu_ns - self._held_ns())
+        self._began_cpu_ns = cpu_ns
         if self._t0_ns is None:
             self._t0_ns = self._began_ns = self._clock.now_ns()
             worked_ns = 0

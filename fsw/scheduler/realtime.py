@@ -3,9 +3,11 @@
 import ctypes
 import gc
 import os
+import sys
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
+LATENCY_DEVICE = "/dev/cpu_dma_latency"
 
 
 def prepare(
@@ -36,6 +38,26 @@ def prepare(
         except OSError as error:
             refused.append(f"scheduler.{keys[1]} {priority}: {error.strerror}")
     return refused
+
+
+def keep_awake(latency_us: int) -> int:
+    """Let no processor fall into a sleep that takes longer to wake from; as cyclictest does.
+
+    Returns
+    -------
+    A descriptor: the kernel keeps to it (power management quality of service) until it is closed.
+
+    Raises
+    ------
+    OSError where this is not permitted, or the kernel has no such interface.
+    """
+    fd = os.open(LATENCY_DEVICE, os.O_WRONLY | os.O_CLOEXEC)
+    try:
+        os.write(fd, latency_us.to_bytes(4, sys.byteorder))
+    except OSError:
+        os.close(fd)
+        raise
+    return fd
 
 
 def freeze_garbage() -> None:

@@ -1,5 +1,6 @@
 """Wake-ups of the executive beside those of cyclictest."""
 
+import contextlib
 import os
 import re
 import shutil
@@ -28,7 +29,13 @@ class Lateness:
 
 
 def executive(rate_hz: float, seconds: float, priority: int) -> Lateness:
-    """Return the lateness of the executive's ticks with nothing to do."""
+    """Return the lateness of the executive's ticks with nothing to do.
+
+    Processors are kept awake where that is permitted: cyclictest does so too.
+    """
+    awake_fd = None
+    with contextlib.suppress(OSError):
+        awake_fd = realtime.keep_awake(0)
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     refused = realtime.prepare(None, priority)
     is_fifo = bool(priority) and not any("realtime_priority" in text for text in refused)
@@ -37,6 +44,8 @@ def executive(rate_hz: float, seconds: float, priority: int) -> Lateness:
         ticks = [loop.step() for _ in range(max(2, round(rate_hz * seconds)))]
     finally:
         os.sched_setscheduler(0, *before)
+        if awake_fd is not None:
+            os.close(awake_fd)
     return _lateness([(tick.now_ns - tick.due_ns) / 1e3 for tick in ticks[1:]], is_fifo)
 
 

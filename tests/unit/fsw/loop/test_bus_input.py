@@ -58,6 +58,17 @@ def line() -> Line:
     return Line()
 
 
+def test_only_a_send_that_takes_far_too_long_counts_as_held_and_once():
+    line = Line()
+    line.sync(back_after_ns=25 * US)
+    assert line.bus.take_held_ns() == 0
+    line.late_ns = 4 * MS
+    line.sync(back_after_ns=25 * US)
+    line.sync(back_after_ns=25 * US)
+    assert line.bus.take_held_ns() == 2 * (4 * MS + 40 * US)
+    assert line.bus.take_held_ns() == 0
+
+
 def test_a_sync_that_comes_back_has_the_stamp_of_the_bus_once(line: Line):
     line.late_ns = 7 * MS  # somebody else had the processor before our own stamp was taken
     before_ns = line.sync(back_after_ns=25 * US)

@@ -146,6 +146,28 @@ def test_a_late_wake_by_the_loops_own_work_is_no_stall_but_over_budget():
     assert executive.slips.slips == 4
 
 
+def test_time_in_which_the_kernel_holds_the_loop_is_a_stall_and_no_work():
+    clock = FakeClock()
+    held = [0]
+
+    def send(tick: Tick) -> None:
+        if tick.index == 1:  # 1 ms of work, 9 ms in a call
+            clock.cpu += 10 * MS
+            clock.now += 10 * MS
+            held[0] = 9 * MS
+
+    def take_held() -> int:
+        taken, held[0] = held[0], 0
+        return taken
+
+    executive, _ = run(
+        clock, [Task("send", 1, send)], 4, stall_ns=5 * MS, budget_ns=2 * MS, held_ns=take_held
+    )
+    (stall,) = executive.take_stalls()
+    assert (stall.start_ns, stall.end_ns, stall.slips) == (4 * MS, 12 * MS, 4)
+    assert executive.slips.over_budget == 0
+
+
 def test_work_within_the_budget_is_none_over_it():
     clock = FakeClock()
 
