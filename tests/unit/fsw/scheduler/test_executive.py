@@ -168,6 +168,20 @@ def test_time_in_which_the_kernel_holds_the_loop_is_a_stall_and_no_work():
     assert executive.slips.over_budget == 0
 
 
+@pytest.mark.parametrize(("stopped_us", "over"), [(200, 1), (300, 0)])
+def test_an_interrupted_tick_is_not_over_budget(stopped_us: int, over: int):
+    clock = FakeClock()
+
+    def work(tick: Tick) -> None:
+        if tick.index == 1:
+            clock.cpu += 3 * MS
+            clock.now += 3 * MS + stopped_us * 1000
+
+    executive, _ = run(clock, [Task("w", 1, work)], 4, budget_ns=2 * MS)
+    assert executive.slips.over_budget == over
+    assert (executive.take_over_budget_ns() > 0) == over
+
+
 def test_work_within_the_budget_is_none_over_it():
     clock = FakeClock()
 
