@@ -5,6 +5,7 @@ one line: key, value found, bound.
 """
 
 import os
+from collections.abc import Iterator
 from math import hypot, sqrt, tau
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from fsw.checks import budget
 from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.config import BusConfig, Config
-from fsw.config.devices import SAMPLES
+from fsw.config.devices import SAMPLES, minute_walk
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.stim300 import GYRO_WIRE_RAD_S
 from fsw.estimators.model.problem import Problem
@@ -22,6 +23,7 @@ from fsw.messages.errors import ConfigError
 MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
 LONG_LEVER_M = 10.0  # of the inertial unit: a space station would have it
 FAST_RAD_S = 2.0 * tau  # of a joint: more is rather in degrees
+LARGE_WALK_RAD = 5e-3  # of an integrated angle in a minute: its product with the noise counts
 FULL_LOAD = 1.0
 HIGH_LOAD = 0.7
 MAX_GROUP_DELAY_S = 0.1  # a sensor filter slower than 10 Hz is taken for milliseconds
@@ -89,6 +91,31 @@ def validate_outputs(config: Config) -> None:
         raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
 
 
+def _noise_warnings(config: Config) -> Iterator[str]:
+    """Yield what is odd about the noise of the joints' samples."""
+    sampled = [bus.name for bus in config.buses if bus.interface == SAMPLES]
+    rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
+    for i, joint in enumerate(config.joints):
+        walk = minute_walk(joint, rates_hz[joint.bus])
+        if walk > LARGE_WALK_RAD:
+            yield (
+                f"joints.{i}.speed_noise_rad_s ({joint.name}): its angle walks {walk:.2g} rad in a "
+                f"minute; above {LARGE_WALK_RAD:g} sigmas come out too small"
+            )
+        if joint.bus in sampled:
+            continue
+        step = POSITION_STEP_RAD if joint.kind == "revolute" else POSITION_STEP_RAD / tau
+        steps = {"torque_noise_nm": (joint.torque_noise_nm, TORQUE_STEP_NM[joint.format])}
+        if joint.speed_noise_rad_s is None:
+            steps["position_noise_rad"] = (joint.position_noise_rad, step)
+        else:
+            steps["speed_noise_rad_s"] = (joint.speed_noise_rad_s, step)
+        for key, (sigma, size) in joint.named(steps).items():
+            if sigma < size / sqrt(12):
+                rounding = f"{size / sqrt(12):.2g}"
+                yield f"joints.{i}.{key}: {sigma:g} is below the rounding of the wire, {rounding}"
+
+
 def _warnings(config: Config) -> list[str]:
     found = []
     for i, bus in enumerate(config.buses):
@@ -100,22 +127,7 @@ def _warnings(config: Config) -> list[str]:
             )
         if all(node.bus != bus.name for node in config.can_nodes):
             found.append(f"buses.{i}.name: no joint uses the bus {bus.name!r}")
-    sampled = [bus.name for bus in config.buses if bus.interface == SAMPLES]
-    for i, joint in enumerate(config.joints):
-        if joint.bus in sampled:
-            continue
-        steps = {
-            "torque_noise_nm": (joint.torque_noise_nm, TORQUE_STEP_NM[joint.format]),
-            "position_noise_rad": (
-                joint.position_noise_rad,
-                POSITION_STEP_RAD if joint.kind == "revolute" else POSITION_STEP_RAD / tau,
-            ),
-        }
-        found += [
-            f"joints.{i}.{key}: {sigma:g} is below the rounding of the wire, {step / sqrt(12):.2g}"
-            for key, (sigma, step) in joint.named(steps).items()
-            if sigma < step / sqrt(12)
-        ]
+    found += _noise_warnings(config)
     longest = budget.imu_load(config.imu)[1]
     if longest > FULL_LOAD:
         found.append(

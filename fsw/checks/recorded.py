@@ -92,6 +92,8 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
         channels = [window.joints[k] for window in windows]
         angle, torque = _noise(channels, 0, high), _noise(channels, 1, high)
         noise = {"position_noise_rad": (joint.position_noise_rad, angle)}
+        if joint.speed_noise_rad_s is not None:
+            noise = {"speed_noise_rad_s": (joint.speed_noise_rad_s, angle)}
         if joint.torque != "none":
             noise = {"torque_noise_nm": (joint.torque_noise_nm, torque)} | noise
         for key, pair in joint.named(noise).items():

@@ -59,6 +59,8 @@ def _window(config: Config) -> Window:
     for place, joint in enumerate(config.joints):
         t_s = _times_s(window_s, rates[joint.bus])
         angle = SPEED_RAD_S * t_s * (1.0 + 0.1 * place + t_s / window_s)
+        if joint.speed_only:
+            angle = SPEED_RAD_S * (1.0 + 0.1 * place + 2.0 * t_s / window_s)
         torque = TORQUE_NM * np.cos(t_s / window_s + place)
         joints.append(_channel(t_s, np.stack([angle, torque], axis=1)))
     wheels = []

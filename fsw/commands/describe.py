@@ -6,6 +6,7 @@ import numpy as np
 
 from fsw.checks import budget
 from fsw.config import BaseConfig, BodyConfig, Config
+from fsw.config.devices import minute_walk
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
@@ -48,6 +49,19 @@ def _robot(config: Config, problem: Problem) -> list[str]:
         f"root link {masses[0]:.6g} kg, all links {masses[1:].sum():.6g} kg",
         *_held(config.base),
         *([f"without torque sensor: {', '.join(blind)}"] if blind else []),
+        *_by_speed(config),
+    ]
+
+
+def _by_speed(config: Config) -> list[str]:
+    """Return a line for each joint whose encoder gives speed only, and how its angle walks."""
+    rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
+    return [
+        f"{joint.name}: speed only; its angle is integrated from {joint.start_rad:.4g} +- "
+        f"{joint.zero_sigma_rad:.2g} and walks {minute_walk(joint, rates_hz[joint.bus]):.2g} in a "
+        "minute"
+        for joint in config.joints
+        if joint.speed_only
     ]
 
 
@@ -203,11 +217,16 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
 def _doubts(config: Config, problem: Problem) -> list[str]:
     """Return the data of arm and sensors that are estimated along, each with its prior sigma."""
     joints, imu = config.joints, config.imu
+    rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
     known = {name.rpartition(".")[0] for name in problem.names if name.startswith("known.")}
     found = [f"{len(known)} known bodies"] if known else []
     sizes = {
         "torque_scale": ("torque scales", [j.torque_scale_sigma_ratio for j in joints]),
         "joint_zero": ("zeros of joints [rad]", [j.zero_sigma_rad for j in joints]),
+        "joint_walk": (
+            "walks of integrated angles in a minute [rad]",
+            [minute_walk(j, rates_hz[j.bus]) for j in joints if j.speed_only],
+        ),
         "imu_place": ("place of the inertial unit [m]", [imu.mounting_position_sigma_m]),
         "imu_angle": ("its attitude [rad]", [imu.mounting_angle_sigma_rad]),
         "wheel_scale": ("inertia of wheels", [w.inertia_sigma_ratio for w in config.wheels]),

@@ -32,6 +32,7 @@ InertiaSigma = Annotated[float, Field(ge=1e-9, le=MAX_INERTIA_KG_M2, allow_inf_n
 TorqueNoise = Annotated[float, Field(ge=SMALLEST, le=1e4, allow_inf_nan=False)]
 ForceNoise = Annotated[float, Field(ge=SMALLEST, le=1e4, allow_inf_nan=False)]
 AngleNoise = Annotated[float, Field(ge=SMALLEST, le=1.0, allow_inf_nan=False)]
+SpeedNoise = Annotated[float, Field(ge=SMALLEST, le=10.0, allow_inf_nan=False)]
 RandomWalk = Annotated[float, Field(ge=SMALLEST, le=10.0, allow_inf_nan=False)]  # of rate, velocity
 TorqueSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]  # 0: not estimated
 ForceSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]

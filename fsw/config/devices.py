@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from math import isfinite, tau
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import isfinite, sqrt, tau
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -37,6 +37,7 @@ from fsw.config.base import (
     ScaleSigma,
     Section,
     SlowRate,
+    SpeedNoise,
     TorqueNoise,
     TorqueSigma,
     Turn,
@@ -93,16 +94,29 @@ WITHOUT_TORQUE = {  # stands where a joint has no torque sensor: nothing is meas
 }
 
 
+WITHOUT_POSITION = {"position_noise_rad": 1e-5}  # stands where an encoder gives speed only
+
+
 def _keys_of_a_joint(schema: dict[str, Any]) -> None:
-    """State in a JSON schema what a joint requires, by its kind and its torque sensor."""
+    """State in a JSON schema what a joint requires, by its kind and its sensors."""
     required: list[str] = schema["required"]
+    optional = (*WITHOUT_TORQUE, *WITHOUT_POSITION)
 
     def of(words: Callable[[str], str]) -> dict[str, Any]:
-        sensor = words("torque")
-        return {
-            "required": [words(key) for key in required if key not in WITHOUT_TORQUE],
-            "if": {"properties": {sensor: {"const": "none"}}, "required": [sensor]},
-            "else": {"required": [words(key) for key in required if key in WITHOUT_TORQUE]},
+        def sensed(keys: Iterable[str]) -> dict[str, Any]:
+            return {"required": [words(key) for key in keys]}
+
+        def by(
+            key: str, value: str, then: Iterable[str], otherwise: Iterable[str]
+        ) -> dict[str, Any]:
+            condition = {"properties": {words(key): {"const": value}}, "required": [words(key)]}
+            return {"if": condition, "then": sensed(then), "else": sensed(otherwise)}
+
+        return sensed(key for key in required if key not in optional) | {
+            "allOf": [
+                by("torque", "none", (), [key for key in required if key in WITHOUT_TORQUE]),
+                by("encoder", "speed", ("speed_noise_rad_s",), WITHOUT_POSITION),
+            ]
         }
 
     schema["properties"] |= {linear(key): value for key, value in schema["properties"].items()}
@@ -137,8 +151,11 @@ class JointConfig(Section):
     friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / this)
     torque_model_sigma_nm: TorqueSigma = 0.0  # of what the model leaves out of the torque; 0: none
     torque_model_correlation_s: CorrelationTime = 0.1  # in which that fades by e
+    encoder: Literal["position", "speed"] = "position"  # speed: the node measures no angle
     position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
-    zero_sigma_rad: AngleSigma = 2e-3  # of zero_offset_rad; 0: it is exact
+    speed_noise_rad_s: SpeedNoise | None = None  # the same of a speed; needed by encoder: speed
+    start_rad: Turn | None = None  # of encoder: speed, the angle before the first sample
+    zero_sigma_rad: AngleSigma = 2e-3  # of zero_offset_rad, or of start_rad; 0: it is exact
     link_sigma_ratio: ScaleSigma | None = None  # of the link it moves; None: as robot has it
 
     @model_validator(mode="before")
@@ -148,6 +165,37 @@ class JointConfig(Section):
         if isinstance(data, dict) and data.get("torque") == "none":
             return data | WITHOUT_TORQUE
         return data
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_position(cls, data: object) -> object:
+        """Put what stands for no angle in the place of an encoder's values."""
+        if not isinstance(data, dict) or data.get("encoder") != "speed":
+            return data
+        name = linear if data.get("kind") == "prismatic" else str
+        if data.get("zero_offset_rad"):
+            raise ValueError(
+                f"{name('zero_offset_rad')}: {brief(data['zero_offset_rad'])} has no meaning with "
+                f"encoder: speed; must be left out, see {name('start_rad')}"
+            )
+        if data.get("speed_noise_rad_s") is None:
+            raise ValueError(f"{name('speed_noise_rad_s')}: missing; encoder: speed needs it")
+        return data | WITHOUT_POSITION | {"start_rad": data.get("start_rad") or 0.0}
+
+    @model_validator(mode="after")
+    def _speed_keys(self) -> Self:
+        """Refuse keys of a speed encoder beside another one."""
+        for name, value in self.named(
+            {key: getattr(self, key) for key in ("speed_noise_rad_s", "start_rad")}
+        ).items():
+            if self.encoder == "position" and value is not None:
+                raise ValueError(f"{name}: {value:g} needs encoder: speed; must be left out")
+        return self
+
+    @property
+    def speed_only(self) -> bool:
+        """Whether the encoder is known by speed only."""
+        return self.encoder == "speed"
 
     @model_validator(mode="wrap")
     @classmethod
@@ -174,6 +222,11 @@ class JointConfig(Section):
         """Return the keys as they are read."""
         values: dict[str, Any] = handler(self)
         return self.named(values)
+
+
+def minute_walk(joint: JointConfig, rate_hz: float) -> float:
+    """Return 1 sigma by which the angle of a speed sampled at a rate walks in a minute [rad, m]."""
+    return (joint.speed_noise_rad_s or 0.0) * sqrt(60.0 / rate_hz)
 
 
 def linear(key: str) -> str:

@@ -184,6 +184,7 @@ class Config(Section):
                     "star_tracker"
                 )
         _method_has_its_torques(self.estimator.method, self.joints)
+        _speeds_are_enough(self)
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")
         _base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
@@ -248,6 +249,34 @@ def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:
             f"estimator.method: 'mrnea' needs the torque of every joint; {blind[0]!r} has "
             "torque: none; must be fused, rda or cm"
         )
+
+
+def _speeds_are_enough(config: Config) -> None:
+    """Refuse what takes angles as exact, or sums over time, beside an encoder that gives speed."""
+    name = next((joint.name for joint in config.joints if joint.speed_only), None)
+    if name is None:
+        return
+    estimator = config.estimator
+    if estimator.method == "mrnea":
+        raise ValueError(
+            f"estimator.method: 'mrnea' needs the position of every joint; {name!r} has encoder: "
+            "speed; must be fused, rda or cm"
+        )
+    sums = {
+        "orbit": config.orbit is not None,
+        "thrusters": bool(config.thrusters),
+        "modes": bool(config.modes),
+        "estimator.outside_wrench": estimator.outside_wrench == "watch",
+        "estimator.external_force_sigma_n": estimator.external_force_sigma_n > 0.0,
+        "estimator.external_torque_sigma_nm": estimator.external_torque_sigma_nm > 0.0,
+        "estimator.target_force_sigma_n": estimator.target_force_sigma_n > 0.0,
+        "estimator.target_torque_sigma_nm": estimator.target_torque_sigma_nm > 0.0,
+    }
+    for key, given in sums.items():
+        if given:
+            raise ValueError(
+                f"{key}: is not known beside {name!r} with encoder: speed; leave it out"
+            )
 
 
 def _redundancy_works(i: int, bus: BusConfig) -> None:

@@ -8,6 +8,7 @@ distance from the window's own polynomial and counted.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
 from fsw.estimators.sensor_noise import LAGS
+from fsw.estimators.speed_motion import SpeedMotion
 from fsw.estimators.valves import Valves, changes
 from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.estimators.window_fit import NO_FIT, ChannelFit, Instants
@@ -39,6 +41,8 @@ MIN_SPIKES = 3
 SURPLUS_RATIO = 0.01  # of its samples that a window may have too many to count for the noise
 LACKING_RATIO = 0.25  # that it may lack
 MOTION = (0, 1, 2)  # derivatives of a joint's position
+OF_SPEED = (-1, 0, 1)  # the same of its speed
+SPEED_EXTRA_DEGREE = 1  # of a speed over a torque: one derivative is wanted, and its noise is large
 GYRO_FAULTS = ("gyro", Fault.GYRO_SPIKE, Fault.GYRO_INCONSISTENT)
 ACC_FAULTS = ("accelerometer", Fault.ACC_SPIKE, Fault.ACC_INCONSISTENT)
 
@@ -66,9 +70,13 @@ class Conditioner:
         self._min_fill = config.estimator.min_fill_ratio
         self._order = order
         self._joints = tuple(config.joints[k] for k in order)
+        rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
+        self.speeds = SpeedMotion(self._joints, self._nodes, rates_hz)
         noisy = max(joint.position_noise_rad for joint in self._joints) > ANGLE_NOISE_RAD
-        self._orders = (1, 2, 0) if noisy else (1, 2)
-        self._position_sigma = np.array([joint.position_noise_rad for joint in self._joints])
+        self._orders = (1, 2, 0) if noisy or self.speeds.own else (1, 2)
+        self._position_sigma = np.array(
+            [joint.speed_noise_rad_s or joint.position_noise_rad for joint in self._joints]
+        )
         self._torque_sigma = np.array([joint.torque_noise_nm for joint in self._joints])
         self._coulomb_nm = np.array([joint.friction_coulomb_sigma_nm for joint in self._joints])
         self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in self._joints])
@@ -113,6 +121,12 @@ class Conditioner:
         edges = firings.get("edges") if firings else None
         changing = edges is not None and changes(edges, self._tail_s, -half_s)
         arm = self._arm(window, centre_ns, half_s, gated=not changing)
+        if self.speeds.lost:
+            text = "its angle is lost in a gap of its speed; begin again where start_rad holds"
+            for k in self.speeds.own:
+                name = self._joints[k].name
+                self._found.append(Finding(window.stop_ns, Fault.ENCODER_FAULT, name, text))
+            arm = None
         if arm is None or turns is None or firings is None:
             self.unusable_windows += 1
             return None
@@ -144,6 +158,7 @@ class Conditioner:
             has_gyro=has_gyro,
             has_accelerometer=has_acc,
             has_attitude=self._attitude_known and not self._momentum_lost,
+            walk_rad2=arm.walk_rad2,
             **turns,
             **firings,
         )
@@ -165,7 +180,8 @@ class Conditioner:
         for offsets_ns, own in latched.items():
             instants = Instants(offsets_ns, half_s, self._nodes, high)
             values = np.concatenate([channels[k].values for k in own], axis=1)
-            angles = instants.fitted(values[:, ::2], self._position_sigma[own], high, MOTION)
+            for k, angle in self._motions(instants, values[:, ::2], own):
+                positions[k] = angle
             forces = instants.fitted(
                 values[:, 1::2],
                 self._torque_gate[own] if gated else np.full(len(own), np.inf),
@@ -174,8 +190,8 @@ class Conditioner:
                 min_fill=self._min_fill,
             )
             products[:, own] = instants.products(values[:, 1::2], int(self._samples[own[0]]))
-            for k, angle, force in zip(own, angles, forces, strict=True):
-                positions[k], torques[k] = angle, force
+            for k, force in zip(own, forces, strict=True):
+                torques[k] = force
         for k, joint in enumerate(self._joints):
             self._note(positions[k].removed, Fault.ENCODER_SPIKE, joint.name, window)
             if positions[k].fit is None:
@@ -187,7 +203,24 @@ class Conditioner:
             counts = _counts(len(channels[k].t_ns) / self._samples[k])
             if torques[k].fit is None or torques[k].removed or not (counts and gated):
                 products[:, k] = 0.0
-        return self._joined(positions, torques, products)
+        return self._joined(window, positions, torques, products)
+
+    def _motions(
+        self, instants: Instants, values: FloatArray, own: list[int]
+    ) -> Iterator[tuple[int, ChannelFit]]:
+        """Yield joints and their motion, stacked, from positions or speeds (k, joints).
+
+        An angle by speed counts from the window's start.
+        """
+        by_speed = [k in self.speeds.own for k in own]
+        low = self._nodes - 1 + SPEED_EXTRA_DEGREE
+        for is_speed, degree, orders in ((False, instants.degree, MOTION), (True, low, OF_SPEED)):
+            some = [place for place, own_speed in enumerate(by_speed) if own_speed == is_speed]
+            if some:
+                part = values if len(some) == len(own) else values[:, some]
+                joints = [own[place] for place in some]
+                fitted = instants.fitted(part, self._position_sigma[joints], degree, orders)
+                yield from zip(joints, fitted, strict=True)
 
     def _turns(self, window: Window, t_ns: NDArray[np.int64]) -> dict[str, FloatArray] | None:
         """Return what a block holds of the wheels; None where a momentum cannot be known."""
@@ -226,13 +259,19 @@ class Conditioner:
         return found
 
     def _joined(
-        self, positions: list[ChannelFit], torques: list[ChannelFit], products: FloatArray
+        self,
+        window: Window,
+        positions: list[ChannelFit],
+        torques: list[ChannelFit],
+        products: FloatArray,
     ) -> _Arm:
         m, n = self._nodes, len(positions)
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
         for fit in dict.fromkeys(fits):
-            own = np.array([k for k in range(n) if fits[k] is fit])
+            own = np.array([k for k in range(n) if fits[k] is fit and k not in self.speeds.own])
+            if not own.size:
+                continue
             white = fit.whitener((1, 2)) @ motion[m:, own]
             limits = self._position_sigma[own] ** 2 * chdtri(len(white), STILL_PROBABILITY)
             resting = own[np.sum(white**2, axis=0) <= limits]
@@ -248,11 +287,16 @@ class Conditioner:
             cov_tau += np.einsum("win,wjn->nij", ways, ways)
         if self._cov_model.any():
             cov_tau += self._cov_model
+        orders = [
+            tuple(order - 1 for order in self._orders) if k in self.speeds.own else self._orders
+            for k in range(n)
+        ]
         return _Arm(
             motion=motion,
+            walk_rad2=self.speeds.added(motion, fits, window.start_ns, window.stop_ns),
             tau_nm=tau,
             cov_joint=np.stack(
-                [fit.covariance(self._orders, s) for fit, s in zip(fits, sigmas, strict=True)]
+                [fit.covariance(*own) for fit, *own in zip(fits, orders, sigmas, strict=True)]
             ),
             cov_tau=cov_tau,
             tau_products_nm2=products,
@@ -332,6 +376,7 @@ class _Arm:
     """What a block holds of the joints; see `Block`."""
 
     motion: FloatArray  # (3, m, n) positions, rates and accelerations
+    walk_rad2: FloatArray
     tau_nm: FloatArray
     cov_joint: FloatArray
     cov_tau: FloatArray

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from fsw.config import Config
+from fsw.estimators.speed_motion import SpeedMotion
 from fsw.messages import Block, Estimate, Window
 from fsw.messages.findings import Finding
 
@@ -50,6 +51,13 @@ class Gating(Protocol):
     """Signal conditioning that leaves single implausible samples out, and counts them."""
 
     outliers: int
+
+
+@runtime_checkable
+class Integrating(Protocol):
+    """Signal conditioning that integrates speeds to angles, from window to window."""
+
+    speeds: SpeedMotion
 
 
 @runtime_checkable

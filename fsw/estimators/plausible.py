@@ -24,6 +24,7 @@ LIMITS = {
     "cov_wheel": 1e12,
     "edges": 1e3,
     "opened_s": 1e9,
+    "walk_rad2": 1e8,
 }  # far beyond any machine of this kind, and far from overflow
 
 

@@ -30,13 +30,17 @@ def gauss_nodes(count: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _node_bases(count: int, degree: int) -> FloatArray:
-    """Return (3, count, degree + 1): Legendre basis and its two derivatives at the nodes."""
+    """Return (4, count, degree + 1): Legendre basis, two derivatives, integral from -1, at nodes.
+
+    The integral stands last, so that it is at -1.
+    """
     nodes = gauss_nodes(count)
-    bases = np.empty((3, count, degree + 1))
+    bases = np.empty((4, count, degree + 1))
     for column in range(degree + 1):
         unit = np.eye(degree + 1)[column]
         for order in range(3):
             bases[order, :, column] = legendre.legval(nodes, legendre.legder(unit, order))
+        bases[-1, :, column] = legendre.legval(nodes, legendre.legint(unit, lbnd=-1))
     bases.setflags(write=False)
     return bases
 
@@ -88,7 +92,10 @@ class NodeFit:
         return values - self._basis @ coefficients
 
     def operator(self, order: int) -> FloatArray:
-        """Return (nodes, degree + 1): coefficients to the `order`-th derivative at the nodes."""
+        """Return (nodes, degree + 1): coefficients to the `order`-th derivative at the nodes.
+
+        Order -1 is the integral from the window's start.
+        """
         scaled: FloatArray = self._bases[order] / self._half_width_s**order
         return scaled
 

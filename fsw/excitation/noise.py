@@ -16,6 +16,7 @@ from fsw.estimators.model.problem import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, NodeFit
 from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError
 
 SMALLEST_SHARE = 1e-6
 
@@ -37,8 +38,18 @@ class NoiseModel:
 
 
 def noise_model(config: Config, model: RobotModel) -> NoiseModel:
-    """Return the noise of a configuration, joints in the robot model's order."""
+    """Return the noise of a configuration, joints in the robot model's order.
+
+    Raises
+    ------
+    ConfigError for a joint without position.
+    """
     joints = [config.joints[k] for k in joint_order(config, model)]
+    turning = [joint.name for joint in joints if joint.speed_only]
+    if turning:
+        raise ConfigError(
+            f"joints: {turning[0]!r} has encoder: speed; a motion is planned by positions only"
+        )
     rates = {bus.name: bus.rate_hz for bus in config.buses}
     imu = config.imu
     torque = [joint.torque_noise_nm**2 / rates[joint.bus] for joint in joints]

@@ -14,6 +14,7 @@ FloatArray = NDArray[np.float64]
 MAX_EVENT_TEXT = 1000  # characters
 OF_WHEELS = ("wheel_nms", "wheel_nm", "cov_wheel")
 OF_THRUSTERS = ("edges", "opened_s")
+OF_SPEEDS = ("walk_rad2",)
 MOST_EDGES = 48  # of valves that a block holds
 
 
@@ -22,7 +23,10 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSamples:
-    """Latched positions and link-side torques of joint nodes (TPDO1), in order of arrival."""
+    """Latched positions and link-side torques of joint nodes (TPDO1), in order of arrival.
+
+    Of a joint with `encoder: speed` its speed [rad/s] stands in the place of the position.
+    """
 
     t_ns: IntArray  # (k,) time of validity: stamp of the SYNC that latched it, plus latch offset
     t_receive_ns: IntArray  # (k,)
@@ -124,7 +128,7 @@ class Window:
     index: int
     start_ns: int
     stop_ns: int
-    joints: tuple[ChannelWindow, ...]  # values: [position_rad, torque_nm], NaN: torque unusable
+    joints: tuple[ChannelWindow, ...]  # values: [position_rad (or speed), torque_nm], NaN: unusable
     gyro: ChannelWindow  # values: w_NS_S_rad_s
     accelerometer: ChannelWindow  # values: f_NS_S_m_s2
     attitude: ChannelWindow  # values: q_NB_xyzw
@@ -184,12 +188,15 @@ class Block:
     # of K thrusters' valves; empty where there are none
     edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3) see `valves`
     opened_s: FloatArray = field(default_factory=_no_times)  # (K,) open up to the window's start
+    # (n,) variance by which integrated angles have walked where the window starts; empty: none is
+    walk_rad2: FloatArray = field(default_factory=_no_times)
 
     @property
     def stored(self) -> tuple[str, ...]:
-        """Names of what is kept of a block; without wheels or thrusters nothing of them."""
+        """Names of what is kept of a block; nothing of wheels, valves, walks where none are."""
         without = (*(() if self.cov_wheel.size else OF_WHEELS),)
         without += () if self.opened_s.size else OF_THRUSTERS
+        without += () if self.walk_rad2.size else OF_SPEEDS
         return tuple(item.name for item in fields(self) if item.name not in without)
 
     @property

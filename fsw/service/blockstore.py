@@ -9,21 +9,22 @@ configured, and stands beside its own shape.
 import json
 import os
 from dataclasses import fields
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.messages import OF_THRUSTERS, OF_WHEELS, Block
+from fsw.messages import OF_SPEEDS, OF_THRUSTERS, OF_WHEELS, Block
 from fsw.messages.errors import FswError
 
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
 HEADER_BYTES = 4096
 _NAMES = tuple(item.name for item in fields(Block))
 _LAYOUTS = tuple(
-    ("serial", *(name for name in _NAMES if name not in without))
-    for without in ((), OF_WHEELS, OF_THRUSTERS, OF_WHEELS + OF_THRUSTERS)
+    ("serial", *(name for name in _NAMES if all(name not in part for part in without)))
+    for without in product(((), OF_WHEELS), ((), OF_THRUSTERS), ((), OF_SPEEDS))
 )
 _SHAPE = ".shape"  # of the array whose name stands before it
 
@@ -67,7 +68,7 @@ def _unpack(row: np.void) -> Block:
     values: dict[str, Any] = {}
     for name in _NAMES:
         if name not in (row.dtype.names or ()):
-            continue  # of wheels or thrusters, in the store of a robot without
+            continue  # of wheels, thrusters or walks, in the store of a robot without
         value = np.array(row[name])
         if value.ndim:
             value = value[tuple(map(slice, row[name + _SHAPE]))].copy()

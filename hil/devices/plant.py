@@ -64,6 +64,7 @@ class Plant:
         self._signs = np.array([float(node.sign) for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
         is_fd = [node.format == "fd" for node in self.nodes]
+        self._is_fd = np.array(is_fd)
         is_sliding = [node.is_prismatic for node in self.nodes]
         self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm, is_sliding)
         self._latched_ns = t0_ns
@@ -142,6 +143,10 @@ class Plant:
         position, measured[2] = self.joint_errors.ahead(q, qd, tau)
         measured[0] = position - self._zeros
         measured[1] = qd
+        blind = np.flatnonzero(self.joint_errors.speed_only)
+        if blind.size:  # classic frames have the speed in the place of the position
+            measured[1][:, blind] = self.joint_errors.speeds_ahead(qd)
+            measured[0][:, blind] = np.where(self._is_fd[blind], 0.0, measured[1][:, blind])
         measured[3] = tau / config.rated_torque_nm
         measured *= self._signs
         return list(zip(times_ns, self._scale.readings(measured), strict=True))[::-1]

@@ -172,6 +172,7 @@ def prepare(
         folder,
         ports,
         overrides or {},
+        start_rad=spline.evaluate(np.zeros(1))[0][0].tolist(),
         stamp_noise_rad=jitter_s * fastest_rad_s,
         seed=seed,
     )

@@ -1,7 +1,7 @@
 """The files of the flight side: configuration and robot, with no truth of an unknown body."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,6 +85,7 @@ def flight_document(
     bus_ports: Mapping[str, int],
     overrides: Mapping[str, Any],
     *,
+    start_rad: Sequence[float] = (),
     stamp_noise_rad: float = 0.0,
     seed: int = 0,
 ) -> dict[str, Any]:
@@ -93,7 +94,8 @@ def flight_document(
     The truth's arm and calibration are what the robot file and the scenario say: told as exact.
     The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
     `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions;
-    `seed` fixes the errors of wheels' inertias, thrusters and modes in it.
+    `start_rad` are the joints' angles where the motion begins, zero by default; `seed` fixes the
+    errors of wheels' inertias, thrusters, modes and angles at the start in it.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -116,6 +118,11 @@ def flight_document(
             bodies[body] = mapping_from(report)
         if body in scenario.frames:
             bodies[body]["frame"] = scenario.frames[body]
+    nodes = nodes_of(sensors, len(joint_names))
+    begin = [
+        angle + sensors.joints.start_sigma_rad * generator(seed, "joint", i, 4).standard_normal()
+        for i, angle in enumerate(start_rad or [0.0] * len(nodes))
+    ]
     joints = [
         _in_units_of(
             node,
@@ -125,16 +132,12 @@ def flight_document(
                 "node_id": node.node_id,
                 "format": node.format,
                 "sign": node.sign,
-                "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
                 "speed_limit_rad_s": flight["speed_limit_rad_s"],
-                "position_noise_rad": position_noise_rad(
-                    sensors.joints, stamp_noise_rad, rate_hz, is_prismatic=node.is_prismatic
-                ),
-                "zero_sigma_rad": 0.0,
+                **_angle(sensors.joints, node, begin[i], stamp_noise_rad, rate_hz),
                 **_torque(sensors.joints, node, flight),
             },
         )
-        for name, node in zip(joint_names, nodes_of(sensors, len(joint_names)), strict=True)
+        for i, (name, node) in enumerate(zip(joint_names, nodes, strict=True))
     ]
     document: dict[str, Any] = {
         "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame, "links_sigma_ratio": 0.0},
@@ -190,6 +193,31 @@ def _in_units_of(node: NodeConfig, joint: dict[str, Any]) -> dict[str, Any]:
             name = name.replace(word, other)
         named[name] = value
     return named
+
+
+def _angle(
+    joints: JointSensorConfig,
+    node: NodeConfig,
+    start_rad: float,
+    stamp_noise_rad: float,
+    rate_hz: float,
+) -> dict[str, Any]:
+    """Return what the flight side knows of a node's encoder; it begins at `start_rad`, as told."""
+    if node.encoder == "speed":
+        step = POSITION_STEP_RAD / (math.tau if node.is_prismatic else 1.0)
+        return {
+            "encoder": "speed",
+            "speed_noise_rad_s": math.hypot(joints.speed_noise_rad_s, step / math.sqrt(12)),
+            "start_rad": start_rad,
+            "zero_sigma_rad": joints.start_sigma_rad,
+        }
+    return {
+        "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
+        "position_noise_rad": position_noise_rad(
+            joints, stamp_noise_rad, rate_hz, is_prismatic=node.is_prismatic
+        ),
+        "zero_sigma_rad": 0.0,
+    }
 
 
 def _torque(

@@ -32,7 +32,7 @@ class NodeConfig:
     """One joint node and how its raw values relate to the URDF's joint.
 
     The node reports `sign * (q - zero_offset_rad)` and `sign * torque`; without a torque sensor
-    zero, not valid.
+    zero, not valid. One whose encoder gives speed reports `sign * qd` and no position.
     """
 
     __pydantic_config__ = STRICT
@@ -42,6 +42,7 @@ class NodeConfig:
     sign: Literal[-1, 1] = 1
     zero_offset_rad: float = 0.0
     torque_sensor: bool = True
+    encoder: Literal["position", "speed"] = "position"
     is_prismatic: bool = False  # counts 2^-24 m where another node counts 2^-24 revolutions
 
 
@@ -73,6 +74,8 @@ class JointSensorConfig:
     position_noise: BandLimitedWhiteNoise | None = None  # instead of encoder_noise_rad
     encoder_bits: int = 24
     encoder_noise_rad: float = 0.0
+    speed_noise_rad_s: float = 0.0  # of nodes whose encoder gives speed; 1 sigma of one sample
+    start_sigma_rad: float = 2e-3  # of the angle that the flight side is told they begin at
     latch_offset_s: float = 0.0  # latch instant minus the SYNC stamp
     rated_torque_nm: float = 40.0
     heartbeat_s: float = 1.0
@@ -276,6 +279,11 @@ class JointErrors:
         width_nm = HYSTERESIS_WIDTH_RATIO * config.rated_torque_nm
         self._hysteresis = Hysteresis(size_nm, width_nm, n) if size_nm > 0 else None
         self._noise = np.empty((0, 2, n))  # of the next latches: position, torque
+        self.speed_only = np.array([node.encoder == "speed" for node in config.nodes], bool)
+        self._of_speed = [
+            generator(seed, "joint", i, 3) for i in np.flatnonzero(self.speed_only).tolist()
+        ]
+        self._speed_noise = np.empty((0, len(self._of_speed)))
         self._next = 0
 
     def _refill(self) -> None:
@@ -286,6 +294,9 @@ class JointErrors:
             rows[:, column] *= self._sigmas[column]
         rows[:, 1] = self._fading.of(rows[:, 1])
         self._noise, self._next = rows, 0
+        if self._of_speed:
+            white = [stream.standard_normal(256) for stream in self._of_speed]
+            self._speed_noise = self.config.speed_noise_rad_s * np.stack(white, axis=1)
 
     def left(self) -> int:
         """Return how many latches can be measured ahead: one where errors depend on the last."""
@@ -311,6 +322,20 @@ class JointErrors:
         if self._hysteresis is not None:
             torque = torque + self._hysteresis.error_nm(tau[0])
         return position, torque + noise[:, 1]
+
+    def speeds_ahead(self, qd: FloatArray) -> FloatArray:
+        """Return the speeds [rad/s] that encoders without position measure at the next latches.
+
+        Parameters
+        ----------
+        qd : (k, n) true rates; as many latches as `ahead` was asked for
+
+        Returns
+        -------
+        (k, m) of the m joints of `speed_only`
+        """
+        own = qd[:, np.flatnonzero(self.speed_only)]
+        return np.asarray(own + self._speed_noise[self._next : self._next + len(qd)])
 
     def use(self) -> None:
         """Count one latch as measured."""

@@ -137,6 +137,8 @@ def _at_rest(config: Config, problem: Problem, blocks: Sequence[Block]) -> None:
     for k, name in enumerate(problem.model.joint_names):
         off = np.abs(angles[:, k] - angles[0, k])
         limit = max(MOVED_RAD, SIGMAS * noise[name])
+        if blocks[-1].walk_rad2.size:
+            limit = max(limit, SIGMAS * float(np.sqrt(blocks[-1].walk_rad2[k])))
         if off.max() > limit:
             first = blocks[int(np.argmax(off > limit))]
             raise EstimatorError(

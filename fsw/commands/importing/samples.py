@@ -89,6 +89,12 @@ def _joints(config: Config, section: Joints, table: Table) -> _Found:
     for kind in ("wheels", "thrusters"):
         if getattr(config, kind):
             raise ConfigError(f"{kind}: {config.name} has some, and no mapping holds them")
+    turning = [joint.name for joint in config.joints if joint.speed_only]
+    if turning:
+        raise ConfigError(
+            f"joints.encoder: {turning[0]} has encoder: speed in {config.name}, and no mapping "
+            "holds speeds"
+        )
     sensing = [joint.name for joint in config.joints if joint.torque != "none"]
     if section.torque is None and sensing:
         raise ConfigError(

@@ -68,7 +68,10 @@ class NmtState(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tpdo1:
-    """Latched link-side values of joints, uncalibrated; arrays of one length."""
+    """Latched link-side values of joints, uncalibrated; arrays of one length.
+
+    A node without an angle maps its velocity [rad/s] in the place of the position.
+    """
 
     position_rad: FloatArray
     torque_nm: FloatArray

@@ -35,14 +35,14 @@ class Calibration:
     def __init__(self, joints: Sequence[JointConfig]) -> None:
         units = [1.0 if joint.kind == "revolute" else 1.0 / tau for joint in joints]
         self._sign = np.array([joint.sign for joint in joints]) * units
-        self._zero_rad = np.array([joint.zero_offset_rad for joint in joints])
+        self._zero_rad = np.array([joint.zero_offset_rad for joint in joints])  # 0 of a speed
         self._gain = np.array([joint.sign * joint.torque_gain for joint in joints], float)
         self._offset_nm = np.array([joint.torque_offset_nm for joint in joints])
 
     def apply(
         self, joint: IntArray, position_rad: FloatArray, torque_nm: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return positions in the URDF's zero and sign, and torques.
+        """Return positions in the URDF's zero and sign, or speeds in its sign, and torques.
 
         position = sign x raw - zero_offset, where a prismatic joint counts a metre as a
         revolution; torque = sign x gain x raw - offset; `joint` (k,) is the place of each value's
@@ -73,6 +73,7 @@ class JointTrack:
         self._slack_rad = SLACK_SIGMAS * config.position_noise_rad
         self._slack_rad += config.speed_limit_rad_s * period_s
         self._encoder = EncoderWatch(period_s, config.speed_limit_rad_s, self._slack_rad)
+        self._most_rad_s = most_rad_s(config)
         self._chain = 0
         self._chain_start_ns = 0
         self._doubted_t_ns = 0
@@ -134,14 +135,20 @@ class JointTrack:
             if torque > limit_nm or torque < -limit_nm:
                 refused.append((k, Reject.RANGE, Fault.TORQUE_RANGE))
                 continue
-            fault = look(time_ns, position)
-            if fault is not None:
-                refused.append((k, Reject.RANGE, fault))
-                continue
-            near = first or self._is_reachable(self._last_t_ns, self._last_rad, time_ns, position)
-            if not near and not self._is_believed(time_ns, position):
-                refused.append((k, Reject.RANGE, Fault.ENCODER_JUMP))
-                continue
+            if self._most_rad_s is not None:
+                if abs(position) > self._most_rad_s:
+                    refused.append((k, Reject.RANGE, Fault.ENCODER_JUMP))
+                    continue
+                self._encoder.follow(time_ns, position, 0.0, 1, 0)
+            else:
+                fault = look(time_ns, position)
+                if fault is not None:
+                    refused.append((k, Reject.RANGE, fault))
+                    continue
+                reached = self._is_reachable(self._last_t_ns, self._last_rad, time_ns, position)
+                if not (first or reached or self._is_believed(time_ns, position)):
+                    refused.append((k, Reject.RANGE, Fault.ENCODER_JUMP))
+                    continue
             if first:
                 self.first_sync = self._newest = sync
             self._seen = (self._seen << (sync - self._newest) | timely) & _MASK
@@ -167,9 +174,20 @@ class JointTrack:
         return self._chain >= CHAIN and t_ns - self._chain_start_ns >= CHAIN_S * 1e9
 
 
+def most_rad_s(config: JointConfig) -> float | None:
+    """Return the largest speed that an encoder without position can read; None: it has one."""
+    if config.speed_noise_rad_s is None:
+        return None
+    return config.speed_limit_rad_s + SLACK_SIGMAS * config.speed_noise_rad_s
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """Calibrated values of a bus's joints in a batch, by joint and then in order; all (k,)."""
+    """Calibrated values of a bus's joints in a batch, by joint and then in order; all (k,).
+
+    Of an encoder without position the speed [rad/s] stands in its place: beyond what the joint can
+    do it is out of range, and nothing else can be told of it; steps of it are no faults.
+    """
 
     sync: IntArray  # running index of the SYNC
     t_ns: IntArray  # its stamp
@@ -192,6 +210,9 @@ class JointTracks:
         self._torque_limit_nm = np.array([config.torque_limit_nm for config in configs])
         self._speed_limit_rad_s = np.array([config.speed_limit_rad_s for config in configs])
         self._slack_rad = np.array([track.slack_rad for track in self._tracks])
+        most = [most_rad_s(config) for config in configs]
+        self._speed_only = np.array([speed is not None for speed in most])
+        self._most_rad_s = np.array([speed or np.inf for speed in most])
         self._gap_ns = GAP_PERIODS * period_s * 1e9
 
     def __iter__(self) -> Iterator[JointTrack]:
@@ -247,10 +268,11 @@ class JointTracks:
         low = np.repeat(np.minimum(np.minimum.reduceat(rates, heads), rate), counts)
         high = np.repeat(np.maximum(np.maximum.reduceat(rates, heads), rate), counts)
         speed_rad_s, slack_rad = self._speed_limit_rad_s[of], self._slack_rad[of]
-        ok &= np.maximum(step - low * dt_s, high * dt_s - step) <= slack_rad
-        ok &= np.abs(step) <= slack_rad + speed_rad_s * dt_s
+        near = np.maximum(step - low * dt_s, high * dt_s - step) <= slack_rad
+        near &= np.abs(step) <= slack_rad + speed_rad_s * dt_s
         slow = np.maximum(np.abs(low), np.abs(high)) < STUCK_RATE_RATIO * speed_rad_s
-        ok &= slow | (step != 0.0)
+        near &= slow | (step != 0.0)
+        ok &= np.where(self._speed_only[of], np.abs(r.position_rad) <= self._most_rad_s[of], near)
         ok &= ~(np.abs(r.torque_nm) > self._torque_limit_nm[of])
         good = np.logical_and.reduceat(ok, heads) & clean
         age = np.repeat(stops, counts) - 1 - np.arange(size)

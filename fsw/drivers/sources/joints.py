@@ -1,6 +1,7 @@
 """Joint nodes of one CAN bus: frames to calibrated samples, timed by SYNC."""
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,7 @@ class JointBusSource:
         self._place[self._ids] = np.arange(len(joints))
         self._is_fd = np.array([config.format == "fd" for config in configs])
         self._senses_torque = np.array([config.torque != "none" for config in configs])
+        self._speed_only = np.array([config.speed_only for config in configs])
         self._lengths = np.where(self._is_fd, canopen.FD_TPDO1_BYTES, canopen.TPDO1_BYTES)
         self._counts = Counters()  # what belongs to no joint
         self._states: dict[int, int] = {}
@@ -285,8 +287,15 @@ class JointBusSource:
         self, data: NDArray[np.uint8], node: IntArray, whole: NDArray[np.bool_]
     ) -> canopen.Tpdo1:
         """Return the values of frames in their joints' format; those not whole have counter 0."""
-        classic, fd = canopen.decode_tpdo1, canopen.decode_fd
-        is_fd = self._is_fd[node]
+        classic, is_fd, speed_only = canopen.decode_tpdo1, self._is_fd[node], self._speed_only[node]
+
+        def fd(frames: NDArray[np.uint8]) -> canopen.FdTpdo1:
+            found = canopen.decode_fd(frames)
+            if not speed_only.any():
+                return found
+            values = np.where(speed_only, found.velocity_rad_s, found.position_rad)
+            return replace(found, position_rad=values)
+
         if not is_fd.any():
             pdo = classic(data[:, : canopen.TPDO1_BYTES])
         elif is_fd.all():

@@ -20,6 +20,7 @@ from fsw.messages import AttitudeSamples, FloatArray, ImuSamples, IntArray, Join
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # of joints by name
+SPEED = "speed_rad_s"  # of those whose encoder gives no position
 RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
 QUATERNION = "q_xyzw"
 NORM_TOLERANCE = 1e-2
@@ -74,18 +75,22 @@ class SampleSource:
 
 
 def joint_samples(config: Config) -> SampleSource:
-    """Return the source of all joints: positions [rad] and torques [N m] by their names."""
+    """Return the source of all joints: positions [rad] and torques [N m] by their names.
+
+    Of joints with `encoder: speed` it is speeds [rad/s].
+    """
     joints = config.joints
     names, n = [joint.name for joint in joints], len(joints)
     calibration, every = Calibration(joints), np.arange(n)
     offsets_s = {bus.name: bus.latch_offset_s for bus in config.buses}
     offsets_ns = np.array([round(offsets_s[joint.bus] * 1e9) for joint in joints], np.int64)
     limits_nm = np.array([joint.torque_limit_nm for joint in joints])
+    readings = [(SPEED if joint.speed_only else POSITION, joint.name) for joint in joints]
     blind = np.array([joint.torque == "none" for joint in joints])
 
     def row(message: Mapping[str, Any]) -> list[float]:
-        position, torque = message[POSITION], message.get(TORQUE, {})
-        found = [float(position[name]) for name in names]
+        torque = message.get(TORQUE, {})
+        found = [float(message[key][name]) for key, name in readings]
         return found + [float(torque.get(name, np.nan)) for name in names]
 
     def build(t_ns: IntArray, values: FloatArray) -> JointSamples:

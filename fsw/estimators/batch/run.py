@@ -127,6 +127,12 @@ def _run(
         raise EstimatorError(
             f"method {method!r} needs the torque of every joint; {blind[0]!r} has torque: none"
         )
+    turning = [joint.name for joint in config.joints if joint.speed_only]
+    if turning and (method in NEED_EVERY_TORQUE or reference):
+        what = "a reference" if reference else f"method {method!r}"
+        raise EstimatorError(
+            f"{what} needs the position of every joint; {turning[0]!r} has encoder: speed"
+        )
     if config.modes and (method not in METHODS_MODES or reference):
         what = "a reference" if reference else f"method {method!r}"
         raise EstimatorError(f"{what} knows no modes: {' or '.join(METHODS_MODES)}, without one")
@@ -140,7 +146,7 @@ def _run(
             f"{method!r} {settings.weighting} takes arm and calibration as exact, "
             "which a reference is to show: fused, rda, cm or mrnea eiv"
         )
-    problem = build_problem(chosen, model, exact=exact)
+    problem = build_problem(chosen, model, exact=exact, blocks=sound)
     sound, noise = with_noise_found(problem, sound)
     if reference:
         empty = with_noise_found(problem, sound_blocks(reference))[0]

@@ -117,10 +117,27 @@ class BlockStack:
         """Whether the blocks give the covariance of the angles beside those of the rates."""
         return bool(self.blocks[0].cov_joint.shape[1] == 3 * self.m)
 
+    @cached_property
+    def walk_rad2(self) -> FloatArray:
+        """Variance (B, n) by which integrated angles have walked where the windows start."""
+        return _stacked([block.walk_rad2 for block in self.blocks])
+
+    @property
+    def walks_at_nodes(self) -> FloatArray:
+        """The same at every node (N, n)."""
+        return np.repeat(self.walk_rad2, self.m, axis=0)
+
     def shifted(self, by_rad: FloatArray) -> BlockStack:
-        """Return the same blocks with every joint's angle changed by a constant (n,)."""
+        """Return the same blocks with the joints' angles changed, by a constant (n,) or (N, n)."""
         other = copy(self)
         other.q_rad = self.q_rad + by_rad
+        return other
+
+    def doubted(self, by_rad2: FloatArray) -> BlockStack:
+        """Return the same blocks with more variance of noisy angles, (B, n), alike at all nodes."""
+        other, of_angles = copy(self), slice(2 * self.m, 3 * self.m)
+        other.cov_joint = self.cov_joint.copy()
+        other.cov_joint[:, :, of_angles, of_angles] += by_rad2[:, :, None, None]
         return other
 
     def by_block(self, values: FloatArray) -> FloatArray:

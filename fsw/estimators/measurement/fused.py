@@ -30,7 +30,7 @@ from fsw.estimators.measurement.impulse import (
 )
 from fsw.estimators.measurement.modes import Channels, released
 from fsw.estimators.measurement.motion_noise import residual_covariance, smoothed
-from fsw.estimators.measurement.mounting import as_true, turn
+from fsw.estimators.measurement.mounting import as_true, fill_angle_columns, turn, with_bridges
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
 from fsw.estimators.measurement.wheels import turning
@@ -75,8 +75,8 @@ def predict(
             gains[:, :n] *= gain[:, None]
         J[:, :n, problem.torque_scale] += tau[:, :, None] * np.eye(n)
         tau = tau * gain
-    if present(problem.joint_zero) and D_q is not None:
-        J[:, :, problem.joint_zero] += D_q
+    if D_q is not None:
+        fill_angle_columns(J, D_q, s, problem)
     if present(problem.torque_offset):
         tau = tau + x[problem.torque_offset]
         J[:, :n, problem.torque_offset] += np.eye(n)
@@ -200,6 +200,7 @@ def stacked_fused_rows(
     The noise of the joints' own derivatives, and of a measured base rate, enters through the exact
     sensitivities, correlated over the nodes of a block and over the channels.
     """
+    s = with_bridges(s, problem)
     prediction = predict(s, x, problem, rate, before)
     use = np.concatenate(
         [

@@ -1,4 +1,4 @@
-"""The inertial unit turned from its configured attitude, and what small turns do."""
+"""Angles of joints and the inertial unit turned from what is configured, and what that does."""
 
 import numpy as np
 
@@ -28,7 +28,29 @@ def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
-    """Return the blocks with the joints' angles as they are by the state's zeros."""
+    """Return the blocks with the joints' angles as they are by the state's zeros and walks."""
+    if problem.walks is not None:
+        walked = problem.walks.moved(x[problem.joint_walk], s.walks_at_nodes)
+        return s.shifted(x[problem.joint_zero] + walked)
     if not present(problem.joint_zero) or not x[problem.joint_zero].any():
         return s
     return s.shifted(x[problem.joint_zero])
+
+
+def fill_angle_columns(J: FloatArray, D_q: FloatArray, s: BlockStack, problem: Problem) -> None:
+    """Add to J (N, r, p) what zeros and walks do by way of the angles, D_q (N, r, n)."""
+    if present(problem.joint_zero):
+        J[:, :, problem.joint_zero] += D_q
+    if problem.walks is not None:
+        shares = problem.walks.shares(s.walks_at_nodes)
+        own = D_q[:, :, problem.walks.joints, None] * shares[:, None]
+        J[:, :, problem.joint_walk] += own.reshape(*D_q.shape[:2], -1)
+
+
+def with_bridges(s: BlockStack, problem: Problem) -> BlockStack:
+    """Return the blocks, what of walks lies between their steps in the angles' covariance."""
+    if problem.walks is None:
+        return s
+    beside = np.zeros((len(s.blocks), s.n))
+    beside[:, problem.walks.joints] = problem.walks.beside(s.walk_rad2)
+    return s.doubted(beside)

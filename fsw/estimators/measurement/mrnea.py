@@ -15,7 +15,7 @@ from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
 from fsw.estimators.measurement.motion_noise import through
-from fsw.estimators.measurement.mounting import as_true, turn
+from fsw.estimators.measurement.mounting import as_true, fill_angle_columns, turn
 from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
@@ -144,9 +144,7 @@ def stacked_mrnea_rows(
     friction.fill_columns(X[:, 6:], s, problem)
     _mounting_columns(X, x, (w, acceleration, G), (H, G_w, G_wd), problem)
     if present(problem.joint_zero):
-        states = zip(s.q_rad, w, s.qd_rad_s, acceleration, strict=True)
-        for row, state in zip(X, states, strict=True):
-            row[:, problem.joint_zero] = model.angle_derivative(*state)
+        fill_angle_columns(X, _by_angle(s, w, acceleration, problem), s, problem)
     if outside is not None:
         X -= outside[1]
     if wheels is not None:
@@ -156,6 +154,15 @@ def stacked_mrnea_rows(
         Rows(*whitened(root, columns, own))
         for root, columns, own in zip(L, X, residuals, strict=True)
     ]
+
+
+def _by_angle(
+    s: BlockStack, w: FloatArray, acceleration: FloatArray, problem: Problem
+) -> FloatArray:
+    """Return d(generalised force)/dq (N, 6 + n, n)."""
+    states = zip(s.q_rad, w, s.qd_rad_s, acceleration, strict=True)
+    # a copy: the model has one array for every state
+    return np.stack([problem.model.angle_derivative(*state).copy() for state in states])
 
 
 def _take_off_wheels(

@@ -5,8 +5,8 @@ may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bia
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
 of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
 the joints (n each), relative errors of the wheels' inertias (k), of K thrusters relative errors of
-the forces, errors of the delays and of the rise times, and what `modes` appends]. Where a prior
-sigma is zero there is no state.
+the forces, errors of the delays and of the rise times, steps of the walks of integrated angles, and
+what `modes` appends]. Where a prior sigma is zero there is no state.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.config import BaseConfig, BodyConfig, Config
+from fsw.config import BaseConfig, BodyConfig, Config, JointConfig
 from fsw.estimators.fading_noise import covariance_at_nodes
 from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
@@ -31,7 +31,8 @@ from fsw.estimators.model.modes import Modes, with_modes
 from fsw.estimators.model.orbit import CircularOrbit
 from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.robot import Hold, RobotModel
-from fsw.messages import FloatArray
+from fsw.estimators.model.walks import LEAST_RAD2, Walks, walks_of
+from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
 
 NO_STATES = slice(0, 0)
@@ -42,7 +43,7 @@ SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have 
 SHARED = ("torque_scale", "thrust_scale")  # and of the thrusters' forces: one pressure
 TAIL_RISES = 10.0  # rise times after which a force has settled
 THRUST = ("thrust_scale", "thrust_delay", "thrust_rise")
-CALIBRATION = ("joint_zero", "imu_place", "imu_angle", "wheel_scale", *THRUST)
+CALIBRATION = ("joint_zero", "joint_walk", "imu_place", "imu_angle", "wheel_scale", *THRUST)
 IndexArray = NDArray[np.intp]
 
 
@@ -143,6 +144,8 @@ class Problem:
     mode_start: slice = field(
         default_factory=no_states
     )  # coordinates, then rates, where the data begin [m or rad]
+    joint_walk: slice = field(default_factory=no_states)  # see `Walks` [rad]
+    walks: Walks | None = None  # None: no encoder gives speed only
     modes: Modes | None = None  # None: none, or the robot of this problem has them as joints
 
     @property
@@ -186,7 +189,7 @@ class Problem:
         """Return the states that are published: not the known bodies, zeros and mounting."""
         hidden = (
             self.known,
-            *(self.joint_zero, self.imu_place, self.imu_angle, self.wheel_scale),
+            *(self.joint_zero, self.joint_walk, self.imu_place, self.imu_angle, self.wheel_scale),
             *(self.thrust_scale, self.thrust_delay, self.thrust_rise, self.mode_start),
         )
         return np.delete(np.arange(len(self.names)), np.r_[hidden])
@@ -370,16 +373,37 @@ def holds(config: Config, model: RobotModel, unknown: tuple[str, ...]) -> dict[s
     return held
 
 
-def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> Problem:
+def _zero_sigmas(joints: Sequence[JointConfig], walks: Walks | None) -> list[float]:
+    """Return the sigma of every joint's zero, what had walked before the first knot included."""
+    variance = np.array([joint.zero_sigma_rad for joint in joints]) ** 2
+    if walks is not None:
+        variance[walks.joints] += walks.knots_rad2[:, 0] + LEAST_RAD2  # a state in any case
+    return list(np.sqrt(variance))
+
+
+def _steps(names: Sequence[str], walks: Walks | None) -> tuple[list[str], list[float]]:
+    """Return a label and the sigma of every step of every walk."""
+    if walks is None:
+        return [], []
+    sigmas = np.sqrt(walks.steps_rad2)
+    labels = [f"{names[j]}.{k + 1}" for j in walks.joints for k in range(sigmas.shape[1])]
+    return labels, sigmas.ravel().tolist()
+
+
+def build_problem(
+    config: Config, model: RobotModel, *, exact: bool = False, blocks: Sequence[Block] = ()
+) -> Problem:
     """Lay out the state and its prior for one configuration.
 
     `exact`: known bodies, zeros of the joints and the inertial unit's mounting are as configured.
+    `blocks` are those that integrated angles are to walk along; none: see `walks_of`.
 
     Raises
     ------
     ConfigError if the joints do not match the robot's.
     """
     joints = [config.joints[k] for k in joint_order(config, model)]
+    walks = walks_of(config, joint_order(config, model), blocks)
     unknown = ordered(config.unknown)
     held = holds(config, model, unknown)
     pi_base = model.pi_links[:PARAMETERS]
@@ -395,7 +419,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
             pi_known[hold.places] += hold.map @ body_prior(config.bodies[name])[0]
     U = np.zeros((pi_known.size, PARAMETERS * len(unknown)))
     known = {} if exact else dict(known_bodies(config, model, unknown, held))
-    means, covariances, names, liquids = [], [], [], []
+    means, covariances, names, liquids, slices = [], [], [], [], []
     for index, name in enumerate(unknown):
         columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
         if name == "base":
@@ -412,7 +436,6 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         means.append(np.zeros(ways.shape[1]))
         covariances.append(np.eye(ways.shape[1]))
         names += [f"known.{place}.{k + 1}" for k in range(ways.shape[1])]
-    slices = []
     imu, estimator = config.imu, config.estimator
     thrusters = [thruster.name for thruster in config.thrusters]
     nuisances = (
@@ -433,7 +456,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
             + [estimator.target_torque_sigma_nm] * 3
             + [estimator.target_force_sigma_n] * 3,
         ),
-        ("joint_zero", model.joint_names, [j.zero_sigma_rad for j in joints]),
+        ("joint_zero", model.joint_names, _zero_sigmas(joints, walks)),
         ("imu_place", "xyz", [imu.mounting_position_sigma_m] * 3),
         ("imu_angle", "xyz", [imu.mounting_angle_sigma_rad] * 3),
         ("friction_coulomb", model.joint_names, [j.friction_coulomb_sigma_nm for j in joints]),
@@ -446,6 +469,7 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         ("thrust_scale", thrusters, [t.force_sigma_ratio for t in config.thrusters]),
         ("thrust_delay", thrusters, [t.delay_sigma_s for t in config.thrusters]),
         ("thrust_rise", thrusters, [t.rise_sigma_s for t in config.thrusters]),
+        ("joint_walk", *_steps(model.joint_names, walks)),
     )
     for kind, labels, sigmas in nuisances:
         if not any(sigmas) or (exact and kind in CALIBRATION):
@@ -492,6 +516,8 @@ def build_problem(config: Config, model: RobotModel, *, exact: bool = False) -> 
         thrust_scale=slices[13],
         thrust_delay=slices[14],
         thrust_rise=slices[15],
+        joint_walk=slices[16],
+        walks=walks if present(slices[16]) else None,
         thrusters=Thrusters.of(config),
         friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
         target_com_m=np.array(

@@ -23,6 +23,7 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive import pacing
 from fsw.estimators.recursive.change import InnovationMonitor
+from fsw.estimators.recursive.epoch import next_epoch
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
 from fsw.estimators.recursive.outside import OutsideWatch, Verdict
@@ -96,6 +97,7 @@ class Recursion:
         self._coloured = False  # NOISE_CORRELATED is reported
         watches = problem.watches_outside
         self.outside = OutsideWatch(problem, settings.gate_probability) if watches else None
+        self._walked = np.zeros(problem.model.n)  # rad^2, where the epoch of the walks began
         self._in_doubt = len(problem.published) < len(problem.names)
         self.start(problem.prior_mean, self._spread())
 
@@ -142,6 +144,7 @@ class Recursion:
             "noise": self.noise.snapshot(),
             "memory": self.memory.snapshot(),
             **({} if self.outside is None else {"outside": self.outside.snapshot()}),
+            **({} if self.problem.walks is None else {"walked": self._walked.copy()}),
         }
 
     def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
@@ -149,6 +152,8 @@ class Recursion:
         prior = to_information(values["memory"]["prior"])
         memory = Memory(prior, self._settings.store_blocks)
         memory.restore(values["memory"], blocks, self._usable_rows)
+        if self.problem.walks is not None:
+            self._walked = np.asarray(values["walked"])
         self.noise.restore(values["noise"])
         self.memory = memory
         put(self, _STATE, values)
@@ -210,6 +215,7 @@ class Recursion:
             block = self.outside.marked(block)
             if self.armed and self._is_outside(block, self.outside):
                 return
+        self._follow_walks(block)
         at = self.memory.at if self._in_doubt else self._point()
         if not self.linear and not len(self.memory) and not self.since:
             self.memory.at = at = at_first_rate(block, at, self.problem)
@@ -267,7 +273,7 @@ class Recursion:
     @property
     def widened_prior(self) -> FloatArray | None:
         """Return the prior's covariance where it was widened since the start; None: it was not."""
-        now, stated = self.start_covariance, self.problem.prior_covariance
+        now, stated = self.start_covariance, self._spread()
         wider = bool(np.any(np.diag(now) > (1.0 + 1e-9) * np.diag(stated)))
         return now if wider and not self.linear else None
 
@@ -291,7 +297,27 @@ class Recursion:
 
     def _spread(self) -> FloatArray:
         covariance = self.problem.prior_covariance
+        if self._walked.any():
+            zeros = np.arange(len(covariance))[self.problem.joint_zero]
+            covariance = covariance.copy()
+            covariance[zeros, zeros] += self._walked
         return FLAT_PRIOR**2 * covariance if self.linear else covariance
+
+    def _follow_walks(self, block: Block) -> None:
+        """Begin a new epoch of the walks where a block is beyond their steps."""
+        walks = self.problem.walks
+        if walks is None:
+            return
+        beyond = block.walk_rad2 - self._walked
+        if (beyond[walks.joints] <= walks.knots_rad2[:, -1]).all():
+            return
+        prior, data = (self.start_mean, self.start_covariance), self.memory.data
+        epoch = next_epoch(self.problem, walks, prior, data, beyond)
+        self._walked = block.walk_rad2
+        self.start_mean, self.start_covariance = epoch.mean, epoch.covariance
+        self.memory.restart(self._prior_at(self.memory.at), epoch.data)
+        self._solve()
+        self.memory.at = self._point()
 
     def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> None:
         c = rows.b + rows.A @ at
@@ -312,6 +338,8 @@ class Recursion:
             self.memory.age(float(np.exp(-0.5 * elapsed_s / time_s)))
 
     def _usable_rows(self, block: Block, at: FloatArray, before: Impulse | None) -> Rows | None:
+        if self.problem.walks is not None:
+            block = replace(block, walk_rad2=block.walk_rad2 - self._walked)
         return usable_rows(self._rows, self.noise.applied(block), at, before)
 
     def _solve(self) -> None:

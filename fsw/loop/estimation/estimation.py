@@ -16,6 +16,7 @@ from fsw.estimators.pipeline import (
     Eventful,
     Finder,
     Gating,
+    Integrating,
     Pipeline,
     Screening,
     default_pipeline,
@@ -130,6 +131,10 @@ class Estimation(NullSink):
         estimate = resume(found, estimator, self.aligner, self._sink, now_ns, recorded=recorded)
         if estimate is None:
             return False
+        conditioner = self._pipeline.conditioner
+        if found.age_s is not None and snapshot.blocks and isinstance(conditioner, Integrating):
+            newest = max(snapshot.blocks, key=lambda block: block.index)
+            conditioner.speeds.resume(newest, self._config.estimator.window_s)
         self.dispatcher.saved = take(estimator, snapshot.t_ns)
         self._publish(estimate)
         self._sink.put(EstimationStatus(self.status()))
@@ -269,7 +274,10 @@ class Estimation(NullSink):
         """
         changed = overlay(self._config, changes)
         text = changes.get("urdf_text", self._urdf_text)
-        self._pipeline = default_pipeline(changed, text)
+        before, self._pipeline = self._pipeline.conditioner, default_pipeline(changed, text)
+        now = self._pipeline.conditioner
+        if isinstance(before, Integrating) and isinstance(now, Integrating):
+            now.speeds.take_over(before.speeds)
         self._config, self._urdf_text = changed, text
         return self._pipeline.estimator
 

@@ -55,6 +55,51 @@ def test_a_joint_without_torque_sensor_needs_none_of_its_values():
         Config.model_validate(data)
 
 
+def by_speed(data, **changes):
+    joint = data["joints"][1]
+    kept = {
+        key: v for key, v in joint.items() if key not in ("position_noise_rad", "zero_offset_rad")
+    }
+    data["joints"][1] = kept | {"encoder": "speed", "speed_noise_rad_s": 0.01} | changes
+    return data
+
+
+def test_a_joint_known_by_speed_needs_the_noise_of_its_speed_and_no_other():
+    data = by_speed(arm_config(3))
+    assert Draft202012Validator(json_schema()).is_valid(data)
+    config = Config.model_validate(data)
+    assert config.joints[1].start_rad == 0.0
+    assert Config.model_validate(config.model_dump()).joints == config.joints
+    del data["joints"][1]["speed_noise_rad_s"]
+    assert not Draft202012Validator(json_schema()).is_valid(data)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"speed_noise_rad_s": None}, "speed_noise_rad_s: missing; encoder: speed needs it"),
+        ({"zero_offset_rad": 0.3}, "zero_offset_rad: 0.3 has no meaning with encoder: speed"),
+        ({"encoder": "position", "position_noise_rad": 1e-6}, "speed_noise_rad_s: 0.01 needs enco"),
+        ({"encoder": "clock"}, "encoder"),
+    ],
+)
+def test_keys_that_do_not_go_with_the_encoder_are_told(changes, message):
+    with pytest.raises(ValueError, match=message):
+        Config.model_validate(by_speed(arm_config(3), **changes))
+
+
+@pytest.mark.parametrize(
+    ("estimator", "key"),
+    [
+        ({"method": "mrnea"}, "estimator.method: 'mrnea' needs the position of every joint"),
+        ({"external_force_sigma_n": 1.0}, "estimator.external_force_sigma_n: is not known beside"),
+    ],
+)
+def test_what_does_not_go_with_integrated_angles_is_told(estimator, key):
+    with pytest.raises(ValueError, match=key):
+        Config.model_validate(by_speed(arm_config(3)) | {"estimator": estimator})
+
+
 @pytest.mark.parametrize(
     ("section", "key", "value"),
     [

@@ -88,6 +88,38 @@ def test_node_sign_and_zero_are_those_of_the_raw_value():
     assert abs(-torque / 100 - state.tau[2]) < 0.00501
 
 
+@pytest.mark.parametrize("form", ["classic", "fd"])
+def test_a_node_without_position_sends_its_speed(form):
+    """Where position stands in a classic frame; beside a position of zero in one of CAN FD."""
+    nodes = [n | {"sign": -1, "encoder": "speed", "format": form} for n in NODES]
+    plant = Plant(AnalyticHistory(), sensor_config({"nodes": nodes}), 1, start_delay_s=0.0)
+    frame = pdo1(run_bus(plant, 100)[99])[2]
+    state = AnalyticHistory().at(0.198)
+    first, second = struct.unpack_from("<ii", frame[2])
+    speed = first if form == "classic" else second
+    assert abs(-speed / 2**24 * 2 * math.pi - state.qd[2]) < 4e-7
+    assert form == "classic" or first == 0
+
+
+def test_noise_of_speeds_is_white_and_leaves_the_other_noise_as_it_was():
+    one, other = (n | {"encoder": "speed"} for n in NODES[:2])
+    seen = []
+    for nodes in (NODES, [one, other, *NODES[2:]]):
+        joints = {"nodes": nodes, "torque_noise_nm": 0.03, "speed_noise_rad_s": 0.01}
+        plant = Plant(AnalyticHistory(), sensor_config(joints), 1, start_delay_s=0.0)
+        frames = [pdo1(answer) for answer in run_bus(plant, 700)]
+        seen.append([[struct.unpack_from("<ih", f[2]) for f in answer] for answer in frames])
+    plain, turning = np.array(seen, float)
+    np.testing.assert_array_equal(plain[:, 2:], turning[:, 2:])
+    np.testing.assert_array_equal(plain[:, :, 1], turning[:, :, 1])
+    speeds = turning[:, :2, 0] / 2**24 * 2 * math.pi
+    noise = speeds - np.array([AnalyticHistory().at(k * 0.002).qd[:2] for k in range(700)])
+    assert np.all(np.abs(noise.std(axis=0) / 0.01 - 1) < 5 / math.sqrt(2 * 700))
+    lag1 = np.mean(noise[1:] * noise[:-1], axis=0) / 0.01**2
+    assert np.all(np.abs(lag1) < 4 / math.sqrt(700))
+    assert abs(np.corrcoef(noise.T)[0, 1]) < 4 / math.sqrt(700)
+
+
 def test_latches_measured_ahead_are_those_of_one_at_a_time(monkeypatch):
     """SYNC at equal steps, late, early and at other steps: each latch has its own instant's truth,
     and the noise that comes next whatever was measured ahead before.

@@ -262,3 +262,39 @@ def test_a_joint_without_torque_sensor_gives_angles_and_no_finding(status: int) 
     assert all(row.torque_nm is None for row in rows)
     assert bus.findings() == []
     assert bus.counters["rejected"] == 0
+
+
+def by_speed(**changes: object) -> RowSource:
+    return source(2, encoder="speed", speed_noise_rad_s=0.01, zero_offset_rad=0.0, **changes)
+
+
+def test_a_joint_known_by_speed_gives_it_in_its_own_sign_and_steps_are_no_faults() -> None:
+    """Equal readings, steps and a standstill are what a speed may do; the same batch by batch."""
+    speeds = [0.2, 0.2, 0.2, -0.3, -0.3, 0.0, 0.0, 0.0, 0.25]
+    together, single = by_speed(sign=-1), by_speed(sign=-1)
+    frames = [frame for k, v in enumerate(speeds) for frame in cycle(k, q=v)]
+    apart = [row for k, v in enumerate(speeds) for row in single.feed(cycle(k, q=v))]
+    for rows in (together.feed(frames), apart):
+        for joint in range(2):
+            own = [row.position_rad for row in rows if row.joint == joint]
+            assert own == pytest.approx([-v for v in speeds], abs=QUANTUM)
+    for bus in (together, single):
+        assert bus.findings() == []
+        assert bus.counters["rejected"] == 0
+
+
+def test_a_speed_that_no_joint_has_is_out_of_range() -> None:
+    bus = by_speed(speed_limit_rad_s=0.5)
+    assert len(run(bus, range(3), q=0.55)) == 6
+    assert run(bus, range(3, 6), q=0.7) == []
+    assert len(run(bus, range(6, 9), q=0.1)) == 6
+    assert bus.counters["reject_range"] == 6
+    assert {finding.fault for finding in bus.findings()} == {"ENCODER_JUMP"}
+
+
+def test_a_node_on_can_fd_without_position_gives_the_speed_beside_it() -> None:
+    bus = source(1, {"fd": True}, format="fd", encoder="speed", speed_noise_rad_s=0.01,
+                 zero_offset_rad=0.0)  # fmt: skip
+    frame = CanFrame(T0 + 1, 0x191, tpdo1_fd(0.0, 1.5, 9, 1), is_fd=True)
+    (sample,) = bus.feed([sync(0), frame])
+    assert sample.position_rad == pytest.approx(1234 * QUANTUM, abs=1e-12)

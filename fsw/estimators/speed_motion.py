@@ -1,0 +1,131 @@
+"""Angles of joints whose encoders give speed only: the integral of speed over the windows.
+
+Within a window the angle is the integral of the polynomial through its speeds; from window to
+window the integrals add up, and so does their noise: the angle walks. How far it may have walked
+is told as a variance, which is what the estimator's states of the walk are placed by. A window
+without speeds is bridged; where the bridge is too uncertain, the angle is lost.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from fsw.config import JointConfig
+from fsw.estimators.polynomial import NodeFit
+from fsw.messages import Block, FloatArray
+
+SHORT_WINDOWS = 2.0  # a longer gap is bridged by the speed limit alone
+LOST_RAD = 0.5  # 1 sigma of what a gap may hide, beyond which nothing can be predicted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _End:
+    """Where the integrals stand at the end of a window; arrays over the joints of `own`."""
+
+    t_ns: int
+    q_rad: FloatArray
+    qd_rad_s: FloatArray
+    qdd_rad_s2: FloatArray
+    walk_rad2: FloatArray
+
+
+class SpeedMotion:
+    """Integrates from window to window; nothing to do where every encoder gives positions.
+
+    Attributes
+    ----------
+    own : places of the joints whose encoders give speed, in the model's order
+    lost : whether a gap was so long that the angles are not known any more
+    """
+
+    def __init__(
+        self, joints: Sequence[JointConfig], nodes: int, rates_hz: Mapping[str, float]
+    ) -> None:
+        """`rates_hz` are those of the buses by name."""
+        self.own = [k for k, joint in enumerate(joints) if joint.speed_only]
+        self.lost = False
+        self._start_rad = np.array([joints[k].start_rad for k in self.own], float)
+        self._sigma = np.array([joints[k].speed_noise_rad_s for k in self.own], float)
+        self._density = self._sigma**2 / np.array([rates_hz[joints[k].bus] for k in self.own])
+        self._limit_rad_s = np.array([joints[k].speed_limit_rad_s for k in self.own])
+        self._weights = legendre.leggauss(nodes)[1]
+        self._count = len(joints)
+        self._end: _End | None = None
+
+    def take_over(self, other: Self) -> None:
+        """Go on from where the integrals of the same joints stand."""
+        self._end, self.lost = other._end, other.lost
+
+    def resume(self, block: Block, window_s: float) -> None:
+        """Go on from the end of a block that was made before a restart."""
+        if not self.own or not block.walk_rad2.size:
+            return
+        half_ns = round(0.5e9 * window_s)
+        end_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2 + half_ns
+        own, rest_s = self.own, (end_ns - int(block.t_ns[-1])) * 1e-9
+        q, qd, qdd = (v[-1, own] for v in (block.q_rad, block.qd_rad_s, block.qdd_rad_s2))
+        walk = block.walk_rad2[own] + self._density * window_s
+        q, qd = q + rest_s * (qd + 0.5 * rest_s * qdd), qd + rest_s * qdd
+        self._end = _End(end_ns, q, qd, qdd, walk)
+
+    def added(
+        self, motion: FloatArray, fits: Sequence[NodeFit], start_ns: int, stop_ns: int
+    ) -> FloatArray:
+        """Add to the angles what they were at the window's start; return the walk up to there.
+
+        Parameters
+        ----------
+        motion : (3, m, n) positions, of `own` from the window's start, rates, accelerations;
+            changed in place
+        fits : of each joint's samples
+
+        Returns
+        -------
+        (n,) variance, zero for the joints with positions; empty without `own`
+        """
+        if not self.own:
+            return np.zeros(0)
+        half_s, own = (stop_ns - start_ns) * 0.5e-9, self.own
+        rate, acceleration = motion[1][:, own], motion[2][:, own]
+        q, walk = self._at_start(start_ns, 2.0 * half_s, rate[0], acceleration[0])
+        motion[0][:, own] += q
+        through = half_s * self._weights
+        self._end = _End(
+            stop_ns,
+            q + through @ rate,
+            rate[-1],
+            acceleration[-1],
+            walk + [through @ fits[k].covariance((0,), s) @ through for k, s in self._sigmas()],
+        )
+        every = np.zeros(self._count)
+        every[own] = walk
+        return every
+
+    def _sigmas(self) -> list[tuple[int, float]]:
+        return list(zip(self.own, self._sigma.tolist(), strict=True))
+
+    def _at_start(
+        self, start_ns: int, window_s: float, rate: FloatArray, acceleration: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return angles and walk at a window's start, a gap before it bridged.
+
+        A short one by the mean of the speeds at its ends, off by no more than half of what speed
+        and accelerations make; a longer one by the same, off by what the speed limit allows.
+        """
+        end = self._end
+        if end is None:
+            return self._start_rad, np.zeros(len(self.own))
+        gap_s = (start_ns - end.t_ns) * 1e-9
+        if gap_s <= 0.0:
+            return end.q_rad, end.walk_rad2
+        bent = np.abs(rate - end.qd_rad_s)
+        bent = bent + 0.5 * gap_s * (np.abs(acceleration) + np.abs(end.qdd_rad_s2))
+        sigma = 0.5 * gap_s * bent
+        if gap_s > SHORT_WINDOWS * window_s:
+            sigma = gap_s * self._limit_rad_s / np.sqrt(3.0)
+        self.lost |= bool((sigma > LOST_RAD).any())
+        q = end.q_rad + 0.5 * gap_s * (end.qd_rad_s + rate)
+        return q, end.walk_rad2 + self._density * gap_s + sigma**2
