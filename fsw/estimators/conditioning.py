@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fsw.config import Config
+from fsw.estimators.found_noise import LAGS
 from fsw.estimators.model.problem import (
     Thrusters,
     imu_samples,
@@ -26,7 +27,6 @@ from fsw.estimators.model.problem import (
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
-from fsw.estimators.sensor_noise import LAGS
 from fsw.estimators.speed_motion import SpeedMotion
 from fsw.estimators.valves import Valves, changes
 from fsw.estimators.wheel_motion import Turn, WheelMotion

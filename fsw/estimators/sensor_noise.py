@@ -3,38 +3,38 @@
 A window's polynomial holds the motion; what it leaves is noise, and the mean products of what is
 left, some samples apart, show whether neighbouring samples are alike. The noise of a channel is
 taken as a white part and one that fades exponentially, an autoregression of first order (Box,
-Jenkins, Time Series Analysis, 1976, sec. 3.2). Its covariance at the nodes includes that with the
-nodes of neighbouring windows, so that a quantity which changes slowly gets the information that all
-windows together hold (the long-run variance). White noise is left as declared, to the bit.
+Jenkins, Time Series Analysis, 1976, sec. 3.2). How fast it fades, one sensor alone tells badly, and
+the error is lopsided: too slow weighs more than too fast. So torque sensors whose own samples do
+not contradict it share one fading, and keep their sizes. Its covariance at the nodes includes that
+with the nodes of neighbouring windows, so that a quantity which changes slowly gets the information
+that all windows together hold (the long-run variance). White noise is left as declared, to the bit.
 
 Channels are the torque sensors, then gyro and accelerometer, whose three axes are taken as alike.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
 
-from fsw.estimators.fading_noise import covariance_at_nodes, instants
+from fsw.estimators.found_noise import (
+    LAGS,
+    Found,
+    found_noise,
+    shapes_of,
+    shared_fading,
+    size_at_nodes,
+)
 from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import Block, FloatArray
 
-LAGS = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40)  # samples between the factors of a mean product
-TIMES = 16  # correlation times that are compared, from one sample to a quarter of the window
-SIGNIFICANT = 50.0  # fall of the misfit, times samples, that white noise makes once in 1e10 sets
-LEAST_INFLATION = 1.1  # of the variance; less is not worth a change
 MOVED = 0.1  # relative change of a variance at the nodes that is worth a pass
 INERTIAL = (("gyro", "rad/s"), ("accelerometer", "m/s^2"))
 SHARED = ("white_ratio", "correlation_s", "samples", "effective_samples")
 _STATE = ("_sums", "_windows", "_excess")
-
-Found = tuple[float, float, int]  # variance of the white and of the fading part, number of its time
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,96 +62,6 @@ class ChannelNoise:
     def is_white(self) -> bool:
         """Return whether no correlation was found; then the declared noise is used."""
         return self.correlation_s == 0.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shapes:
-    """Effect of noise of unit variance in a window, for T correlation times.
-
-    Attributes
-    ----------
-    fading : (T,) correlation from sample to sample
-    white, faded : (L,) and (T, L) expected mean products of what the polynomial leaves
-    at_nodes : (T + 1, 2 m, 2 m) covariance of values and derivatives by the time in half windows at
-        the nodes; white noise first
-    """
-
-    fading: FloatArray
-    white: FloatArray
-    faded: FloatArray
-    at_nodes: FloatArray
-
-
-@lru_cache(maxsize=8)
-def _shapes(samples: int, nodes: int) -> _Shapes:
-    """Return the shapes for windows of so many samples and blocks of so many nodes."""
-    removed = np.linalg.qr(legendre.legvander(instants(samples), nodes - 1 + EXTRA_DEGREE))[0]
-    place = np.arange(samples)
-    fading = np.exp(-1.0 / np.geomspace(1.0, samples / 4.0, TIMES))
-    products, at_nodes = [], []
-    for a in (0.0, *fading.tolist()):
-        C = toeplitz(a**place)
-        left = C - removed @ (removed.T @ C)
-        left -= (left @ removed) @ removed.T
-        products.append([np.trace(left, lag) / samples for lag in LAGS])
-        at_nodes.append(covariance_at_nodes(samples, nodes, a, derivatives=True))
-    white, faded = np.array(products[0]), np.array(products[1:])
-    return _Shapes(fading, white, faded, np.array(at_nodes))
-
-
-def mean_products(residuals: FloatArray) -> FloatArray:
-    """Return the mean products (L, n) of residuals (k, n), LAGS samples apart."""
-    k, n = residuals.shape
-    later = np.zeros((n, k + LAGS[-1]))
-    later[:, :k] = residuals.T
-    shifted = np.stack([later[:, lag : lag + k] for lag in LAGS], axis=1)  # (n, L, k)
-    return np.asarray((shifted @ later[:, :k, None])[:, :, 0].T / k)
-
-
-def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArray:
-    """Return what `mean_products` would have of samples of which some are lost.
-
-    Parameters
-    ----------
-    residuals : (k, n)
-    place : (k,) numbers of the samples' periods, ascending
-    """
-    k = int(place[-1] - place[0]) + 1
-    whole, known = np.zeros((k, residuals.shape[1])), np.zeros(k, np.bool_)
-    whole[place - place[0]], known[place - place[0]] = residuals, True
-    share = np.zeros(len(LAGS))
-    for row, lag in enumerate(LAGS):
-        pairs = np.count_nonzero(known[lag:] & known[: max(0, k - lag)])
-        share[row] = (k - lag) / pairs if pairs else 0.0
-    return np.asarray(mean_products(whole) * share[:, None])
-
-
-def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) -> Found | None:
-    """Return the variances of the white and the fading part and the number of its time.
-
-    None: nothing speaks against white noise.
-
-    Parameters
-    ----------
-    products : (L,) mean products of residuals, over so many windows of so many samples
-    """
-    shapes = _shapes(samples, nodes)
-    a, F, y = shapes.white, shapes.faded, products / products[0]
-    aa, ff, af, ay, fy = a @ a, np.sum(F * F, axis=1), F @ a, a @ y, F @ y
-    fading = np.maximum(0.0, (aa * fy - af * ay) / (aa * ff - af**2))
-    white = (ay - fading * af) / aa
-    fading = np.where(white < 0.0, np.maximum(0.0, fy / ff), fading)
-    white = np.maximum(0.0, white)
-    gain = 2.0 * (white * ay + fading * fy)
-    gain -= white**2 * aa + 2.0 * white * fading * af + fading**2 * ff
-    k = int(np.argmax(gain))
-    if fading[k] == 0.0 or (gain[k] - ay**2 / aa) * windows * samples < SIGNIFICANT:
-        return None
-    at_white, at_faded = (_size(C, nodes) for C in shapes.at_nodes[[0, k + 1]])
-    total = white[k] + fading[k]
-    if white[k] * at_white + fading[k] * at_faded < LEAST_INFLATION * total * at_white:
-        return None
-    return float(products[0] * white[k]), float(products[0] * fading[k]), k
 
 
 class SensorNoise:
@@ -185,10 +95,10 @@ class SensorNoise:
             self._counted[: len(model_nm2), :nodes, :nodes] = model_nm2
         self._sums = np.zeros((len(LAGS), len(declared)))
         self._windows = np.zeros(len(declared), np.int64)  # of the inertial unit one for each axis
-        # (n + 2, 2 m, 2 m) added to the declared covariance; see `_Shapes`
+        # (n + 2, 2 m, 2 m) added to the declared covariance; see `Shapes`
         self._excess: FloatArray | None = None
         for count in {k for k in samples.tolist() if k > nodes + EXTRA_DEGREE}:
-            _shapes(count, nodes)  # takes a tenth of a second: not while the loop runs
+            shapes_of(count, nodes)  # takes a tenth of a second: not while the loop runs
         self.channels = self._judged(self._found())
 
     def note(self, block: Block) -> None:
@@ -216,7 +126,9 @@ class SensorNoise:
                 return False
             held = np.zeros_like(new)
         least = self._declared**2 * self._nodes / self._samples
-        before, after = (np.array([_size(C, self._nodes) for C in own]) for own in (held, new))
+        before, after = (
+            np.array([size_at_nodes(C, self._nodes) for C in own]) for own in (held, new)
+        )
         change = np.abs(after - before) / (before + self._nodes * least)
         if change.max() <= MOVED:
             return False
@@ -284,6 +196,13 @@ class SensorNoise:
                 if known
                 else None
             )
+        coloured = [j for j, own in enumerate(found[:-2]) if own is not None]
+        for samples in sorted({int(self._samples[j]) for j in coloured}):
+            k = [j for j in coloured if self._samples[j] == samples]
+            counts = self._windows[k]
+            shared = shared_fading(self._sums[:, k] / counts, counts, samples, self._nodes)
+            for j, own in zip(k, shared, strict=True):
+                found[j] = own or found[j]
         return found
 
     def _judged(self, found: Sequence[Found | None]) -> tuple[ChannelNoise, ...]:
@@ -295,7 +214,7 @@ class SensorNoise:
         count = samples * windows
         if not windows:
             return ChannelNoise(declared, declared, 1.0, 0.0, 0, 0.0)
-        shapes = _shapes(samples, self._nodes)
+        shapes = shapes_of(samples, self._nodes)
         if found is None:
             sigma = float(np.sqrt(self._sums[0, j] / windows / shapes.white[0]))
             return ChannelNoise(declared, sigma, 1.0, 0.0, count, float(count))
@@ -320,16 +239,11 @@ class SensorNoise:
         if found is None:
             return np.zeros_like(self._counted[j])
         white, fading, k = found
-        at_nodes = _shapes(int(self._samples[j]), self._nodes).at_nodes
+        at_nodes = shapes_of(int(self._samples[j]), self._nodes).at_nodes
         declared = float(self._declared[j]) ** 2
         size = max(1.0, declared / (white + fading))
         excess = (size * white - declared) * at_nodes[0] + size * fading * at_nodes[k + 1]
         counted = self._counted[j]
-        if _size(excess, self._nodes) <= _size(counted, self._nodes):
+        if size_at_nodes(excess, self._nodes) <= size_at_nodes(counted, self._nodes):
             return np.zeros_like(counted)
         return np.asarray(excess - counted)
-
-
-def _size(covariance: FloatArray, nodes: int) -> float:
-    """Return the sum of the variances of values at the nodes; that of their derivatives is not."""
-    return float(np.trace(covariance[:nodes, :nodes]))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.estimators.found_noise import LAGS, gapped_products, mean_products
 from fsw.estimators.polynomial import NodeFit, lower_fit, node_fit
-from fsw.estimators.sensor_noise import LAGS, gapped_products, mean_products
 from fsw.messages import FloatArray
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples

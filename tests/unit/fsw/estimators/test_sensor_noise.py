@@ -8,14 +8,8 @@ from numpy.polynomial import legendre
 from scipy.signal import lfilter
 
 from fsw.estimators.fading_noise import covariance_at_nodes
-from fsw.estimators.sensor_noise import (
-    LAGS,
-    ChannelNoise,
-    SensorNoise,
-    found_noise,
-    gapped_products,
-    mean_products,
-)
+from fsw.estimators.found_noise import mean_products
+from fsw.estimators.sensor_noise import ChannelNoise, SensorNoise
 from fsw.messages import Block, FloatArray
 from tests.support.loop_cases import make_block
 
@@ -48,28 +42,6 @@ def judged(values: FloatArray, declared_nm: float = 1.0) -> SensorNoise:
     for k, window in enumerate(values):
         found.note(block_of(window, k))
     return found
-
-
-def test_mean_products_are_those_of_a_plain_sum():
-    rng = np.random.default_rng(1)
-    left = rng.standard_normal((SAMPLES, 2))
-    products = mean_products(left)
-    for row, lag in enumerate(LAGS):
-        plain = sum(left[k + lag] * left[k] for k in range(SAMPLES - lag)) / SAMPLES
-        assert np.allclose(products[row], plain, rtol=1e-12)
-
-
-def test_products_of_samples_of_which_some_are_lost_are_those_of_the_known_pairs():
-    rng = np.random.default_rng(4)
-    left = rng.standard_normal((SAMPLES, 2))
-    known = rng.random(SAMPLES) > 0.2
-    known[[0, -1]] = True
-    products = gapped_products(left[known], np.flatnonzero(known))
-    for row, lag in enumerate(LAGS):
-        pairs = [left[k + lag] * left[k] for k in range(SAMPLES - lag) if known[k] & known[k + lag]]
-        share = (SAMPLES - lag) / SAMPLES
-        assert np.allclose(products[row], share * np.mean(pairs, axis=0), rtol=1e-12)
-    assert np.allclose(gapped_products(left, np.arange(SAMPLES)), mean_products(left), rtol=1e-12)
 
 
 def test_what_the_model_leaves_out_is_not_counted_twice():
@@ -225,6 +197,20 @@ def test_only_the_sensors_concerned_change_and_a_missing_one_stays_missing():
     assert np.linalg.eigvalsh(added[2] + _white(1.0)).min() > 0.0
 
 
+def test_torque_sensors_alike_share_a_time_and_one_that_differs_keeps_its_own():
+    """Sizes stay their own; a sensor that is five times as slow is not taken as the others."""
+    rng = np.random.default_rng(21)
+    alike, odd = noise(rng, 150, 0.02, 6), noise(rng, 150, 0.1, 1)
+    found = judged(np.concatenate([alike * np.arange(1.0, 7.0), odd], axis=2))
+    assert found.learn()
+    *same, other = found.channels[:7]
+    times_s = [channel.correlation_s for channel in same]
+    assert len(set(times_s)) == 1
+    assert times_s[0] == pytest.approx(0.02, rel=0.15)
+    assert [c.sigma for c in same] == pytest.approx(list(np.arange(1.0, 7.0)), rel=0.1)
+    assert other.correlation_s > 0.05
+
+
 def test_correlated_noise_smaller_than_declared_keeps_the_declared_size():
     """As of a sensor that shows nothing but its quantisation: subtracting left no covariance."""
     rng = np.random.default_rng(8)
@@ -267,8 +253,3 @@ def test_windows_that_say_nothing_are_not_counted():
     assert found.channels == (ChannelNoise(1.0, 1.0, 1.0, 0.0, 0, 0.0),) * 3
     found.note(replace(make_block(1, joints=1, nodes=NODES), tau_products_nm2=np.zeros((1, 1))))
     assert found.channels[0].samples == 0
-
-
-def test_products_that_no_noise_has_are_taken_as_white():
-    alternating = np.array([(-1.0) ** lag for lag in LAGS])
-    assert found_noise(alternating, 100, SAMPLES, NODES) is None

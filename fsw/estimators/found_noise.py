@@ -1,0 +1,172 @@
+"""What the mean products of residuals say of noise: how large it is and how fast it fades.
+
+A window's polynomial takes part of the noise with the motion, so products are compared with what
+it leaves of white noise, and of noise that fades in each of some times.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
+
+from fsw.estimators.fading_noise import covariance_at_nodes, instants
+from fsw.estimators.polynomial import EXTRA_DEGREE
+from fsw.messages import FloatArray
+
+LAGS = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40)  # samples between the factors of a mean product
+TIMES = 31  # correlation times that are compared, from one sample to a quarter of the window
+SIGNIFICANT = 50.0  # fall of the misfit, times samples, that white noise makes once in 1e10 sets
+UNLIKE = 6.0  # rise of the misfit with a shared fading, over chance, that speaks against it
+LEAST_INFLATION = 1.1  # of the variance; less is not worth a change
+
+Found = tuple[float, float, int]  # variance of the white and of the fading part, number of its time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shapes:
+    """Effect of noise of unit variance in a window, for T correlation times.
+
+    Attributes
+    ----------
+    fading : (T,) correlation from sample to sample
+    white, faded : (L,) and (T, L) expected mean products of what the polynomial leaves
+    at_nodes : (T + 1, 2 m, 2 m) covariance of values and derivatives by the time in half windows at
+        the nodes; white noise first
+    """
+
+    fading: FloatArray
+    white: FloatArray
+    faded: FloatArray
+    at_nodes: FloatArray
+
+
+@lru_cache(maxsize=8)
+def shapes_of(samples: int, nodes: int) -> Shapes:
+    """Return the shapes for windows of so many samples and blocks of so many nodes."""
+    removed = np.linalg.qr(legendre.legvander(instants(samples), nodes - 1 + EXTRA_DEGREE))[0]
+    place = np.arange(samples)
+    fading = np.exp(-1.0 / np.geomspace(1.0, samples / 4.0, TIMES))
+    products, at_nodes = [], []
+    for a in (0.0, *fading.tolist()):
+        C = toeplitz(a**place)
+        left = C - removed @ (removed.T @ C)
+        left -= (left @ removed) @ removed.T
+        products.append([np.trace(left, lag) / samples for lag in LAGS])
+        at_nodes.append(covariance_at_nodes(samples, nodes, a, derivatives=True))
+    white, faded = np.array(products[0]), np.array(products[1:])
+    return Shapes(fading, white, faded, np.array(at_nodes))
+
+
+def mean_products(residuals: FloatArray) -> FloatArray:
+    """Return the mean products (L, n) of residuals (k, n), LAGS samples apart."""
+    k, n = residuals.shape
+    later = np.zeros((n, k + LAGS[-1]))
+    later[:, :k] = residuals.T
+    shifted = np.stack([later[:, lag : lag + k] for lag in LAGS], axis=1)  # (n, L, k)
+    return np.asarray((shifted @ later[:, :k, None])[:, :, 0].T / k)
+
+
+def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArray:
+    """Return what `mean_products` would have of samples of which some are lost.
+
+    Parameters
+    ----------
+    residuals : (k, n)
+    place : (k,) numbers of the samples' periods, ascending
+    """
+    k = int(place[-1] - place[0]) + 1
+    whole, known = np.zeros((k, residuals.shape[1])), np.zeros(k, np.bool_)
+    whole[place - place[0]], known[place - place[0]] = residuals, True
+    share = np.zeros(len(LAGS))
+    for row, lag in enumerate(LAGS):
+        pairs = np.count_nonzero(known[lag:] & known[: max(0, k - lag)])
+        share[row] = (k - lag) / pairs if pairs else 0.0
+    return np.asarray(mean_products(whole) * share[:, None])
+
+
+def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) -> Found | None:
+    """Return the variances of the white and the fading part and the number of its time.
+
+    None: nothing speaks against white noise.
+
+    Parameters
+    ----------
+    products : (L,) mean products of residuals, over so many windows of so many samples
+    """
+    shapes = shapes_of(samples, nodes)
+    y = products / products[0]
+    white, fading, gain = _fits(shapes, y)
+    gain_of_white = _gain(shapes.white, y)
+    k = int(np.argmax(gain))
+    if fading[k] == 0.0 or (gain[k] - gain_of_white) * windows * samples < SIGNIFICANT:
+        return None
+    at_white, at_faded = (size_at_nodes(C, nodes) for C in shapes.at_nodes[[0, k + 1]])
+    total = white[k] + fading[k]
+    if white[k] * at_white + fading[k] * at_faded < LEAST_INFLATION * total * at_white:
+        return None
+    return float(products[0] * white[k]), float(products[0] * fading[k]), k
+
+
+def _fits(shapes: Shapes, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return for every time (T,) the white and the fading part of products y (L,), least squares.
+
+    And by how much they lessen the sum of squares of y.
+    """
+    a, F = shapes.white, shapes.faded
+    aa, ff, af, ay, fy = a @ a, np.sum(F * F, axis=1), F @ a, a @ y, F @ y
+    fading = np.maximum(0.0, (aa * fy - af * ay) / (aa * ff - af**2))
+    white = (ay - fading * af) / aa
+    fading = np.where(white < 0.0, np.maximum(0.0, fy / ff), fading)
+    white = np.maximum(0.0, white)
+    gain = 2.0 * (white * ay + fading * fy)
+    gain -= white**2 * aa + 2.0 * white * fading * af + fading**2 * ff
+    return white, fading, gain
+
+
+def _gain(shape: FloatArray, y: FloatArray) -> float:
+    """Return by how much a shape (L,) of free size lessens the sum of squares of y."""
+    return float((shape @ y) ** 2 / (shape @ shape))
+
+
+def shared_fading(
+    products: FloatArray, windows: NDArray[np.int64], samples: int, nodes: int
+) -> list[Found | None]:
+    """Return the noise of coloured sensors (J) that share a fading; None: its own is another.
+
+    A sensor's own fit is better than the shared shape by what chance makes of correlations of such
+    noise (Bartlett, J. R. Statist. Soc. Suppl. 8 (1946) 27), or by more. The worst goes until all
+    that are left are alike.
+
+    Parameters
+    ----------
+    products : (L, J) mean products of residuals, each over `windows` (J,) of so many samples
+    """
+    shapes, y = shapes_of(samples, nodes), products / products[0]
+    best = np.array([_fits(shapes, own)[2].max() for own in y.T])
+    found: list[Found | None] = [None] * len(windows)
+    left = np.arange(len(windows))
+    while len(left) > 1:
+        count = int(windows[left].sum())
+        together = found_noise(y[:, left] @ windows[left] / count, count, samples, nodes)
+        if together is None:
+            break
+        white, fading, k = together
+        shape = white * shapes.white + fading * shapes.faded[k]
+        a = shapes.fading[k]
+        chance = (1.0 + a**2) / (1.0 - a**2) / (windows * samples)
+        unlike = np.array([(best[j] - _gain(shape, y[:, j])) / chance[j] for j in left])
+        if unlike.max() < UNLIKE:
+            for j in left.tolist():
+                size = float(products[0, j] * (y[:, j] @ shape) / (shape @ shape))
+                found[j] = size * white, size * fading, k
+            break
+        left = np.delete(left, unlike.argmax())
+    return found
+
+
+def size_at_nodes(covariance: FloatArray, nodes: int) -> float:
+    """Return the sum of the variances of values at the nodes; that of their derivatives is not."""
+    return float(np.trace(covariance[:nodes, :nodes]))
