@@ -1,5 +1,7 @@
 """From estimation coordinates to what operators read: the bodies, and the whole as posed."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from fsw.estimators.model.inertia import (
@@ -8,6 +10,7 @@ from fsw.estimators.model.inertia import (
     nearest_consistent,
     report_jacobian,
 )
+from fsw.estimators.model.mobility import longer_sides
 from fsw.estimators.model.problem import Problem
 from fsw.messages import BodyEstimate, FloatArray
 
@@ -18,7 +21,8 @@ def body_estimate(
     """Return the published body and the squared whitened distance of its projection.
 
     The published body is physically consistent: where the state's is not, the nearest one in the
-    covariance's metric stands for it and `physically_consistent` is False.
+    covariance's metric stands for it and `physically_consistent` is False. The sigma of a weakly
+    known base is that of its longer side.
     """
     k = problem.body(name)
     pi, distance = x[k], 0.0
@@ -27,7 +31,18 @@ def body_estimate(
         pi = nearest_consistent(pi, covariance[k, k])
         step = pi - x[k]
         distance = float(step @ np.linalg.solve(covariance[k, k], step))
-    return _report(pi, covariance[k, k], consistent), distance
+    found = _report(pi, covariance[k, k], consistent)
+    if name == "base" and consistent:
+        J = report_jacobian(problem.prior_mean[k])
+        prior_sigma = np.sqrt(np.diag(J @ problem.prior_covariance[k, k] @ J.T))
+        sigma = longer_sides(pi, covariance[k, k], prior_sigma)
+        found = replace(
+            found,
+            mass_sigma_kg=float(sigma[0]),
+            com_sigma_m=sigma[1:4],
+            inertia_sigma_kg_m2=sigma[4:],
+        )
+    return found, distance
 
 
 def whole_estimate(

@@ -24,6 +24,7 @@ from fsw.messages import FloatArray
 
 DRAWS = 2000  # covariances good to 3 % where the mapping is bent, exact where it is straight
 STRAIGHT = 1.05  # largest ratio of variances at which pi itself is straight enough
+LOPSIDED = 1.25  # longer side of three sigma over what one sigma for both sides says, to be told
 IMPOSSIBLE = 0.01  # share of draws without a body above which this is no description either
 TORQUE = ("mrnea", "rda", "fused")  # whose likelihood may be straight in the base's mobility
 NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
@@ -111,6 +112,31 @@ def by_mobility(x: FloatArray, covariance: FloatArray, base: slice) -> Mapped:
         stretch=float(np.linalg.eigvalsh(ratio)[-1]),
         impossible=1.0 - possible / DRAWS,
     )
+
+
+def longer_sides(pi: FloatArray, covariance: FloatArray, prior_sigma: FloatArray) -> FloatArray:
+    """Return sigma (10,) of mass, centre of mass and central inertia, of the longer side.
+
+    A base that is known to a tenth may be heavier by more than it may be lighter: 1/m is straight.
+    Where three sigma on one side are more than LOPSIDED times as long as sigma says, a third of
+    them stands for it, or the prior's sigma (10,) if that is less. They are taken along the most
+    likely way there, in the mobility; where three sigma are no body, two or one.
+    """
+    J, report = mobility_jacobian(pi), report_jacobian(pi)
+    slope = np.linalg.solve(J.T, report.T).T  # d(report)/d(mobility)
+    C = J @ covariance @ J.T
+    sigma = np.sqrt(np.maximum(np.diag(report @ covariance @ report.T), 1e-300))
+    ways, at, longer = C @ slope.T / sigma, to_mobility(pi), sigma.copy()
+    here = np.concatenate([1.0 / at[:1], at[1:4], _inverse(at[4:])])
+    for t in (1.0, 2.0, 3.0):
+        sides = np.stack([at[:, None] + t * ways, at[:, None] - t * ways], axis=1)
+        bodies = np.all(_bodies(sides), axis=0)
+        with np.errstate(all="ignore"):  # no mobility is no body
+            there = np.concatenate([1.0 / sides[:1], sides[1:4], _inverse(sides[4:])])
+        far = np.abs(np.einsum("isi->si", there) - here).max(axis=0) / t
+        longer[bodies] = far[bodies]
+    longer = np.minimum(longer, np.maximum(sigma, prior_sigma))
+    return np.where(longer > LOPSIDED * sigma, longer, sigma)
 
 
 def _inverse(six: FloatArray) -> FloatArray:

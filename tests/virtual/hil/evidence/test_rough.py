@@ -8,8 +8,12 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.estimators.model.calibration import spread_root
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.recursive.online import build_online
+from hil.evidence.methods.cases import scenario_of
 from hil.evidence.rough.case import LINKS_OFF, Case, _rms, _sized, drawn_body, made, work
 from hil.evidence.rough.command import rough
+from hil.judge.outcome import worst
 from hil.world.inertia import pi_of
 
 
@@ -53,3 +57,15 @@ def test_wrong_bodies_are_draws_from_what_is_declared_of_them() -> None:
     share = np.abs(drawn[:, 0] / report[0] - 1.0)
     assert share.min() >= LINKS_OFF[0]
     assert share.max() <= LINKS_OFF[1]
+
+
+def test_a_base_known_to_a_sixth_is_not_confidently_light(tmp_path: Path) -> None:
+    """Seed 5: 616 kg of 1000 after twelve seconds, beyond 3.5 sigma of the covariance."""
+    config, blocks = made(Case("base", "defaults", 5), tmp_path, 30)
+    robot = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    online, truth = build_online(config, robot), scenario_of("base").truth
+    told = [estimate for block in blocks if (estimate := online.push(block)).valid]
+    light_kg = [truth["base"][0] - estimate.mean[0] for estimate in told]
+    sigma_kg = [np.sqrt(estimate.covariance[0, 0]) for estimate in told]
+    assert np.max(np.divide(light_kg, sigma_kg)) > 3.5
+    assert max(worst(estimate.bodies, truth) for estimate in told) < 3.5

@@ -2,16 +2,20 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
+from fsw.estimators.model.inertia import report_jacobian
 from fsw.estimators.model.mobility import (
     by_mobility,
     from_mobility,
+    longer_sides,
     mobility_jacobian,
     to_mobility,
 )
 from tests.support.estimator_cases import BASE, parameters
 
 PI = parameters(BASE)
+WIDE = np.full(10, np.inf)  # a prior that says nothing
 
 
 def covariance_of(relative: float) -> np.ndarray:
@@ -120,3 +124,56 @@ def test_what_is_no_body_is_told_by_its_principal_moments():
     told = by_mobility(PI, covariance, slice(0, 10)).impossible
     assert told == pytest.approx(1.0 - np.mean(body), abs=0.03)
     assert 0.1 < told < 0.9
+
+
+@pytest.mark.parametrize("relative", [0.1, 0.15, 0.25])
+def test_sigma_of_a_weakly_known_mass_is_that_of_its_heavier_side(relative):
+    """1/m straight: three sigma up are m / (1 - 3 r) - m, closed form; the centre has two sides."""
+    covariance = covariance_of(relative)
+    sigma = longer_sides(PI, covariance, WIDE)
+    assert sigma[0] == pytest.approx(PI[0] * relative / (1.0 - 3.0 * relative), rel=1e-9)
+    assert sigma[1:4] == pytest.approx(relative * np.abs(to_mobility(PI)[1:4]), rel=1e-9)
+
+
+def test_the_longer_side_of_an_inertia_is_its_profile():
+    """Largest Ixx on the ellipsoid of three sigma in the mobility, found by a general optimiser."""
+    covariance = covariance_of(0.085)
+    root = np.linalg.cholesky(mobility_jacobian(PI) @ covariance @ mobility_jacobian(PI).T)
+
+    def ixx(z):
+        return from_central(to_mobility(PI) + root @ z)[0]
+
+    at = np.linalg.lstsq(root, -3.0 * root @ np.eye(10)[4], rcond=None)[0]
+    best = minimize(
+        lambda z: -ixx(z),
+        at,
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": lambda z: 9.0 - z @ z},
+    )
+    longest = -best.fun - from_central(to_mobility(PI))[0]
+    assert longer_sides(PI, covariance, WIDE)[4] == pytest.approx(longest / 3.0, rel=0.05)
+
+
+def from_central(mobility):
+    """Return the central inertia, xx xy xz yy yz zz."""
+    xx, xy, xz, yy, yz, zz = mobility[4:]
+    inverse = np.linalg.inv([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return inverse[np.triu_indices(3)]
+
+
+def test_a_base_that_is_known_well_keeps_its_sigma():
+    covariance = covariance_of(0.05)
+    J = report_jacobian(PI)
+    assert np.array_equal(
+        longer_sides(PI, covariance, WIDE), np.sqrt(np.diag(J @ covariance @ J.T))
+    )
+
+
+def test_the_longer_side_is_no_longer_than_the_prior_says():
+    covariance = covariance_of(0.3)  # 1/m reaches far towards zero within three sigma
+    least = longer_sides(PI, covariance, np.zeros(10))
+    assert np.array_equal(
+        least, np.sqrt(np.diag(report_jacobian(PI) @ covariance @ report_jacobian(PI).T))
+    )
+    assert longer_sides(PI, covariance, np.full(10, 0.5 * PI[0]))[0] == pytest.approx(0.5 * PI[0])
+    assert longer_sides(PI, covariance, WIDE)[0] > 2.0 * PI[0]
