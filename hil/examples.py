@@ -23,5 +23,6 @@ STUDIES = {
     "methods": "hil study methods --quick --out runs/methods",
     "paper": "hil study paper --quick",
     "trivial-energy": "hil study trivial-energy",
+    "effects": "hil study effects wheels_leo --count 20 --out runs/effects",
     "modes": "hil study modes panel_leo --runs runs/panel",
 }

@@ -103,7 +103,7 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
         choices=("target_leo", "table_target", "bench_target"),
         help="this one; may be repeated",
     )
-    _add_seeds(calibration, 20, "object")
+    add_seeds(calibration, 20, "object")
     calibration.set_defaults(command=_calibration)
     rough = commands.add_parser("rough", help="friction, wrong links, coloured noise: honest?")
     rough.add_argument(
@@ -121,14 +121,14 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
         help="rough world declared or undeclared; ideal one, declared as exact, with the terms of"
         " the rough one, with default uncertainties; may be repeated",
     )
-    _add_seeds(rough, 50, "list")
+    add_seeds(rough, 50, "list")
     rough.set_defaults(command=_rough)
     differential = commands.add_parser("differential", help="same motion, empty: half the error?")
-    _add_seeds(differential, 20, "object")
+    add_seeds(differential, 20, "object")
     differential.set_defaults(command=_differential)
 
 
-def _add_seeds(command: argparse.ArgumentParser, number: int, printed: str) -> None:
+def add_seeds(command: argparse.ArgumentParser, number: int, printed: str) -> None:
     """Add the arguments of evidence over seeds; `printed` is the form of its JSON."""
     command.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
     command.add_argument(

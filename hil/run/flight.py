@@ -87,7 +87,7 @@ def flight_document(
     *,
     start_rad: Sequence[float] = (),
     stamp_noise_rad: float = 0.0,
-    seed: int = 0,
+    seed: int | None = 0,
 ) -> dict[str, Any]:
     """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
 
@@ -95,7 +95,8 @@ def flight_document(
     The real-time plant makes its serial lines in `folder`; `overrides` are for the estimator;
     `stamp_noise_rad` is what the jitter of a SYNC stamp taken by software adds to the positions;
     `start_rad` are the joints' angles where the motion begins, zero by default; `seed` fixes the
-    errors of wheels' inertias, thrusters, modes and angles at the start in it.
+    errors of wheels' inertias, thrusters, modes and angles at the start in it; None:
+    nothing errs.
     """
     sensors = SensorConfig.from_dict(scenario.sensors)
     flight = scenario.flight
@@ -120,7 +121,7 @@ def flight_document(
             bodies[body]["frame"] = scenario.frames[body]
     nodes = nodes_of(sensors, len(joint_names))
     begin = [
-        angle + sensors.joints.start_sigma_rad * generator(seed, "joint", i, 4).standard_normal()
+        angle + sensors.joints.start_sigma_rad * float(_draws(seed, "joint", (), i, 4))
         for i, angle in enumerate(start_rad or [0.0] * len(nodes))
     ]
     joints = [
@@ -239,13 +240,24 @@ def _torque(
     }
 
 
-def _wheels(system: WheelSystem, sensors: WheelSensorConfig, seed: int) -> list[dict[str, Any]]:
+def _draws(
+    seed: int | None, device: str, shape: tuple[int, ...], index: int = 0, stream: int = 0
+) -> FloatArray:
+    """Return unit draws of what is declared wrong; zeros without a seed."""
+    if seed is None:
+        return np.zeros(shape)
+    return np.asarray(generator(seed, device, index, stream).standard_normal(shape))
+
+
+def _wheels(
+    system: WheelSystem, sensors: WheelSensorConfig, seed: int | None
+) -> list[dict[str, Any]]:
     """Return the section `wheels`; each inertia errs by its sigma."""
     if len(sensors.nodes) != len(system.rotors):
         raise ScenarioError(
             f"sensors.wheels.nodes: {len(sensors.nodes)} nodes for {len(system.rotors)} wheels"
         )
-    off = generator(seed, "wheel", len(system.rotors)).standard_normal(len(system.rotors))
+    off = _draws(seed, "wheel", (len(system.rotors),), len(system.rotors))
     torque: dict[str, Any] = {"torque": "none"}
     if sensors.torque_used:
         torque = {"torque": "measured", "torque_noise_nm": sensors.torque_noise_nm}
@@ -269,10 +281,10 @@ def _wheels(system: WheelSystem, sensors: WheelSensorConfig, seed: int) -> list[
 
 
 def _thrusters(
-    system: ThrusterSystem, sensors: ThrusterSensorConfig, seed: int
+    system: ThrusterSystem, sensors: ThrusterSensorConfig, seed: int | None
 ) -> list[dict[str, Any]]:
     """Return the section `thrusters`; force, delay and rise time err by their sigmas."""
-    off = generator(seed, "thruster").standard_normal((4, len(system.jets)))
+    off = _draws(seed, "thruster", (4, len(system.jets)))
     force = system.force_sigma_ratio * math.sqrt(0.5) * (off[0, 0] + off[1])
     delay_s = np.maximum(system.delay_s - system.delay_sigma_s * off[2], 0.0)
     rise_s = np.maximum(system.rise_s - system.rise_sigma_s * off[3], 0.1 * system.rise_s)
@@ -301,12 +313,12 @@ def _excitation(flight: Mapping[str, Any]) -> dict[str, Any]:
     return {"excitation": own | {"limits": str(Path(own["limits"]).resolve())}} if own else {}
 
 
-def _modes(scenario: Scenario, told: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
+def _modes(scenario: Scenario, told: Mapping[str, Any], seed: int | None) -> list[dict[str, Any]]:
     """Return the section `modes`; mass, frequency and damping of each err by their sigmas."""
     parts: tuple[Sprung, ...] = (*scenario.slosh, *scenario.panels)
     kinds = ("mass", "frequency", "damping")
     sigma = np.array([told[f"{kind}_sigma_ratio"] for kind in kinds])
-    off = generator(seed, "mode", len(parts)).standard_normal((len(parts), len(kinds))) * sigma
+    off = _draws(seed, "mode", (len(parts), len(kinds)), len(parts)) * sigma
     modes = []
     for k, (part, (mass, frequency, damping)) in enumerate(zip(parts, off.tolist(), strict=True)):
         mode: dict[str, Any] = {

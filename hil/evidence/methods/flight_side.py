@@ -28,12 +28,25 @@ def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0
 
     `wider` multiplies the sigma of the loaded priors: no file may be as much in doubt as a study.
     """
-    priors = priors_of(scenario, seed)
-    names = _joint_names(scenario.urdf, scenario.tool_frame)
-    document = flight_document(scenario, priors, names, folder, scenario.bus_ports, {})
-    config = load(write_flight(folder, scenario, priors, document))
+    config = _written(scenario, priors_of(scenario, seed), folder, seed)
     wide = {body: _doubted(config.bodies[body], wider) for body in scenario.unknown}
     return config.model_copy(update={"bodies": {**config.bodies, **wide}})
+
+
+def write_true_config(scenario: Scenario, folder: Path) -> Config:
+    """Write a configuration in which nothing errs, with the sigmas of others, and load it."""
+    drawn = priors_of(scenario, 0)
+    priors = {body: replace(p, report=scenario.truth[body]) for body, p in drawn.items()}
+    return _written(scenario, priors, folder, None)
+
+
+def _written(
+    scenario: Scenario, priors: dict[str, Prior], folder: Path, seed: int | None
+) -> Config:
+    names = _joint_names(scenario.urdf, scenario.tool_frame)
+    ports = scenario.bus_ports
+    document = flight_document(scenario, priors, names, folder, ports, {}, seed=seed)
+    return load(write_flight(folder, scenario, priors, document))
 
 
 def _doubted(body: BodyConfig, wider: float) -> BodyConfig:

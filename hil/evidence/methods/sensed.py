@@ -5,7 +5,7 @@ declares that noise; windows are as long as the configuration says.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,8 +34,16 @@ class ChannelNoise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SlowChannel:
+    """Samples of a wheel or a valve at instants of its own, as `Window` has them."""
+
+    t_s: FloatArray  # (k,) not falling
+    values: FloatArray  # (k, 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channels:
-    """N samples of every raw channel at common instants."""
+    """N samples of every raw channel at common instants, and of the slower ones at theirs."""
 
     t_s: FloatArray  # (N,)
     q_rad: FloatArray  # (N, n)
@@ -43,6 +51,8 @@ class Channels:
     w_NS_S_rad_s: FloatArray  # (N, 3)
     f_NS_S_m_s2: FloatArray  # (N, 3) at the accelerometer
     R_NB: FloatArray  # (N, 3, 3)
+    wheels: tuple[SlowChannel, ...] = ()
+    thrusters: tuple[SlowChannel, ...] = ()
 
 
 def sensed(state: TruthState, config: Config) -> Channels:
@@ -89,13 +99,25 @@ def faded(white: FloatArray, fading: float) -> FloatArray:
 def with_noise(exact: Channels, noise: ChannelNoise, unit: Mapping[str, FloatArray]) -> Channels:
     """Return the channels with errors: unit draws times the noise."""
     turned = Rotation.from_rotvec(noise.attitude_rad * unit["attitude"]).as_matrix()
-    return Channels(
-        t_s=exact.t_s,
+    return replace(
+        exact,
         q_rad=exact.q_rad + noise.position_rad * unit["position"],
         tau_nm=exact.tau_nm + noise.torque_nm * unit["torque"],
         w_NS_S_rad_s=exact.w_NS_S_rad_s + noise.rate_rad_s * unit["rate"],
         f_NS_S_m_s2=exact.f_NS_S_m_s2 + noise.acceleration_m_s2 * unit["acceleration"],
         R_NB=exact.R_NB @ turned,
+    )
+
+
+def with_biases(channels: Channels, config: Config, rng: np.random.Generator) -> Channels:
+    """Return the channels with torque offsets and inertial biases drawn as the priors say."""
+    offsets = np.array([joint.torque_offset_sigma_nm for joint in config.joints])
+    gyro, acc = config.imu.gyro_bias_sigma_rad_s, config.imu.acc_bias_sigma_m_s2
+    return replace(
+        channels,
+        tau_nm=channels.tau_nm + offsets * rng.standard_normal(len(offsets)),
+        w_NS_S_rad_s=channels.w_NS_S_rad_s + gyro * rng.standard_normal(3),
+        f_NS_S_m_s2=channels.f_NS_S_m_s2 + acc * rng.standard_normal(3),
     )
 
 
@@ -154,10 +176,11 @@ def _windows(channels: Channels, window_s: float, rate_hz: float) -> Iterator[Wi
             return ChannelWindow(t_ns=t_ns[k], values=values[k], missing=False, stale=False)
 
         start_ns = first_ns + index * width_ns
+        stop_ns = start_ns + width_ns
         yield Window(
             index=index,
             start_ns=start_ns,
-            stop_ns=start_ns + width_ns,
+            stop_ns=stop_ns,
             joints=tuple(
                 channel(np.stack([channels.q_rad[:, j], channels.tau_nm[:, j]], axis=1))
                 for j in range(channels.q_rad.shape[1])
@@ -165,4 +188,13 @@ def _windows(channels: Channels, window_s: float, rate_hz: float) -> Iterator[Wi
             gyro=channel(channels.w_NS_S_rad_s),
             accelerometer=channel(channels.f_NS_S_m_s2),
             attitude=channel(q_xyzw),
+            wheels=tuple(_within(own, start_ns, stop_ns) for own in channels.wheels),
+            thrusters=tuple(_within(own, start_ns, stop_ns) for own in channels.thrusters),
         )
+
+
+def _within(channel: SlowChannel, start_ns: int, stop_ns: int) -> ChannelWindow:
+    t_ns = np.rint(channel.t_s * 1e9).astype(np.int64)
+    k = slice(*np.searchsorted(t_ns, [start_ns, stop_ns]).tolist())
+    is_empty = k.start == k.stop
+    return ChannelWindow(t_ns=t_ns[k], values=channel.values[k], missing=is_empty, stale=is_empty)

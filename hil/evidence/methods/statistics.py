@@ -78,10 +78,10 @@ def figures(
         failed=len(records) - len(kept),
         not_ok=sum(record.status != "OK" for record in records),
         dof=dof,
-        overall=_ratio(squares, dof),
-        own_overall=_ratio(_squares(errors, own_used, whole), dof),
-        groups={g: _ratio(_squares(errors, used, k), width(k)) for g, k in groups.items()},
-        own_groups={g: _ratio(_squares(errors, own_used, k), width(k)) for g, k in groups.items()},
+        overall=ratio(squares, dof),
+        own_overall=ratio(_squares(errors, own_used, whole), dof),
+        groups={g: ratio(_squares(errors, used, k), width(k)) for g, k in groups.items()},
+        own_groups={g: ratio(_squares(errors, own_used, k), width(k)) for g, k in groups.items()},
         median=float(np.sqrt(np.median(squares))) if kept else float("nan"),
         worst=float(np.sqrt(squares[worst])) if kept else float("nan"),
         worst_seed=records[kept[worst]].key.seed if kept else -1,
@@ -117,7 +117,7 @@ def width(group: slice) -> int:
     return int(group.stop - group.start)
 
 
-def _ratio(squares: FloatArray, dof: int) -> EfficiencyRatio:
+def ratio(squares: FloatArray, dof: int) -> EfficiencyRatio:
     """Return the root of the mean of (k,) squares per degree of freedom, with its interval."""
     if squares.size == 0:
         return EfficiencyRatio(float("nan"), float("nan"), float("nan"))

@@ -31,6 +31,7 @@ from hil.evidence.methods.sensed import (
     draws,
     faded,
     sensed,
+    with_biases,
     with_noise,
 )
 from hil.evidence.mistakes.table import wrong
@@ -211,14 +212,7 @@ def samples(
     unit = draws(len(state.q), state.q.shape[1], rng, shared=False)
     if torque_fading:
         unit["torque"] = faded(unit["torque"], torque_fading)
-    noisy = with_noise(sensed(state, right), noise, unit)
-    offsets = [joint.torque_offset_sigma_nm for joint in right.joints]
-    return replace(
-        noisy,
-        tau_nm=noisy.tau_nm + np.array(offsets) * rng.standard_normal(len(offsets)),
-        w_NS_S_rad_s=noisy.w_NS_S_rad_s + right.imu.gyro_bias_sigma_rad_s * rng.standard_normal(3),
-        f_NS_S_m_s2=noisy.f_NS_S_m_s2 + right.imu.acc_bias_sigma_m_s2 * rng.standard_normal(3),
-    )
+    return with_biases(with_noise(sensed(state, right), noise, unit), right, rng)
 
 
 def as_read(channels: Channels, right: Config, used: Config) -> Channels:

@@ -5,7 +5,6 @@ The truth is the bench's own; the samples go through the flight conditioner and 
 
 import math
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,16 +14,13 @@ import numpy as np
 import yaml
 
 from fsw.config import Config, load
-from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block
-from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
+from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of
 from hil.evidence.methods.exact import exact_samples
 from hil.evidence.methods.flight_side import write_config
+from hil.evidence.methods.recursion import recursion_row
 from hil.evidence.methods.sensed import condition, declared
 from hil.evidence.mistakes.run import leave_to_the_defaults, samples
-from hil.judge.outcome import outputs, worst
-from hil.judge.score import normalised_error_squared
 from hil.world.base_urdf import change_links, child_links
 from hil.world.friction import JointFriction
 from hil.world.inertia import FloatArray, six_of, symmetric
@@ -58,7 +54,7 @@ def work(case: Case) -> dict[str, dict[str, Any]]:
     """Return the row of a case under its key."""
     with tempfile.TemporaryDirectory(prefix="rough-") as name:
         config, blocks = made(case, Path(name))
-        return {str(case): _row(case.unknown, config, blocks)}
+        return {str(case): recursion_row(config, blocks, scenario_of(case.unknown).truth)[0]}
 
 
 def made(case: Case, folder: Path, count: int | None = None) -> tuple[Config, list[Block]]:
@@ -125,38 +121,6 @@ def drawn_body(report: FloatArray, mass_off: float, rng: np.random.Generator) ->
     moments = P[1:, 1:] - P[0, 0] * np.outer(com, com)
     central = np.trace(moments) * np.eye(3) - moments
     return np.concatenate([[P[0, 0]], com, six_of(central)])
-
-
-def _row(unknown: str, config: Config, blocks: list[Block]) -> dict[str, Any]:
-    """Return what the recursion publishes of the blocks, against the truth."""
-    online = build_online(
-        config, RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    )
-    truth, x = scenario_of(unknown).truth, truth_of(unknown)
-    published = [online.push(block) for block in blocks]
-    final = online.finish()
-    seen = outputs([*published, final], truth)
-    own = slice(0, x.size)
-    error, covariance = final.mean[own] - x, final.covariance[own, own]
-    return {
-        "valid": final.valid,
-        "reason": final.reason,
-        "nees": normalised_error_squared(error, covariance),
-        "dof": x.size,
-        "z": worst(final.bodies, truth),
-        "masses": _masses(final.bodies, truth),
-        "outputs": seen["valid"],
-        "wrong": seen["wrong"],
-        "events": sorted({code for _, code, _ in online.events()}),
-    }
-
-
-def _masses(bodies: Mapping[str, Any], truth: Mapping[str, FloatArray]) -> dict[str, list[float]]:
-    """Return error and sigma of every mass [kg]."""
-    return {
-        name: [body.mass_kg - float(truth[name][0]), body.mass_sigma_kg]
-        for name, body in bodies.items()
-    }
 
 
 def _sized(rng: np.random.Generator, least: float, most: float, count: int) -> FloatArray:

@@ -1,0 +1,1 @@
+"""Study of a servicer's effects from samples: consistency, and error over the bound."""

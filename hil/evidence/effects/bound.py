@@ -1,0 +1,118 @@
+"""The Cramer-Rao bound of a scenario's bodies from samples, with all the flight's states unknown.
+
+The information of exact samples at the truth, in the flight's rows; what is estimated along (wheel
+inertias, forces, delays, modes, momentum, offsets, biases) is marginalised with its prior. Windows
+in which something acts that nobody reports tell nothing, and the momentum after it is another one.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from fsw.config import Config
+from fsw.estimators.batch.run import run_batch
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.measurement.row_functions import row_function, stack
+from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.robot import RobotModel
+from fsw.excitation.criteria import prior_root, triangular_root
+from fsw.messages import Block, IntArray
+from hil.evidence.effects.samples import exact, rate_hz
+from hil.evidence.methods.flight_side import write_true_config
+from hil.evidence.methods.sensed import condition
+from hil.world.inertia import FloatArray, pi_jacobian, pi_of
+from hil.world.scenario import Prior, Scenario, load
+
+SETTLED_RISES = 8.0  # after which the force of a firing is gone
+
+
+@lru_cache(maxsize=1)
+def information(name: str) -> FloatArray:
+    """Return the information (p, p) of a scenario's exact samples on the reports of the unknown.
+
+    The priors of the bodies are left out.
+    """
+    with TemporaryDirectory(prefix="effects-") as folder:
+        return information_of(name, write_true_config(load(name), Path(folder)))
+
+
+def information_of(name: str, config: Config) -> FloatArray:
+    """Return the same of sensors that a configuration in which nothing errs declares."""
+    scenario = load(name)
+    blocks = condition(exact(name, config), config, rate_hz(scenario))
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    problem = build_problem(config, model)
+    spans = [_span(scenario, block, problem.window_s) for block in blocks]
+    found: list[FloatArray] = []
+
+    def keep(_p: Problem, mean: FloatArray, _c: FloatArray, _rows: Sequence[Rows]) -> None:
+        found.append(mean)
+
+    before = [block for block, span in zip(blocks, spans, strict=True) if span == 0]
+    run_batch(config, before, "fused", (), keep=keep)
+    state, p = found[0].copy(), problem.bodies.stop
+    state[:p] = np.concatenate([pi_of(scenario.truth[body]) for body in problem.unknown])
+    count = 1 + max(span for span in spans if span is not None)
+    root = _prior_root(problem, count)
+    rows = stack(row_function("fused", "eiv", problem), blocks, state)
+    for one, span in zip(rows, spans, strict=True):
+        if span is not None:
+            root = triangular_root(np.vstack([root, _arranged(one.A, problem, span, count)]))
+    J = np.zeros((p, p))
+    for body in problem.unknown:
+        k = problem.body(body)
+        J[k, k] = pi_jacobian(scenario.truth[body])
+    last = root[-p:, -p:] @ J
+    return np.asarray(last.T @ last)
+
+
+def error_squared(name: str, priors: Mapping[str, Prior], error: FloatArray) -> float:
+    """Return e^T F e of an error (p,) of the reports, F the information with a seed's priors.
+
+    Its mean over seeds is p where an estimator is efficient.
+    """
+    sigma = np.concatenate([priors[body].sigma for body in load(name).unknown])
+    return float(error @ (information(name) + np.diag(1.0 / sigma**2)) @ error)
+
+
+def _span(scenario: Scenario, block: Block, window_s: float) -> int | None:
+    """Return how many unreported things have acted before a window; None while one does."""
+    start_s = block.index * window_s
+    spans_s, system = [], scenario.thrusters
+    if scenario.contact is not None:
+        spans_s.append((scenario.contact.from_s, scenario.contact.to_s))
+    if system is not None:
+        tail_s = system.delay_s + SETTLED_RISES * system.rise_s
+        spans_s += [
+            (pulse.on_s, pulse.on_s + pulse.for_s + tail_s)
+            for pulse in system.pulses
+            if not pulse.reported
+        ]
+    if any(on_s < start_s + window_s and start_s < off_s for on_s, off_s in spans_s):
+        return None
+    return sum(off_s <= start_s for _, off_s in spans_s)
+
+
+def _others(problem: Problem) -> IntArray:
+    """Return the states beside bodies and momentum."""
+    return np.delete(np.arange(len(problem.names)), np.r_[problem.bodies, problem.momentum])
+
+
+def _arranged(A: FloatArray, problem: Problem, span: int, count: int) -> FloatArray:
+    """Return rows with a momentum for each of `count` spans, the bodies last."""
+    momentum = A[:, problem.momentum]
+    held = np.zeros((len(A), count, momentum.shape[1]))
+    held[:, span] = momentum
+    return np.hstack([A[:, _others(problem)], held.reshape(len(A), -1), A[:, problem.bodies]])
+
+
+def _prior_root(problem: Problem, count: int) -> FloatArray:
+    """Return the root of the prior's information in that arrangement, nothing on the bodies."""
+    P, others, own = problem.prior_covariance, _others(problem), problem.momentum
+    parts = [prior_root(P[np.ix_(others, others)]), *[prior_root(P[own, own])] * count]
+    root = block_diag(*(part for part in parts if part.size))
+    return np.hstack([root, np.zeros((len(root), problem.bodies.stop))])

@@ -1,0 +1,101 @@
+"""`hil study effects`: many seeds of a servicer's scenarios from samples, against their bounds.
+
+The truth is one for all seeds. A seed draws noise, offsets and biases, how far the bodies' priors
+are off, and, about the true values with the declared sigmas, the wheels' inertias, the thrusters'
+forces, delays and rise times, and mass, frequency and damping of every mode. What is not drawn:
+the momentum in the wheels (6 N m s, 1 sigma 10 an axis), and modes are at rest at the start.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hil.evidence import runner
+from hil.evidence.effects.case import Case, work
+from hil.evidence.methods.statistics import chi_square_ends, ratio
+from hil.evidence.store import Row, Store
+
+SCENARIOS = (
+    *("wheels_leo", "mev", "panel_leo", "base_slosh"),
+    *("dual_arm", "target_contact", "firings_unknown"),
+)
+LIMIT = 1.1  # of the error over the bound
+
+
+def effects(
+    scenarios: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
+) -> list[dict[str, Any]]:
+    """Run what the folder lacks, seed by seed; return the summary of every scenario.
+
+    Raises
+    ------
+    ScenarioError for a folder of other results, or no such scenario.
+    """
+    chosen = list(scenarios or SCENARIOS)
+    cases = [Case(name, seed) for name in chosen for seed in seeds]
+    store = Store(out, {"effects": "samples"})
+    runner.rows("effects", work, cases, store, jobs)
+    return [
+        {"scenario": name} | summary([store.rows[str(Case(name, seed))] for seed in seeds])
+        for name in chosen
+    ]
+
+
+def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
+    """Return what all seeds say together; `outside`: share of right studies that leave the band."""
+    count, dof = len(rows), rows[0]["dof"]
+    low, high = (end / count for end in chi_square_ends(dof * count, outside))
+    nees = float(np.mean([row["nees"] for row in rows]))
+    squares = np.array([row["error_over_bound_squared"] for row in rows]) / dof
+    error = ratio(squares, dof)
+    valid, wrong = (sum(bool(row[key]) for row in rows) for key in ("valid", "wrong"))
+    masses = {
+        body: [float(f(values[:, k])) for k, f in ((0, np.mean), (0, np.std), (1, np.mean))]
+        for body in rows[0]["masses"]
+        for values in [np.array([row["masses"][body] for row in rows])]
+    }
+    worst = int(np.argmax([row["nees"] for row in rows]))
+    return {
+        "seeds": count,
+        "valid": valid,
+        "wrong": wrong,
+        "mean_nees": nees,
+        "band": [low, high],
+        "dof": dof,
+        "worst_nees": [rows[worst]["seed"], rows[worst]["nees"]],
+        "error_over_bound": error.value,
+        "interval_95": [error.low, error.high],
+        "mass_mean_and_scatter_of_error_and_sigma_kg": masses,
+        "invalid": {row["seed"]: row["reason"] for row in rows if not row["valid"]},
+        "commits": sorted({row["commit"] for row in rows}),
+        "passed": valid == count and not wrong and low <= nees <= high and error.value <= LIMIT,
+    }
+
+
+def show(rows: Sequence[dict[str, Any]]) -> None:
+    """Print the table."""
+    table = Table(title="effects of a servicer from samples, every state of its configuration")
+    for title in ("scenario", "valid", "wrong", "mean NEES", "95 % band", "worst (seed)"):
+        table.add_column(title)
+    table.add_column("error over bound (95 %)")
+    table.add_column("mass: mean error, scatter, sigma [kg]")
+    table.add_column("")
+    for row in rows:
+        (low, high), (seed, most) = row["band"], row["worst_nees"]
+        masses = row["mass_mean_and_scatter_of_error_and_sigma_kg"].items()
+        table.add_row(
+            *(row["scenario"], f"{row['valid']} of {row['seeds']}", str(row["wrong"])),
+            *(f"{row['mean_nees']:.2f} for {row['dof']}", f"[{low:.2f}, {high:.2f}]"),
+            f"{most:.1f} ({seed})",
+            "{:.3f} ({:.3f}-{:.3f})".format(row["error_over_bound"], *row["interval_95"]),
+            ", ".join(f"{body} {a:+.3g}, {b:.3g}, {c:.3g}" for body, (a, b, c) in masses),
+            "ok" if row["passed"] else "FAILED",
+        )
+    console = Console()
+    console.width = max(console.width, 170)
+    console.print(table)
+    console.print("wrong: seeds with any output that was valid and beyond 5 sigma")
