@@ -42,6 +42,7 @@ STATES = {  # by kind of state: words, key, unit
     "torque_offset": ("torque offsets", "joints[].torque_offset_sigma_nm", "N m"),
     "torque_scale": ("torque scales", "joints[].torque_scale_sigma_ratio", ""),
     "joint_zero": ("zeros of joints", "joints[].zero_sigma_rad", "rad"),
+    "joint_walk": ("walks of integrated angles", "joints[].speed_noise_rad_s", "rad"),
     "known": ("errors of known bodies", "robot.links_sigma_ratio", ""),
     "imu_place": ("place of the inertial unit", "imu.mounting_position_sigma_m", "m"),
     "imu_angle": ("its attitude", "imu.mounting_angle_sigma_rad", "rad"),

@@ -25,7 +25,14 @@ def sampled_blocks(
     (m, 3), in B.
     """
     window_ns = round(config.estimator.window_s * 1e9)
-    conditioner = build_conditioner(config, model)
+    start = np.argsort(joint_order(config, model))
+    joints = tuple(
+        joint.model_copy(update={"start_rad": float(trajectory.points_rad[0, k])})
+        if joint.speed_only
+        else joint
+        for joint, k in zip(config.joints, start, strict=True)
+    )
+    conditioner = build_conditioner(config.model_copy(update={"joints": joints}), model)
     windows = _Windows(config, model, trajectory, signals)
     count = int(trajectory.duration_s * 1e9 + 1) // window_ns
     blocks = (conditioner.condition(windows.at(k, window_ns)) for k in range(count))
@@ -52,9 +59,10 @@ class _Windows:
         joints = []
         found = {name: self._arm(start_ns, window_ns, rate) for name, rate in rates.items()}
         for joint, k in zip(config.joints, self._own, strict=True):
-            t_ns, q, tau = found[joint.bus]
+            t_ns, q, qd, tau = found[joint.bus]
             torque = tau[:, k] if joint.torque != "none" else np.full(len(t_ns), np.nan)
-            joints.append(_channel(t_ns, np.stack([q[:, k], torque], axis=1)))
+            own = (qd if joint.speed_only else q)[:, k]
+            joints.append(_channel(t_ns, np.stack([own, torque], axis=1)))
         imu_rate_hz = config.imu.rate_hz if config.imu.present else 0.0
         t_ns = _times(start_ns, window_ns, imu_rate_hz)
         _, w, f = self._signals(_seconds(t_ns))
@@ -83,10 +91,11 @@ class _Windows:
 
     def _arm(
         self, start_ns: int, window_ns: int, rate_hz: float
-    ) -> tuple[IntArray, FloatArray, FloatArray]:
+    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         t_ns = _times(start_ns, window_ns, rate_hz)
         t_s = _seconds(t_ns)
-        return t_ns, self._trajectory.evaluate(t_s)[0], self._signals(t_s)[0]
+        q, qd = self._trajectory.evaluate(t_s)[:2]
+        return t_ns, q, qd, self._signals(t_s)[0]
 
     def _attitude(self, start_ns: int, window_ns: int) -> ChannelWindow:
         if self._config.star_tracker is None:
