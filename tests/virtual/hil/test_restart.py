@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,63 +10,18 @@ from fsw.commands.replay import replay
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.exchange.restart import Mode, judge
-from fsw.exchange.sinks import Fanout, Message, NullSink
-from fsw.loop.ports import Ports
-from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.exchange.sinks import Fanout
 from fsw.messages.commands import Command, CommandName
 from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.recorder import CHECKPOINT, RecorderSink, open_recording
-from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
-from hil.run.bench import T0_NS, Setup
-from hil.run.daemon import Daemon
-from hil.world.scenario import BUS
-from hil.world.sensors import SensorConfig
+from hil.run.bench import Setup
+from tests.support.flown_daemon import Kept, S, bench_of, daemon_on, fly
 from tests.support.malformed_cases import CHI2_10_999, normalised_error, short
 
 pytestmark = pytest.mark.timeout(900)
-S = 1_000_000_000
 DIES_S, ENDS_S = 15.0, 26.0
 PERIOD_S = 2.0
-
-
-class Kept(NullSink):
-    """Keeps states, estimates and events."""
-
-    def __init__(self) -> None:
-        self.snapshots: list[Snapshot] = []
-        self.published = 0
-        self.blocks: list[Block] = []
-        self.estimates: list[Estimate] = []
-        self.events: list[Event] = []
-
-    def put(self, message: Message) -> None:
-        match message:
-            case Snapshot():
-                self.snapshots.append(message)
-                self.published = len(self.estimates)  # before the newest state
-            case Block():
-                self.blocks.append(message)
-            case Estimate():
-                self.estimates.append(message)
-            case Event():
-                self.events.append(message)
-
-
-def bench_of(setup: Setup) -> VirtualBench:
-    sensors = SensorConfig.from_dict(setup.scenario.sensors)
-    plant = Plant(setup.history, sensors, setup.seed, start_delay_s=1.0, t0_ns=T0_NS)
-    return VirtualBench(plant, T0_NS, seed=setup.seed)
-
-
-def daemon_on(setup: Setup, bench: VirtualBench, sink: Any) -> Daemon:
-    ports = Ports(can={BUS: bench.can}, imu=bench.imu, star_tracker=bench.star_tracker)
-    return Daemon(setup.config, bench.clock, ports, sink)
-
-
-def fly(daemon: Daemon, bench: VirtualBench, until_s: float) -> None:
-    end_ns = T0_NS + round(until_s * S)
-    daemon.run(lambda: bench.clock.now_ns() >= end_ns)
 
 
 @pytest.fixture(scope="module")

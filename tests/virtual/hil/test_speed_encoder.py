@@ -1,5 +1,6 @@
 """Joints known by speed only, from the devices' bytes to the estimate."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,15 @@ from fsw.checks.configuration import validate
 from fsw.commands.describe import describe
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.model import problem as problem_module
+from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
+from fsw.exchange.restart import judge
+from fsw.messages.commands import Command, CommandName
 from hil.judge import judgement
 from hil.run import bench
+from hil.run.bench import T0_NS
 from hil.world.robot import body_of
 from tests.support.estimator_cases import parameters
+from tests.support.flown_daemon import Kept, bench_of, daemon_on, fly
 from tests.support.short_cases import NoMeter, short
 
 CHI2_10_999 = 29.6  # 99.9 % bound of chi-squared with 10 degrees of freedom
@@ -83,3 +89,29 @@ def test_check_says_so(flown):
     words = " ".join(describe(config, validate(config)[0]).split())
     assert "joint2: speed only; its angle is integrated from" in words
     assert "walks of integrated angles in a minute" in words
+
+
+def test_angles_go_on_over_a_changed_configuration_and_a_restart(tmp_path):
+    """From the newest block on: joints are where the truth has them, not at their start."""
+    setup = bench.prepare(short(tmp_path, name="target_leo_speed", points=8), 1, tmp_path)
+    link, before, after = bench_of(setup), Kept(), Kept()
+    daemon = daemon_on(setup, link, before)
+    fly(daemon, link, 10.0)
+    daemon.estimation.dispatcher.configure({"unknown": ["target"]})
+    fly(daemon, link, 12.0)
+    daemon.submit(Command(name=CommandName.SAVE_STATE))
+    newest = replace(before.snapshots[-1], blocks=tuple(before.blocks))
+    checkpoint = Checkpoint(identity=Identity(1, 2), sequence=1, boot_id="b", snapshot=newest)
+    other = daemon_on(setup, link, after)
+    data = encode(checkpoint)
+    assert other.restart(judge(decode(data), "b", newest.t_ns, 60.0))
+    fly(other, link, 16.0)
+    for blocks in (before.blocks, after.blocks):
+        last, (told,) = blocks[-1], {len(block.walk_rad2) for block in blocks}
+        assert told == 7
+        motion_s = (last.t_ns - T0_NS) * 1e-9 - 1.0  # rest before the motion
+        off = np.abs(last.q_rad - setup.history.at(motion_s).q).max(axis=0)[list(TURNING)]
+        assert np.all(off < 4.0 * np.hypot(np.sqrt(last.walk_rad2[list(TURNING)]), 2e-3) + 2e-3)
+    start = np.array([setup.config.joints[k].start_rad for k in TURNING])
+    assert np.abs(after.blocks[0].q_rad[0, list(TURNING)] - start).max() > 0.05
+    assert not [event for event in after.events if "ENCODER" in event.code]
