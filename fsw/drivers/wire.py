@@ -186,6 +186,15 @@ def recorded_bytes(frames: FrameArray) -> list[bytes]:
     return [data[k * size + head : k * size + end] for k, end in enumerate(ends)]
 
 
+def recorded_columns(frames: FrameArray) -> NDArray[np.uint8] | None:
+    """Return the Linux structures as rows of bytes; None where they differ in length."""
+    is_fd = (frames["flags"] & FD_FDF) > 0
+    if is_fd.any() and not is_fd.all():
+        return None
+    end = _WORD + (FD_BYTES if is_fd.any() else CLASSIC_BYTES)
+    return frames.view(np.uint8).reshape(len(frames), FRAME.itemsize)[:, _WORD:end]
+
+
 def frames_from(
     stamps_ns: NDArray[np.int64], records: NDArray[np.uint8], sizes: NDArray[np.integer]
 ) -> FrameArray:

@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
-from fsw.drivers.wire import recorded_bytes
+from fsw.drivers.wire import recorded_bytes, recorded_columns
+from fsw.exchange.batch_writer import BatchWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
 
 COMPRESSION = {
@@ -62,7 +63,7 @@ class RecordingWriter:
     def __init__(self, path: Path, compression: str = "zstd", chunk_bytes: int = 65536) -> None:
         self.path = path
         self._file: IO[bytes] = path.open("wb")
-        self._writer = Writer(
+        self._writer = BatchWriter(
             self._file, chunk_size=chunk_bytes, compression=COMPRESSION[compression]
         )
         self._writer.start(profile="", library="fsw")
@@ -85,11 +86,14 @@ class RecordingWriter:
     def traffic(self, traffic: CanTraffic | SerialTraffic) -> None:
         """Add traffic of a link, one message for every frame or chunk."""
         if isinstance(traffic, CanTraffic):
-            stamps_ns = traffic.frames["t_ns"].tolist()
-            records = zip(stamps_ns, recorded_bytes(traffic.frames), strict=True)
-            topic, encoding = f"/can/{traffic.bus}", "socketcan"
-            for t_ns, data in records:
-                self._add(topic, encoding, t_ns, data)
+            topic, frames = f"/can/{traffic.bus}", traffic.frames
+            columns = recorded_columns(frames)
+            if columns is not None:
+                channel, sequence = self._next(topic, "socketcan", len(frames))
+                self._writer.add_messages(channel, frames["t_ns"], columns, sequence)
+                return
+            for t_ns, data in zip(frames["t_ns"].tolist(), recorded_bytes(frames), strict=True):
+                self._add(topic, "socketcan", t_ns, data)
         else:
             for chunk in traffic.chunks:
                 self._add(f"/serial/{traffic.device}", "raw", chunk.t_ns, chunk.data)
@@ -125,12 +129,17 @@ class RecordingWriter:
             return
 
     def _add(self, topic: str, encoding: str, t_ns: int, data: bytes) -> None:
+        channel, sequence = self._next(topic, encoding, 1)
+        self._writer.add_message(channel, t_ns, data, t_ns, sequence & 0xFFFFFFFF)
+
+    def _next(self, topic: str, encoding: str, count: int) -> tuple[int, int]:
+        """Return a topic's channel and the number of the first of its next messages."""
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._register(topic, encoding)
         sequence = self._sequence.get(topic, 0)
-        self._sequence[topic] = sequence + 1
-        self._writer.add_message(channel, t_ns, data, t_ns, sequence & 0xFFFFFFFF)
+        self._sequence[topic] = sequence + count
+        return channel, sequence
 
     def _register(self, topic: str, encoding: str) -> int:
         schema = 0
