@@ -148,7 +148,8 @@ def _warnings(config: Config) -> list[str]:
             f"{estimator.method!r}, only to a batch of mrnea; must be 'eiv' with this method"
         )
     others = [kind for kind in ("wheels", "thrusters") if getattr(config, kind)]
-    if others and config.base.motion == "free" and not estimator.momentum_sigma_nms:
+    rated = config.estimator.method != "mrnea"  # whose rows need no momentum
+    if others and rated and config.base.motion == "free" and not estimator.momentum_sigma_nms:
         found.append(
             f"estimator.momentum_sigma_nms: 0 with {' and '.join(others)}: their momentum and the "
             "base's must be zero together; must be what the spacecraft may hold"
@@ -202,6 +203,7 @@ def validate_ports(config: Config) -> None:
     ConfigError with one line per fault.
     """
     sampled = [f"buses.{i}.interface" for i, b in enumerate(config.buses) if b.interface == SAMPLES]
+    sampled += [f"wheels.{i}.bus" for i, wheel in enumerate(config.wheels) if wheel.bus is None]
     sampled += ["imu.driver"] if config.imu.driver == SAMPLES else []
     if sampled:
         words = "samples is no device; only recordings of fsw import have them"

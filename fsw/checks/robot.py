@@ -82,8 +82,10 @@ def _check_urdf(urdf: Path) -> None:
 
 
 def _check_masses(config: Config, model: RobotModel) -> None:
-    if model.n == 0:
-        raise ConfigError("robot.urdf: 0 joints that move; at least 1 is needed")
+    if model.n == 0 and not config.wheels:
+        raise ConfigError(
+            "robot.urdf: 0 joints that move; only a body with reaction wheels does without"
+        )
     for link, pi in _known_links(config, model):
         if pi[0] < 0.0 or (pi[0] == 0.0 and link == ROOT_LINK):
             bound = "positive, or bodies.base given" if link == ROOT_LINK else "at least 0"

@@ -34,6 +34,7 @@ from fsw.exchange.sinks import (
     IMU,
     JOINTS,
     STAR_TRACKER,
+    WHEELS,
     BatchEnd,
     CanTraffic,
     Fanout,
@@ -266,8 +267,11 @@ def topics_of(config: Config, held: Sequence[str]) -> list[str]:
     """Return the channels to replay: decoded samples of a source where the recording has them."""
     lines = [IMU] if config.imu.present else []
     lines += [STAR_TRACKER] if config.star_tracker is not None else []
-    joints = [f"{SAMPLES}{JOINTS}"]
-    topics = joints if joints[0] in held else [f"/can/{bus.name}" for bus in config.buses]
+    wheels, joints = f"{SAMPLES}{WHEELS}", f"{SAMPLES}{JOINTS}"
+    if joints in held or not config.joints:
+        topics = [joints] * bool(config.joints) + [wheels] * bool(config.wheels)
+    else:
+        topics = [f"/can/{bus.name}" for bus in config.buses]
     for name in lines:
         sampled = f"{SAMPLES}{name}"
         topics.append(sampled if sampled in held else f"/serial/{name}")

@@ -5,12 +5,22 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from fsw.config.base import SMALLEST, Rate, ScaleSigma, Section, TorqueNoise, TorqueSigma, Vector3
+from fsw.config.base import (
+    SMALLEST,
+    Delay,
+    Rate,
+    ScaleSigma,
+    Section,
+    TorqueNoise,
+    TorqueSigma,
+    Vector3,
+)
 
 RotorInertia = Annotated[float, Field(ge=1e-9, le=1e4, allow_inf_nan=False)]
 RotorSpeed = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 RotorSpeedNoise = Annotated[float, Field(ge=SMALLEST, le=1e3, allow_inf_nan=False)]
 RotorTorque = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
+DelaySigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
 SLOWEST_HZ = 1.0
 UNIT_TOLERANCE = 1e-6
 
@@ -20,14 +30,16 @@ class WheelConfig(Section):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     driver: Literal["canopen"] = "canopen"
-    bus: str
-    node_id: int = Field(ge=1, le=127)
+    bus: str | None = None  # none: its samples come only by fsw import
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # on that bus
     rate_hz: Rate  # of its reports
     axis_B: Vector3  # positive speed turns about it by the right-hand rule
     inertia_kg_m2: RotorInertia  # of the rotor about its axis
     inertia_sigma_ratio: ScaleSigma = 0.01  # of that; 0: it is exact
     speed_limit_rad_s: RotorSpeed  # larger readings are rejected as out of range
     speed_noise_rad_s: RotorSpeedNoise  # 1 sigma of one sample, white
+    delay_s: Delay = 0.0  # by which its readings are late
+    delay_sigma_s: DelaySigma = 0.0  # of that; 0: it is exact
     torque: Literal["none", "measured"] = "none"  # measured: the node's motor torque is used too
     torque_limit_nm: RotorTorque  # of the motor; larger readings are rejected as out of range
     torque_walk_nm_sqrt_s: RotorTorque | None = None  # change in 1 s; null: the limit
@@ -39,6 +51,8 @@ class WheelConfig(Section):
         length = sum(x * x for x in self.axis_B) ** 0.5
         if not abs(length - 1.0) <= UNIT_TOLERANCE:
             raise ValueError(f"axis_B {list(self.axis_B)}: must have length 1")
+        if (self.bus is None) != (self.node_id is None):
+            raise ValueError("bus and node_id: a wheel on a bus has both, any other neither")
         if self.rate_hz < SLOWEST_HZ:
             raise ValueError(f"rate_hz {self.rate_hz:g}: must be at least {SLOWEST_HZ:g}")
         if self.torque == "measured" and self.torque_noise_nm is None:
@@ -54,6 +68,8 @@ class WheelConfig(Section):
 def wheels_go_with(wheels: Sequence[WheelConfig], rates_hz: Mapping[str, float]) -> None:
     """Refuse a wheel whose bus is not among those given with their SYNC rates, or too slow."""
     for i, wheel in enumerate(wheels):
+        if wheel.bus is None:
+            continue
         if wheel.bus not in rates_hz:
             raise ValueError(
                 f"wheels.{i}.bus: {wheel.bus!r} is not one of the buses {sorted(rates_hz)}"

@@ -33,8 +33,8 @@ class Config(Section):
     base: BaseConfig = BaseConfig()
     bodies: dict[BodyName, BodyConfig] = Field(default_factory=dict)
     unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
-    buses: Annotated[tuple[BusConfig, ...], Field(min_length=1)]
-    joints: Annotated[tuple[JointConfig, ...], Field(min_length=1)]
+    buses: tuple[BusConfig, ...] = ()
+    joints: tuple[JointConfig, ...] = ()
     wheels: Annotated[tuple[WheelConfig, ...], Field(max_length=16)] = ()
     thrusters: Annotated[tuple[ThrusterConfig, ...], Field(max_length=24)] = ()
     modes: Annotated[tuple[ModeConfig, ...], Field(max_length=8)] = ()
@@ -77,7 +77,8 @@ class Config(Section):
     def can_nodes(self) -> tuple[JointConfig | WheelConfig | ThrusterConfig, ...]:
         """Every node of every bus: joints, wheels, then one thruster of every node of valves."""
         nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
-        return (*self.joints, *self.wheels, *nodes.values())
+        wheels = (wheel for wheel in self.wheels if wheel.bus is not None)
+        return (*self.joints, *wheels, *nodes.values())
 
     def as_read(self) -> Self:
         """Return the configuration its text gives: later changes are left out."""
@@ -135,6 +136,7 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        _something_turns(self)
         _unique([b.name for b in self.buses], "buses.name")
         _unique([j.name for j in self.joints], "joints.name")
         _unique([f"{j.bus}:0x{j.node_id:02x}" for j in self.joints], "joints.node_id")
@@ -199,6 +201,21 @@ class Config(Section):
                     f"{self.scheduler.tick_rate_hz}"
                 )
         return self
+
+
+def _something_turns(config: Config) -> None:
+    """Refuse a robot without joints that nothing known turns, or whose method cannot be had."""
+    if config.joints:
+        return
+    if not config.wheels:
+        raise ValueError("joints: missing; only a body with reaction wheels does without")
+    if config.base.motion != "free":
+        raise ValueError(f"joints: missing; base.motion {config.base.motion} needs some")
+    if config.estimator.method != "mrnea":
+        raise ValueError(
+            f"estimator.method: {config.estimator.method!r} needs joints; a body with reaction "
+            "wheels alone has mrnea"
+        )
 
 
 def _device(bus: BusConfig) -> str | None:

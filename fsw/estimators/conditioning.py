@@ -72,7 +72,7 @@ class Conditioner:
         self._joints = tuple(config.joints[k] for k in order)
         rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
         self.speeds = SpeedMotion(self._joints, self._nodes, rates_hz)
-        noisy = max(joint.position_noise_rad for joint in self._joints) > ANGLE_NOISE_RAD
+        noisy = any(joint.position_noise_rad > ANGLE_NOISE_RAD for joint in self._joints)
         self._orders = (1, 2, 0) if noisy or self.speeds.own else (1, 2)
         self._position_sigma = np.array(
             [joint.speed_noise_rad_s or joint.position_noise_rad for joint in self._joints]
@@ -266,6 +266,8 @@ class Conditioner:
         products: FloatArray,
     ) -> _Arm:
         m, n = self._nodes, len(positions)
+        if n == 0:
+            return _no_arm(m, len(self._orders) * m)
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
         for fit in dict.fromkeys(fits):
@@ -382,6 +384,18 @@ class _Arm:
     cov_tau: FloatArray
     tau_products_nm2: FloatArray
     has_joint: NDArray[np.bool_]
+
+
+def _no_arm(m: int, size: int) -> _Arm:
+    return _Arm(
+        motion=np.zeros((len(MOTION), m, 0)),
+        tau_nm=np.zeros((m, 0)),
+        cov_joint=np.zeros((0, size, size)),
+        cov_tau=np.zeros((0, m, m)),
+        tau_products_nm2=np.zeros((len(LAGS), 0)),
+        has_joint=np.zeros(0, np.bool_),
+        walk_rad2=np.zeros(0),
+    )
 
 
 def _counts(fill: float) -> bool:

@@ -12,6 +12,7 @@ from fsw.messages.findings import Stall
 Record = Mapping[str, Any]  # plain JSON values only
 JOINTS = "joints"  # of all buses together, where their samples come decoded
 IMU, STAR_TRACKER = "imu", "star_tracker"
+WHEELS = "wheels"  # all, where their samples come decoded
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,8 +48,11 @@ def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> Bu
     if bus.redundant is not None:
         names.append(bus.name + SECOND)
         selector = BusSelector(bus.redundant)
-    own = [node.node_id for node in config.can_nodes if node.bus == bus.name]
-    nodes = {node: canopen.encode_nmt(canopen.NmtCommand.START, node) for node in own}
+    nodes = {
+        node.node_id: canopen.encode_nmt(canopen.NmtCommand.START, node.node_id)
+        for node in config.can_nodes
+        if node.bus == bus.name and node.node_id is not None
+    }
     links: list[Link[FramePort]] = [
         Link(CAN + name, ports.can.get(name), ports.can_openers.get(name)) for name in names
     ]

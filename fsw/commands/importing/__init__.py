@@ -10,7 +10,7 @@ from fsw.commands.importing.mapping import read_mapping
 from fsw.commands.importing.samples import sampled_channels
 from fsw.config import Config
 from fsw.exchange.recording import SAMPLED, SAMPLES
-from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER
+from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS
 from fsw.messages.errors import ConfigError
 from fsw.service.recorder import open_recording
 
@@ -121,7 +121,8 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     """Refuse a recording that lacks a sensor of the configuration, or has one twice."""
     topics = [channel.topic for channel in channels]
     sampled = {topic.removeprefix(SAMPLES) for topic in topics if topic.startswith(SAMPLES)}
-    for line in sampled - {JOINTS, *_lines(config)}:
+    known = {*_lines(config), *([JOINTS] * bool(config.joints)), *([WHEELS] * bool(config.wheels))}
+    for line in sampled - known:
         raise ConfigError(f"--map: {line} is not in {config.name}")
     twice = {topic for topic in topics if topics.count(topic) > 1}
     if twice:
@@ -131,6 +132,8 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     lines = [line for line in _lines(config) if line not in sampled]
     needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in lines}
     missing = [key for topic, key in needed.items() if topic not in topics]
+    if not buses and config.wheels and WHEELS not in sampled:
+        missing.append("wheels")
     if missing:
         words = ", ".join(missing)
         raise ConfigError(f"{config.name} has sensors without a file: add {words}, or map them")

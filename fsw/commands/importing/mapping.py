@@ -105,6 +105,18 @@ class Imu(Source):
     specific_force: Forces | None = None
 
 
+class Speeds(Quantity):
+    """Speeds of rotors relative to the base."""
+
+    unit: Literal["rad/s", "deg/s"]
+
+
+class Wheels(Source):
+    """All reaction wheels, in the order of the configuration."""
+
+    speed: Speeds
+
+
 class StarTracker(Source):
     """The star tracker."""
 
@@ -116,13 +128,19 @@ class Mapping(Section):
 
     time: TimeColumn | None = None
     joints: Joints | None = None
+    wheels: Wheels | None = None
     imu: Imu | None = None
     star_tracker: StarTracker | None = None
 
     @property
-    def sections(self) -> dict[str, Joints | Imu | StarTracker]:
+    def sections(self) -> dict[str, Joints | Wheels | Imu | StarTracker]:
         """Mapped columns, by source."""
-        every = {"joints": self.joints, "imu": self.imu, "star_tracker": self.star_tracker}
+        every = {
+            "joints": self.joints,
+            "wheels": self.wheels,
+            "imu": self.imu,
+            "star_tracker": self.star_tracker,
+        }
         return {name: section for name, section in every.items() if section is not None}
 
     def time_of(self, name: str, section: Source) -> TimeColumn:

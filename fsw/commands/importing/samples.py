@@ -21,17 +21,32 @@ from fsw.commands.importing.mapping import (
     Source,
     StarTracker,
     TimeColumn,
+    Wheels,
 )
 from fsw.commands.importing.stamps import judged
 from fsw.commands.importing.tables import Table
 from fsw.config import Config
-from fsw.drivers.sources.samples import FORCE, POSITION, QUATERNION, RATE, TORQUE
+from fsw.drivers.sources.samples import (
+    FORCE,
+    POSITION,
+    QUATERNION,
+    RATE,
+    SPEED,
+    TORQUE,
+)
 from fsw.exchange.recording import END_NS, SAMPLES
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
-UNITS = {POSITION: "rad", TORQUE: "N m", RATE: "rad/s", FORCE: "m/s2", QUATERNION: ""}
+UNITS = {
+    POSITION: "rad",
+    TORQUE: "N m",
+    RATE: "rad/s",
+    FORCE: "m/s2",
+    QUATERNION: "",
+    SPEED: "rad/s",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,6 +86,8 @@ def sampled_channels(
         table = open_table(name, section)
         if isinstance(section, Joints):
             found = _joints(config, section, table)
+        elif isinstance(section, Wheels):
+            found = _wheels(config, section, table)
         elif isinstance(section, Imu):
             found = _imu(config, section, table)
         else:
@@ -86,9 +103,8 @@ def _joints(config: Config, section: Joints, table: Table) -> _Found:
             f"joints.order: {' '.join(order)}; {config.name} has {' '.join(names)}: the mapping of "
             "another robot"
         )
-    for kind in ("wheels", "thrusters"):
-        if getattr(config, kind):
-            raise ConfigError(f"{kind}: {config.name} has some, and no mapping holds them")
+    if config.thrusters:
+        raise ConfigError(f"thrusters: {config.name} has some, and no mapping holds them")
     turning = [joint.name for joint in config.joints if joint.speed_only]
     if turning:
         raise ConfigError(
@@ -103,16 +119,23 @@ def _joints(config: Config, section: Joints, table: Table) -> _Found:
     parts = {POSITION: _matrix(table, "joints.position", section.position, order)}
     if section.torque is not None:
         parts[TORQUE] = _matrix(table, "joints.torque", section.torque, order)
-
-    def words(values: FloatArray) -> dict[str, float]:
-        finite = np.isfinite(values).tolist()
-        rows = zip(order, values.tolist(), finite, strict=True)
-        return {name: value for name, value, is_known in rows if is_known}
-
     used = {joint.bus for joint in config.joints}
     buses = [(i, bus) for i, bus in enumerate(config.buses) if bus.name in used]
     rates_hz = {f"buses.{i}.rate_hz": bus.rate_hz for i, bus in buses}
-    return _Found(parts=parts, needed=POSITION, words=words, rates_hz=rates_hz)
+    return _Found(parts=parts, needed=POSITION, words=_by_name(order), rates_hz=rates_hz)
+
+
+def _wheels(config: Config, section: Wheels, table: Table) -> _Found:
+    names = [wheel.name for wheel in config.wheels]
+    sensing = [wheel.name for wheel in config.wheels if wheel.torque != "none"]
+    if sensing:
+        raise ConfigError(
+            f"wheels: {' '.join(sensing)} have torque: measured in {config.name}, and no mapping "
+            "holds it"
+        )
+    parts = {SPEED: _matrix(table, "wheels.speed", section.speed, names)}
+    rates_hz = {f"wheels.{i}.rate_hz": wheel.rate_hz for i, wheel in enumerate(config.wheels)}
+    return _Found(parts=parts, needed=SPEED, words=_by_name(names), rates_hz=rates_hz)
 
 
 def _imu(config: Config, section: Imu, table: Table) -> _Found:
@@ -129,6 +152,17 @@ def _star_tracker(config: Config, section: StarTracker, table: Table) -> _Found:
     values = values[:, [q.order.index(axis) for axis in "xyzw"]]
     rates_hz = {} if tracker is None else {"star_tracker.rate_hz": tracker.rate_hz}
     return _Found(parts={QUATERNION: values}, needed=QUATERNION, words=_listed, rates_hz=rates_hz)
+
+
+def _by_name(names: Sequence[str]) -> Callable[[FloatArray], dict[str, float]]:
+    """Return what gives the finite values of a row by name."""
+
+    def words(values: FloatArray) -> dict[str, float]:
+        finite = np.isfinite(values).tolist()
+        rows = zip(names, values.tolist(), finite, strict=True)
+        return {name: value for name, value, is_known in rows if is_known}
+
+    return words
 
 
 def _listed(values: FloatArray) -> list[float]:
@@ -180,7 +214,9 @@ def _channel(name: str, table: Table, time: TimeColumn, found: _Found) -> Channe
             "be a time"
         )
     t_ns = np.rint(stamps[rows, 0] * 1e9).astype(np.int64)
-    kept, text = judged(table.path, name, t_ns, values[rows], found.rates_hz)
+    kept, text = judged(
+        table.path, name, t_ns, values[rows], found.rates_hz, may_repeat=found.needed == SPEED
+    )
     rows, t_ns = rows[kept], t_ns[kept]
     sizes = [
         f"{key} up to {np.nanmax(np.abs(part[rows])):.3g} {UNITS[key]}".rstrip()

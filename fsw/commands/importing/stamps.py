@@ -18,7 +18,13 @@ RATE_RATIO = 1.2  # found over declared, or the other way round
 
 
 def judged(
-    path: Path, name: str, t_ns: IntArray, values: FloatArray, rates_hz: Mapping[str, float]
+    path: Path,
+    name: str,
+    t_ns: IntArray,
+    values: FloatArray,
+    rates_hz: Mapping[str, float],
+    *,
+    may_repeat: bool = False,
 ) -> tuple[NDArray[np.intp], str]:
     """Return which rows to use, in order of time, and what was found, in words.
 
@@ -29,13 +35,14 @@ def judged(
     ----------
     t_ns, values : (k,) stamps [ns], (k, width)
     rates_hz : declared, by key
+    may_repeat : coarse readings, of which neighbours are often equal: those are samples
 
     Raises
     ------
     ConfigError when time runs backwards, or at another rate than declared.
     """
     same = np.nan_to_num(values[1:]) == np.nan_to_num(values[:-1])
-    kept = np.flatnonzero(np.append(True, ~same.all(axis=1)))
+    kept = np.flatnonzero(np.append(True, may_repeat | ~same.all(axis=1)))
     if len(kept) < LEAST:
         raise ConfigError(
             f"{path}: {name}: {len(kept)} different samples of {len(t_ns)}; must be at least "

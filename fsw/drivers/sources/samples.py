@@ -10,22 +10,30 @@ from typing import Any
 
 import numpy as np
 
-from fsw.config import Config, ImuConfig, StarTrackerConfig
+from fsw.config import Config, ImuConfig, StarTrackerConfig, WheelConfig
 from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_track import Calibration
 from fsw.drivers.sources.star_tracker import to_bus
 from fsw.drivers.wire import ByteChunk, Reject
-from fsw.messages import AttitudeSamples, FloatArray, ImuSamples, IntArray, JointSamples
+from fsw.messages import (
+    AttitudeSamples,
+    FloatArray,
+    ImuSamples,
+    IntArray,
+    JointSamples,
+    WheelSamples,
+)
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # of joints by name
 SPEED = "speed_rad_s"  # of those whose encoder gives no position
 RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
+SPEED = "speed_rad_s"  # of wheels by name
 QUATERNION = "q_xyzw"
 NORM_TOLERANCE = 1e-2
 NOTHING = (np.nan, np.nan, np.nan)
-Decoded = JointSamples | ImuSamples | AttitudeSamples
+Decoded = JointSamples | ImuSamples | AttitudeSamples | WheelSamples
 Row = Callable[[Mapping[str, Any]], Sequence[float]]
 Build = Callable[[IntArray, FloatArray], Decoded]
 
@@ -101,6 +109,31 @@ def joint_samples(config: Config) -> SampleSource:
         good = np.isfinite(angle) & ~(np.abs(force) > limits_nm[joint])
         stamps, joint = stamps[good], joint[good]
         return JointSamples(stamps + offsets_ns[joint], stamps, joint, angle[good], force[good])
+
+    return SampleSource(row, build, n)
+
+
+def wheel_samples(wheels: Sequence[WheelConfig]) -> SampleSource:
+    """Return the source of all reaction wheels: speeds [rad/s] by their names."""
+    names, n = [wheel.name for wheel in wheels], len(wheels)
+    limits = np.array([wheel.speed_limit_rad_s for wheel in wheels])
+    delays_ns = np.array([round(wheel.delay_s * 1e9) for wheel in wheels], np.int64)
+
+    def row(message: Mapping[str, Any]) -> list[float]:
+        return [float(message[SPEED].get(name, np.nan)) for name in names]
+
+    def build(t_ns: IntArray, values: FloatArray) -> WheelSamples:
+        wheel, stamps = np.tile(np.arange(n), len(t_ns)), np.repeat(t_ns, n)
+        speed = values.reshape(-1)
+        good = np.abs(speed) <= limits[wheel]
+        wheel, stamps, speed = wheel[good], stamps[good], speed[good]
+        return WheelSamples(
+            t_ns=stamps - delays_ns[wheel],
+            t_receive_ns=stamps,
+            wheel=wheel,
+            speed_rad_s=speed,
+            torque_nm=np.full(len(speed), np.nan),
+        )
 
     return SampleSource(row, build, n)
 

@@ -20,7 +20,8 @@ OWN_SERVICES = (canopen.COB_TPDO1, canopen.COB_TPDO2, canopen.COB_SYNC, canopen.
 class WheelBusSource:
     """Every wheel node of one bus.
 
-    A report is valid at the stamp of the SYNC whose counter it echoes plus the latch offset. One
+    A report is valid at the stamp of the SYNC whose counter it echoes plus the latch offset, less
+    the wheel's delay. One
     out of range, of another length or without its SYNC is rejected and counted.
     """
 
@@ -30,12 +31,14 @@ class WheelBusSource:
         self._wheels = [config for _, config in wheels]
         self._indexes = np.array([index for index, _ in wheels], np.int64)
         self._place = np.full(canopen.NODE_MASK + 1, -1)
-        self._place[[config.node_id for config in self._wheels]] = np.arange(len(wheels))
+        nodes = [config.node_id for config in self._wheels if config.node_id is not None]
+        self._place[nodes] = np.arange(len(wheels))
         self._speed_limit = np.array([config.speed_limit_rad_s for config in self._wheels])
         self._torque_limit = np.array([config.torque_limit_nm for config in self._wheels])
         self._senses_torque = np.array([config.torque == "measured" for config in self._wheels])
         self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
-        self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
+        late_s = np.array([bus.latch_offset_s - config.delay_s for config in self._wheels])
+        self._offset_ns = np.rint(late_s * 1e9).astype(np.int64)
         self._counts = [Counters() for _ in wheels]
         self._newest: list[tuple[int, float, float] | None] = [None] * len(wheels)
         self._temperature_degc: dict[int, float] = {}
@@ -97,7 +100,7 @@ class WheelBusSource:
             self._newest[place[k]] = (int(sync_ns[k]), float(speed[k]), float(torque[k]))
         torque = np.where(has_torque, torque, np.nan)
         return WheelSamples(
-            t_ns=sync_ns[good] + self._latch_offset_ns,
+            t_ns=sync_ns[good] + self._offset_ns[place[good]],
             t_receive_ns=t_ns[good],
             wheel=self._indexes[place[good]],
             speed_rad_s=_kept(speed, good),

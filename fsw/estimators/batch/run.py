@@ -122,6 +122,8 @@ def _run(
             f"method {method!r} needs a free base; base.motion is {config.base.motion}: "
             f"{' or '.join(held)}"
         )
+    if not config.joints and method != "mrnea":
+        raise EstimatorError(f"method {method!r} needs joints; a body with wheels alone has mrnea")
     blind = [joint.name for joint in config.joints if joint.torque == "none"]
     if blind and method in NEED_EVERY_TORQUE:
         raise EstimatorError(

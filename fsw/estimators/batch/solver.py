@@ -344,13 +344,17 @@ def _weakest_gain(problem: Problem, stacked: FloatArray) -> float:
 
     Nuisances are marginalised with their priors.
     """
-    k = problem.bodies
+    k, prior = problem.shown, problem.prior_covariance
     F = stacked.T @ stacked
-    nuisance_prior = np.linalg.solve(
-        problem.prior_covariance[k.stop :, k.stop :], np.eye(len(F) - k.stop)
-    )
-    if len(F) > k.stop:
-        D = F[k.stop :, k.stop :] + nuisance_prior
-        F = F[k, k] - F[k, k.stop :] @ np.linalg.solve(D, F[k.stop :, k])
-    L = np.linalg.cholesky(problem.prior_covariance[k, k])
+    others = np.setdiff1d(np.arange(len(F)), k)
+    if len(others):
+        D = F + np.linalg.solve(prior, np.eye(len(F)))
+        across = D[np.ix_(k, others)]
+        D_others = D[np.ix_(others, others)]
+        own = D[np.ix_(k, k)] - across @ np.linalg.solve(D_others, across.T)
+        P = prior[np.ix_(k, k)]
+        F = own - np.linalg.solve(P, np.eye(len(k)))
+    else:
+        P = prior
+    L = np.linalg.cholesky(P)
     return float(np.linalg.eigvalsh(L.T @ F @ L)[0])

@@ -264,7 +264,8 @@ def _input_gains(
     root = s.root_rates
     G_q = np.einsum("birj,bjif->birjf", s.by_block(C[:, :, 6:]), root[:, :, :m])
     G_q += np.einsum("birj,bjif->birjf", s.by_block(H[:, :, 6:]), root[:, :, m:])
-    parts = [part.reshape(B, m * H.shape[1], -1) for part in (G_f, G_g, G_q)]
+    rows = m * H.shape[1]
+    parts = [part.reshape(B, rows, part.shape[3] * part.shape[4]) for part in (G_f, G_g, G_q)]
     return np.concatenate(parts, axis=2)
 
 
@@ -299,7 +300,8 @@ def _smooth(
     smoothed[:, :3] += f - cross(dwd, r) - cross(w_new, cross(w_new, r))
     smoothed[:, :3] += cross(w, cross(w, r))
     smoothed[:, 3:6] += dwd
-    step = np.einsum("bjaf,bjf->baj", s.root_rates, unit[:, stop:].reshape(B, n, -1))
-    qd = s.qd_rad_s + step[:, :m].reshape(-1, n)
-    smoothed[:, 6:] += step[:, m:].reshape(-1, n)
+    roots = s.root_rates
+    step = np.einsum("bjaf,bjf->baj", roots, unit[:, stop:].reshape(B, n, roots.shape[3]))
+    qd = s.qd_rad_s + step[:, :m].reshape(B * m, n)
+    smoothed[:, 6:] += step[:, m:].reshape(B * m, n)
     return w_new, smoothed, qd

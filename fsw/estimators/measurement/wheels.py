@@ -6,17 +6,22 @@ mass and locked inertia in the base's own inertial data it adds to the base, in 
     momentum  h = sum a_k h_k (1 + s_k),         h_k = J_k speed_k
     moment    d/dt h + w x h                     on the side of the inertia forces
 
-where s_k, the relative error of its inertia, is a state with a prior. Neither depends on the bodies
-that are sought. Source: Wie, Space Vehicle Dynamics and Control (2008), sec. 7.3 (gyrostat).
+where s_k, the relative error of its inertia, is a state with a prior. So is an error t_k of the
+delay of its readings: what is measured is the motion of t_k before, so h_k is read at t + t_k, to
+first order. Neither depends on the bodies that are sought. Source: Wie, Space Vehicle Dynamics and
+Control (2008), sec. 7.3 (gyrostat).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial import legendre
 
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
 
@@ -63,9 +68,28 @@ def turning(s: BlockStack, x: FloatArray, problem: Problem) -> Wheels | None:
     if not count:
         return None
     axes, N = problem.wheel_axes, len(s.q_rad)
+    h, hd = s.wheel_nms, s.wheel_nm
     J_h, J_hd = np.zeros((2, N, 3, len(x)))
+    scaled = axes
     if present(problem.wheel_scale):
-        J_h[:, :, problem.wheel_scale] = axes * s.wheel_nms[:, None]
-        J_hd[:, :, problem.wheel_scale] = axes * s.wheel_nm[:, None]
-        axes = axes * (1.0 + x[problem.wheel_scale])
-    return Wheels(s.wheel_nms @ axes.T, s.wheel_nm @ axes.T, axes, J_h, J_hd)
+        scaled = axes * (1.0 + x[problem.wheel_scale])
+    if present(problem.wheel_delay):
+        slope = s.by_block(hd)
+        hdd = (_differentiation(s.m) @ slope).reshape(hd.shape) * (2.0 / problem.window_s)
+        J_h[:, :, problem.wheel_delay] = scaled * hd[:, None]
+        J_hd[:, :, problem.wheel_delay] = scaled * hdd[:, None]
+        late_s = x[problem.wheel_delay]
+        h, hd = h + late_s * hd, hd + late_s * hdd
+    if present(problem.wheel_scale):
+        J_h[:, :, problem.wheel_scale] = axes * h[:, None]
+        J_hd[:, :, problem.wheel_scale] = axes * hd[:, None]
+    return Wheels(h @ scaled.T, hd @ scaled.T, scaled, J_h, J_hd)
+
+
+@lru_cache(maxsize=8)
+def _differentiation(nodes: int) -> FloatArray:
+    """Return (m, m): derivatives at the Gauss nodes on [-1, 1] of the interpolant of the values."""
+    points = gauss_nodes(nodes)
+    values = legendre.legvander(points, nodes - 1)
+    slopes = legendre.legval(points, legendre.legder(np.eye(nodes))).T
+    return np.asarray(np.linalg.solve(values.T, slopes.T).T, np.float64)

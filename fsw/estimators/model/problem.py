@@ -4,9 +4,10 @@ State x = [10 parameters per unknown body (base first, then target), ways in whi
 may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
 of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
-the joints (n each), relative errors of the wheels' inertias (k), of K thrusters relative errors of
-the forces, errors of the delays and of the rise times, steps of the walks of integrated angles, and
-what `modes` appends]. Where a prior sigma is zero there is no state.
+the joints (n each), relative errors of the wheels' inertias and errors of their delays (k each), of
+K thrusters relative errors of the forces, errors of the delays and of the rise times, steps of the
+walks of integrated angles, and what `modes` appends]. Where a prior sigma is zero there is no
+state.
 """
 
 from __future__ import annotations
@@ -43,7 +44,10 @@ SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have 
 SHARED = ("torque_scale", "thrust_scale")  # and of the thrusters' forces: one pressure
 TAIL_RISES = 10.0  # rise times after which a force has settled
 THRUST = ("thrust_scale", "thrust_delay", "thrust_rise")
-CALIBRATION = ("joint_zero", "joint_walk", "imu_place", "imu_angle", "wheel_scale", *THRUST)
+CALIBRATION = (
+    *("joint_zero", "joint_walk", "imu_place", "imu_angle", "wheel_scale", "wheel_delay"),
+    *THRUST,
+)
 IndexArray = NDArray[np.intp]
 
 
@@ -114,6 +118,7 @@ class Problem:
     friction_coulomb: slice  # of each joint, as its torque sensor sees it [N m]
     friction_viscous: slice  # [N m s/rad]
     wheel_scale: slice  # relative error of each wheel's axial inertia
+    wheel_delay: slice  # true delay less the configured one [s]
     wheel_axes: FloatArray  # (3, k) of the reaction wheels, in B
     thrust_scale: slice  # relative error of each thruster's force
     thrust_delay: slice  # true delay less the configured one [s]
@@ -159,6 +164,16 @@ class Problem:
         return slice(0, PARAMETERS * len(self.unknown))
 
     @property
+    def shown(self) -> IndexArray:
+        """Return the body parameters that a motion can show: without joints not the mass.
+
+        A body that no force is known of moves alike whatever its mass, if its centre of mass and
+        its inertia about that are the same.
+        """
+        every = np.arange(self.bodies.stop)
+        return every if self.model.n else every[every % PARAMETERS > 0]
+
+    @property
     def inertial(self) -> slice | IndexArray:
         """Return the states that are inertial data, of unknown bodies and of known ones.
 
@@ -189,7 +204,8 @@ class Problem:
         """Return the states that are published: not the known bodies, zeros and mounting."""
         hidden = (
             self.known,
-            *(self.joint_zero, self.joint_walk, self.imu_place, self.imu_angle, self.wheel_scale),
+            *(self.joint_zero, self.joint_walk, self.imu_place, self.imu_angle),
+            *(self.wheel_scale, self.wheel_delay),
             *(self.thrust_scale, self.thrust_delay, self.thrust_rise, self.mode_start),
         )
         return np.delete(np.arange(len(self.names)), np.r_[hidden])
@@ -466,6 +482,7 @@ def build_problem(
             [wheel.name for wheel in config.wheels],
             [wheel.inertia_sigma_ratio for wheel in config.wheels],
         ),
+        ("wheel_delay", [w.name for w in config.wheels], [w.delay_sigma_s for w in config.wheels]),
         ("thrust_scale", thrusters, [t.force_sigma_ratio for t in config.thrusters]),
         ("thrust_delay", thrusters, [t.delay_sigma_s for t in config.thrusters]),
         ("thrust_rise", thrusters, [t.rise_sigma_s for t in config.thrusters]),
@@ -512,12 +529,13 @@ def build_problem(
         friction_coulomb=slices[10],
         friction_viscous=slices[11],
         wheel_scale=slices[12],
+        wheel_delay=slices[13],
         wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
-        thrust_scale=slices[13],
-        thrust_delay=slices[14],
-        thrust_rise=slices[15],
-        joint_walk=slices[16],
-        walks=walks if present(slices[16]) else None,
+        thrust_scale=slices[14],
+        thrust_delay=slices[15],
+        thrust_rise=slices[16],
+        joint_walk=slices[17],
+        walks=walks if present(slices[17]) else None,
         thrusters=Thrusters.of(config),
         friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
         target_com_m=np.array(

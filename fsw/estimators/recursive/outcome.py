@@ -15,8 +15,8 @@ WEAKEST_GAIN = 0.5  # least data-over-prior information, in any combination of b
 
 def weakest_gain(problem: Problem, prior: FloatArray, covariance: FloatArray) -> float:
     """Return the data's information over the prior's in the least known direction of the bodies."""
-    k = problem.bodies
-    return float(gains(prior[k, k], covariance[k, k])[0][0])
+    k = np.ix_(problem.shown, problem.shown)
+    return float(gains(prior[k], covariance[k])[0][0])
 
 
 def outcome(

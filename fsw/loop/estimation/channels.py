@@ -14,9 +14,14 @@ from fsw.drivers.sources import (
     ThrusterBusSource,
     WheelBusSource,
 )
-from fsw.drivers.sources.samples import attitude_samples, imu_samples, joint_samples
+from fsw.drivers.sources.samples import (
+    attitude_samples,
+    imu_samples,
+    joint_samples,
+    wheel_samples,
+)
 from fsw.drivers.wire import ByteChunk, FrameArray
-from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, CanTraffic, SerialTraffic
+from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS, CanTraffic, SerialTraffic
 from fsw.exchange.status import source_samples
 from fsw.messages import Samples
 from fsw.messages.findings import Finding
@@ -94,11 +99,16 @@ class ChunkSource(Protocol):
 
 
 class LineChannel:
-    """One serial device; or samples of one sensor that another program decoded (`is_sampled`)."""
+    """One serial device; or samples of one sensor that another program decoded (`is_sampled`).
 
-    def __init__(self, name: str, source: ChunkSource, *, is_sampled: bool) -> None:
+    `starts`: the grid of windows begins at its first sample.
+    """
+
+    def __init__(
+        self, name: str, source: ChunkSource, *, is_sampled: bool, starts: bool = False
+    ) -> None:
         self.name, self.source = name, source
-        self._is_sampled = is_sampled
+        self._is_sampled, self._starts = is_sampled, starts
         self._waiting: list[ByteChunk] = []
 
     @property
@@ -112,8 +122,8 @@ class LineChannel:
             self._waiting += traffic.chunks
 
     def first_ns(self) -> int | None:
-        """Stamp of the first sample of the joints in what waits [ns]."""
-        return self._waiting[0].t_ns if self._waiting and self.name == JOINTS else None
+        """Stamp of the first sample in what waits, where the grid begins at it [ns]."""
+        return self._waiting[0].t_ns if self._waiting and self._starts else None
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
         """Yield the samples in what waits, and whether their steps are known."""
@@ -140,12 +150,15 @@ def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
     """
     found: list[Channel] = []
     if JOINTS in sampled:
-        found.append(LineChannel(JOINTS, joint_samples(config), is_sampled=True))
+        found.append(LineChannel(JOINTS, joint_samples(config), is_sampled=True, starts=True))
     else:
         found += [BusChannel(config, bus) for bus in config.buses]
+    if WHEELS in sampled:
+        found.append(LineChannel(WHEELS, wheel_samples(config.wheels), is_sampled=True))
     imu, tracker, health = config.imu, config.star_tracker, config.health
     if IMU in sampled:
-        found.append(LineChannel(IMU, imu_samples(imu), is_sampled=True))
+        starts = not config.joints
+        found.append(LineChannel(IMU, imu_samples(imu), is_sampled=True, starts=starts))
     elif imu.present:
         found.append(LineChannel(IMU, ImuSource(imu, None, health), is_sampled=False))
     if tracker is not None:

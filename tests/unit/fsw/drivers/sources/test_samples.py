@@ -6,8 +6,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw.config import load
-from fsw.drivers.sources.samples import attitude_samples, imu_samples, joint_samples
+from fsw.drivers.sources.samples import (
+    attitude_samples,
+    imu_samples,
+    joint_samples,
+    wheel_samples,
+)
 from fsw.drivers.wire import ByteChunk
+from tests.support.wheel_cases import wheel_config
 
 
 def message(t_ns: int, **values: object) -> ByteChunk:
@@ -80,3 +86,20 @@ def test_quaternions_are_turned_to_the_base_and_must_be_rotations(arm):
     assert np.allclose(R_NB, q_SN.as_matrix().T @ q_BS.as_matrix().T)
     assert samples.t_ns.tolist() == [900_000_000]
     assert source.counters["rejected"] == 2
+
+
+def test_speeds_of_wheels_are_in_range_and_earlier_by_their_delay():
+    slow = wheel_config(0, bus=None, node_id=None, delay_s=2e-3, speed_limit_rad_s=100.0)
+    fast = wheel_config(1, bus=None, node_id=None)
+    source = wheel_samples((slow, fast))
+    samples = source.feed(
+        [
+            message(10_000_000, speed_rad_s={"wheel1": 99.0, "wheel2": 300.0}),
+            message(20_000_000, speed_rad_s={"wheel1": 101.0, "wheel2": -300.0}),
+            message(30_000_000, speed_rad_s={"wheel2": 1.0}),
+        ]
+    )
+    assert samples.wheel.tolist() == [0, 1, 1, 1]
+    assert samples.speed_rad_s.tolist() == [99.0, 300.0, -300.0, 1.0]
+    assert samples.t_ns.tolist() == [8_000_000, 10_000_000, 20_000_000, 30_000_000]
+    assert np.isnan(samples.torque_nm).all()

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from fsw.estimators.measurement import energy
+from fsw.estimators.measurement import energy, wheels
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.compensated import block_sums
 from fsw.estimators.measurement.energy import energy_rows
@@ -239,3 +239,41 @@ def test_the_compensated_regression_takes_the_moment_off_the_known_side() -> Non
     extended = np.append(x, -1.0)
     left, without = (extended @ block_sums(b, x, problem).F @ extended for b in (made, still))
     assert left < 1e-9 * without
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_the_column_of_a_wheel_s_delay_is_the_derivative(rate: Any) -> None:
+    problem = problem_with_wheels(momentum_sigma_nms=1.0, wheel={"delay_sigma_s": 1e-3})
+    x, block = problem.prior_mean.copy(), turning(random_block(1), 1)
+    x[problem.wheel_delay] = [1e-3, -2e-3, 0.0, 3e-3]
+    found = predict(block, x, problem, rate)
+    for k in range(len(x))[problem.wheel_delay]:
+        d = 1e-5 * np.eye(len(x))[k]
+        up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
+        for name, jacobian in FIELDS.items():
+            if rate == "measured" and name == "w_rad_s":
+                continue
+            slope = (getattr(up, name) - getattr(down, name)) / 2e-5
+            got = getattr(found, jacobian)[:, :, k]
+            np.testing.assert_allclose(got, slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
+
+
+def test_a_delayed_wheel_is_read_later() -> None:
+    """Momentum and torque that are polynomials of the nodes: shifted exactly, to first order."""
+    problem = problem_with_wheels(wheel={"delay_sigma_s": 1e-3})
+    block = turning(random_block(1), 1)
+    t_s = 0.5 * problem.window_s * np.polynomial.legendre.leggauss(len(block.t_ns))[0]
+    rates = np.array([0.3, -0.2, 0.1, 0.4])
+    block = replace(
+        block,
+        wheel_nms=1.0 + np.outer(t_s, rates) + np.outer(0.5 * t_s**2, 10.0 * rates),
+        wheel_nm=rates + np.outer(t_s, 10.0 * rates),
+    )
+    x, late_s = problem.prior_mean.copy(), 1e-4
+    x[problem.wheel_delay] = late_s
+    found = wheels.turning(BlockStack((block,)), x, problem)
+    assert found is not None
+    later = rates + np.outer(t_s + late_s, 10.0 * rates)
+    np.testing.assert_allclose(found.hd_nm, later @ PYRAMID, rtol=0, atol=1e-9)
+    moved = block.wheel_nms + late_s * block.wheel_nm
+    np.testing.assert_allclose(found.h_nms, moved @ PYRAMID, rtol=0, atol=1e-12)
