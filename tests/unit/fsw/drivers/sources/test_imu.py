@@ -2,6 +2,8 @@ import dataclasses
 import math
 import struct
 from collections.abc import Sequence
+from copy import deepcopy
+from functools import cache
 
 import numpy as np
 import pytest
@@ -64,6 +66,13 @@ def test_known_biases_are_taken_off_every_sample() -> None:
     np.testing.assert_array_equal(less.t_gyro_ns, plain.t_gyro_ns)
 
 
+@cache
+def twelve_seconds(ppm: float) -> tuple[Line, np.random.Generator]:
+    """Return a line, and the generator that has made it."""
+    rng = np.random.default_rng(5)
+    return Line(12.0, ppm, rng), rng
+
+
 @pytest.mark.parametrize("ppm", [-50.0, 0.0, 50.0])
 @pytest.mark.parametrize(
     "polls",
@@ -81,8 +90,8 @@ def test_known_biases_are_taken_off_every_sample() -> None:
     ids=["datagram", "late", "splits", "bytes", "1ms", "4ms", "10ms", "poisson1", "poisson20"],
 )
 def test_time_of_validity_with_any_chunking(ppm: float, polls: lines.Polls) -> None:
-    rng = np.random.default_rng(5)
-    line = Line(12.0, ppm, rng)
+    line, made_by = twelve_seconds(ppm)
+    rng = deepcopy(made_by)
     imu = source()
     samples = imu.feed(line.chunks(polls(line.byte_ns, line.size, rng)))
     k = np.array([number(s) for s in samples])
