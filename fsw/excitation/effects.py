@@ -52,6 +52,7 @@ STATES = {  # by kind of state: words, key, unit
     "wrench": ("constant wrench on the base", "estimator.external_*", "N, N m"),
     "target_wrench": ("constant wrench on the target", "estimator.target_*", "N, N m"),
     "wheel_scale": ("inertia of wheels", "wheels[].inertia_sigma_ratio", ""),
+    "wheel_delay": ("delay of wheels", "wheels[].delay_sigma_s", "s"),
     "thrust_scale": ("force of thrusters", "thrusters[].force_sigma_ratio", ""),
     "thrust_delay": ("delay of thrusters", "thrusters[].delay_sigma_s", "s"),
     "thrust_rise": ("rise of thrusters", "thrusters[].rise_sigma_s", "s"),
@@ -83,7 +84,9 @@ class Cost:
 
 
 def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[str]:
-    """Return the costs as lines; without a motion, of the nominal one."""
+    """Return the costs as lines; without a motion, of the nominal one. None without joints."""
+    if not problem.model.n:  # the mass of such a body is never told
+        return []
     trajectory = motion or nominal_motion(config, problem.model)
     words = "this motion" if motion else "a motion in which every joint swings"
     found = [cost.text(problem.unknown) for cost in costs(config, problem, trajectory)]
@@ -108,11 +111,13 @@ def undeclared(config: Config, problem: Problem) -> list[str]:
         "wheel": not config.wheels,
         "thrust": not config.thrusters,
         "mode": not config.modes,
+        "joint_walk": not any(joint.speed_only for joint in config.joints),
     }
     found = [
         f"{words} ({key})"
         for kind, (words, key, _) in STATES.items()
-        if kind not in kinds and not impossible.get(kind.partition("_")[0], False)
+        if kind not in kinds
+        and not (impossible.get(kind) or impossible.get(kind.partition("_")[0]))
     ]
     if config.base.motion == "free":
         sections = ("wheels", "thrusters", "modes")

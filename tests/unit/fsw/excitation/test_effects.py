@@ -99,7 +99,7 @@ def test_an_orbit_that_is_not_told_is_ignored_and_has_its_size_by_pinocchio() ->
         assert not any(f"({word})" in line for line in lines[:-1])
         assert f"({word})" in lines[-1]
     assert lines[-1].startswith("no size declared, so no cost: ")
-    for kind in ("inertia of wheels", "force of thrusters", "bias of gyro"):
+    for kind in ("inertia of wheels", "force of thrusters", "walks", "bias of gyro"):
         assert kind not in lines[-1]  # what the robot has not, and what is declared
 
 
