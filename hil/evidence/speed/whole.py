@@ -310,12 +310,19 @@ def summary(rounds: list[list[Condition]]) -> str:
             "loop [% of a core]": [run.core_percent["loop"] for run in runs],
             "estimation [% of a core]": [run.core_percent.get("estimation", 0.0) for run in runs],
             "service [% of a core]": [run.core_percent.get("service", 0.0) for run in runs],
+            "loop and estimation [% of a core]": [
+                run.core_percent["loop"] + run.core_percent.get("estimation", 0.0) for run in runs
+            ],
             "slips of 1000": [run.slips_per_1000 for run in runs],
             "slips of 1000, cyclictest": [run.timer_slips_per_1000 for run in runs],
             "stalls": [float(run.stalls) for run in runs],
             "stalls, cyclictest": [run.timer_stalls_of_run for run in runs],
             "work of a tick, p99 [us]": [run.work_p99_us for run in runs],
             "work of a tick, mean [us]": [run.work_mean_us for run in runs],
+            "ticks over budget": [float(run.over_budget) for run in runs],
+            "samples and messages lost": [
+                float(sum(run.lost.values()) + run.dropped) for run in runs
+            ],
             "frame to sample, p99 [ms]": [run.sampled_p99_us / 1e3 for run in runs],
             "estimate published, p99 [ms]": [run.published_p99_us / 1e3 for run in runs],
             "estimate's packet, p99 [ms]": [run.estimate_packet_p99_ms for run in runs],
