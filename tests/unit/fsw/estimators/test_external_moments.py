@@ -55,15 +55,15 @@ def orbit() -> CircularOrbit:
 def gravity_gradient(model: Any) -> Any:
     """Force and torque per body about its own centre of mass, from the point-mass expansion."""
 
+    mass, inertia = model.body_mass[1:, None], model.body_inertia[1:]
+
     def wrench(t_s: float, data: Any) -> None:
         up = np.cos(RATE * t_s) * UP + np.sin(RATE * t_s) * ALONG
-        centre = model.body_mass @ data.xipos / model.body_mass.sum()
-        for body in range(1, model.nbody):
-            d, R = data.xipos[body] - centre, data.ximat[body].reshape(3, 3)
-            inertia = R @ np.diag(model.body_inertia[body]) @ R.T
-            force = model.body_mass[body] * RATE**2 * (3 * (up @ d) * up - d)
-            data.xfrc_applied[body, :3] = force
-            data.xfrc_applied[body, 3:] = 3 * RATE**2 * np.cross(up, inertia @ up)
+        R = data.ximat[1:].reshape(-1, 3, 3)
+        d = data.xipos[1:] - np.sum(mass * data.xipos[1:], axis=0) / mass.sum()
+        turned = np.einsum("bij,bj->bi", R, inertia * (up @ R))
+        data.xfrc_applied[1:, :3] = mass * RATE**2 * (3 * np.outer(d @ up, up) - d)
+        data.xfrc_applied[1:, 3:] = 3 * RATE**2 * np.cross(up, turned)
 
     return wrench
 
