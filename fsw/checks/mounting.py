@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.estimators.model.problem import CONSPICUOUS, Problem, build_problem, present
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import CONSPICUOUS, Problem, present
 from fsw.messages import FloatArray
 
 PLACE_M, ANGLE_RAD = 10.0, np.pi  # 1 sigma of a mounting that nobody knows

@@ -10,8 +10,9 @@ import numpy as np
 
 from fsw.checks.urdf import check_urdf
 from fsw.config import Config
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import PARAMETERS, pseudo_inertia
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError

@@ -11,7 +11,8 @@ from fsw.commands.span import WHOLE, Span
 from fsw.commands.stamp_checks import stamp_findings
 from fsw.commands.watching import Watching
 from fsw.config import Config
-from fsw.estimators.model.problem import Problem, joint_order
+from fsw.estimators.model.building import joint_order
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
 from fsw.exchange.recording_parts import contents_of, parts_of

@@ -17,13 +17,13 @@ from scipy.special import chdtri
 
 from fsw.config import Config
 from fsw.estimators.found_noise import LAGS
-from fsw.estimators.model.problem import (
-    Thrusters,
+from fsw.estimators.model.building import (
     imu_samples,
     joint_order,
     torque_model_covariance,
     torque_samples,
 )
+from fsw.estimators.model.problem import Thrusters
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt

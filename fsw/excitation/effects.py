@@ -13,8 +13,9 @@ import numpy as np
 
 from fsw.config import Config, OrbitConfig
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.inertia import PARAMETERS
-from fsw.estimators.model.problem import Problem, build_problem, joint_order
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.left_out import (
     Information,

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw.estimators.measurement.row_functions import row_function, stack
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.excitation import criteria
 from fsw.excitation.sampled import sampled_blocks
 from fsw.excitation.spline import Trajectory

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from fsw.config import Config
-from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, NodeFit
 from fsw.messages import FloatArray

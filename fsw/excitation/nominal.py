@@ -3,7 +3,7 @@
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.spline import REST_POINTS, Firing, Trajectory
 from fsw.messages import FloatArray

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
 from fsw.estimators.conditioning import build_conditioner, rotation_from_xyzw
-from fsw.estimators.model.problem import joint_order
+from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation import attitude
 from fsw.excitation.spline import Firing, Trajectory

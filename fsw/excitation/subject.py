@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import (
     PARAMETERS,
     from_parameters,
@@ -16,7 +17,7 @@ from fsw.estimators.model.inertia import (
     report_jacobian,
     to_parameters,
 )
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.chain import Geometry, geometry
 from fsw.excitation.criteria import Scale, prior_root

@@ -4,7 +4,8 @@ from functools import lru_cache
 from typing import Any
 
 from fsw.config import Config
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from hil.world.robot import Robot
 from hil.world.spline import JointSpline

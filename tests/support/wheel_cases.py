@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config, WheelConfig
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import make_config, robot_model
 

@@ -15,7 +15,8 @@ from fsw.commands.span import Span
 from fsw.commands.watching import Watching
 from fsw.config import Config
 from fsw.config.overlay_file import with_overlays
-from fsw.estimators.model.problem import Problem, build_problem, joint_order
+from fsw.estimators.model.building import build_problem, joint_order
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online

@@ -17,7 +17,8 @@ from fsw.estimators.batch.solver import Progress
 from fsw.estimators.conditioning import rotation_from_xyzw
 from fsw.estimators.measurement.mounting import turn
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
-from fsw.estimators.model.problem import Problem, build_problem, present
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block, FloatArray, Window
 from fsw.messages.errors import EstimatorError

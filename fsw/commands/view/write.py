@@ -29,8 +29,9 @@ from fsw.commands.view.shapes import (
     visuals,
 )
 from fsw.config import Config
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.pipeline import default_pipeline
 from fsw.estimators.plausible import plausible

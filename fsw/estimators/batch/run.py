@@ -33,7 +33,8 @@ from fsw.estimators.measurement.compensated import block_sums, compensated_mean,
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import Linearisation, row_function, stack
-from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate

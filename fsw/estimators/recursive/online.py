@@ -15,8 +15,9 @@ import numpy as np
 from fsw.config import Config, EstimatorConfig
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.measurement.row_functions import RowsFunction, row_function
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.mobility import TORQUE, by_mobility
-from fsw.estimators.model.problem import IMPLAUSIBLE, Problem, build_problem
+from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.isolation import ChannelScreen

@@ -11,7 +11,8 @@ from fsw.config import Config
 from fsw.estimators.measurement.fused import fused_rows
 from fsw.estimators.measurement.impulse import needed
 from fsw.estimators.measurement.prediction import Rate
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block, Estimate
 

@@ -17,7 +17,8 @@ from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import row_function, stack
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.criteria import prior_root, triangular_root
 from fsw.messages import Block, IntArray

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw.config import BodyConfig, Config, load
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from hil.run.flight import flight_document, write_flight
 from hil.world.robot import Robot

@@ -25,7 +25,8 @@ import numpy as np
 
 from fsw.commands.identify import identify
 from fsw.config import load
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray, Window
 from hil.evidence.methods.exact import true_robot

@@ -10,7 +10,7 @@ import pytest
 from fsw.checks.configuration import validate
 from fsw.commands.describe import describe
 from fsw.estimators.batch.run import run_batch
-from fsw.estimators.model import problem as problem_module
+from fsw.estimators.model import building
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.exchange.restart import judge
 from fsw.messages.commands import Command, CommandName
@@ -70,7 +70,7 @@ def test_the_target_is_found_though_two_joints_give_no_angle(flown):
 def test_without_the_states_of_the_walk_the_estimate_would_be_wrong(flown, monkeypatch):
     _, recorded, setup = flown
     assert nees(setup, recorded) < CHI2_10_999
-    monkeypatch.setattr(problem_module, "walks_of", lambda *_: None)
+    monkeypatch.setattr(building, "walks_of", lambda *_: None)
     assert nees(setup, recorded) > CHI2_10_999
 
 

@@ -15,7 +15,7 @@ from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.prediction import Prediction
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.messages import Block, Window
 from hil.judge import judgement
 from hil.run import bench

@@ -13,7 +13,7 @@ from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.mrnea import mrnea_rows
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import Block
 from hil.judge import judgement

@@ -15,8 +15,9 @@ from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.orbit import CircularOrbit
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.online import OnlineEstimator
 from fsw.messages import Block, FloatArray
 from hil.world.history import TruthHistory

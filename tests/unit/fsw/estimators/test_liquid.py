@@ -5,8 +5,8 @@ import pytest
 
 from fsw.config import Config
 from fsw.estimators.measurement.row_functions import row_function
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import to_parameters
-from fsw.estimators.model.problem import build_problem
 from fsw.estimators.recursive.online import OnlineEstimator
 from tests.support.estimator_cases import make_config, noisy_blocks, robot_model
 

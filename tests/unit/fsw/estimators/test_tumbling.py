@@ -14,7 +14,7 @@ from fsw.estimators.measurement import energy
 from fsw.estimators.measurement.energy import energy_rows
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block
 from hil.world.history import TruthHistory

@@ -9,7 +9,7 @@ import pytest
 
 from fsw.checks.configuration import validate
 from fsw.config import Config
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation import left_out
 from fsw.excitation.effects import LOW_ORBIT_RAD_S, Cost, costs, told

@@ -7,7 +7,7 @@ import pytest
 
 from fsw.config import Config
 from fsw.estimators.measurement.row_functions import row_function, stack
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.excitation import left_out
 from fsw.excitation.nominal import nominal_motion

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.excitation import left_out
 from fsw.excitation.nominal import nominal_motion
 from tests.support.estimator_cases import make_config, robot_model

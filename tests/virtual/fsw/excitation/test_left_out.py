@@ -7,7 +7,7 @@ import numpy as np
 
 from fsw.checks.configuration import validate
 from fsw.config import Config
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.excitation import left_out, spline
 from fsw.excitation.effects import Cost, costs
 from fsw.messages import Block, FloatArray

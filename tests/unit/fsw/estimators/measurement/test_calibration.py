@@ -9,9 +9,10 @@ import pytest
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.mrnea import mrnea_rows
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.calibration import spread_root
 from fsw.estimators.model.inertia import frame_change, is_consistent
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import Problem
 from tests.support.estimator_cases import (
     BASE,
     TARGET,

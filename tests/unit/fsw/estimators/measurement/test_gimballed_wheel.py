@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block
 from hil.world.spline import JointSpline

@@ -10,7 +10,8 @@ from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import N, make_config, random_block, robot_model
 

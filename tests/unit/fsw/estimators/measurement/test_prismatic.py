@@ -4,7 +4,7 @@ import numpy as np
 
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.robot import RobotModel
 from hil.world.spline import JointSpline
 from hil.world.truth import Robot, simulate

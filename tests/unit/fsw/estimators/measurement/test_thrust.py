@@ -14,7 +14,8 @@ from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import momentum_at_nodes
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import NODES, WINDOW_S, random_block, robot_model

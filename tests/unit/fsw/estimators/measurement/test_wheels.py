@@ -15,7 +15,8 @@ from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.model.problem import Problem, build_problem, present
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block
 from tests.support.estimator_cases import N, make_problem, random_block, robot_model
 from tests.support.wheel_cases import (

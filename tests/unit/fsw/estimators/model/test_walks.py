@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.walks import STEPS, Walks, walks_of
 from tests.support.estimator_cases import WINDOW_S, N, make_config, robot_model
 from tests.support.speed_cases import DENSITY, TURNING, speed_config

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.recursive.epoch import next_epoch
 from fsw.estimators.square_root import SquareRootInformation
 from tests.support.estimator_cases import N, robot_model

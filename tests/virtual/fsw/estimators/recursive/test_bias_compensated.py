@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fsw.estimators.measurement.compensated import block_sums
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.online import build_online
 from tests.support.estimator_cases import (

@@ -9,8 +9,9 @@ from scipy.stats import chi2
 
 from fsw.estimators.measurement.fused import fused_rows
 from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import is_consistent, nearest_consistent
-from fsw.estimators.model.problem import Problem, build_problem
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block, Estimate
 from tests.support.estimator_cases import (

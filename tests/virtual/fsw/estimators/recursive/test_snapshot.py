@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.model.problem import build_problem
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode

@@ -1,0 +1,332 @@
+"""From a configuration to the estimation problem: priors, order of joints, layout of the state."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.config import BaseConfig, BodyConfig, Config, JointConfig
+from fsw.estimators.fading_noise import covariance_at_nodes
+from fsw.estimators.model.calibration import known_bodies
+from fsw.estimators.model.inertia import (
+    NAMES,
+    PARAMETERS,
+    report_jacobian,
+    to_parameters,
+)
+from fsw.estimators.model.modes import with_modes
+from fsw.estimators.model.orbit import CircularOrbit
+from fsw.estimators.model.problem import CALIBRATION, NO_STATES, Problem, Thrusters, present
+from fsw.estimators.model.robot import Hold, RobotModel
+from fsw.estimators.model.walks import LEAST_RAD2, Walks, walks_of
+from fsw.messages import Block, FloatArray
+from fsw.messages.errors import ConfigError
+
+SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have in common: one rig
+SHARED = ("torque_scale", "thrust_scale")  # and of the thrusters' forces: one pressure
+
+
+def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
+    """Return prior mean (10,) and covariance (10, 10) of pi from mass, com, inertia and sigmas.
+
+    First-order propagation through the exact map at the mean.
+    """
+    mean = to_parameters(body.mass_kg, np.array(body.com_m), np.array(body.inertia_kg_m2))
+    if body.sigma is None:
+        return mean, np.zeros((PARAMETERS, PARAMETERS))
+    sigma = np.concatenate(([body.sigma.mass_kg], body.sigma.com_m, body.sigma.inertia_kg_m2))
+    root = np.linalg.solve(report_jacobian(mean), np.diag(sigma))
+    return mean, root @ root.T
+
+
+def base_freedom(base: BaseConfig) -> FloatArray:
+    """Return (6, k): the motions of the base that are free, in its own axes.
+
+    All six in space; on an air-bearing table two along it and one about its normal, which stand
+    still in the base's axes; none on a bench.
+    """
+    if base.motion == "free":
+        return np.eye(6)
+    if base.motion == "clamped":
+        return np.zeros((6, 0))
+    normal = np.array(base.normal_B)
+    along = np.linalg.svd(normal[None])[2][1:].T  # (3, 2)
+    freedom = np.zeros((6, 3))
+    freedom[:3, :2], freedom[3:, 2] = along, normal
+    return freedom
+
+
+def liquid_root(body: BodyConfig) -> FloatArray:
+    """Return (10, k): by how much liquid may change the apparent body, a column per way.
+
+    A motion faster than the liquid's own leaves it behind, and the body appears without it; a slow
+    one takes it along; and it may be anywhere within its stroke. Nothing in the data tells which,
+    until the liquid comes back.
+    """
+    ways = []
+    for part in body.liquid:
+        place, still = np.array(part.place_m), np.zeros(6)
+        whole = to_parameters(part.mass_kg, place, still)
+        moved = [place + step for step in part.stroke_m * np.eye(3)]
+        ways += [whole, *(to_parameters(part.mass_kg, at, still) - whole for at in moved)]
+    return np.array(ways).reshape(-1, PARAMETERS).T
+
+
+def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
+    """Return, for every joint of the model, its index in the configured joint list.
+
+    Raises
+    ------
+    ConfigError if the two sets of names differ, or a joint is of another kind than the robot's.
+    """
+    configured = [joint.name for joint in config.joints]
+    if sorted(configured) != sorted(model.joint_names):
+        raise ConfigError(
+            f"joints: names {configured} must be the {model.n} joints of the robot "
+            f"{list(model.joint_names)}"
+        )
+    order = tuple(configured.index(name) for name in model.joint_names)
+    for k, kind in zip(order, model.kinds(), strict=True):
+        if config.joints[k].kind != kind:
+            raise ConfigError(
+                f"joints.{k}.kind: {config.joints[k].kind!r}; {configured[k]!r} is {kind} in the "
+                "URDF"
+            )
+    return order
+
+
+def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:
+    """Return how many samples of each joint (n,) a window has, in the model's order."""
+    rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
+    buses = [config.joints[k].bus for k in order]
+    samples = [round(config.estimator.window_s * rates_hz[bus]) for bus in buses]
+    return np.array(samples, np.int64)
+
+
+def imu_samples(config: Config) -> int:
+    """Return how many samples of the inertial unit a window has, one at least."""
+    return max(1, round(config.estimator.window_s * config.imu.rate_hz))
+
+
+def torque_model_covariance(config: Config, order: Sequence[int]) -> FloatArray:
+    """Return the covariance (n, m, m) at nodes of what the model leaves out of torques [N^2 m^2].
+
+    In the model's order; zero where a joint's torque_model_sigma_nm is.
+    """
+    window_s, m = config.estimator.window_s, config.estimator.nodes
+    covariance = np.zeros((len(order), m, m))
+    for k, samples in enumerate(torque_samples(config, order).tolist()):
+        joint = config.joints[order[k]]
+        if joint.torque_model_sigma_nm > 0.0:
+            fading = float(np.exp(-window_s / samples / joint.torque_model_correlation_s))
+            at_nodes = covariance_at_nodes(samples, m, fading)
+            covariance[k] = joint.torque_model_sigma_nm**2 * at_nodes
+    return covariance
+
+
+def ordered(bodies: Sequence[str]) -> tuple[str, ...]:
+    """Return bodies in the order of the state: base, target, then the others as they are."""
+    first = [name for name in ("base", "target") if name in bodies]
+    return (*first, *(name for name in bodies if name not in first))
+
+
+def holds(config: Config, model: RobotModel, unknown: tuple[str, ...]) -> dict[str, Hold]:
+    """Return how each body but the base hangs on the robot.
+
+    Raises
+    ------
+    ConfigError if the robot has no such frame, or two unknown bodies are fixed to one another.
+    """
+    held = {
+        name: model.tool if body.frame is None else model.hold(body.frame, f"bodies.{name}.frame")
+        for name, body in config.bodies.items()
+        if name != "base"
+    }
+    owners: dict[int, str] = {}
+    for name in unknown:
+        place = held[name].body if name in held else 0
+        if place in owners:
+            raise ConfigError(
+                f"unknown: {owners[place]!r} and {name!r} are fixed to one another; only their sum "
+                "can be found"
+            )
+        owners[place] = name
+    return held
+
+
+def _zero_sigmas(joints: Sequence[JointConfig], walks: Walks | None) -> list[float]:
+    """Return the sigma of every joint's zero, what had walked before the first knot included."""
+    variance = np.array([joint.zero_sigma_rad for joint in joints]) ** 2
+    if walks is not None:
+        variance[walks.joints] += walks.knots_rad2[:, 0] + LEAST_RAD2  # a state in any case
+    return list(np.sqrt(variance))
+
+
+def _steps(names: Sequence[str], walks: Walks | None) -> tuple[list[str], list[float]]:
+    """Return a label and the sigma of every step of every walk."""
+    if walks is None:
+        return [], []
+    sigmas = np.sqrt(walks.steps_rad2)
+    labels = [f"{names[j]}.{k + 1}" for j in walks.joints for k in range(sigmas.shape[1])]
+    return labels, sigmas.ravel().tolist()
+
+
+def build_problem(
+    config: Config, model: RobotModel, *, exact: bool = False, blocks: Sequence[Block] = ()
+) -> Problem:
+    """Lay out the state and its prior for one configuration.
+
+    `exact`: known bodies, zeros of the joints and the inertial unit's mounting are as configured.
+    `blocks` are those that integrated angles are to walk along; none: see `walks_of`.
+
+    Raises
+    ------
+    ConfigError if the joints do not match the robot's.
+    """
+    joints = [config.joints[k] for k in joint_order(config, model)]
+    walks = walks_of(config, joint_order(config, model), blocks)
+    unknown = ordered(config.unknown)
+    held = holds(config, model, unknown)
+    pi_base = model.pi_links[:PARAMETERS]
+    if "base" in config.bodies:
+        pi_base = body_prior(config.bodies["base"])[0]
+    pi_target = body_prior(config.bodies["target"])[0] if "target" in config.bodies else None
+    pi_known = model.total_parameters(
+        np.zeros(PARAMETERS) if "base" in unknown else pi_base,
+        None if "target" in unknown else pi_target,
+    )
+    for name, hold in held.items():
+        if name != "target" and name not in unknown:
+            pi_known[hold.places] += hold.map @ body_prior(config.bodies[name])[0]
+    U = np.zeros((pi_known.size, PARAMETERS * len(unknown)))
+    known = {} if exact else dict(known_bodies(config, model, unknown, held))
+    means, covariances, names, liquids, slices = [], [], [], [], []
+    for index, name in enumerate(unknown):
+        columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
+        if name == "base":
+            U[:PARAMETERS, columns] = np.eye(PARAMETERS)
+        else:
+            U[held[name].places, columns] = held[name].map
+        mean, covariance = body_prior(config.bodies[name])
+        means.append(mean)
+        covariances.append(covariance)
+        liquids.append(liquid_root(config.bodies[name]))
+        names += [f"{name}.{parameter}" for parameter in NAMES]
+    for place, ways in known.items():
+        U = np.concatenate([U, ways], axis=1)
+        means.append(np.zeros(ways.shape[1]))
+        covariances.append(np.eye(ways.shape[1]))
+        names += [f"known.{place}.{k + 1}" for k in range(ways.shape[1])]
+    imu, estimator = config.imu, config.estimator
+    thrusters = [thruster.name for thruster in config.thrusters]
+    nuisances = (
+        ("torque_offset", model.joint_names, [j.torque_offset_sigma_nm for j in joints]),
+        ("acc_bias", "xyz", [imu.acc_bias_sigma_m_s2] * 3),
+        ("gyro_bias", "xyz", [imu.gyro_bias_sigma_rad_s] * 3),
+        ("momentum", "xyz", [estimator.momentum_sigma_nms] * 3),
+        ("torque_scale", model.joint_names, [j.torque_scale_sigma_ratio for j in joints]),
+        (
+            "wrench",
+            ("fx", "fy", "fz", "tx", "ty", "tz"),
+            [estimator.external_force_sigma_n] * 3 + [estimator.external_torque_sigma_nm] * 3,
+        ),
+        (
+            "target_wrench",
+            ("fx", "fy", "fz", "tx", "ty", "tz", "ex", "ey", "ez"),
+            [estimator.target_force_sigma_n] * 3
+            + [estimator.target_torque_sigma_nm] * 3
+            + [estimator.target_force_sigma_n] * 3,
+        ),
+        ("joint_zero", model.joint_names, _zero_sigmas(joints, walks)),
+        ("imu_place", "xyz", [imu.mounting_position_sigma_m] * 3),
+        ("imu_angle", "xyz", [imu.mounting_angle_sigma_rad] * 3),
+        ("friction_coulomb", model.joint_names, [j.friction_coulomb_sigma_nm for j in joints]),
+        ("friction_viscous", model.joint_names, [j.friction_viscous_sigma_nms_rad for j in joints]),
+        (
+            "wheel_scale",
+            [wheel.name for wheel in config.wheels],
+            [wheel.inertia_sigma_ratio for wheel in config.wheels],
+        ),
+        ("wheel_delay", [w.name for w in config.wheels], [w.delay_sigma_s for w in config.wheels]),
+        ("thrust_scale", thrusters, [t.force_sigma_ratio for t in config.thrusters]),
+        ("thrust_delay", thrusters, [t.delay_sigma_s for t in config.thrusters]),
+        ("thrust_rise", thrusters, [t.rise_sigma_s for t in config.thrusters]),
+        ("joint_walk", *_steps(model.joint_names, walks)),
+    )
+    for kind, labels, sigmas in nuisances:
+        if not any(sigmas) or (exact and kind in CALIBRATION):
+            slices.append(NO_STATES)
+            continue
+        slices.append(slice(len(names), len(names) + len(sigmas)))
+        names += [f"{kind}.{label}" for label in labels]
+        means.append(np.zeros(len(sigmas)))
+        spread = np.maximum(sigmas, 1e-9)
+        shared = SHARED_SCALE if kind in SHARED else 0.0
+        covariances.append(np.diag((1.0 - shared) * spread**2) + shared * np.outer(spread, spread))
+    prior_covariance = np.zeros((len(names), len(names)))
+    start = 0
+    for block in covariances:
+        stop = start + len(block)
+        prior_covariance[start:stop, start:stop] = block
+        start = stop
+    liquid = np.zeros_like(prior_covariance)
+    for index, root in enumerate(liquids):
+        k = slice(PARAMETERS * index, PARAMETERS * (index + 1))
+        liquid[k, k] = root @ root.T
+    problem = Problem(
+        model=model,
+        unknown=unknown,
+        pi_known=pi_known,
+        U=U,
+        names=tuple(names),
+        prior_mean=np.concatenate(means),
+        prior_covariance=prior_covariance,
+        torque_offset=slices[0],
+        acc_bias=slices[1],
+        gyro_bias=slices[2],
+        momentum=slices[3],
+        torque_scale=slices[4],
+        wrench=slices[5],
+        target_wrench=slices[6],
+        joint_zero=slices[7],
+        imu_place=slices[8],
+        imu_angle=slices[9],
+        friction_coulomb=slices[10],
+        friction_viscous=slices[11],
+        wheel_scale=slices[12],
+        wheel_delay=slices[13],
+        wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
+        thrust_scale=slices[14],
+        thrust_delay=slices[15],
+        thrust_rise=slices[16],
+        joint_walk=slices[17],
+        walks=walks if present(slices[17]) else None,
+        thrusters=Thrusters.of(config),
+        friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
+        target_com_m=np.array(
+            config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
+        ),
+        p_BS_m=np.array(imu.mounting.p_BS_m),
+        orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
+        window_s=estimator.window_s,
+        nodes=estimator.nodes,
+        noise_declared=np.array(
+            [
+                *(j.torque_noise_nm for j in joints),
+                imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5,
+                imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5,
+            ]
+        ),
+        noise_samples=np.concatenate(
+            [torque_samples(config, joint_order(config, model)), [imu_samples(config)] * 2]
+        ),
+        torque_model_nm2=torque_model_covariance(config, joint_order(config, model)),
+        wrench_sigma=np.repeat(
+            [estimator.wrench_force_sigma_n, estimator.wrench_torque_sigma_nm], 3
+        ),
+        freedom=base_freedom(config.base),
+        support_m_s2=-np.array(config.base.gravity_B_m_s2),
+        watches_outside=estimator.outside_wrench == "watch",
+        liquid=liquid,
+    )
+    return with_modes(problem, config.modes) if config.modes else problem
