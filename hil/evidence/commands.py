@@ -91,6 +91,13 @@ def _add_real(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     hardware.add_argument("--fetch", action="store_true", help="load what is missing from GitHub")
     hardware.add_argument("--out", type=Path, metavar="DIR", help="keep what was imported")
     hardware.add_argument("--json", action="store_true", dest="as_json", help="print one JSON list")
+    hardware.add_argument(
+        "--throws",
+        action="store_const",
+        dest="function",
+        const="hil.evidence.hardware.throws_command:run",
+        help="of thrown bodies with a reaction wheel instead; needs orangebox",
+    )
     hardware.set_defaults(function="hil.evidence.hardware.command:run")
 
 
