@@ -7,9 +7,6 @@ from fsw.messages.findings import Stall
 from fsw.scheduler.tasks import Slips, Task, TaskTimes, Tick, is_due
 
 NEVER_NS = 1 << 62
-INTERRUPTED_NS = (
-    250_000  # without a processor in a tick: what counts as its work is not to be trusted
-)
 TIMED_TICKS = 5  # tasks are timed one by one in every fifth tick: a clock may be a system call
 MAX_EARLY_WAKES = 64  # per tick; a descriptor that stays readable must not spin the loop
 
@@ -108,12 +105,16 @@ class Executive:
         longest_ns, self._longest_ns = self._longest_ns, 0
         return longest_ns
 
-    def _was_interrupted(self, worked_ns: int) -> bool:
-        """Return whether the work since the newest tick took longer than its processor time.
+    def _is_over_budget(self, worked_ns: int) -> bool:
+        """Return whether the work since the newest tick took too long, interruptions left out.
 
-        A virtual machine counts a part of the time that it was stopped as ours.
+        A virtual machine that was stopped counts a part of that time as the thread's: what lies
+        over the budget has to be more than the time without a processor.
         """
-        return self._clock.now_ns() - self._began_ns - worked_ns >= INTERRUPTED_NS
+        if worked_ns <= self._budget_ns:
+            return False
+        interrupted_ns = self._clock.now_ns() - self._began_ns - worked_ns
+        return worked_ns - self._budget_ns > interrupted_ns
 
     def _wait(self) -> Tick:
         cpu_ns = self._cpu_time_ns()
@@ -122,7 +123,7 @@ class Executive:
         if self._t0_ns is None:
             self._t0_ns = self._began_ns = self._clock.now_ns()
             worked_ns = 0
-        if worked_ns > self._budget_ns and not self._was_interrupted(worked_ns):
+        if self._is_over_budget(worked_ns):
             self.slips.over_budget += 1
             self._longest_ns = max(self._longest_ns, worked_ns)
         index = self._index + 1
