@@ -93,9 +93,7 @@ def _add_real(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     hardware.add_argument("--json", action="store_true", dest="as_json", help="print one JSON list")
     hardware.add_argument(
         "--throws",
-        action="store_const",
-        dest="function",
-        const="hil.evidence.hardware.throws_command:run",
+        action="store_true",
         help="of thrown bodies with a reaction wheel instead; needs orangebox",
     )
     hardware.set_defaults(function="hil.evidence.hardware.command:run")

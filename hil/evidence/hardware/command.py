@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
-from hil.evidence.hardware import panda
+from hil.evidence.hardware import panda, throws_command
 from hil.evidence.hardware.data_set import DataError
 
 FAILED_EXIT, WRONG_EXIT = 1, 2
@@ -66,8 +66,10 @@ class Result:
         )
 
 
-def run(data: Path, *, fetch: bool, out: Path | None, as_json: bool) -> int:
-    """Judge both arms; return the exit code."""
+def run(data: Path, *, throws: bool, fetch: bool, out: Path | None, as_json: bool) -> int:
+    """Judge both arms, or the throws; return the exit code."""
+    if throws:
+        return throws_command.run(data, fetch=fetch, out=out, as_json=as_json)
     progress = Console(stderr=True)
     try:
         if fetch:

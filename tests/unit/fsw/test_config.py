@@ -60,7 +60,7 @@ SPOILED = [
     ("joints.1.node_id", 0x11, ("joints.node_id", "arm:0x11", "unique")),
     ("joints.1.name", "axis1", ("joints.name", "axis1", "unique")),
     ("joints.0.driver", "ethercat", ("joints.0.driver", "ethercat", "canopen")),
-    ("joints", [], ("joints", "[]", "at least 1")),
+    ("joints", [], ("joints", "missing", "reaction wheels")),
     ("buses.0.rate_hz", 300.0, ("buses.0.rate_hz", "300", "divide scheduler.tick_rate_hz 500")),
     ("buses.0.rate_hz", 1000.0, ("buses.0.rate_hz", "1000", "divide scheduler.tick_rate_hz 500")),
     ("buses.0.name", "a/b", ("buses.0.name", "a/b", "pattern")),

@@ -42,5 +42,5 @@ def test_the_robot_is_the_published_arm():
 
 
 def test_without_data_the_command_ends_in_one_line(tmp_path: Path, capsys):
-    assert run(tmp_path, fetch=False, out=None, as_json=False) == 2
+    assert run(tmp_path, throws=False, fetch=False, out=None, as_json=False) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1

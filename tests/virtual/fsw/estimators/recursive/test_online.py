@@ -10,7 +10,12 @@ from scipy.stats import chi2
 from fsw.estimators.measurement.fused import fused_rows
 from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.model.inertia import is_consistent, nearest_consistent
+from fsw.estimators.model.inertia import (
+    from_parameters,
+    is_consistent,
+    nearest_consistent,
+    report_jacobian,
+)
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block, Estimate
@@ -40,11 +45,15 @@ def whitened_rms(a: np.ndarray, b: np.ndarray, covariance: np.ndarray) -> float:
     return float(np.sqrt(step @ np.linalg.solve(covariance, step) / len(step)))
 
 
+def stated(pi: np.ndarray) -> np.ndarray:
+    return np.hstack(from_parameters(pi))
+
+
 def batch(
     problem: Problem, blocks: list[Block], rows_of: Callable[[Block, np.ndarray], Rows]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mode and covariance by plain Gauss-Newton on the normal equations, to convergence."""
-    p = len(problem.prior_mean)
+    mean, p = problem.prior_mean, len(problem.prior_mean)
     inverse = np.linalg.solve(problem.prior_covariance, np.eye(p))
     x, covariance = problem.prior_mean.copy(), problem.prior_covariance
     for _ in range(40):
@@ -53,7 +62,12 @@ def batch(
             k = problem.body(name)
             if not is_consistent(at[k]):
                 at[k] = nearest_consistent(at[k], covariance[k, k])
-        F, g = inverse, inverse @ (problem.prior_mean - at)
+        off, D = at - mean, np.eye(p)  # of what is stated: mass, centre of mass, inertia
+        for k in map(problem.body, problem.unknown):
+            J = report_jacobian(mean[k])
+            off[k] = np.linalg.solve(J, stated(at[k]) - stated(mean[k]))
+            D[k, k] = np.linalg.solve(J, report_jacobian(at[k]))
+        F, g = D.T @ inverse @ D, -D.T @ inverse @ off
         for block in blocks:
             rows = rows_of(block, at)
             F, g = F + rows.A.T @ rows.A, g + rows.A.T @ rows.b
