@@ -8,6 +8,8 @@ STANDBY. Before the loop's first summary the mode is BOOT.
 from fsw.telemetry.dictionary.codes import Mode
 from fsw.telemetry.state.event_reporter import EventReporter
 
+STALE_SUMMARIES = 3  # of the loop behind a command's reply, that may be from before it
+
 
 class ModeMachine:
     """Derives the mode from the loop, the batch job and the safe latch; reports every change."""
@@ -17,6 +19,7 @@ class ModeMachine:
         self._safe = safe
         self._identifying: bool | None = None  # None: no summary of the loop yet
         self._job = False
+        self._stale = 0  # summaries that may still contradict a command
         self._reported = self.mode
 
     @property
@@ -31,13 +34,20 @@ class ModeMachine:
         return Mode.IDENTIFY if self._identifying else Mode.STANDBY
 
     def summary(self, *, identifying: bool, job: bool) -> None:
-        """Record the state that the loop's summary reports."""
-        self._identifying, self._job = identifying, job
+        """Record the state that the loop's summary reports.
+
+        Replies overtake summaries: the first ones behind a command may contradict it.
+        """
+        self._job = job
+        if self._stale and identifying is not self._identifying:
+            self._stale -= 1
+        else:
+            self._identifying, self._stale = identifying, 0
         self._report()
 
     def identifying(self, value: bool) -> None:
         """Record that the loop has resumed or paused the estimator."""
-        self._identifying = value
+        self._identifying, self._stale = value, STALE_SUMMARIES
         self._report()
 
     def job(self, value: bool) -> None:
