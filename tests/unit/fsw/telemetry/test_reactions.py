@@ -39,6 +39,7 @@ class TestModes:
         assert flight.app.modes.mode is Mode.IDENTIFY
         flight.answer()
         assert flight.app.modes.mode is Mode.STANDBY
+        flight.up(identifying=False)  # the summary behind the reply
         flight.up(identifying=True)  # somebody at the local socket
         assert flight.app.modes.mode is Mode.IDENTIFY
         flight.app.job(JobReport(id=3, state="running", progress=0.1))
