@@ -38,6 +38,7 @@ from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
+from fsw.estimators.recursive.change import MISMATCH_LEVEL
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
 from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
@@ -270,10 +271,12 @@ def _likelihood(
         status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
     notes = (note, in_words(conflicts), stated.suspicion(solution.mean).removeprefix("; "))
     wrong = settled.mismatch or doubted or implausible
+    # no sensor's noise is so large; taken for it, it leaves of the excitation too little
+    drowned = settled.level > MISMATCH_LEVEL and status == "INSUFFICIENT_EXCITATION"
     return _Found(
         problem=problem,
         solution=solution,
-        status="MODEL_MISMATCH" if status == "OK" and wrong else status,
+        status="MODEL_MISMATCH" if drowned or (status == "OK" and wrong) else status,
         mean=solution.mean,
         covariance=covariance,
         note="; ".join(filter(None, notes)),
@@ -316,10 +319,8 @@ def _regression(
             raise EstimatorError("no block has every measurement that weighting 'bc' needs")
         for block in whole:
             sums = sums + block_sums(block, x, problem)
-        precision: FloatArray = np.asarray(
-            np.linalg.solve(problem.prior_covariance, np.eye(len(x))), np.float64
-        )
-        mean = compensated_mean(sums, problem.prior_mean, precision)
+        known = problem.prior.at(x)
+        mean = compensated_mean(sums, known.mean(), known.R.T @ known.R)
     else:
         solution = regress(problem, Target(linear))
         mean = solution.mean

@@ -150,15 +150,17 @@ def test_degenerate_data_end_a_batch_with_a_status_or_in_words(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("resets", [True, False], ids=["from rest", "from the first rate"])
+@pytest.mark.parametrize(
+    ("rate_rad_s", "resets"), [(3.0, True), (0.1, False)], ids=["from rest", "from the first rate"]
+)
 def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so(
-    resets: bool, monkeypatch: pytest.MonkeyPatch
+    rate_rad_s: float, resets: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if resets:
         monkeypatch.setattr(recursion, "at_first_rate", lambda _, x, __: x)
     config = make_config(("base",), target=None, method="fused", momentum_sigma_nms=10.0)
     online = build_online(config, robot_model())
-    for block in throw(3.0, 40):
+    for block in throw(rate_rad_s, 40):
         estimate = online.push(block)
         assert np.isfinite(estimate.mean).all()
         assert np.isfinite(estimate.covariance).all()

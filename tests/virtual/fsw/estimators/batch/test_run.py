@@ -129,9 +129,7 @@ def test_a_window_with_a_change_in_it_is_not_ok(
     biases = draw_biases(rng)
     clean = stepped(CASES[case][0], base_ratio, target_ratio)[STEP_AT - 60 : STEP_AT + 60]
     result = batch(config_of(case, 4), [noisy(block, rng, biases) for block in clean])
-    # residuals 26 times the declared noise leave the data of two bodies without information
-    assert result["status"] in ("MODEL_MISMATCH", "INSUFFICIENT_EXCITATION")
-    assert result["status"] == "MODEL_MISMATCH" or result["diagnosis"]["noise_ratio"] > 10.0
+    assert result["status"] == "MODEL_MISMATCH"
 
 
 @pytest.mark.parametrize("weighting", ["ols", "wls", "bc"])
