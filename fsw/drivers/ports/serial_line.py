@@ -17,22 +17,21 @@ MAX_READS = 64  # per call, so that a babbling line cannot hold the loop
 
 
 def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
-    """Open a line 8N1 and drop what was waiting in it.
+    """Open a line 8N1 and discard the bytes that were waiting in it.
 
     Raises
     ------
-    PortError naming the path.
+    PortError naming the path; also for a line that hangs up while it is opened.
     """
     try:
         line = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
-    except (serial.SerialException, OSError, ValueError) as error:
-        raise PortError(f"serial {path}: cannot be opened at {baud} baud: {error}") from error
-    with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
-        line.set_low_latency_mode(True)  # refused by pseudo-terminals and some adapters
-    with contextlib.suppress(OSError, serial.SerialException):
+        with contextlib.suppress(ValueError):  # pseudo-terminals and some adapters refuse
+            line.set_low_latency_mode(True)
         line.reset_input_buffer()
-    os.set_blocking(line.fileno(), False)
-    _separate_idle_from_hang_up(line.fileno())
+        os.set_blocking(line.fileno(), False)
+        _separate_idle_from_hang_up(line.fileno())
+    except (OSError, ValueError, termios.error) as error:
+        raise PortError(f"serial {path}: cannot be opened at {baud} baud: {error}") from error
     return SerialPort(line, clock, path)
 
 

@@ -1,4 +1,6 @@
+import errno
 import os
+import termios
 from pathlib import Path
 
 import pytest
@@ -56,3 +58,16 @@ def test_a_line_that_cannot_be_opened_is_named(tmp_path: Path) -> None:
     path = tmp_path / "none"
     with pytest.raises(PortError, match=str(path)):
         open_serial(str(path), 115200, MonotonicClock())
+
+
+def test_a_line_that_hangs_up_while_it_is_opened_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(_fd: int, _queue: int) -> None:
+        raise termios.error(errno.EIO, "Input/output error")
+
+    device, host = os.openpty()
+    path = os.ttyname(host)
+    monkeypatch.setattr(termios, "tcflush", gone)
+    with pytest.raises(PortError, match=path):
+        open_serial(path, 115200, MonotonicClock())
+    os.close(host)
+    os.close(device)
