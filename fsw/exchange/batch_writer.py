@@ -1,5 +1,6 @@
 """Many messages of one length into an MCAP file at once."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,10 @@ _HEAD_BYTES = 22  # of a message before its data: channel, sequence, two times
 
 
 class BatchWriter(Writer):
-    """The library's writer; message by message it takes some 20 us for each.
+    """Extends the library's writer, which takes some 20 us for each message.
 
-    The builder of a chunk and the statistics are private members of the library's; a test holds
-    the file against one that the library writes alone, byte by byte.
+    It uses private members of the library: the builder of a chunk and the statistics. A test
+    compares the file with one that the library writes alone, byte by byte.
     """
 
     def add_messages(
@@ -34,20 +35,16 @@ class BatchWriter(Writer):
         data : (k, n) bytes of each
         sequence : number of the first
         """
-        for start in range(0, len(data), MOST_AT_ONCE):
-            part = slice(start, start + MOST_AT_ONCE)
-            self._add_part(channel_id, log_times_ns[part], data[part], sequence + start)
-
-    def _add_part(
-        self,
-        channel_id: int,
-        log_times_ns: NDArray[np.int64],
-        data: NDArray[np.uint8],
-        sequence: int,
-    ) -> None:
         records = _records(channel_id, log_times_ns, data, sequence)
-        times_ns, count = log_times_ns.tolist(), len(records)
-        first_ns, last_ns = min(times_ns), max(times_ns)
+        times_ns = log_times_ns.tolist()
+        for start in range(0, len(records), MOST_AT_ONCE):
+            part = slice(start, start + MOST_AT_ONCE)
+            self._add_records(channel_id, times_ns[part], records[part])
+
+    def _add_records(
+        self, channel_id: int, times_ns: Sequence[int], records: NDArray[np.void]
+    ) -> None:
+        count, first_ns, last_ns = len(records), min(times_ns), max(times_ns)
         held: Any = self
         chunk, statistics = held._Writer__chunk_builder, held._Writer__statistics  # noqa: SLF001
         ends = range(chunk.count, chunk.count + records.nbytes, records.itemsize)

@@ -33,6 +33,11 @@ class SlidingLimits(Section):
     jerk_m_s3: Positive | None = None
     force_n: Positive
 
+    def row(self) -> tuple[float, ...]:
+        """Return margin, speed, acceleration, jerk (unbounded: inf) and effort."""
+        jerk = self.jerk_m_s3 or np.inf
+        return self.range_margin_m, self.speed_m_s, self.acceleration_m_s2, jerk, self.force_n
+
 
 class MotionLimits(Section):
     """Bounds on a whole motion; vectors of the base are bounded by their norm.
@@ -59,6 +64,12 @@ class MotionLimits(Section):
     # given poses: of a prismatic joint in m
     start_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
+
+    def row(self) -> tuple[float, ...]:
+        """Return margin, speed, acceleration, jerk (unbounded: inf) and effort."""
+        speed, acceleration = self.joint_speed_rad_s, self.joint_acceleration_rad_s2
+        jerk = self.joint_jerk_rad_s3 or np.inf
+        return self.joint_range_margin_rad, speed, acceleration, jerk, self.torque_nm
 
 
 def load(path: Path) -> MotionLimits:
@@ -98,24 +109,9 @@ class JointLimits:
             name = model.joint_names[int(slides.argmax())]
             raise ConfigError(f"sliding: missing; {name!r} is prismatic, its limits stand there")
 
-        turning = (
-            limits.joint_range_margin_rad,
-            limits.joint_speed_rad_s,
-            limits.joint_acceleration_rad_s2,
-            limits.joint_jerk_rad_s3 or np.inf,
-            limits.torque_nm,
-        )
-        straight = turning
-        if sliding is not None:
-            straight = (
-                sliding.range_margin_m,
-                sliding.speed_m_s,
-                sliding.acceleration_m_s2,
-                sliding.jerk_m_s3 or np.inf,
-                sliding.force_n,
-            )
         margin, speed, acceleration, jerk, effort = (
-            np.where(slides, metres, rad) for metres, rad in zip(straight, turning, strict=True)
+            np.where(slides, straight, turning)
+            for turning, straight in zip(limits.row(), (sliding or limits).row(), strict=True)
         )
         self.units: tuple[str, ...] = tuple(np.where(slides, "m", "rad").tolist())
         self.lower_rad: FloatArray = np.array(own.lowerPositionLimit[7:]) + margin
