@@ -27,7 +27,7 @@ def request_of(name: str, pairs: Iterable[str]) -> dict[str, object]:
 
     Raises
     ------
-    ConfigError for what is no pair, or no number where one is needed.
+    ConfigError for an argument that is no pair, or no number where one is needed.
     """
     request: dict[str, object] = {"command": name}
     for pair in pairs:

@@ -215,7 +215,7 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
 
 
 def _doubts(config: Config, problem: Problem) -> list[str]:
-    """Return the data of arm and sensors that are estimated along, each with its prior sigma."""
+    """Return the data of arm and sensors that are states too, each with its prior sigma."""
     joints, imu = config.joints, config.imu
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
     known = {name.rpartition(".")[0] for name in problem.names if name.startswith("known.")}

@@ -194,7 +194,7 @@ class JointConfig(Section):
 
     @property
     def speed_only(self) -> bool:
-        """Whether the encoder is known by speed only."""
+        """Whether the encoder gives speed and no position."""
         return self.encoder == "speed"
 
     @model_validator(mode="wrap")

@@ -39,7 +39,7 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class Eventful(Protocol):
-    """An estimator that has something to tell an operator now and then."""
+    """An estimator that has events to report."""
 
     def events(self) -> list[tuple[str, str, str]]:
         """Return severity, code and text of what happened since the last call."""

@@ -3,7 +3,7 @@
 A window's polynomial holds the motion; what it leaves is noise, and the mean products of what is
 left, some samples apart, show whether neighbouring samples are alike. The noise of a channel is
 taken as a white part and one that fades exponentially, an autoregression of first order (Box,
-Jenkins, Time Series Analysis, 1976, sec. 3.2). How fast it fades, one sensor alone tells badly, and
+Jenkins, Time Series Analysis, 1976, sec. 3.2). One sensor alone shows badly how fast it fades, and
 the error is lopsided: too slow weighs more than too fast. So torque sensors whose own samples do
 not contradict it share one fading, and keep their sizes. Its covariance at the nodes includes that
 with the nodes of neighbouring windows, so that a quantity which changes slowly gets the information

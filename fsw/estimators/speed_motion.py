@@ -2,7 +2,7 @@
 
 Within a window the angle is the integral of the polynomial through its speeds; from window to
 window the integrals add up, and so does their noise: the angle walks. How far it may have walked
-is told as a variance, which is what the estimator's states of the walk are placed by. A window
+is given as a variance; the estimator places its states of the walk by it. A window
 without speeds is bridged; where the bridge is too uncertain, the angle is lost.
 """
 

@@ -1,8 +1,8 @@
 """Conditioning of thrusters: the states of their valves to a block's edges.
 
 An edge is a row [thruster, time from the window's centre [s], +1 opened or -1 closed]; unused rows
-are zero. Edges whose force has settled before the window are left out. A valve that was open all
-along has one opening edge, placed so early that its force has settled.
+are zero. Edges whose force has settled before the window are left out. A valve that has always been
+open has one opening edge, placed so early that its force has settled.
 """
 
 from collections.abc import Sequence

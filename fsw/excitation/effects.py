@@ -2,7 +2,7 @@
 
 The size of an effect with states of its own is their prior sigma. Wheels hold the base still as far
 as their torques go; thrusters fire as the motion has it; modes swing as it drives them; an orbit
-that is not told is a low one; group delays are not taken off.
+that is not configured is taken as a low one; group delays are not subtracted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -258,7 +258,7 @@ def _of_modes(flight: _Flight) -> Iterator[Cost]:
 
 
 def _of_orbit(flight: _Flight) -> Iterator[Cost]:
-    """Yield the cost of a low orbit that is not told: the worst of three planes at 45 degrees."""
+    """Yield the cost of a low orbit if none is configured: the worst of three inclined planes."""
     config, problem, model = flight.config, flight.problem, flight.problem.model
     if config.base.motion != "free" or config.orbit is not None:
         return

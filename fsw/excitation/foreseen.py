@@ -1,4 +1,4 @@
-"""What a flight of a motion would tell: the estimator's own rows of samples as the model has them.
+"""Prediction of a flight of a motion: the estimator's own rows, from samples of the model.
 
 The planner's rows know bodies, offsets, biases and momentum. Here nothing is left out: the motion
 is sampled as the devices would, conditioned as in flight, and every state of the configuration is

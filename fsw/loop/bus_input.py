@@ -265,9 +265,9 @@ class BusInput:
         """Put what was sent where the bus handed it back, with the stamp it has there.
 
         That stamp is the kernel's: ours, taken after sending, is late by whatever came between. A
-        frame may come back after the answers to it, but its stamp tells its place. What has not
-        come back stands before all that is stamped after its sending began; when it comes later,
-        it is there already.
+        frame may come back after the answers to it, but its stamp gives its place. A frame that has
+        not come back is placed before everything stamped after its sending began; if it comes back
+        later, it is not added again.
         """
         back_at = self._all_back(read)
         if back_at is not None:

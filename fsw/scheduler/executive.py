@@ -1,4 +1,4 @@
-"""The fixed-rate executive: an absolute grid, one wait per tick, slips counted and never burst."""
+"""The fixed-rate executive: an absolute grid, one wait per tick; slips are counted, not made up."""
 
 from collections.abc import Callable, Sequence
 

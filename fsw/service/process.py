@@ -118,7 +118,7 @@ class Service:
             return BlockWriter(path)
 
     def open(self) -> None:
-        """Open files and socket; what cannot be opened is an event."""
+        """Open files and socket; report as an event what cannot be opened."""
         self._switch.open(resume=self._resume)
         if self._config.telemetry is not None:
             self._open_telemetry()

@@ -3,7 +3,7 @@
 A signal stamped t that shows the robot at t - d correlates best with the one predicted from joint
 motion at t - d. Near d that is a least-squares problem in d: its row is the predicted signal's
 derivative, its sigma the curvature of the correlation's peak, and whatever else could explain the
-difference (bodies, biases, mounting) is estimated along, so that none of it is taken for a delay.
+difference (bodies, biases, mounting) is a state too, so that none of it is taken for a delay.
 """
 
 from dataclasses import replace

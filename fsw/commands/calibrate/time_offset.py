@@ -3,7 +3,7 @@
 The turn between two solutions is compared with the gyro's integral over the same time, moved by a
 trial offset. The likelihood of the difference is highest where the two correlate best; a parabola
 through the points about the peak gives the offset between the points of the grid, and its curvature
-the sigma. Gyro bias and a small difference of the two mountings are estimated along everywhere.
+the sigma. Gyro bias and a small difference of the two mountings are estimated at every offset.
 """
 
 import numpy as np

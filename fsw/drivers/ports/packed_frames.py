@@ -110,7 +110,7 @@ class Unpacker:
 
 
 def _with_left(frames: FrameArray, batch: Received, left: Sequence[int]) -> FrameArray:
-    """Read by msgpack what no layout fits."""
+    """Read the datagrams that fit no layout by msgpack."""
     good = np.ones(len(frames), np.bool_)
     for k in left:
         row = _unpacked(batch.data[k, : batch.lengths[k]].tobytes(), int(frames["t_ns"][k]))

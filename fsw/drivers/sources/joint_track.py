@@ -185,8 +185,8 @@ def most_rad_s(config: JointConfig) -> float | None:
 class Readings:
     """Calibrated values of a bus's joints in a batch, by joint and then in order; all (k,).
 
-    Of an encoder without position the speed [rad/s] stands in its place: beyond what the joint can
-    do it is out of range, and nothing else can be told of it; steps of it are no faults.
+    An encoder without position has its speed [rad/s] in place of the position. A speed beyond the
+    limit of the joint is out of range. No other fault of a speed is judged: it may change in steps.
     """
 
     sync: IntArray  # running index of the SYNC

@@ -4,7 +4,7 @@ The practice is to record one motion empty and loaded and to identify the differ
 repeats cancels: errors of the links, friction, scales and zeros. Here that is exact: these errors
 are states, so what the reference shows of them is the prior of the loaded run, with all of its
 covariance. The two motions need not be alike, and what a reference does not show stays in doubt.
-Biases, momentum and wrenches are of one run and are not handed on.
+Biases, momentum and wrenches differ from run to run, so the loaded run gets no prior of them.
 """
 
 from collections.abc import Sequence

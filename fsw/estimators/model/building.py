@@ -60,8 +60,8 @@ def liquid_root(body: BodyConfig) -> FloatArray:
     """Return (10, k): by how much liquid may change the apparent body, a column per way.
 
     A motion faster than the liquid's own leaves it behind, and the body appears without it; a slow
-    one takes it along; and it may be anywhere within its stroke. Nothing in the data tells which,
-    until the liquid comes back.
+    one carries it with the body; and it may be anywhere within its stroke. The data do not show
+    which of these is the case until the liquid comes back.
     """
     ways = []
     for part in body.liquid:
@@ -177,7 +177,7 @@ def build_problem(
     """Lay out the state and its prior for one configuration.
 
     `exact`: known bodies, zeros of the joints and the inertial unit's mounting are as configured.
-    `blocks` are those that integrated angles are to walk along; none: see `walks_of`.
+    `blocks` : the walk of integrated angles is laid out over these; without any, see `walks_of`.
 
     Raises
     ------

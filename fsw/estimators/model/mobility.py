@@ -119,8 +119,8 @@ def longer_sides(pi: FloatArray, covariance: FloatArray, prior_sigma: FloatArray
 
     A base that is known to a tenth may be heavier by more than it may be lighter: 1/m is straight.
     Where three sigma on one side are more than LOPSIDED times as long as sigma says, a third of
-    them stands for it, or the prior's sigma (10,) if that is less. They are taken along the most
-    likely way there, in the mobility; where three sigma are no body, two or one.
+    them replaces sigma, or the prior's sigma (10,) if that is less. The longer side is measured on
+    the most likely path in the mobility; where no body is at three sigma, at two or at one.
     """
     J, report = mobility_jacobian(pi), report_jacobian(pi)
     slope = np.linalg.solve(J.T, report.T).T  # d(report)/d(mobility)

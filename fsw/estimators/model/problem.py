@@ -232,7 +232,7 @@ class Problem:
     def consistent(self, x: FloatArray, covariance: Callable[[], FloatArray]) -> FloatArray:
         """Return a state (p,) with each body moved to the nearest consistent one, modes to theirs.
 
-        A mode is at most MODE_REACH sigma from its prior, and the base is more than its modes.
+        Modes stay within MODE_REACH sigma of their prior; the base stays heavier than its modes.
         `covariance` returns that of the state (p, p).
         """
         off = np.zeros(len(x))

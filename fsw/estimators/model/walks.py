@@ -4,9 +4,9 @@ White noise of a speed makes its integral a Wiener process. On the scale of its 
 one of unit density, wherever samples or whole windows were missing; so knots are placed by v. The
 steps between knots are independent, each with the variance between its knots; between two knots the
 walk is taken as linear, and what is left is a Brownian bridge (Karatzas, Shreve, Brownian Motion
-and Stochastic Calculus, 1991, sec. 5.6.B), told as noise of every block. A bridge is one over all
-the blocks of its step, so that noise is told larger by half their number: the mean of a bridge over
-its step has half of the mean variance of its points, T/12 and T/6.
+and Stochastic Calculus, 1991, sec. 5.6.B), which counts as noise of every block. All blocks of a
+step share one bridge, so that this noise is declared larger by half their number: the mean of a
+bridge over its step has half of the mean variance of its points, T/12 and T/6.
 """
 
 from collections.abc import Sequence

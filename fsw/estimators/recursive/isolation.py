@@ -73,7 +73,7 @@ class ChannelScreen:
     ) -> dict[int, float]:
         """Return each used channel's normalised innovation squared over its limit.
 
-        The parameters are those of `judge`; nothing of rows that do not tell their channels.
+        The parameters are those of `judge`. Rows that do not name their channels give no ratio.
         """
         if rows.root is None or rows.use is None:
             return {}

@@ -125,9 +125,9 @@ class Memory:
     def add(
         self, block: Block, rows: Rows, at: FloatArray, *, keep: bool, weight: float = 1.0
     ) -> None:
-        """Fold in the whitened rows of a block at a state, and keep it for passes if told so.
+        """Fold in the whitened rows of a block at a state; with `keep`, store the block for passes.
 
-        Of weight 0 it says nothing, and is only where momentum and modes pass through.
+        A block of weight 0 adds no information: it only carries momentum and modes on.
         """
         c = rows.b + rows.A @ at
         stored = _Stored(block, rows.A, c, at, self.gained, rows.after, weight)

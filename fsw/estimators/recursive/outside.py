@@ -2,8 +2,8 @@
 
 Torque and specific force of a block, with the rate as measured, do not depend on momentum. Where
 noise does not explain them, a wrench is fitted that is free at every node: on the base, as a
-thruster's that nobody reported, or on the target, as of what touches it. They tell the two apart,
-for a wrench on the base loads joints by the base's acceleration alone, which is measured. The
+thruster's that nobody reported, or on the target, as of what touches it. The two can be told apart:
+a wrench on the base loads joints by the base's acceleration alone, which is measured. The
 momentum gained is not known: from then on rates are taken as measured. A change of the bodies looks
 like a wrench in one block; but one change explains several, and a wrench does not.
 """

@@ -18,7 +18,7 @@ _GYRO, _ACC, _ATTITUDE, _FIRST_JOINT = 0, 1, 2, 8
 
 
 class Science:
-    """Keeps the newest samples; tells which came since the last record."""
+    """Keeps the newest samples, and which of them came since the last record."""
 
     def __init__(self) -> None:
         self._joints = [0.0] * (2 * JOINT_SLOTS)

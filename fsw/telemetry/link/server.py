@@ -161,7 +161,7 @@ class LinkServer:
             self._watch_queue(client)
 
     def close(self) -> None:
-        """Close everything, the door first; what a client did not take is lost."""
+        """Close everything, listening sockets first; bytes that a client has not read are lost."""
         self._close_doors()
         self.flush()
         for client in list(self._clients):

@@ -98,7 +98,7 @@ def _reported(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Upli
 
 
 def _unauthorised(item: Uplinked) -> Uplinked:
-    """Return a packet as refused: its sender may only look."""
+    """Return the refusal of a packet whose sender may only observe."""
     return replace(item, error=Error.NOT_AUTHORISED, text="may look, not command")
 
 

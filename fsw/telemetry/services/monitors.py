@@ -65,7 +65,7 @@ class Monitoring:
 
     Attributes
     ----------
-    keep : brings another table to the disk; raises TcError, then the one before stands
+    keep : writes another table to the disk; if it raises TcError, the table before stays in force
     """
 
     def __init__(

@@ -37,8 +37,8 @@ CLEARED_BY = {"COMMAND_BACK": Health.COMMAND_LOSS, "LIMIT_RECOVERED": Health.LIM
 class HealthWord:
     """One bit for each kind of fault.
 
-    `latched`: faults that have occurred, until cleared. `now`: faults known to be present; one that
-    only an event tells of is latched, and never in `now`.
+    `latched`: faults that have occurred, until cleared. `now`: faults known to be present. A fault
+    that is known from an event alone is latched and never in `now`.
     """
 
     def __init__(self) -> None:
