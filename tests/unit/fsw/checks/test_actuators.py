@@ -1,0 +1,125 @@
+"""Wheels and thrusters: described, rehearsed, and one line for every fault."""
+
+import pytest
+
+from fsw.checks.configuration import validate
+from fsw.commands.describe import describe
+from fsw.config import load
+from fsw.messages.errors import ConfigError
+from tests.support.check_cases import assert_named
+
+
+def wheel(k=0, **changes):
+    return {
+        "name": f"wheel{k + 1}",
+        "bus": "arm",
+        "node_id": 0x21 + k,
+        "rate_hz": 50.0,
+        "axis_B": [0.0, 0.6, 0.8],
+        "inertia_kg_m2": 0.02,
+        "speed_limit_rad_s": 600.0,
+        "speed_noise_rad_s": 0.01,
+        "torque_limit_nm": 0.4,
+    } | changes
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 50.0])
+def test_wheels_are_described_and_pass_the_dry_update(arm, rate_hz):
+    arm.data["wheels"] = [wheel(k, rate_hz=rate_hz) for k in range(2)]
+    arm.data["estimator"] = {"momentum_sigma_nms": 5.0}
+    config = load(arm.write())
+    problem, warnings = validate(config)
+    assert warnings == []
+    assert_named(
+        describe(config, problem),
+        f"wheel1: axis [0 0.6 0.8], 0.02 kg m^2 +- 1.0%, speed at {rate_hz:g} Hz, at most 12 N m s",
+        "mass and locked inertia of every wheel belong to base; imbalance is noise",
+        "0x21 wheel1, 0x22 wheel2",
+        "inertia of wheels 0.01",
+    )
+
+
+def test_a_robot_without_wheels_is_told_that_they_are_off(arm):
+    config = load(arm.write())
+    assert_named(describe(config, validate(config)[0]), "reaction wheels (wheels)")
+
+
+def test_wheels_with_no_momentum_to_hold_are_warned_of(arm):
+    arm.data["wheels"] = [wheel()]
+    _, warnings = validate(load(arm.write()))
+    assert_named(warnings[0], "estimator.momentum_sigma_nms: 0 with wheels")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"bus": "other"}, ("wheels.0.bus: 'other'", "'arm'")),
+        ({"rate_hz": 1e4}, ("wheels.0.rate_hz: 10000 must be at most",)),
+        ({"node_id": 0x11}, ("wheels.node_id: 'arm:0x11' is used 2 times",)),
+        ({"axis_B": [1.0, 1.0, 0.0]}, ("axis_B", "must have length 1")),
+    ],
+)
+def test_a_wrong_wheel_is_one_line(arm, changes, words):
+    arm.data["wheels"] = [wheel(**changes)]
+    with pytest.raises(ConfigError) as caught:
+        load(arm.write())
+    assert len(str(caught.value).splitlines()) == 1
+    assert_named(str(caught.value), *words)
+
+
+def thruster(k=0, **changes):
+    return {
+        "name": f"thruster{k + 1}",
+        "bus": "arm",
+        "node_id": 0x31,
+        "valve": k,
+        "rate_hz": 50.0,
+        "p_B_m": [0.0, 1.0, 0.5],
+        "direction_B": [1.0, 0.0, 0.0],
+        "force_n": 22.0,
+        "delay_sigma_s": 0.001,
+    } | changes
+
+
+def test_thrusters_are_described_and_pass_the_dry_update(arm):
+    arm.data["thrusters"] = [thruster(k) for k in range(2)]
+    _, warnings = validate(load(arm.write()))
+    assert_named(warnings[0], "estimator.momentum_sigma_nms: 0 with thrusters")
+    arm.data["estimator"] = {"momentum_sigma_nms": 5.0}
+    config = load(arm.write())
+    problem, warnings = validate(config)
+    assert warnings == []
+    text = describe(config, problem)
+    assert_named(
+        text,
+        "thruster1: 22 N +- 3.0% at [0 1 0.5] m along [1 0 0], delay 5 +- 1 ms, rise 10 +- 0 ms",
+        "propellant that leaves is not",
+        "0x31 thruster",
+        "force of thrusters 0.03",
+        "(estimator.outside_wrench)",
+    )
+    arm.data.pop("thrusters")
+    arm.data["estimator"] = {"outside_wrench": "watch"}
+    config = load(arm.write())
+    text = describe(config, validate(config)[0])
+    assert_named(text, "thrusters (thrusters)")
+    assert "outside_wrench" not in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "estimator", "words"),
+    [
+        ({"bus": "other"}, {}, ("thrusters.0.bus: 'other'", "'arm'")),
+        ({"rate_hz": 1e4}, {}, ("thrusters.0.rate_hz: 10000 must be at most",)),
+        ({"node_id": 0x11}, {}, ("thrusters.node_id: 'arm:0x11' is used 2 times",)),
+        ({"direction_B": [1.0, 1.0, 0.0]}, {}, ("direction_B", "must have length 1")),
+        ({}, {"method": "mrnea", "weighting": "bc"}, ("weighting bc cannot take them",)),
+        ({}, {"method": "rda", "outside_wrench": "watch"}, ("'watch' needs method fused",)),
+    ],
+)
+def test_a_wrong_thruster_is_one_line(arm, changes, estimator, words):
+    arm.data["thrusters"], arm.data["estimator"] = [thruster(**changes)], estimator
+    with pytest.raises(ConfigError) as caught:
+        load(arm.write())
+    assert len(str(caught.value).splitlines()) == 1
+    assert_named(str(caught.value), *words)
