@@ -120,7 +120,7 @@ def scenario() -> str:
     """Return the page of every key of a scenario of the bench, from its models."""
     world = import_module("hil.world.scenario")
     environment = import_module("hil.world.environment.config").EnvironmentSection
-    sensors = TypeAdapter(import_module("hil.world.sensors").SensorConfig)
+    sensors = TypeAdapter(import_module("hil.world.sensor_config").SensorConfig)
     parts = {
         "": world.Document.model_json_schema(),
         "sensors": sensors.json_schema(),

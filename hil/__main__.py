@@ -198,7 +198,7 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     )
     effects.add_argument("scenarios", nargs="*", metavar="SCENARIO", help="every servicer's")
     evidence.add_seeds(effects, 50, "list")
-    effects.set_defaults(command=_study_effects)
+    effects.set_defaults(command=evidence.study_effects)
     for name, example in STUDIES.items():
         kinds.choices[name].epilog = f"example: {example}"
 
@@ -211,18 +211,6 @@ def _campaign_parser(commands: argparse._SubParsersAction[argparse.ArgumentParse
     campaign.add_argument("--workers", type=count, default=2, metavar="N", help="processes, 2")
     campaign.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, instead")
     campaign.set_defaults(function="hil.evidence.campaign.command:campaign")
-
-
-def _study_effects(arguments: argparse.Namespace) -> int:
-    from hil.evidence.effects.command import effects, show
-
-    seeds = range(arguments.first, arguments.first + arguments.count)
-    rows = effects(arguments.scenarios, seeds, arguments.jobs, arguments.out)
-    if arguments.json:
-        print(json.dumps(rows))
-    else:
-        show(rows)
-    return 0 if all(row["passed"] for row in rows) else FAILED_EXIT
 
 
 def _list(_arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ bus on which it hears the heartbeat again becomes Bdefault, and Ctoggle is zero.
 import struct
 from dataclasses import dataclass
 
-from hil.world.sensors import BusToggleConfig
+from hil.world.sensor_config import BusToggleConfig
 
 
 @dataclass(slots=True)

@@ -6,14 +6,8 @@ from numpy.typing import NDArray
 from hil.devices import stim300
 from hil.devices.truth_clock import ClampedHistory, TruthClock
 from hil.devices.uart import SerialLine, TimedBytes
-from hil.world.sensors import (
-    ImuErrors,
-    ImuSensorConfig,
-    angular_rate,
-    generator,
-    rotation_of,
-    specific_force,
-)
+from hil.world.sensor_config import ImuSensorConfig
+from hil.world.sensors import ImuErrors, angular_rate, generator, rotation_of, specific_force
 
 IntArray = NDArray[np.int64]
 BATCH = 128

@@ -1,6 +1,6 @@
 """The simulated robot's devices: CAN frames in, CAN frames and serial bytes out, all timed.
 
-`Plant` is passive and knows only the times it is told, so the same object serves virtual time (see
+`Plant` is passive and knows only the times it is given, so the same object serves virtual time (see
 `hil.links.virtual`) and real time (`python -m hil.devices PLANT.yaml`).
 """
 
@@ -19,7 +19,8 @@ from hil.devices.truth_clock import SPAN_S, ClampedHistory, JointTable, TruthClo
 from hil.devices.truth_port import History
 from hil.devices.uart import TimedBytes
 from hil.devices.wheel import WheelNode
-from hil.world.sensors import JointErrors, NodeConfig, SensorConfig, WheelSensorConfig, generator
+from hil.world.sensor_config import NodeConfig, SensorConfig, WheelSensorConfig
+from hil.world.sensors import JointErrors, generator
 from hil.world.thrusters import ThrusterSystem
 
 FIRST_NODE = 0x11
@@ -247,6 +248,6 @@ class Plant:
             self.star_tracker.write(t_ns, data)
 
     def times(self) -> dict[str, Any]:
-        """Return what tells truth from host time: origin, IMU datagram n at t0 + n period."""
+        """Return what maps truth to host time: origin, IMU datagram n at t0 + n period."""
         imu = None if self.imu is None else self.imu.times()
         return {"origin_ns": self.clock.origin_ns, "imu": imu}

@@ -13,7 +13,7 @@ from hil.devices.plant import Plant
 from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
 from hil.world.robot import Body, Robot
-from hil.world.sensors import STRICT, SensorConfig
+from hil.world.sensor_config import STRICT, SensorConfig
 from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 from hil.world.springs import Panel, SloshMass
@@ -36,7 +36,7 @@ class RobotFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrueBodies:
-    """True inertial data; a base of null leaves the URDF's, a target of null grasps nothing."""
+    """True inertial data; without `base` the URDF's, without `target` nothing is grasped."""
 
     __pydantic_config__ = STRICT
     base: Body | None = None

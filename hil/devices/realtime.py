@@ -171,7 +171,7 @@ class PtyEnd:
         self._plant.write_serial(time.monotonic_ns(), self.device, os.read(self._master, 4096))
 
     def send(self, data: bytes) -> None:
-        """Write what has crossed; what the host leaves unread beyond the buffer is lost."""
+        """Write the bytes that have crossed the line; bytes beyond the host's buffer are lost."""
         if not self.is_up:
             return
         try:

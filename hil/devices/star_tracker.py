@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 from hil.devices import sagitta
 from hil.devices.truth_clock import ClampedHistory, TruthClock
 from hil.devices.uart import SerialLine, TimedBytes
-from hil.world.sensors import NormalStream, StarTrackerSensorConfig, attitude, generator
+from hil.world.sensor_config import StarTrackerSensorConfig
+from hil.world.sensors import NormalStream, attitude, generator
 
 IntArray = NDArray[np.int64]
 ANSWER_NS = 1_000_000  # request to first byte of its answer

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.world.sensors import Chunking
+from hil.world.sensor_config import Chunking
 
 TimedBytes = tuple[int, bytes]
 GRID_NS = 1_000_000

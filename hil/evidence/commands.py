@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hil.options import count
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 FAILED_EXIT = 1
+Rows = list[dict[str, Any]]
 
 
 def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -215,8 +217,7 @@ def _many(cases: int, folder: Path, seed: int) -> int:
 def _calibration(arguments: argparse.Namespace) -> int:
     from hil.evidence.calibration.command import calibration, show
 
-    seeds = range(arguments.first, arguments.first + arguments.count)
-    rows = calibration(arguments.scenario, seeds, arguments.jobs, arguments.out)
+    rows = calibration(arguments.scenario, *_seeds(arguments))
     if arguments.json:
         print(json.dumps(rows))
     else:
@@ -227,8 +228,24 @@ def _calibration(arguments: argparse.Namespace) -> int:
 def _rough(arguments: argparse.Namespace) -> int:
     from hil.evidence.rough.command import rough, show
 
+    return _judged(arguments, rough(arguments.case, arguments.told, *_seeds(arguments)), show)
+
+
+def study_effects(arguments: argparse.Namespace) -> int:
+    """Run `hil study effects`; return the exit code."""
+    from hil.evidence.effects.command import effects, show
+
+    return _judged(arguments, effects(arguments.scenarios, *_seeds(arguments)), show)
+
+
+def _seeds(arguments: argparse.Namespace) -> tuple[range, int, Path | None]:
+    """Return seeds, processes and folder of the options that `add_seeds` adds."""
     seeds = range(arguments.first, arguments.first + arguments.count)
-    rows = rough(arguments.case, arguments.told, seeds, arguments.jobs, arguments.out)
+    return seeds, arguments.jobs, arguments.out
+
+
+def _judged(arguments: argparse.Namespace, rows: Rows, show: Callable[[Rows], None]) -> int:
+    """Print the rows; return the exit code."""
     if arguments.json:
         print(json.dumps(rows))
     else:
@@ -239,8 +256,7 @@ def _rough(arguments: argparse.Namespace) -> int:
 def _differential(arguments: argparse.Namespace) -> int:
     from hil.evidence.differential import differential, lines
 
-    seeds = range(arguments.first, arguments.first + arguments.count)
-    found = differential(seeds, arguments.jobs, arguments.out)
+    found = differential(*_seeds(arguments))
     print(json.dumps(found) if arguments.json else lines(found))
     return 0 if found["passed"] else FAILED_EXIT
 

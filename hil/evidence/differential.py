@@ -13,7 +13,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.stats import chi2
 
 from fsw.config import Config
 from fsw.config.robot import BodySigma
@@ -24,6 +23,7 @@ from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, sc
 from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import condition, declared, draws, sensed, with_noise
 from hil.evidence.store import Row, Store
+from hil.judge import chi_square
 from hil.judge.score import normalised_error_squared
 from hil.world.friction import JointFriction, draw_friction
 from hil.world.history import TruthState
@@ -165,7 +165,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     square = np.mean(errors[again] ** 2, axis=1)
     rms = np.sqrt(np.mean(errors**2, axis=0))
     ratio = float(rms[1] / rms[0])
-    low, high = (float(chi2.ppf(p, 10 * count)) / count for p in (0.005, 0.995))
+    low, high = chi_square.mean_ends(10, count, 0.01)
     means = nees.mean(axis=0)
     fine = all(row[way]["status"] == "OK" for row in rows for way in WAYS)
     return {

@@ -3,7 +3,7 @@
 White noise of the raw sensors at their native rates as in `judge/bound.py`; the derivatives by
 bodies and modes are central differences of MuJoCo's flight. Encoders are exact, and the modes are
 known to rest at the start, so the bound is rather too low. Offsets, biases and the modes' mass,
-frequency and damping are estimated along, with the priors that the flight software is told.
+frequency and damping are states too, with the priors of the flight configuration.
 """
 
 import json
@@ -20,7 +20,7 @@ from rich.table import Table
 from hil.evidence.methods.exact import true_robot
 from hil.evidence.store import JOURNAL
 from hil.judge.bound import Sensors
-from hil.run.flight import bound_sensors
+from hil.run.flight_sensors import bound_sensors
 from hil.world.inertia import COUNT, FloatArray
 from hil.world.scenario import Scenario, ScenarioError, load
 from hil.world.spline import JointSpline

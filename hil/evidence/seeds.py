@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy.stats import chi2
 
 from hil.evidence import runner
 from hil.evidence.store import Row, Store
+from hil.judge import chi_square
 from hil.run.live import LiveError
 from hil.run.processes import tied
 
@@ -58,7 +58,7 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     The band is that of the mean of N chi-square values of `dof` degrees of freedom.
     """
     dof, count = outcomes[0]["dof"], len(outcomes)
-    low, high = (float(chi2.ppf(p, dof * count)) / count for p in (0.005, 0.995))
+    low, high = chi_square.mean_ends(dof, count, 0.01)
     bodies = {}
     for body in outcomes[0]["unknown"]:
         truth = np.array([o["truth"][body]["mass_kg"] for o in outcomes])

@@ -42,7 +42,7 @@ from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, prepare
 from hil.world.scenario import BUS, load
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 
 SCENARIO = "target_leo"
 WARM_S = 3.0  # the motion continues and estimates are published

@@ -62,7 +62,7 @@ def set_link(channel: str, *, up: bool) -> None:
 
 
 class Babble:
-    """A node that sends frames of random length and content as fast as it is told."""
+    """A node that sends frames of random length and content at a given rate."""
 
     def __init__(self, channel: str, can_id: int, rate_hz: float, seed: int) -> None:
         self._channel, self._can_id, self._rate_hz = channel, can_id, rate_hz

@@ -1,8 +1,8 @@
 """Cramer-Rao bound of the unknown bodies for the run that took place.
 
-White noise of the raw sensors at their native rates, link torques, accelerometer and gyro together;
-torque offsets and inertial biases are estimated along, with their priors; encoders exact; zero
-momentum. The Fisher information is the sum over samples of J^T R^-1 J plus the priors' information.
+White noise of the raw sensors at their native rates, link torques, accelerometer and gyro together.
+Torque offsets and inertial biases are states with their priors; encoders are exact; the momentum is
+zero. The Fisher information is the sum over samples of J^T R^-1 J plus the priors' information.
 
 Predictions, all of pi:  w = [-H_bb^-1 H_bm qd]_w,  a = -H_bb^-1 (c_b + H_bm qdd),
 tau = rows 6: of Y(q, nu, [a; qdd]) pi, with nu = [0, w, qd] (nothing depends on v_b) and
@@ -24,7 +24,7 @@ from hil.world.inertia import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensors:
-    """White noise per sample, rates, and the priors of what is estimated along (0: known)."""
+    """White noise per sample, rates, and sigmas of the priors of offsets and biases (0: known)."""
 
     joint_rate_hz: float
     torque_noise_nm: FloatArray  # (n,)

@@ -103,7 +103,7 @@ class FloatingRobot:
 
     @property
     def support(self) -> FloatArray:
-        """(6,): the base's acceleration by which its stand keeps it from falling."""
+        """(6,): acceleration of the base by which its stand holds it against gravity."""
         gravity = (0.0, 0.0, 0.0) if self.stand is None else self.stand.gravity_m_s2
         return np.concatenate((-np.array(gravity), np.zeros(3)))
 

@@ -21,7 +21,7 @@ from hil.judge.outcome import body_report, body_sigma, outputs, result_of
 from hil.judge.report import Point, Residuals, Story
 from hil.judge.score import BOUND_RATE_HZ, Case, Result, bound_sigmas, comparison, score
 from hil.run.bench import Recorded, Setup
-from hil.run.flight import bound_sensors
+from hil.run.flight_sensors import bound_sensors
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.spline import JointSpline
 

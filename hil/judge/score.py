@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
+from hil.judge import chi_square
 from hil.judge.bound import Sensors, information
 from hil.judge.endeffector import ToolError, Verification
 from hil.judge.floating import FloatingRobot
@@ -20,7 +20,8 @@ from hil.world.inertia import (
     report_covariance,
     report_of,
 )
-from hil.world.scenario import Prior, mapping_from
+from hil.world.prior import Prior
+from hil.world.scenario import mapping_from
 
 DRAWS = 200
 BOUND_RATE_HZ = 10.0  # of the sum over a motion below 1 Hz: exact to 1e-8
@@ -186,7 +187,7 @@ def result_from(
 
 def nees_words(outcome: Mapping[str, Any]) -> str:
     """Return a run's NEES beside the middle 95 % of its chi-square distribution."""
-    low, high = (chi2.ppf(p, outcome["dof"]) for p in (0.025, 0.975))
+    low, high = chi_square.ends(outcome["dof"])
     return (
         f"NEES {outcome['nees']:.1f} for {outcome['dof']} parameters"
         f" (95 % of right runs: {low:.1f} to {high:.1f})"

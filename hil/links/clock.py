@@ -8,7 +8,7 @@ import numpy as np
 class SimClock:
     """The flight software's clock port, in virtual time.
 
-    A descriptor is a number given out by `register` with a function telling when its link is next
+    A descriptor is a number that `register` returns for a function that says when its link is next
     readable. A wake comes a little after its cause: exponential, `wake_latency_s` on average.
     """
 

@@ -18,7 +18,7 @@ from fsw.commands.report.collect import State, state_of
 from fsw.config import Config, load
 from fsw.drivers.wire import ByteChunk
 from fsw.estimators.pipeline import default_pipeline
-from fsw.exchange.sinks import Fanout, Message, NullSink, SerialTraffic, Sink
+from fsw.exchange.sinks import Fanout, Sink
 from fsw.exchange.status import estimate_summary
 from fsw.loop.ports import SECOND, Ports
 from fsw.messages import Block, Estimate, Event
@@ -30,6 +30,7 @@ from hil.judge.score import Result
 from hil.judge.stalls import bench_stalls
 from hil.links.virtual import VirtualBench
 from hil.run import live
+from hil.run.collector import Collector
 from hil.run.daemon import Daemon
 from hil.run.flight import (
     flight_document,
@@ -39,9 +40,10 @@ from hil.run.flight import (
 from hil.run.plant_document import plant_document
 from hil.run.progress import Meter
 from hil.world.history import TruthHistory
+from hil.world.prior import Prior, draw_prior
 from hil.world.robot import Robot, body_of
-from hil.world.scenario import Prior, Scenario, ScenarioError, draw_prior
-from hil.world.sensors import SensorConfig
+from hil.world.scenario import Scenario, ScenarioError
+from hil.world.sensor_config import SensorConfig
 from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 
@@ -88,30 +90,6 @@ class Recorded:
     wall_s: float
     state: State | None  # of the estimator, whole; None: no estimate
     extra: Mapping[str, Any] = field(default_factory=dict)
-
-
-class Collector(NullSink):
-    """Keeps what the score and the picture need."""
-
-    def __init__(self) -> None:
-        self.estimates: list[Estimate] = []
-        self.blocks: list[Block] = []
-        self.imu_chunks: list[ByteChunk] = []
-        self.events: list[Event] = []
-
-    def put(self, message: Message) -> None:
-        """Keep estimates, blocks, events, and the bytes of the inertial unit."""
-        match message:
-            case SerialTraffic(device="imu"):
-                self.imu_chunks += message.chunks
-            case Block():
-                self.blocks.append(message)
-            case Estimate():
-                self.estimates.append(message)
-            case Event():
-                self.events.append(message)
-            case _:
-                return
 
 
 def _motion(key: str, path: Path, robot: Robot) -> JointSpline:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.world.scenario import Scenario, mapping_from
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 
 
 def plant_document(

@@ -1,11 +1,9 @@
-"""Scenarios: who is in the plant, who is unknown to the flight side, and the prior it is given.
+"""Scenarios: which bodies are in the plant, and which of them are unknown to the flight side.
 
 A scenario file names the robot, the true bodies, the unknown ones, the trajectories, the sensor
-models and the flight settings. Paths are relative to the file. The prior of every unknown body is
-drawn from the run's seed, so the flight configuration holds no truth of it.
+models and the flight settings. Paths are relative to the file.
 """
 
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -19,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, is_physical
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 from hil.world.springs import Panel, SloshMass
 from hil.world.stand import Stand
 from hil.world.thrusters import ThrusterSystem
@@ -29,12 +27,6 @@ from hil.world.words import faults, other_kind, other_text
 FOLDER = Path(__file__).parents[1] / "scenarios"
 BODY_NAMES = ("base", "target")
 BUS = "arm"  # where a scenario names none
-PRIOR_STREAM = 71  # spawn key of the prior's draws, apart from every device's
-OFF_RATIO = (0.3, 0.5)  # how far off a prior is, of the value or its floor
-SIGMA_RATIO = 0.5  # rms of the above seen from the prior: 0.4 / (1 -+ 0.4)
-COM_FLOOR_RATIO = 0.3  # of the distance of the centre of mass from the origin
-PRODUCT_FLOOR_RATIO = 0.1  # of the mean moment of inertia
-MARGIN_RATIO = 0.02  # a prior keeps this distance from the triangle inequality's edge
 
 
 _T = TypeVar("_T")
@@ -176,14 +168,6 @@ class Scenario:
         return {name: int(bus["port"]) for name, bus in buses if bus.get("port") is not None}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Prior:
-    """The flight side's prior of an unknown body: value and 1 sigma, (10,) each."""
-
-    report: FloatArray
-    sigma: FloatArray
-
-
 def names(folder: Path = FOLDER) -> list[str]:
     """Return the names of the scenarios that come with the bench."""
     return sorted(path.stem for path in folder.glob("*.yaml"))
@@ -304,35 +288,6 @@ def mapping_from(report: FloatArray) -> dict[str, Any]:
     """Return mass_kg, com_m, inertia_kg_m2 of a report; inverse of `report_from`."""
     values = [float(x) for x in report]
     return {"mass_kg": values[0], "com_m": values[1:4], "inertia_kg_m2": values[4:]}
-
-
-def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
-    """Draw a prior 30-50 % off in every value, physically consistent, with its sigma.
-
-    Every value errs by a random sign times 30-50 % of its own size, or of its floor where it is
-    small beside the body's other values (a component of the centre of mass, a product of inertia).
-    Draws that no body of positive density could have are drawn again. The sigma is taken from the
-    prior alone by the same rule: it says how large the error may be and nothing of the truth.
-    """
-    place = BODY_NAMES.index(body) if body in BODY_NAMES else zlib.crc32(body.encode())
-    key = (PRIOR_STREAM, place)
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
-    scale = _scale(truth)
-    while True:
-        off = rng.uniform(*OFF_RATIO, size=10) * rng.choice([-1.0, 1.0], size=10)
-        report = truth + off * scale
-        if is_physical(report, MARGIN_RATIO):
-            return Prior(report=report, sigma=SIGMA_RATIO * _scale(report))
-
-
-def _scale(report: FloatArray) -> FloatArray:
-    """Return the size (10,) an error of each value is measured against."""
-    scale = np.abs(report)
-    com = COM_FLOOR_RATIO * np.linalg.norm(report[1:4])
-    product = PRODUCT_FLOOR_RATIO * np.mean(report[[4, 7, 9]])
-    scale[1:4] = np.maximum(scale[1:4], com)
-    scale[[5, 6, 8]] = np.maximum(scale[[5, 6, 8]], product)
-    return np.asarray(scale)
 
 
 def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:

@@ -8,196 +8,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter
 from scipy.spatial.transform import Rotation
 
 from hil.devices.truth_port import FloatArray, State
 from hil.world.friction import draw_friction
-from hil.world.noise import BandLimitedWhiteNoise, Hysteresis, NoiseStream
+from hil.world.noise import Hysteresis, NoiseStream
+from hil.world.sensor_config import (
+    ImuSensorConfig,
+    JointSensorConfig,
+    Quaternion,
+    StarTrackerSensorConfig,
+    Vector3,
+)
 
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-Chunking = Literal["datagram", "ms1", "random"]
 DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5}
 DEVICE_KEYS |= {"wheel": 6, "thruster": 7, "mode": 8}
-STRICT = ConfigDict(extra="forbid")
 HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: torque that takes a sensor from branch to branch
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodeConfig:
-    """One joint node and how its raw values relate to the URDF's joint.
-
-    The node reports `sign * (q - zero_offset_rad)` and `sign * torque`; without a torque sensor
-    zero, not valid. One whose encoder gives speed reports `sign * qd` and no position.
-    """
-
-    __pydantic_config__ = STRICT
-    node_id: int
-    bus: str = "arm"
-    format: Literal["classic", "fd"] = "classic"
-    sign: Literal[-1, 1] = 1
-    zero_offset_rad: float = 0.0
-    torque_sensor: bool = True
-    encoder: Literal["position", "speed"] = "position"
-    is_prismatic: bool = False  # counts 2^-24 m where another node counts 2^-24 revolutions
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusToggleConfig:
-    """Nodes on a redundant pair of buses: object 0x2000, and the heartbeat they follow (0x1016)."""
-
-    __pydantic_config__ = STRICT
-    ttoggle: int = 2  # consumer heartbeat times without a heartbeat, then the node toggles
-    ntoggle: int = 10  # toggles in a row, then the node stays
-    consumer_heartbeat_s: float = 0.15
-    master_node_id: int = 0x01
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointSensorConfig:
-    """Joint encoders and link-side torque sensors."""
-
-    __pydantic_config__ = STRICT
-    torque_noise_nm: float  # 1 sigma of one sample
-    torque_noise_correlation_s: float = 0.0  # in which it fades by e; 0: white
-    torque_offset_sigma_nm: float  # the constant offset of each joint is drawn once per seed
-    torque_scale_error_ratio: float = 0.0  # 1 sigma, drawn once per joint and seed
-    friction_coulomb_sigma_nm: float = 0.0  # on the link side, drawn once per joint and seed
-    friction_viscous_sigma_nms_rad: float = 0.0
-    torque_range_nm: float = 327.0  # beyond it the node reports an overload
-    torque_hysteresis_ratio: float = 0.0  # of full scale, the rated torque
-    torque_noise: BandLimitedWhiteNoise | None = None  # instead of torque_noise_nm
-    position_noise: BandLimitedWhiteNoise | None = None  # instead of encoder_noise_rad
-    encoder_bits: int = 24
-    encoder_noise_rad: float = 0.0
-    speed_noise_rad_s: float = 0.0  # of nodes whose encoder gives speed; 1 sigma of one sample
-    start_sigma_rad: float = 2e-3  # of the angle that the flight side is told they begin at
-    latch_offset_s: float = 0.0  # latch instant minus the SYNC stamp
-    rated_torque_nm: float = 40.0
-    heartbeat_s: float = 1.0
-    autostart: bool = True  # become operational at the first SYNC unless told otherwise
-    sync_counter_max: int = 240
-    sync_rate_hz: float | None = None  # the plant produces SYNC itself (host a consumer)
-    redundancy: BusToggleConfig | None = None  # None: one bus
-    nodes: tuple[NodeConfig, ...] = ()  # empty: node 0x11 and on, classic, bus "arm"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImuSensorConfig:
-    """Inertial unit: noise, mounting and time behaviour."""
-
-    __pydantic_config__ = STRICT
-    p_BS_m: Vector3
-    q_BS_xyzw: Quaternion
-    angle_random_walk_rad_sqrt_s: float
-    velocity_random_walk_m_s_sqrt_s: float
-    gyro_bias_sigma_rad_s: float
-    acc_bias_sigma_m_s2: float
-    noise_correlation_s: float = 0.0  # of both, in which the noise fades by e; 0: white
-    gyro_bias_walk_rad_s_sqrt_s: float = 0.0  # rate random walk
-    acc_bias_walk_m_s2_sqrt_s: float = 0.0
-    rate_hz: int = 500
-    baud_rate: int = 921600
-    datagram_id: int = 0xA5
-    crlf: bool = False
-    acc_range_g: Literal[5, 10, 30, 80] = 10
-    acceleration: Literal["specific_force", "kinematic"] = "specific_force"
-    gyro_noise: BandLimitedWhiteNoise | None = None  # instead of the angle random walk
-    acc_noise: BandLimitedWhiteNoise | None = None  # instead of the velocity random walk
-    gyro_group_delay_s: float = 2.2e-3
-    acc_group_delay_s: float = 6.3e-3
-    latency_s: float = 3.0e-4  # sample instant to first bit
-    latency_jitter_s: float = 3.0e-5  # uniform, added to it and reported in the latency field
-    clock_error_ppm: float = 50.0  # bound of the uniform draw
-    startup_s: float = 0.0  # start-up flag set this long after power-on
-    chunking: Chunking = "datagram"
-    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error, a USB host's by default
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StarTrackerSensorConfig:
-    """Star tracker: noise about its axes (boresight z) and time behaviour."""
-
-    __pydantic_config__ = STRICT
-    p_BS_m: Vector3 = (0.0, 0.0, 0.0)
-    q_BS_xyzw: Quaternion
-    noise_across_rad: float = math.radians(2.0 / 3600.0)
-    noise_about_rad: float = math.radians(10.0 / 3600.0)
-    attitude_noise: BandLimitedWhiteNoise | None = None  # instead of both
-    rate_hz: float = 5.0
-    baud_rate: int = 115200
-    latency_s: float = 0.1  # mid-exposure to the last byte of an unescaped frame
-    latency_jitter_s: float = 0.0  # uniform, added
-    stamp_offset_s: float = 0.0  # the unit's time stamp minus mid-exposure
-    clock_error_ppm: float = 0.0  # bound of the uniform draw
-    unix_epoch_s: float = 1.8e9  # the unit's Unix time at power-on
-    rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
-    subscribed: bool = False  # sends solutions without having been asked
-    chunking: Chunking = "datagram"
-    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error, a USB host's by default
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WheelNodeConfig:
-    """One reaction wheel node."""
-
-    __pydantic_config__ = STRICT
-    node_id: int
-    bus: str = "arm"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WheelSensorConfig:
-    """Tachometers and motor torques of reaction wheels."""
-
-    __pydantic_config__ = STRICT
-    nodes: tuple[WheelNodeConfig, ...]  # one per rotor of the robot
-    rate_hz: float = 50.0
-    speed_noise_rad_s: float = 0.01  # white, 1 sigma of one sample
-    torque_noise_nm: float = 1e-3
-    torque_offset_sigma_nm: float = 5e-3  # constant, drawn once per wheel and seed
-    torque_used: bool = False  # whether the flight side is to use the motor torques
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ThrusterSensorConfig:
-    """The valve driver: one node with a bit for each thruster."""
-
-    __pydantic_config__ = STRICT
-    node_id: int
-    bus: str = "arm"
-    rate_hz: float = 50.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorConfig:
-    """All sensors of the plant."""
-
-    __pydantic_config__ = STRICT
-    joints: JointSensorConfig
-    imu: ImuSensorConfig | None = None
-    star_tracker: StarTrackerSensorConfig | None = None
-    wheels: WheelSensorConfig | None = None
-    thrusters: ThrusterSensorConfig | None = None
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> SensorConfig:
-        """Validate a YAML mapping; unknown or missing keys raise ValueError."""
-        sections = {key: _with_quaternion(section) for key, section in data.items()}
-        return TypeAdapter(cls).validate_python(sections)
-
-
-def _with_quaternion(section: object) -> object:
-    """Put the quaternion in the place of roll, pitch, yaw about fixed axes, as in a URDF."""
-    if not isinstance(section, dict) or "rpy_BS_rad" not in section or "q_BS_xyzw" in section:
-        return section
-    rest = {key: value for key, value in section.items() if key != "rpy_BS_rad"}
-    angles = TypeAdapter(Vector3).validate_python(section["rpy_BS_rad"])
-    return rest | {"q_BS_xyzw": Rotation.from_euler("xyz", angles).as_quat().tolist()}
 
 
 def generator(seed: int, device: str, index: int = 0, stream: int = 0) -> np.random.Generator:
@@ -313,7 +142,7 @@ class JointErrors:
         ----------
         q, qd, tau : (k, n) true position [rad], rate [rad/s], torque [N m]; k at most `left`
 
-        `use` tells how many of them were needed: the rest is drawn again, the same.
+        `use` counts those that were needed; the next call returns the same errors for the others.
         """
         noise = self._noise[self._next : self._next + len(q)]
         step_rad = self._step_rad

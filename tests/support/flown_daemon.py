@@ -2,40 +2,33 @@
 
 from typing import Any
 
-from fsw.exchange.sinks import Message, NullSink
+from fsw.exchange.sinks import Message
 from fsw.loop.ports import Ports
-from fsw.messages import Block, Estimate, Event, Snapshot
+from fsw.messages import Snapshot
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, Setup
+from hil.run.collector import Collector
 from hil.run.daemon import Daemon
 from hil.world.scenario import BUS
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 
 S = 1_000_000_000
 
 
-class Kept(NullSink):
-    """Keeps states, estimates and events."""
+class Kept(Collector):
+    """Keeps the states of the estimation too."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.snapshots: list[Snapshot] = []
         self.published = 0
-        self.blocks: list[Block] = []
-        self.estimates: list[Estimate] = []
-        self.events: list[Event] = []
 
     def put(self, message: Message) -> None:
-        match message:
-            case Snapshot():
-                self.snapshots.append(message)
-                self.published = len(self.estimates)  # before the newest state
-            case Block():
-                self.blocks.append(message)
-            case Estimate():
-                self.estimates.append(message)
-            case Event():
-                self.events.append(message)
+        super().put(message)
+        if isinstance(message, Snapshot):
+            self.snapshots.append(message)
+            self.published = len(self.estimates)  # before the newest state
 
 
 def bench_of(setup: Setup) -> VirtualBench:

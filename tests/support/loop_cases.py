@@ -10,14 +10,14 @@ from fsw.drivers.wire import ByteChunk, CanFrame, FrameArray, frame_array, frame
 from fsw.exchange.sinks import (
     AppliedCommand,
     CanTraffic,
-    NullSink,
     ScienceRecord,
     SerialTraffic,
     StatusReport,
 )
-from fsw.messages import Block, BodyEstimate, Estimate, Event, Window
+from fsw.messages import Block, BodyEstimate, Estimate, Window
 from fsw.messages.commands import Reply
 from fsw.messages.errors import PortError
+from hil.run.collector import Collector
 from tests.conftest import ArmProject
 
 MS = 1_000_000
@@ -109,15 +109,13 @@ class FakeSerial(FakePort):
         self.queue.append(ByteChunk(self.clock.now, data))
 
 
-class KeepSink(NullSink):
+class KeepSink(Collector):
     """Keeps everything in lists."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.frames: list[CanFrame] = []
         self.chunks: list[ByteChunk] = []
-        self.blocks: list[Block] = []
-        self.estimates: list[Estimate] = []
-        self.events: list[Event] = []
         self.statuses: list[dict] = []
         self.commands: list[dict] = []
         self.replies: list = []
@@ -125,17 +123,12 @@ class KeepSink(NullSink):
         self.closed = False
 
     def put(self, message):
+        super().put(message)
         match message:
             case CanTraffic():
                 self.frames += frame_list(message.frames)
             case SerialTraffic():
                 self.chunks += message.chunks
-            case Block():
-                self.blocks.append(message)
-            case Estimate():
-                self.estimates.append(message)
-            case Event():
-                self.events.append(message)
             case StatusReport():
                 self.statuses.append(dict(message.values))
             case AppliedCommand():
@@ -147,10 +140,6 @@ class KeepSink(NullSink):
 
     def close(self):
         self.closed = True
-
-    @property
-    def codes(self) -> list[str]:
-        return [event.code for event in self.events]
 
 
 def make_block(index: int, joints: int = 3, nodes: int = 4) -> Block:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil.devices.canopen import FieldScale, Reading
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 
 RATE_SLOPE = 0.1  # rad/s^2: the gyro reading over it is its own instant
 ACC_SLOPE = 1.0  # m/s^3

@@ -22,7 +22,8 @@ from hil.run.bench import VirtualRun, prepare
 from hil.run.processes import tied
 from hil.run.progress import Quiet
 from hil.world.scenario import Scenario, at_rates, changed, load
-from hil.world.sensors import ImuErrors, JointErrors, SensorConfig
+from hil.world.sensor_config import SensorConfig
+from hil.world.sensors import ImuErrors, JointErrors
 
 BOUND_SIGMAS = 3.0  # of any figure from the truth, in its own sigma
 KINDS = (  # scenario and mode; at rest a table is like a bench

@@ -5,13 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from scipy.stats import norm
 
 from hil.evidence import runner
 from hil.evidence.calibration.case import BOUND_SIGMAS, KINDS, Case, work
 from hil.evidence.store import Row, Store
+from hil.evidence.terminal import print_table
+
+TITLES = (
+    *("scenario", "mode", "figure", "unit", "measured", "refused", "median sigma"),
+    *("rms [sigma]", "worst [sigma]", "beyond"),
+)
 
 
 def calibration(
@@ -58,23 +62,22 @@ def _row(figures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def show(rows: Sequence[Mapping[str, Any]], seeds: int) -> None:
     """Print the table."""
-    table = Table(title=f"fsw calibrate, {seeds} seeds, bound {BOUND_SIGMAS:g} sigma")
-    titles = ("scenario", "mode", "figure", "unit", "measured", "refused", "median sigma")
-    for title in (*titles, "rms [sigma]", "worst [sigma]", "beyond"):
-        table.add_column(title)
-    for row in rows:
-        numbers = [row[key] for key in ("median_sigma", "rms_sigmas", "worst_sigmas")]
-        table.add_row(
-            *(str(row[key]) for key in ("scenario", "mode", "kind", "unit", "measured", "refused")),
-            *("" if number is None else f"{number:.3g}" for number in numbers),
-            str(row["beyond"]),
-        )
-    console = Console()
-    console.width = max(console.width, 120)
-    console.print(table)
     measured, beyond = (sum(row[key] for row in rows) for key in ("measured", "beyond"))
     by_chance = measured * 2.0 * norm.sf(BOUND_SIGMAS)
-    console.print(
+    print_table(
+        f"fsw calibrate, {seeds} seeds, bound {BOUND_SIGMAS:g} sigma",
+        TITLES,
+        [_line(row) for row in rows],
+        120,
         f"{measured} figures measured, {beyond} of them beyond {BOUND_SIGMAS:g} sigma; "
-        f"of as many Gaussian ones {by_chance:.1f} would be"
+        f"of as many Gaussian ones {by_chance:.1f} would be",
     )
+
+
+def _line(row: Mapping[str, Any]) -> list[str]:
+    numbers = [row[key] for key in ("median_sigma", "rms_sigmas", "worst_sigmas")]
+    return [
+        *(str(row[key]) for key in ("scenario", "mode", "kind", "unit", "measured", "refused")),
+        *("" if number is None else f"{number:.3g}" for number in numbers),
+        str(row["beyond"]),
+    ]

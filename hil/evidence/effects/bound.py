@@ -1,8 +1,8 @@
 """The Cramer-Rao bound of a scenario's bodies from samples, with all the flight's states unknown.
 
-The information of exact samples at the truth, in the flight's rows; what is estimated along (wheel
-inertias, forces, delays, modes, momentum, offsets, biases) is marginalised with its prior. Windows
-in which something acts that nobody reports tell nothing, and the momentum after it is another one.
+The information of exact samples at the truth, in the flight's rows. The other states (inertias of
+wheels, forces, delays, modes, momentum, offsets, biases) are marginalised with their priors.
+Windows with an unreported action give no information, and the momentum after it is a new state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,8 @@ from hil.evidence.effects.samples import exact, rate_hz
 from hil.evidence.methods.flight_side import write_true_config
 from hil.evidence.methods.sensed import condition
 from hil.world.inertia import FloatArray, pi_jacobian, pi_of
-from hil.world.scenario import Prior, Scenario, load
+from hil.world.prior import Prior
+from hil.world.scenario import Scenario, load
 
 SETTLED_RISES = 8.0  # after which the force of a firing is gone
 

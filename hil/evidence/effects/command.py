@@ -11,19 +11,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from hil.evidence import runner
 from hil.evidence.effects.case import Case, work
-from hil.evidence.methods.statistics import chi_square_ends, ratio
+from hil.evidence.methods.statistics import ratio
 from hil.evidence.store import Row, Store
+from hil.evidence.terminal import WRONG, print_table
+from hil.judge import chi_square
 
 SCENARIOS = (
     *("wheels_leo", "mev", "panel_leo", "base_slosh"),
     *("dual_arm", "target_contact", "firings_unknown"),
 )
 LIMIT = 1.1  # of the error over the bound
+TITLES = (
+    *("scenario", "valid", "wrong", "mean NEES", "95 % band", "worst (seed)"),
+    *("error over bound (95 %)", "mass: mean error, scatter, sigma [kg]", ""),
+)
 
 
 def effects(
@@ -48,7 +52,7 @@ def effects(
 def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
     """Return what all seeds say together; `outside`: share of right studies that leave the band."""
     count, dof = len(rows), rows[0]["dof"]
-    low, high = (end / count for end in chi_square_ends(dof * count, outside))
+    low, high = chi_square.mean_ends(dof, count, outside)
     nees = float(np.mean([row["nees"] for row in rows]))
     squares = np.array([row["error_over_bound_squared"] for row in rows]) / dof
     error = ratio(squares, dof)
@@ -78,24 +82,23 @@ def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
 
 def show(rows: Sequence[dict[str, Any]]) -> None:
     """Print the table."""
-    table = Table(title="effects of a servicer from samples, every state of its configuration")
-    for title in ("scenario", "valid", "wrong", "mean NEES", "95 % band", "worst (seed)"):
-        table.add_column(title)
-    table.add_column("error over bound (95 %)")
-    table.add_column("mass: mean error, scatter, sigma [kg]")
-    table.add_column("")
-    for row in rows:
-        (low, high), (seed, most) = row["band"], row["worst_nees"]
-        masses = row["mass_mean_and_scatter_of_error_and_sigma_kg"].items()
-        table.add_row(
-            *(row["scenario"], f"{row['valid']} of {row['seeds']}", str(row["wrong"])),
-            *(f"{row['mean_nees']:.2f} for {row['dof']}", f"[{low:.2f}, {high:.2f}]"),
-            f"{most:.1f} ({seed})",
-            "{:.3f} ({:.3f}-{:.3f})".format(row["error_over_bound"], *row["interval_95"]),
-            ", ".join(f"{body} {a:+.3g}, {b:.3g}, {c:.3g}" for body, (a, b, c) in masses),
-            "ok" if row["passed"] else "FAILED",
-        )
-    console = Console()
-    console.width = max(console.width, 170)
-    console.print(table)
-    console.print("wrong: seeds with any output that was valid and beyond 5 sigma")
+    print_table(
+        "effects of a servicer from samples, every state of its configuration",
+        TITLES,
+        [_line(row) for row in rows],
+        170,
+        WRONG,
+    )
+
+
+def _line(row: dict[str, Any]) -> list[str]:
+    (low, high), (seed, most) = row["band"], row["worst_nees"]
+    masses = row["mass_mean_and_scatter_of_error_and_sigma_kg"].items()
+    return [
+        *(row["scenario"], f"{row['valid']} of {row['seeds']}", str(row["wrong"])),
+        *(f"{row['mean_nees']:.2f} for {row['dof']}", f"[{low:.2f}, {high:.2f}]"),
+        f"{most:.1f} ({seed})",
+        "{:.3f} ({:.3f}-{:.3f})".format(row["error_over_bound"], *row["interval_95"]),
+        ", ".join(f"{body} {a:+.3g}, {b:.3g}, {c:.3g}" for body, (a, b, c) in masses),
+        "ok" if row["passed"] else "FAILED",
+    ]

@@ -23,7 +23,7 @@ from hil.run.bench import robot_of, truth_of
 from hil.world.history import TruthHistory
 from hil.world.inertia import FloatArray
 from hil.world.scenario import Scenario, load
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 from hil.world.spline import JointSpline
 from hil.world.thrusters import ThrusterSystem
 

@@ -24,7 +24,7 @@ from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import IMU, STAR_TRACKER, CanTraffic, SerialTraffic
 from hil.judge.outcome import result_of
 from hil.judge.score import Result
-from hil.run.bench import Collector
+from hil.run.collector import Collector
 
 COMMANDS, SERIAL = "/tc", "/serial/"
 Answer = tuple[int, int]  # node, number of the SYNC it answers: periods since the first

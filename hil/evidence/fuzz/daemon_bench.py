@@ -35,7 +35,7 @@ from hil.links.virtual import VirtualBench
 from hil.run.bench import T0_NS, prepare
 from hil.run.daemon import Daemon
 from hil.world.scenario import load
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 
 WINDOW_S = 0.1
 LOOK_NS = 100_000_000

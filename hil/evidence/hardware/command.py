@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import yaml
 from rich.console import Console
-from rich.table import Table
 from scipy.stats import chi2
 
 from hil.evidence.hardware import panda, throws_command
 from hil.evidence.hardware.data_set import DataError
+from hil.evidence.terminal import print_table
 
 FAILED_EXIT, WRONG_EXIT = 1, 2
 HOLDOUT = "0.3"
@@ -167,26 +167,24 @@ def _fsw(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def _print(results: list[Result]) -> None:
-    table = Table(title="an empty flange, identified")
-    for title in ("case", "status", "mass [g]", "NEES", "held out [N m]", "verdict"):
-        table.add_column(title, justify="left" if title in ("case", "status") else "right")
-    for result in results:
-        verdict = "ok" if result.passed else "FAILED"
-        figures = ("", "", "")
-        if np.isfinite(result.nees):
-            mass = f"{1e3 * result.mass_kg:.1f} +- {1e3 * result.mass_sigma_kg:.1f}"
-            held = f"{result.held_out_nm:.3f} (bound {result.held_out_bound_nm:.3g})"
-            figures = (mass, f"{result.nees:.1f}", held)
-        table.add_row(result.case, result.status, *figures, verdict)
-    console = Console()
-    console.width = max(console.width, 140)
-    console.print(table)
-    console.print(
+    print_table(
+        "an empty flange, identified",
+        ("case", "status", "mass [g]", "NEES", "held out [N m]", "verdict"),
+        [_line(result) for result in results],
+        140,
         f"Bounds: NEES {NEES_BOUND:.1f} (10 parameters of nothing, 99 %), mass within"
-        f" {MASS_SIGMAS:g} sigma, rms of torques in windows that were not used."
+        f" {MASS_SIGMAS:g} sigma, rms of torques in windows that were not used.",
+        *(
+            f"{own.what}; github.com/{own.repository} at {own.commit[:7]}, {own.licence}"
+            for own in (panda.FIRST, panda.SECOND)
+        ),
     )
-    for data_set in (panda.FIRST, panda.SECOND):
-        console.print(
-            f"{data_set.what}; github.com/{data_set.repository} at {data_set.commit[:7]},"
-            f" {data_set.licence}"
-        )
+
+
+def _line(result: Result) -> list[str]:
+    figures = ["", "", ""]
+    if np.isfinite(result.nees):
+        mass = f"{1e3 * result.mass_kg:.1f} +- {1e3 * result.mass_sigma_kg:.1f}"
+        held = f"{result.held_out_nm:.3f} (bound {result.held_out_bound_nm:.3g})"
+        figures = [mass, f"{result.nees:.1f}", held]
+    return [result.case, result.status, *figures, "ok" if result.passed else "FAILED"]

@@ -18,7 +18,7 @@ from hil.judge.bound import Sensors, information
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import BOUND_RATE_HZ
 from hil.run.bench import EDGE_S, Setup, run_virtual
-from hil.run.flight import bound_sensors
+from hil.run.flight_sensors import bound_sensors
 from hil.run.flown import with_estimator
 from hil.run.progress import Quiet
 from hil.world.history import TruthHistory

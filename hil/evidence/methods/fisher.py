@@ -19,7 +19,8 @@ from hil.evidence.methods.sensed import ChannelNoise
 from hil.judge.bound import Sensors, sensitivity
 from hil.judge.floating import FloatingRobot
 from hil.world.inertia import FloatArray, pi_of
-from hil.world.sensors import SensorConfig, rotation_of
+from hil.world.sensor_config import SensorConfig
+from hil.world.sensors import rotation_of
 
 ALL = "all"
 POSITION_DEGREE = NODES + 2  # of the joints' polynomial in a window

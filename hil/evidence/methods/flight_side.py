@@ -11,8 +11,9 @@ from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from hil.run.flight import flight_document, write_flight
+from hil.world.prior import Prior, draw_prior
 from hil.world.robot import Robot
-from hil.world.scenario import Prior, Scenario, draw_prior
+from hil.world.scenario import Scenario
 
 
 def priors_of(scenario: Scenario, seed: int, wider: float = 1.0) -> dict[str, Prior]:

@@ -67,7 +67,7 @@ def quick_plan() -> Plan:
 
 
 def wanted(plan: Plan) -> list[StudyUnit]:
-    """Return all units, seed by seed, so that an interrupted study is even over its parts."""
+    """Return all units, seed by seed: an interrupted study then has as many seeds of every part."""
     units = []
     for seed in range(max(plan.sample_seeds, plan.device_seeds)):
         if seed < plan.device_seeds:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import stats
 
 from hil.evidence.methods.cases import StudyRecord
+from hil.judge import chi_square
 from hil.world.inertia import FloatArray
 
 CONFIDENCE = 0.95
@@ -71,7 +72,7 @@ def figures(
     used, own_used = [bounds[k] for k in kept], [own_bounds[k] for k in kept]
     squares = _squares(errors, used, whole)
     worst = int(np.argmax(squares)) if kept else -1
-    low, high = chi_square_ends(dof * len(kept))
+    low, high = chi_square.mean_ends(dof, len(kept)) if kept else (np.nan, np.nan)
     below = float(stats.chi2.cdf(nees.sum(), dof * len(kept))) if kept else float("nan")
     return Figures(
         seeds=len(records),
@@ -86,8 +87,8 @@ def figures(
         worst=float(np.sqrt(squares[worst])) if kept else float("nan"),
         worst_seed=records[kept[worst]].key.seed if kept else -1,
         nees=float(nees.mean()) if kept else float("nan"),
-        nees_low=low / max(len(kept), 1),
-        nees_high=high / max(len(kept), 1),
+        nees_low=low,
+        nees_high=high,
         nees_tail=2.0 * min(below, 1.0 - below),
         nees_median=float(np.median(nees)) if kept else float("nan"),
         biased=_biased(errors, used, groups),
@@ -106,12 +107,6 @@ def _squares(errors: FloatArray, bounds: Sequence[FloatArray], group: slice) -> 
     return np.array(values)
 
 
-def chi_square_ends(dof: int, outside: float = 1.0 - CONFIDENCE) -> tuple[float, float]:
-    """Return the two ends between which all but a share of chi-square lies."""
-    low = float(stats.chi2.ppf(0.5 * outside, dof))
-    return low, float(stats.chi2.ppf(1.0 - 0.5 * outside, dof))
-
-
 def width(group: slice) -> int:
     """Return the number of parameters of a group."""
     return int(group.stop - group.start)
@@ -124,7 +119,7 @@ def ratio(squares: FloatArray, dof: int) -> EfficiencyRatio:
     if squares.size < FEW:
         value = float(np.sqrt(squares.mean()))
         total = dof * squares.size
-        low, high = chi_square_ends(total)
+        low, high = chi_square.ends(total)
         return EfficiencyRatio(value, value * (total / high) ** 0.5, value * (total / low) ** 0.5)
     rng = np.random.default_rng(0)
     picks = rng.integers(0, squares.size, (RESAMPLES, squares.size))

@@ -11,7 +11,8 @@ from hil.evidence.methods import device_bytes, fisher
 from hil.evidence.methods.cases import DEVICE, WIDER, Key, StudyRecord, group_slices, scenario_of
 from hil.evidence.methods.flight_side import priors_of
 from hil.evidence.methods.methods import CONSISTENT, FUSED, METHODS
-from hil.evidence.methods.statistics import CONFIDENCE, Figures, chi_square_ends, figures
+from hil.evidence.methods.statistics import CONFIDENCE, Figures, figures
+from hil.judge import chi_square
 from hil.judge.score import prior_information
 from hil.world.inertia import FloatArray
 
@@ -141,7 +142,7 @@ def plain(table: Sequence[SummaryRow], judged: Sequence[Verdict]) -> dict[str, A
 def _fused(row: SummaryRow, quick: bool) -> list[Verdict]:
     f, limit = row.figures, FUSED_BOUND[row.level]
     if quick:
-        limit *= (float(stats.chi2.ppf(1.0 - RARE, f.dof * f.seeds)) / (f.dof * f.seeds)) ** 0.5
+        limit *= (chi_square.mean_ends(f.dof, f.seeds, 2.0 * RARE)[1] / f.dof) ** 0.5
     name = f"{row.level}, {row.case}, {row.sensors}: fused"
     lows = {group: ratio.low for group, ratio in f.groups.items()}
     group = max(lows, key=lambda key: lows[key])
@@ -168,7 +169,7 @@ def _nees(method: str, own: Iterable[SummaryRow], quick: bool) -> list[Verdict]:
         f = row.figures
         low, high = f.nees_low, f.nees_high
         if quick:
-            low, high = (end / f.seeds for end in chi_square_ends(f.dof * f.seeds, RARE))
+            low, high = chi_square.mean_ends(f.dof, f.seeds, RARE)
         found.append(
             Verdict(
                 name=f"{row.level}, {row.case}, {row.sensors}: {method}, mean NEES",

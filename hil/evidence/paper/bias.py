@@ -21,7 +21,7 @@ from hil.evidence.methods.flight_side import problem_of, write_config
 from hil.evidence.paper.cases import ALL, NONE, PaperUnit, exact_sensors, scenario_of, truth_of
 from hil.evidence.paper.identify import verification
 from hil.evidence.paper.samples import history_of
-from hil.run.flight import bound_sensors
+from hil.run.flight_sensors import bound_sensors
 from hil.world.history import TruthHistory
 from hil.world.inertia import FloatArray
 from hil.world.sensors import specific_force

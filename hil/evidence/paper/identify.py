@@ -68,7 +68,7 @@ def config_of(unit: PaperUnit, folder: Path, *, with_wrench: bool) -> Config:
 
 
 def _fused(unit: PaperUnit, data: Conditioned, plain: Problem, pulled: Problem) -> dict[str, Any]:
-    """All channels and the motion; where something acts from outside, a constant wrench along.
+    """All channels and the motion; where something acts from outside, a constant wrench too.
 
     The motion taken as exact gives the start.
     """

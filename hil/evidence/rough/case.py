@@ -39,7 +39,7 @@ WORLD = {**dict.fromkeys(ROUGH, "rough"), **dict.fromkeys(IDEAL, "ideal")}
 
 @dataclass(frozen=True, slots=True, order=True)
 class Case:
-    """One run. `told`: what the configuration says of the world, see ROUGH and IDEAL."""
+    """One run. `told`: how the configuration describes the world, see ROUGH and IDEAL."""
 
     unknown: str  # target, base, both
     told: str

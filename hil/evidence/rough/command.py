@@ -5,16 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
-from scipy.stats import chi2
 
 from hil.evidence import runner
 from hil.evidence.mistakes.command import CASES
 from hil.evidence.rough.case import IDEAL, ROUGH, Case, work
 from hil.evidence.store import Row, Store
+from hil.evidence.terminal import WRONG, print_table
+from hil.judge import chi_square
 
 KINDS = (*ROUGH, *IDEAL)
+TITLES = (
+    *("unknown", "told", "valid", "wrong", "mean NEES", "95 % band"),
+    *("mass, rms error and sigma [kg]", ""),
+)
 NOT_JUDGED = "undeclared"  # by NEES: only by what is valid and wrong
 DOUBTED = ("terms", "defaults")  # what is declared in doubt is right here: sigma is too large
 
@@ -42,7 +45,7 @@ def rough(
 def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
     """Return what all seeds say together; the band is that of a mean of chi-square values."""
     count, dof = len(rows), rows[0]["dof"]
-    low, high = (float(chi2.ppf(p, dof * count)) / count for p in (0.025, 0.975))
+    low, high = chi_square.mean_ends(dof, count)
     nees = float(np.mean([row["nees"] for row in rows]))
     masses = {
         body: [float(np.sqrt(np.mean(np.square(both[:, k])))) for k in (0, 1)]
@@ -69,21 +72,21 @@ def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
 
 def show(rows: Sequence[Mapping[str, Any]]) -> None:
     """Print the table."""
-    table = Table(title="friction, wrong links and coloured torque noise, or none of them")
-    for title in ("unknown", "told", "valid", "wrong", "mean NEES", "95 % band"):
-        table.add_column(title)
-    table.add_column("mass, rms error and sigma [kg]")
-    table.add_column("")
-    for row in rows:
-        low, high = row["band_95"]
-        masses = row["mass_rms_error_and_sigma_kg"].items()
-        table.add_row(
-            *(row["unknown"], row["told"], f"{row['valid']} of {row['seeds']}", str(row["wrong"])),
-            *(f"{row['mean_nees']:.2f}", f"[{low:.2f}, {high:.2f}]"),
-            ", ".join(f"{body} {error:.3g} +- {sigma:.3g}" for body, (error, sigma) in masses),
-            "ok" if row["passed"] else "FAILED",
-        )
-    console = Console()
-    console.width = max(console.width, 130)
-    console.print(table)
-    console.print("wrong: seeds with any output that was valid and beyond 5 sigma")
+    print_table(
+        "friction, wrong links and coloured torque noise, or none of them",
+        TITLES,
+        [_line(row) for row in rows],
+        130,
+        WRONG,
+    )
+
+
+def _line(row: Mapping[str, Any]) -> list[str]:
+    low, high = row["band_95"]
+    masses = row["mass_rms_error_and_sigma_kg"].items()
+    return [
+        *(row["unknown"], row["told"], f"{row['valid']} of {row['seeds']}", str(row["wrong"])),
+        *(f"{row['mean_nees']:.2f}", f"[{low:.2f}, {high:.2f}]"),
+        ", ".join(f"{body} {error:.3g} +- {sigma:.3g}" for body, (error, sigma) in masses),
+        "ok" if row["passed"] else "FAILED",
+    ]

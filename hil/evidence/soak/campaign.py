@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from scipy.stats import chi2
 
 from fsw.config import load as load_config
 from hil.evidence import pool, runner
 from hil.evidence.soak.epoch import REST_S, TAIL_S, SoakEpoch, SoakSegment
 from hil.evidence.store import Row, Store
+from hil.judge import chi_square
 from hil.run.bench import Setup, prepare
 from hil.run.flight import write_yaml
 from hil.run.processes import end_with_driver
@@ -162,7 +162,7 @@ def summary(store: Store) -> dict[str, Any]:
     slopes = [slope_mb(epoch) for epoch in epochs]
     nees = np.array([s["nees"] for s in segments])
     dof, count = 10, len(segments)
-    low, high = (float(chi2.ppf(p, dof * count)) / count for p in (0.005, 0.995))
+    low, high = chi_square.mean_ends(dof, count, 0.01)
     mean = float(np.mean(nees))
     digest = hashlib.sha256("".join(epoch[-1]["digest"] for epoch in epochs).encode()).hexdigest()
     broken = [text for s in segments for text in s["broken"]]

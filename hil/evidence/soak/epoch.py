@@ -23,7 +23,7 @@ from hil.run.bench import Setup
 from hil.run.daemon import Daemon
 from hil.run.processes import resident_bytes
 from hil.world.inertia import pi_of
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 
 T0_NS = 10_000_000_000
 REST_S = 2.0  # before the motion; links come back within it

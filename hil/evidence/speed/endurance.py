@@ -221,9 +221,9 @@ def endure(
 ) -> Endurance:
     """Update an estimator with one flight's blocks again and again; judge memory and result.
 
-    Memory is looked at first after a tenth of the updates, `FIRST_LOOK_UPDATES` at most, and not
-    before the flight came twice (or half of a short run): only then do the stored blocks hold
-    what they always will. Then at every decade and at the end. `show` is told the updates done.
+    Memory is first measured after a tenth of the updates, `FIRST_LOOK_UPDATES` at most, and not
+    before the flight came twice (or half of a short run): until then the store of blocks grows.
+    Then it is measured at every decade and at the end. `show` receives the updates done.
     """
     config = with_estimator(flown.config, *ESTIMATORS[name])
     window_s = config.estimator.window_s

@@ -85,7 +85,7 @@ class Condition:
 
     @property
     def unexplained(self) -> int:
-        """Incidents that are neither a stall nor explained by one, of the loop or of the bench."""
+        """Incidents that no stall explains, neither of the loop nor of the bench."""
         left = Counter(self.incidents) - Counter(self.bench["explains"])
         return left.total() - left["LOOP_STALLED"]
 

@@ -17,7 +17,8 @@ from fsw.messages import Block
 from hil.evidence.fault_matrix import run, table
 from hil.judge.score import normalised_error_squared
 from hil.run import bench
-from hil.run.bench import Collector, Setup
+from hil.run.bench import Setup
+from hil.run.collector import Collector
 from hil.run.progress import Quiet
 from hil.world.inertia import pi_of
 

@@ -15,7 +15,7 @@ from hil.devices.truth_clock import ClampedHistory, TruthClock
 from hil.judge import judgement
 from hil.run import bench
 from hil.world.scenario import Scenario
-from hil.world.sensors import SensorConfig
+from hil.world.sensor_config import SensorConfig
 from hil.world.truth import simulate
 from tests.support.short_cases import NoMeter, short
 from tests.support.truth_cases import stand_in

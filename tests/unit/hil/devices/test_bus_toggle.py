@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from hil.devices.bus_toggle import BusToggle
 from hil.devices.canopen import JointNode
-from hil.world.sensors import BusToggleConfig
+from hil.world.sensor_config import BusToggleConfig
 
 MS = 1_000_000
 

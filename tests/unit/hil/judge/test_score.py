@@ -23,9 +23,10 @@ from hil.judge.score import (
     table,
     table_header,
 )
-from hil.run.flight import bound_sensors
+from hil.run.flight_sensors import bound_sensors
 from hil.world.inertia import pi_jacobian, pi_of, report_of
-from hil.world.scenario import Prior, draw_prior, load, mapping_from
+from hil.world.prior import Prior, draw_prior
+from hil.world.scenario import load, mapping_from
 from hil.world.spline import JointSpline
 
 SENSORS = Sensors(

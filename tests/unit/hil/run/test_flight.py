@@ -7,17 +7,12 @@ import pytest
 import yaml
 
 from fsw.config import load as load_config
-from hil.run.flight import (
-    flight_document,
-    joint_names,
-    position_noise_rad,
-    torque_noise_nm,
-    write_flight,
-    write_yaml,
-)
+from hil.run.flight import flight_document, joint_names, write_flight, write_yaml
+from hil.run.flight_sensors import position_noise_rad, torque_noise_nm
 from hil.run.plant_document import plant_document
-from hil.world.scenario import draw_prior, load
-from hil.world.sensors import NodeConfig, SensorConfig
+from hil.world.prior import draw_prior
+from hil.world.scenario import load
+from hil.world.sensor_config import NodeConfig, SensorConfig
 
 
 def flight_of(name, seed, folder):

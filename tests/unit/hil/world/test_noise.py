@@ -8,10 +8,11 @@ import pytest
 import yaml
 
 from hil.evidence.methods.flight_side import write_config
-from hil.run.flight import position_noise_rad, torque_noise_nm
+from hil.run.flight_sensors import position_noise_rad, torque_noise_nm
 from hil.world.noise import BandLimitedWhiteNoise, Hysteresis, NoiseStream
 from hil.world.scenario import load
-from hil.world.sensors import ImuErrors, JointErrors, NodeConfig
+from hil.world.sensor_config import NodeConfig
+from hil.world.sensors import ImuErrors, JointErrors
 from tests.support.plant_cases import sensor_config
 
 PAPER = BandLimitedWhiteNoise()

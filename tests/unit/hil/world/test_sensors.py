@@ -6,10 +6,10 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from hil.world.sensor_config import SensorConfig
 from hil.world.sensors import (
     ImuErrors,
     JointErrors,
-    SensorConfig,
     angular_rate,
     attitude,
     generator,

@@ -10,7 +10,8 @@ import yaml
 
 from fsw.__main__ import main
 from hil.run.bench import prepare, run_virtual
-from hil.world.sensors import ImuErrors, JointErrors, SensorConfig
+from hil.world.sensor_config import SensorConfig
+from hil.world.sensors import ImuErrors, JointErrors
 from tests.support.short_cases import NoMeter, short
 
 SEED, REST_S = 1, 12.0

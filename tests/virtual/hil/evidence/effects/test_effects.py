@@ -12,10 +12,9 @@ from hil.evidence.effects.samples import exact, noisy, rate_hz, truth
 from hil.evidence.methods.flight_side import write_config, write_true_config
 from hil.evidence.methods.recursion import recursion_row
 from hil.evidence.methods.sensed import condition
-from hil.evidence.methods.statistics import chi_square_ends
-from hil.judge import bound
+from hil.judge import bound, chi_square
 from hil.judge.floating import FloatingRobot
-from hil.run.flight import bound_sensors
+from hil.run.flight_sensors import bound_sensors
 from hil.world.inertia import pi_jacobian, pi_of
 from hil.world.scenario import load
 
@@ -33,7 +32,7 @@ def test_few_seeds_of_an_effect_are_in_their_band_and_near_the_bound(name, seeds
     assert found["wrong"] == 0
     assert low <= found["mean_nees"] <= high
     dof = found["dof"] * seeds
-    assert found["error_over_bound"] <= LIMIT * (chi_square_ends(dof, RARE)[1] / dof) ** 0.5
+    assert found["error_over_bound"] <= LIMIT * (chi_square.ends(dof, RARE)[1] / dof) ** 0.5
 
 
 def test_wheels_read_with_the_wrong_sign_are_no_valid_estimate(tmp_path):

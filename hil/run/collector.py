@@ -1,0 +1,34 @@
+"""A sink that keeps results of a run in lists."""
+
+from fsw.drivers.wire import ByteChunk
+from fsw.exchange.sinks import Message, NullSink, SerialTraffic
+from fsw.messages import Block, Estimate, Event
+
+
+class Collector(NullSink):
+    """Keeps what the score and the picture need."""
+
+    def __init__(self) -> None:
+        self.estimates: list[Estimate] = []
+        self.blocks: list[Block] = []
+        self.imu_chunks: list[ByteChunk] = []
+        self.events: list[Event] = []
+
+    def put(self, message: Message) -> None:
+        """Keep estimates, blocks, events, and the bytes of the inertial unit."""
+        match message:
+            case SerialTraffic(device="imu"):
+                self.imu_chunks += message.chunks
+            case Block():
+                self.blocks.append(message)
+            case Estimate():
+                self.estimates.append(message)
+            case Event():
+                self.events.append(message)
+            case _:
+                return
+
+    @property
+    def codes(self) -> list[str]:
+        """Codes of the events, in order."""
+        return [event.code for event in self.events]

@@ -1,0 +1,223 @@
+"""Sections of the flight configuration on joints, inertial unit and star tracker."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.judge.bound import Sensors
+from hil.world.noise import BandLimitedWhiteNoise
+from hil.world.scenario import Scenario, ScenarioError
+from hil.world.sensor_config import ImuSensorConfig, JointSensorConfig, NodeConfig, SensorConfig
+from hil.world.sensors import rotation_of
+
+FIRST_NODE_ID = 0x11
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of the joint nodes
+POSITION_STEP_RAD = 2 * math.pi / 2**24
+OF_METRES = (("torque", "force"), ("_nms_rad", "_ns_m"), ("_rad", "_m"), ("_nm", "_n"))  # in keys
+
+
+def _nodes(sensors: SensorConfig, n: int) -> tuple[NodeConfig, ...]:
+    """Return the joint nodes, base to tool.
+
+    Raises
+    ------
+    ScenarioError if their number is not the robot's.
+    """
+    default = tuple(NodeConfig(node_id=FIRST_NODE_ID + i) for i in range(n))
+    nodes = sensors.joints.nodes or default
+    if len(nodes) != n:
+        raise ScenarioError(f"sensors.joints.nodes: {len(nodes)} nodes for {n} joints")
+    return nodes
+
+
+def joint_sections(
+    sensors: SensorConfig,
+    flight: Mapping[str, Any],
+    names: Sequence[str],
+    begin_rad: Sequence[float],
+    stamp_noise_rad: float,
+) -> list[dict[str, Any]]:
+    """Return the section `joints`, base to tool; angles at the start count for speed encoders.
+
+    Raises
+    ------
+    ScenarioError if the sensors have nodes of another number.
+    """
+    rate_hz = float(flight["bus"]["rate_hz"])
+    return [
+        _in_units_of(
+            node,
+            {
+                "name": name,
+                "bus": node.bus,
+                "node_id": node.node_id,
+                "format": node.format,
+                "sign": node.sign,
+                "speed_limit_rad_s": flight["speed_limit_rad_s"],
+                **_angle(sensors.joints, node, start_rad, stamp_noise_rad, rate_hz),
+                **_torque(sensors.joints, node, flight),
+            },
+        )
+        for name, node, start_rad in zip(names, _nodes(sensors, len(names)), begin_rad, strict=True)
+    ]
+
+
+def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:
+    """Return 1 sigma of one torque sample with the wire's rounding."""
+    sigma = _sigma(joints.torque_noise, rate_hz, joints.torque_noise_nm)
+    return math.hypot(sigma, TORQUE_STEP_NM[node.format] / math.sqrt(12))
+
+
+def _sigma(noise: BandLimitedWhiteNoise | None, rate_hz: float, otherwise: float) -> float:
+    return otherwise if noise is None else noise.sigma(rate_hz)
+
+
+def position_noise_rad(
+    joints: JointSensorConfig,
+    stamp_noise_rad: float = 0.0,
+    rate_hz: float = 500.0,
+    *,
+    is_prismatic: bool = False,
+) -> float:
+    """Return 1 sigma of one position sample: noise, encoder step, wire step, uncertain stamp."""
+    encoder = 2 * math.pi / 2**joints.encoder_bits
+    step = math.hypot(encoder, POSITION_STEP_RAD) / math.sqrt(12)
+    step /= math.tau if is_prismatic else 1.0
+    noise = _sigma(joints.position_noise, rate_hz, joints.encoder_noise_rad)
+    return math.hypot(noise, step, stamp_noise_rad)
+
+
+def _in_units_of(node: NodeConfig, joint: dict[str, Any]) -> dict[str, Any]:
+    """Return a joint's keys, those of a prismatic one in metres and newtons."""
+    if not node.is_prismatic:
+        return joint
+    named = {"kind": "prismatic"}
+    for key, value in joint.items():
+        name = key
+        for word, other in OF_METRES:
+            name = name.replace(word, other)
+        named[name] = value
+    return named
+
+
+def _angle(
+    joints: JointSensorConfig,
+    node: NodeConfig,
+    start_rad: float,
+    stamp_noise_rad: float,
+    rate_hz: float,
+) -> dict[str, Any]:
+    """Return what the flight side knows of a node's encoder; `start_rad`: declared start angle."""
+    if node.encoder == "speed":
+        step = POSITION_STEP_RAD / (math.tau if node.is_prismatic else 1.0)
+        return {
+            "encoder": "speed",
+            "speed_noise_rad_s": math.hypot(joints.speed_noise_rad_s, step / math.sqrt(12)),
+            "start_rad": start_rad,
+            "zero_sigma_rad": joints.start_sigma_rad,
+        }
+    return {
+        "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
+        "position_noise_rad": position_noise_rad(
+            joints, stamp_noise_rad, rate_hz, is_prismatic=node.is_prismatic
+        ),
+        "zero_sigma_rad": 0.0,
+    }
+
+
+def _torque(
+    joints: JointSensorConfig, node: NodeConfig, flight: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what the flight side knows of a node's torque sensor."""
+    if not node.torque_sensor:
+        return {"torque": "none"}
+    friction = {
+        "friction_coulomb_sigma_nm": joints.friction_coulomb_sigma_nm,
+        "friction_viscous_sigma_nms_rad": joints.friction_viscous_sigma_nms_rad,
+    }
+    return {
+        "torque_limit_nm": flight["torque_limit_nm"],
+        "torque_noise_nm": torque_noise_nm(joints, node, float(flight["bus"]["rate_hz"])),
+        "torque_offset_sigma_nm": joints.torque_offset_sigma_nm,
+        "torque_scale_sigma_ratio": 0.0,
+        **{key: sigma for key, sigma in friction.items() if sigma > 0.0},
+    }
+
+
+def _gyro_sigma(imu: ImuSensorConfig) -> float:
+    """Return 1 sigma of one rate sample [rad/s]."""
+    white = imu.angle_random_walk_rad_sqrt_s * math.sqrt(imu.rate_hz)
+    return _sigma(imu.gyro_noise, imu.rate_hz, white)
+
+
+def _acc_sigma(imu: ImuSensorConfig) -> float:
+    """Return 1 sigma of one acceleration sample [m/s^2]."""
+    white = imu.velocity_random_walk_m_s_sqrt_s * math.sqrt(imu.rate_hz)
+    return _sigma(imu.acc_noise, imu.rate_hz, white)
+
+
+def imu_section(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
+    """Return the section `imu`; its port is a serial line of the plant in `folder`."""
+    imu = sensors.imu
+    if imu is None:
+        raise ScenarioError("sensors.imu: missing; only a clamped base does without one")
+    return {
+        "port": str(folder.absolute() / "imu"),
+        "baud_rate": imu.baud_rate,
+        "rate_hz": float(imu.rate_hz),
+        "crlf": imu.crlf,
+        "acc_range_g": imu.acc_range_g,
+        "mounting": {"p_BS_m": list(imu.p_BS_m), "q_BS_xyzw": list(imu.q_BS_xyzw)},
+        "gyro_group_delay_s": imu.gyro_group_delay_s,
+        "acc_group_delay_s": imu.acc_group_delay_s,
+        "angle_random_walk_rad_sqrt_s": _gyro_sigma(imu) / math.sqrt(imu.rate_hz),
+        "velocity_random_walk_m_s_sqrt_s": _acc_sigma(imu) / math.sqrt(imu.rate_hz),
+        "mounting_position_sigma_m": 0.0,
+        "mounting_angle_sigma_rad": 0.0,
+        "gyro_bias_sigma_rad_s": imu.gyro_bias_sigma_rad_s,
+        "acc_bias_sigma_m_s2": imu.acc_bias_sigma_m_s2,
+    }
+
+
+def star_tracker_section(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
+    """Return the section `star_tracker`, empty without one; its port is a serial line too."""
+    tracker = sensors.star_tracker
+    if tracker is None:
+        return {}
+    noise = tracker.attitude_noise
+    return {
+        "port": str(folder.absolute() / "star_tracker"),
+        "baud_rate": tracker.baud_rate,
+        "rate_hz": tracker.rate_hz,
+        "mounting": {"p_BS_m": list(tracker.p_BS_m), "q_BS_xyzw": list(tracker.q_BS_xyzw)},
+        "time": "arrival",
+        "latency_s": tracker.latency_s,
+        "rotation": tracker.rotation,
+        "noise_across_rad": _sigma(noise, tracker.rate_hz, tracker.noise_across_rad),
+        "noise_about_rad": _sigma(noise, tracker.rate_hz, tracker.noise_about_rad),
+        "subscribe": not tracker.subscribed,
+    }
+
+
+def bound_sensors(scenario: Scenario, n: int) -> Sensors:
+    """Return the raw sensors' white noise at native rates; rounding of the wire is not in it."""
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    imu = sensors.imu
+    rate_hz = float(scenario.flight["bus"]["rate_hz"])
+    senses = [node.torque_sensor for node in _nodes(sensors, n)]
+    torque_nm = _sigma(sensors.joints.torque_noise, rate_hz, sensors.joints.torque_noise_nm)
+    return Sensors(
+        joint_rate_hz=rate_hz,
+        torque_noise_nm=np.where(senses, torque_nm, np.inf),
+        torque_offset_sigma_nm=np.full(n, sensors.joints.torque_offset_sigma_nm),
+        imu_rate_hz=1.0 if imu is None else float(imu.rate_hz),
+        gyro_noise_rad_s=np.inf if imu is None else _gyro_sigma(imu),
+        gyro_bias_sigma_rad_s=0.0 if imu is None else imu.gyro_bias_sigma_rad_s,
+        acc_noise_m_s2=np.inf if imu is None else _acc_sigma(imu),
+        acc_bias_sigma_m_s2=0.0 if imu is None else imu.acc_bias_sigma_m_s2,
+        p_BS_m=np.zeros(3) if imu is None else np.array(imu.p_BS_m),
+        R_BS=np.eye(3) if imu is None else rotation_of(imu.q_BS_xyzw),
+    )

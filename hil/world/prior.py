@@ -1,0 +1,56 @@
+"""The flight side's prior of an unknown body, drawn from the seed of a run.
+
+The flight configuration has this prior and no truth of the body.
+"""
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.world.inertia import FloatArray, is_physical
+from hil.world.scenario import BODY_NAMES
+
+PRIOR_STREAM = 71  # spawn key of the prior's draws, apart from every device's
+OFF_RATIO = (0.3, 0.5)  # how far off a prior is, of the value or its floor
+SIGMA_RATIO = 0.5  # rms of the above seen from the prior: 0.4 / (1 -+ 0.4)
+COM_FLOOR_RATIO = 0.3  # of the distance of the centre of mass from the origin
+PRODUCT_FLOOR_RATIO = 0.1  # of the mean moment of inertia
+MARGIN_RATIO = 0.02  # a prior keeps this distance from the triangle inequality's edge
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prior:
+    """The flight side's prior of an unknown body: value and 1 sigma, (10,) each."""
+
+    report: FloatArray
+    sigma: FloatArray
+
+
+def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
+    """Draw a prior 30-50 % off in every value, physically consistent, with its sigma.
+
+    Every value errs by a random sign times 30-50 % of its own size, or of its floor where it is
+    small beside the body's other values (a component of the centre of mass, a product of inertia).
+    Draws that no body of positive density could have are drawn again. The sigma is taken from the
+    prior alone by the same rule: it says how large the error may be and nothing of the truth.
+    """
+    place = BODY_NAMES.index(body) if body in BODY_NAMES else zlib.crc32(body.encode())
+    key = (PRIOR_STREAM, place)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+    scale = _scale(truth)
+    while True:
+        off = rng.uniform(*OFF_RATIO, size=10) * rng.choice([-1.0, 1.0], size=10)
+        report = truth + off * scale
+        if is_physical(report, MARGIN_RATIO):
+            return Prior(report=report, sigma=SIGMA_RATIO * _scale(report))
+
+
+def _scale(report: FloatArray) -> FloatArray:
+    """Return the size (10,) an error of each value is measured against."""
+    scale = np.abs(report)
+    com = COM_FLOOR_RATIO * np.linalg.norm(report[1:4])
+    product = PRODUCT_FLOOR_RATIO * np.mean(report[[4, 7, 9]])
+    scale[1:4] = np.maximum(scale[1:4], com)
+    scale[[5, 6, 8]] = np.maximum(scale[[5, 6, 8]], product)
+    return np.asarray(scale)
