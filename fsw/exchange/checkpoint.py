@@ -18,7 +18,7 @@ from fsw.messages import Block, Snapshot
 from fsw.messages.errors import FswError
 
 MAGIC = b"FSWCKPT\n"
-FORMAT_VERSION = 5  # rises with every change of what the states hold
+FORMAT_VERSION = 6  # rises with every change of what the states hold
 _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
 _ARRAY = 1

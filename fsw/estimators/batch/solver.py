@@ -20,7 +20,7 @@ from fsw.estimators.model.inertia import (
     nearest_consistent,
     to_log_cholesky,
 )
-from fsw.estimators.model.mobility import NOTE, TORQUE, by_mobility
+from fsw.estimators.model.mobility import NOTE, by_mobility, is_bent
 from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.square_root import SquareRootInformation
@@ -264,10 +264,10 @@ def linear_covariance(
 ) -> tuple[FloatArray, str]:
     """Return the covariance without a look at the cost elsewhere, and what to say of it.
 
-    For torque and an unknown base it comes by way of the base's mobility.
+    For torque and an unknown base it comes by way of the base's mobility (`is_bent`).
     """
     covariance = solution.information.covariance()
-    if method in TORQUE and weighting == "eiv" and "base" in problem.unknown:
+    if weighting == "eiv" and is_bent(problem, method):
         try:
             mapped = by_mobility(solution.mean, covariance, problem.body("base"))
         except np.linalg.LinAlgError:  # singular to working precision

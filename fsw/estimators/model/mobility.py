@@ -10,6 +10,9 @@ about the estimate, larger by the square of the mapped mean's shift, leaves 4 % 
 Source: the elimination of the base acceleration, paper eqs. (22)-(23); covariance of a mapped
 Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws. Only the base's
 ten states are drawn: given them, the others are straight, and their share is in closed form.
+
+Where the force of thrusters is a state too, pi is straight: what their forces move is proportional
+to their scale, and so are its mass and moments. Its Gaussian is left as it is.
 """
 
 from dataclasses import dataclass
@@ -20,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters, report_jacobian
+from fsw.estimators.model.problem import Problem, present
 from fsw.messages import FloatArray
 
 DRAWS = 2000  # covariances good to 3 % where the mapping is bent, exact where it is straight
@@ -53,6 +57,12 @@ class Mapped:
     def holds(self) -> bool:
         """Return whether nearly all of the Gaussian in the mobility are possible bodies."""
         return self.impossible <= IMPOSSIBLE
+
+
+def is_bent(problem: Problem, method: str) -> bool:
+    """Return whether the likelihood of a method is bent in pi and straight in the mobility."""
+    torque = method in TORQUE and "base" in problem.unknown
+    return torque and not present(problem.thrust_scale)
 
 
 def to_mobility(pi: FloatArray) -> FloatArray:

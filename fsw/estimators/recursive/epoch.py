@@ -1,10 +1,11 @@
-"""A new epoch of the walks of integrated angles, so that a flight may be of any length.
+"""A new epoch: what some states were is over, and what the data said of the others stays.
 
-The steps of a walk reach over as many windows as are stored. Beyond them, or behind a gap, the
-epoch ends: what the angle is off by now becomes its zero, and new steps begin. The data's
-information is carried over exactly: by one orthogonal factorisation the zeros and steps of the old
-epoch are eliminated, given the new zeros. Source: Bierman, Factorization Methods for Discrete
-Sequential Estimation (1977), ch. VI (elimination of variables that are not wanted any more).
+Walks of integrated angles, so that a flight may be of any length: the steps of a walk reach over as
+many windows as are stored. Beyond them, or behind a gap, the epoch ends: what the angle is off by
+now becomes its zero, and new steps begin. Momentum: after a wrench from outside it is another one.
+The data's information is carried over exactly: the states of the old epoch are eliminated by one
+orthogonal factorisation. Source: Bierman, Factorization Methods for Discrete Sequential Estimation
+(1977), ch. VI (elimination of variables that are not wanted any more).
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import numpy as np
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.walks import LEAST_RAD2, Walks
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.messages import FloatArray
+from fsw.messages import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,11 +60,58 @@ def next_epoch(
     covariance[old], covariance[:, old] = 0.0, 0.0
     covariance[np.ix_(steps, steps)] = problem.prior_covariance[np.ix_(steps, steps)]
     covariance[np.ix_(zeros, zeros)] = spread
-    size = len(old)
+    into = np.zeros((len(old), p))
+    into[:, zeros] = given[:, len(old) :]
+    rhs = given @ np.r_[prior[0][old], mean[zeros]]
+    return Epoch(mean, covariance, _eliminated(data, old, np.c_[given[:, : len(old)], into], rhs))
+
+
+def next_momentum(
+    problem: Problem,
+    prior: tuple[FloatArray, FloatArray],
+    data: SquareRootInformation,
+    momentum_Nms: FloatArray,
+) -> Epoch:
+    """Return the epoch in which the momentum is another one, about momentum_Nms (3,), in N.
+
+    Its sigma is the declared one and what it has changed by, together: where it was found from a
+    rate, that rate is used again by the rows, with next to no weight here.
+
+    Parameters
+    ----------
+    prior : mean (p,) and covariance (p, p) of the old epoch
+    data : information of the old epoch's data alone
+    """
+    p = len(prior[0])
+    own = np.arange(p)[problem.momentum]
+    others = np.delete(np.arange(p), own)
+    P = prior[1]
+    K = np.linalg.solve(P[np.ix_(others, others)], P[np.ix_(others, own)]).T
+    L = np.linalg.cholesky(P[np.ix_(own, own)] - K @ P[np.ix_(others, own)])
+    given = np.zeros((len(own), len(own) + p))
+    given[:, : len(own)] = np.linalg.solve(L, np.eye(len(own)))
+    given[:, len(own) + others] = -np.linalg.solve(L, K)
+    rhs = given @ np.r_[prior[0][own], prior[0]]
+    mean, covariance = prior[0].copy(), P.copy()
+    mean[own] = momentum_Nms
+    declared = np.diag(problem.prior_covariance)[own]
+    covariance[own], covariance[:, own] = 0.0, 0.0
+    covariance[own, own] = declared + np.sum((momentum_Nms - prior[0][own]) ** 2)
+    return Epoch(mean, covariance, _eliminated(data, own, given, rhs))
+
+
+def _eliminated(
+    data: SquareRootInformation, old: IntArray, given: FloatArray, rhs: FloatArray
+) -> SquareRootInformation:
+    """Return the data's information without the k `old` states.
+
+    What is known of them beside the data are k rows `given` (k, k + p) on them and on all states of
+    the new epoch, with right side rhs (k,).
+    """
+    p, size = len(data.z), len(old)
     rows = np.zeros((p + size, size + p + 1))
-    rows[:p, size:-1], rows[:p, -1] = data.R, data.z
-    rows[:p, :size], rows[:p, size + old] = data.R[:, old], 0.0
-    rows[p:, :size], rows[p:, size + zeros] = given[:, :size], given[:, size:]
-    rows[p:, -1] = given @ np.r_[prior[0][old], mean[zeros]]
+    rows[:p, :size], rows[:p, size:-1], rows[:p, -1] = data.R[:, old], data.R, data.z
+    rows[:p, size + old] = 0.0
+    rows[p:, :-1], rows[p:, -1] = given, rhs
     R = np.asarray(np.linalg.qr(rows, mode="r"), np.float64)[size:, size:]
-    return Epoch(mean, covariance, SquareRootInformation(R[:p, :p].copy(), R[:p, p].copy()))
+    return SquareRootInformation(R[:p, :p].copy(), R[:p, p].copy())

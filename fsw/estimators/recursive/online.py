@@ -16,7 +16,7 @@ from fsw.config import Config, EstimatorConfig
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.measurement.row_functions import RowsFunction, row_function
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.model.mobility import TORQUE, by_mobility
+from fsw.estimators.model.mobility import by_mobility, is_bent
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
@@ -256,8 +256,7 @@ class OnlineEstimator:
     @property
     def _bent(self) -> bool:
         """Return whether the likelihood is bent in pi and straight in the mobility."""
-        torque = self._settings.method in TORQUE and not self.linear
-        return torque and "base" in self.problem.unknown
+        return not self.linear and is_bent(self.problem, self._settings.method)
 
     def _by_mobility(self, covariance: FloatArray) -> FloatArray:
         """Return the covariance by way of the base's mobility where pi is bent and that holds."""

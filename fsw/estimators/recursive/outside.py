@@ -4,7 +4,8 @@ Torque and specific force of a block, with the rate as measured, do not depend o
 noise does not explain them, a wrench is fitted that is free at every node: on the base, as a
 thruster's that nobody reported, or on the target, as of what touches it. The two can be told apart:
 a wrench on the base loads joints by the base's acceleration alone, which is measured. The
-momentum gained is not known: from then on rates are taken as measured. A change of the bodies looks
+momentum gained is not known: rates are taken as measured until the recursion has begun with a new
+momentum, or for good where none is estimated. A change of the bodies looks
 like a wrench in one block; but one change explains several, and a wrench does not.
 """
 
@@ -30,7 +31,7 @@ GOOD_BLOCKS = 2  # that end a wrench
 ITERATIONS = 4  # of fitting a change
 WRENCH = 6
 CODES = {"base": "UNKNOWN_FIRING", "target": "CONTACT"}
-_STATE = ("place", "momentum_lost", "_good", "_since_ns", "_largest")
+_STATE = ("place", "momentum_lost", "has_acted", "_good", "_since_ns", "_largest")
 
 
 class Verdict(Enum):
@@ -57,7 +58,8 @@ class OutsideWatch:
     Attributes
     ----------
     place : "base" or "target" while a wrench is known to act there; empty: none is
-    momentum_lost : whether one has acted, so that the momentum is not known any more
+    momentum_lost : whether the momentum is not the one of the state, for one has acted since
+    has_acted : whether one has acted at all, so that no one momentum is that of the whole flight
     """
 
     def __init__(self, problem: Problem, false_alarm: float) -> None:
@@ -68,7 +70,7 @@ class OutsideWatch:
         places = slice(p + WRENCH, p + 2 * WRENCH + 3)
         self._shadow = replace(problem, wrench=self._ways["base"], target_wrench=places)
         self._size = places.stop
-        self.place, self.momentum_lost = "", False
+        self.place, self.momentum_lost, self.has_acted = "", False, False
         self._suspects: list[Block] = []
         self._places: list[str] = []
         self._good, self._since_ns = 0, 0
@@ -89,12 +91,18 @@ class OutsideWatch:
         put(self, _STATE, values)
 
     def forget(self) -> None:
-        """Begin again with the estimate: nothing is in question; a lost momentum stays lost."""
+        """Begin again with the estimate: nothing is in question; the declared momentum is gone."""
         self._suspects, self._places, self.place = [], [], ""
+        self.momentum_lost = self.has_acted
 
-    def marked(self, block: Block) -> Block:
-        """Return the block as one without attitude where the momentum is not known."""
-        return replace(block, has_attitude=False) if self.momentum_lost else block
+    @property
+    def has_released(self) -> bool:
+        """Return whether nothing acts any more, and the momentum is still to be found anew."""
+        return self.momentum_lost and not self._in_question
+
+    def found_momentum(self) -> None:
+        """Take note that the state has the momentum of now."""
+        self.momentum_lost = False
 
     def judge(
         self, block: Block, x: FloatArray, covariance_root: FloatArray, level: float
@@ -127,7 +135,6 @@ class OutsideWatch:
             self._places.append(place)
             if len(self._suspects) == DECIDING_BLOCKS:
                 if self._is_change(x, level):
-                    self.momentum_lost = False
                     return Verdict.CHANGE
                 self._begin(int(block.t_ns[-1]))
         return Verdict.OUTSIDE
@@ -148,7 +155,7 @@ class OutsideWatch:
         text = (
             f"the wrench on the {self.place} has ended after "
             f"{(t_ns - self._since_ns) * 1e-9:.1f} s (up to {force_n:.2g} N, {moment_nm:.2g} N m); "
-            "the momentum is not used any more"
+            "the momentum is another one"
         )
         self._events.append(("info", CODES[self.place] + "_ENDED", text))
         self.place = ""
@@ -156,6 +163,7 @@ class OutsideWatch:
 
     def _begin(self, t_ns: int) -> None:
         """Settle where the wrench acts and report it; the blocks in question are decided."""
+        self.has_acted = True
         self.place = max(CODES, key=self._places.count)
         self._suspects, self._places = [], []
         force_n, moment_nm = self._largest.tolist()

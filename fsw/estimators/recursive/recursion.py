@@ -23,7 +23,7 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive import pacing
 from fsw.estimators.recursive.change import InnovationMonitor
-from fsw.estimators.recursive.epoch import next_epoch
+from fsw.estimators.recursive.epoch import next_epoch, next_momentum
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
 from fsw.estimators.recursive.outside import OutsideWatch, Verdict
@@ -212,9 +212,9 @@ class Recursion:
     def fold(self, block: Block) -> None:
         """Linearise a new block, judge it, and fold it in if it fits."""
         if self.outside is not None:
-            block = self.outside.marked(block)
             if self.armed and self._is_outside(block, self.outside):
                 return
+            block = self._at_momentum(block, self.outside)
         self._follow_walks(block)
         at = self.memory.at if self._in_doubt else self._point()
         if not self.linear and not len(self.memory) and not self.since:
@@ -223,6 +223,8 @@ class Recursion:
         if rows is not None and self.armed:
             block, rows = self._screened(block, rows, at)
         self.used = block
+        if self.outside is not None and self.outside.has_acted:  # a batch knows one momentum only
+            self.used = replace(block, has_attitude=False)
         if rows is None:
             self.gated += 1
             return
@@ -261,6 +263,26 @@ class Recursion:
         if verdict is Verdict.CHANGE:
             self._reopen()
         return True
+
+    def _at_momentum(self, block: Block, watch: OutsideWatch) -> Block:
+        """Begin with a new momentum after a wrench; else return the block with rates as measured.
+
+        None is sought with modes: what moves them has acted unseen.
+        """
+        if not watch.momentum_lost:
+            return block
+        problem, memory, at = self.problem, self.memory, self._point()
+        found = at_first_rate(block, at, problem) if plausible(block) else at
+        if self.linear or problem.modes is not None or found is at or not watch.has_released:
+            return replace(block, has_attitude=False)
+        prior = (self.start_mean, self.start_covariance)
+        epoch = next_momentum(problem, prior, memory.data, found[problem.momentum])
+        self.start_mean, self.start_covariance = epoch.mean, epoch.covariance
+        memory.restart(self._prior_at(at), epoch.data)
+        self._solve()
+        memory.at = found
+        watch.found_momentum()
+        return block
 
     def _screened(self, block: Block, rows: Rows, at: FloatArray) -> tuple[Block, Rows | None]:
         """Return the block without the channels that do not fit the model, and its rows."""

@@ -3,6 +3,8 @@
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
+import pytest
 
 from fsw.config import Config
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
@@ -26,7 +28,7 @@ from tests.support.estimator_cases import (
     wrong,
 )
 from tests.support.thruster_cases import STAR_TRACKER
-from tests.support.truth_cases import stand_in
+from tests.support.truth_cases import pin_state, stand_in
 
 JET = Jet(place_m=(1.5, -1.1, 0.9), direction=(0, 1, 0), force_n=22.0)
 CONTACT = Contact(
@@ -57,15 +59,17 @@ def blocks(what: str, seed: int = 1) -> list[Block]:
     return [noisy(true_block(flight(what), k * WINDOW_S, k), rng, biases) for k in range(count)]
 
 
-def config(target: Body, watch: str = "watch") -> Config:
+def config(target: Body, watch: str = "watch", momentum_sigma_nms: float = 0.0) -> Config:
     data = make_config(("target",), target=target).model_dump()
     data["star_tracker"] = STAR_TRACKER
     data["estimator"]["outside_wrench"] = watch
+    data["estimator"]["momentum_sigma_nms"] = momentum_sigma_nms
     return Config.model_validate(data)
 
 
-def estimator(seed: int = 5) -> OnlineEstimator:
-    made = build_online(config(wrong(TARGET, np.random.default_rng(seed))), robot_model())
+def estimator(seed: int = 5, momentum_sigma_nms: float = 0.0) -> OnlineEstimator:
+    own = config(wrong(TARGET, np.random.default_rng(seed)), momentum_sigma_nms=momentum_sigma_nms)
+    made = build_online(own, robot_model())
     assert isinstance(made, OnlineEstimator)
     return made
 
@@ -84,9 +88,9 @@ def nees(own: OnlineEstimator, estimate: Estimate) -> float:
     return float(error @ np.linalg.solve(estimate.covariance[k, k], error))
 
 
-def judged(what: str, code: str) -> list[tuple[str, str]]:
+def judged(what: str, code: str, momentum_sigma_nms: float = 0.0) -> list[tuple[str, str]]:
     """Run a flight; the estimate must be right at the end, and valid all along from 12 s on."""
-    own = estimator()
+    own = estimator(momentum_sigma_nms=momentum_sigma_nms)
     seen = blocks(what)
     estimates, events = run(own, seen)
     late = [e for b, e in zip(seen, estimates, strict=True) if b.index * WINDOW_S > 12.0]
@@ -108,6 +112,22 @@ def test_firings_that_nobody_reported_are_found_and_left_out() -> None:
 def test_contact_of_the_target_is_told_as_such_and_the_estimate_waits() -> None:
     events = judged("contact", "CONTACT")
     assert [code for code, _ in events] == ["CONTACT", "CONTACT_ENDED"]
+
+
+@pytest.mark.parametrize(("what", "code"), [("contact", "CONTACT"), ("firing", "UNKNOWN_FIRING")])
+def test_a_new_momentum_is_found_after_release(what: str, code: str) -> None:
+    """It is hundreds of sigmas of the one before; from then on rates follow from it again."""
+    judged(what, code, momentum_sigma_nms=0.1)
+    own, seen = estimator(momentum_sigma_nms=0.1), blocks(what)
+    run(own, seen)
+    watch, found = own.recursion.outside, own.recursion.x[own.problem.momentum]
+    assert watch is not None and watch.has_acted and not watch.momentum_lost
+    case, state = stand_in("target_leo"), flight(what).at(np.array([END_S - 1.0]))
+    q, v, _ = pin_state(state, 0)
+    true = pin.computeCentroidalMomentum(case.model, case.model.createData(), q, v).angular
+    assert np.linalg.norm(true) > 10.0
+    sigma = np.sqrt(np.diag(own.recursion.memory.information.covariance())[own.problem.momentum])
+    assert np.abs(found - true).max() < 5.0 * sigma.max() < 1.0
 
 
 def test_without_the_watch_a_firing_is_never_confidently_wrong() -> None:

@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from fsw.config import Config
+from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import report_jacobian
 from fsw.estimators.model.mobility import (
     by_mobility,
     from_mobility,
+    is_bent,
     longer_sides,
     mobility_jacobian,
     to_mobility,
 )
-from tests.support.estimator_cases import BASE, parameters
+from tests.support.estimator_cases import BASE, make_config, parameters, robot_model
+from tests.support.thruster_cases import config_with_thrusters
 
 PI = parameters(BASE)
 WIDE = np.full(10, np.inf)  # a prior that says nothing
@@ -177,3 +181,19 @@ def test_the_longer_side_is_no_longer_than_the_prior_says():
     )
     assert longer_sides(PI, covariance, np.full(10, 0.5 * PI[0]))[0] == pytest.approx(0.5 * PI[0])
     assert longer_sides(PI, covariance, WIDE)[0] > 2.0 * PI[0]
+
+
+@pytest.mark.parametrize(
+    ("config", "method", "bent"),
+    [
+        (make_config(("base",)), "fused", True),
+        (make_config(("base",)), "cm", False),  # rates alone: no force to divide by
+        (make_config(("target",)), "fused", False),
+        (config_with_thrusters(("base",), thruster={"force_sigma_ratio": 0.0}), "fused", True),
+        (config_with_thrusters(("base",), thruster={"force_sigma_ratio": 0.03}), "fused", False),
+    ],
+)
+def test_pi_is_bent_but_for_thrusters_whose_force_is_sought(
+    config: Config, method: str, bent: bool
+) -> None:
+    assert is_bent(build_problem(config, robot_model()), method) is bent
