@@ -121,7 +121,9 @@ def test_a_new_momentum_is_found_after_release(what: str, code: str) -> None:
     own, seen = estimator(momentum_sigma_nms=0.1), blocks(what)
     run(own, seen)
     watch, found = own.recursion.outside, own.recursion.x[own.problem.momentum]
-    assert watch is not None and watch.has_acted and not watch.momentum_lost
+    assert watch is not None
+    assert watch.has_acted
+    assert not watch.momentum_lost
     case, state = stand_in("target_leo"), flight(what).at(np.array([END_S - 1.0]))
     q, v, _ = pin_state(state, 0)
     true = pin.computeCentroidalMomentum(case.model, case.model.createData(), q, v).angular
