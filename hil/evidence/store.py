@@ -7,17 +7,28 @@ discarded at the next start, so its case runs again.
 
 import json
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from file_delivery.durable import replace_file, sync_file
-from hil.errors import same_settings
+from hil.errors import make_folder, same_settings
 from hil.world.scenario import ScenarioError
 
 JOURNAL = "results.jsonl"
 
 Row = Mapping[str, Any]  # plain values of JSON
+
+
+@contextmanager
+def results_in(out: Path | None) -> Iterator[Path]:
+    """Make a folder of results; without one, a temporary folder. Raises ScenarioError."""
+    with ExitStack() as stack:
+        folder = out or Path(stack.enter_context(TemporaryDirectory(prefix="hil-")))
+        make_folder(folder)
+        yield folder
 
 
 class Store:

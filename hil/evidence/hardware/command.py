@@ -7,8 +7,6 @@ the other half of the recording, or is the published one of another arm.
 import json
 import subprocess
 import sys
-import tempfile
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from scipy.stats import chi2
 
 from hil.evidence.hardware import panda, throws_command
 from hil.evidence.hardware.data_set import DataError
+from hil.evidence.store import results_in
 from hil.evidence.terminal import print_table
 
 FAILED_EXIT, WRONG_EXIT = 1, 2
@@ -79,17 +78,14 @@ def run(data: Path, *, throws: bool, fetch: bool, out: Path | None, as_json: boo
     except DataError as error:
         sys.stderr.write(f"{error}\n")
         return WRONG_EXIT
-    with ExitStack() as stack:
-        if out is None:
-            out = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hil-hardware-")))
-        out.mkdir(parents=True, exist_ok=True)
-        results = []
+    results = []
+    with results_in(out) as folder:
         for name, motion in motions.items():
             parts = {"a": motion.part(0.0, 0.5), "b": motion.part(0.5, 1.0), "whole": motion}
-            config = _prepared(out, name, motion.rate_hz)
+            config = _prepared(folder, name, motion.rate_hz)
             for part, own in parts.items():
                 progress.print(f"{name} arm: importing {part}, {len(own.t_s)} samples")
-                _imported(out, config, f"{name}_{part}", own)
+                _imported(folder, config, f"{name}_{part}", own)
             for loaded, empty in (("a", "b"), ("b", "a"), ("whole", None)):
                 if empty is None and name == "first":
                     continue  # the published arm was identified from this recording
@@ -98,7 +94,7 @@ def run(data: Path, *, throws: bool, fetch: bool, out: Path | None, as_json: boo
                 progress.print(f"{case}: identifying")
                 reference = None if empty is None else f"{name}_{empty}"
                 recording, bound = f"{name}_{loaded}", HELD_OUT_NM[name]
-                results.append(_judged(out, config, case, recording, reference, bound))
+                results.append(_judged(folder, config, case, recording, reference, bound))
     if as_json:
         rows = [asdict(result) | {"passed": result.passed} for result in results]
         sys.stdout.write(json.dumps(rows) + "\n")

@@ -2,9 +2,7 @@
 
 import json
 import os
-import tempfile
 from collections.abc import Collection
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from hil.evidence.methods.cases import CASES
 from hil.evidence.methods.records import open_store
 from hil.evidence.methods.records import records as stored
 from hil.evidence.methods.trivial_energy import sentences, trivial_energy
+from hil.evidence.store import results_in
 
 FAILED_EXIT = 1
 
@@ -40,12 +39,7 @@ def methods(
         plan = replace(plan, sample_seeds=seeds)
     if device_seeds is not None:
         plan = replace(plan, device_seeds=device_seeds)
-    with ExitStack() as stack:
-        folder = out
-        if folder is None and quick:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="study-")))
-        elif folder is None:
-            folder = Path("runs") / "study-methods"
+    with results_in(out if out or quick else Path("runs") / "study-methods") as folder:
         store = open_store(folder)
         if redo:
             store.forget({k for k, row in store.rows.items() if row["method"] in redo})

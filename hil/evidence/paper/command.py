@@ -1,8 +1,6 @@
 """The subcommand `hil study paper`."""
 
 import os
-import tempfile
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +8,7 @@ from rich.console import Console
 
 from hil.evidence.paper import report, run
 from hil.evidence.provenance import commit
+from hil.evidence.store import results_in
 
 FAILED_EXIT = 1
 
@@ -25,12 +24,7 @@ def paper(*, quick: bool, out: Path | None, seeds: int | None, device_seeds: int
         plan = replace(plan, seeds=seeds, few=min(plan.few, seeds))
     if device_seeds is not None:
         plan = replace(plan, device_seeds=device_seeds)
-    with ExitStack() as stack:
-        folder = out
-        if folder is None and quick:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="study-")))
-        elif folder is None:
-            folder = Path("runs") / "study-paper"
+    with results_in(out if out or quick else Path("runs") / "study-paper") as folder:
         store = run.open_store(folder, plan.rate_hz)
         results = run.complete(plan, store, 2, Console(stderr=True))
         judged = report.write(folder, results, commit())

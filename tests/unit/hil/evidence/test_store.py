@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hil.evidence import pool, runner
-from hil.evidence.store import JOURNAL, Store
+from hil.evidence.store import JOURNAL, Store, results_in
 from hil.world.scenario import ScenarioError
 
 SETTINGS = {"seed": 1}
@@ -82,3 +82,15 @@ def test_results_of_another_version_are_refused_in_one_line(tmp_path: Path, line
     (tmp_path / JOURNAL).write_text(line + "\n")
     with pytest.raises(ScenarioError, match="another version; give an empty folder"):
         Store(tmp_path, SETTINGS)
+
+
+def test_results_without_a_folder_are_gone_with_the_block(tmp_path: Path) -> None:
+    with results_in(None) as folder:
+        (folder / "a").touch()
+    assert not folder.exists()
+    with results_in(tmp_path / "new" / "one") as folder:
+        assert folder.is_dir()
+    assert folder.is_dir()
+    (tmp_path / "file").touch()
+    with pytest.raises(ScenarioError, match="--out"), results_in(tmp_path / "file"):
+        pass
