@@ -63,8 +63,12 @@ def test_noise_rounded_to_the_wire_is_never_stuck() -> None:
     rng = np.random.default_rng(3)
     tested = StuckScreen(config)
     sigma = config.joints[2].torque_noise_nm / QUIETER
-    for k in range(100_000):
-        tested.screen(joint(k, round(float(rng.normal(0.0, sigma)), 2)))
+    torques = np.round(rng.normal(0.0, sigma, 100_000), 2).reshape(-1, 20)
+    for k, batch in enumerate(torques.tolist()):
+        times_ns = [2_000_000 * (20 * k + i) for i in range(20)]
+        tested.screen(
+            joint_samples(*((t, t, 2, 0.0, tau) for t, tau in zip(times_ns, batch, strict=True)))
+        )
     assert tested.take() == []
 
 

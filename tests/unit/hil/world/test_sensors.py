@@ -83,7 +83,8 @@ def test_imu_noise_is_random_walk_density_times_root_rate():
 
 def test_imu_biases_are_drawn_from_their_sigma_and_wander_only_when_asked():
     imu = {"gyro_bias_sigma_rad_s": 2e-5, "acc_bias_sigma_m_s2": 5e-3}
-    drawn = [ImuErrors(sensor_config(imu=imu).imu, seed) for seed in range(300)]
+    config = sensor_config(imu=imu).imu
+    drawn = [ImuErrors(config, seed) for seed in range(300)]
     assert_sigma(np.array([d.gyro_bias_rad_s for d in drawn]), 2e-5)
     assert_sigma(np.array([d.acc_bias_m_s2 for d in drawn]), 5e-3)
     errors = drawn[0].next(100)
