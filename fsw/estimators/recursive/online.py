@@ -172,8 +172,8 @@ class OnlineEstimator:
             estimate, k = self.estimate(self._now_ns()), self.problem.published
             diagnosis = diagnose(
                 names=estimate.names,
-                prior_mean=recursion.start_mean[k],
-                prior_covariance=recursion.start_covariance[np.ix_(k, k)],
+                prior_mean=recursion.origin.mean[k],
+                prior_covariance=recursion.origin.covariance[np.ix_(k, k)],
                 mean=estimate.mean,
                 covariance=estimate.covariance,
                 bodies=estimate.bodies,
@@ -216,7 +216,7 @@ class OnlineEstimator:
         enough = True
         if self.linear:  # data that fit to the bit, as of rest without noise, scale sigma to zero
             enough = (
-                weakest_gain(self.problem, recursion.start_covariance, covariance) > WEAKEST_GAIN
+                weakest_gain(self.problem, recursion.origin.covariance, covariance) > WEAKEST_GAIN
             )
             covariance = covariance * recursion.residual_variance()
         condition = information.scaled_condition_number()
@@ -250,7 +250,7 @@ class OnlineEstimator:
             nis_dof=monitor.nis_dof,
             condition_number=condition,
             extra=extra,
-            prior=recursion.widened_prior,
+            prior=recursion.origin.widened,
         )
 
     @property

@@ -23,29 +23,27 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive import pacing
 from fsw.estimators.recursive.change import InnovationMonitor
-from fsw.estimators.recursive.epoch import next_epoch, next_momentum
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory, data_within
+from fsw.estimators.recursive.origin import Origin
 from fsw.estimators.recursive.outside import OutsideWatch, Verdict
 from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
 from fsw.estimators.recursive.prior_groups import in_words, widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
 from fsw.estimators.sensor_noise import SensorNoise
-from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
 NOISE_BLOCKS = 4  # between two judgements of the torque noise
 LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
-FLAT_PRIOR = 1e4  # factor on the prior's sigma for the linear weightings
 ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
 EVENT_LIMIT = 64
 SAMPLES = 8  # stored blocks that tell whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
-    *("start_mean", "start_covariance", "_check_due", "_level_due", "_rss", "_coloured"),
+    *("_check_due", "_level_due", "_rss", "_coloured"),
 )
 
 EventWords = tuple[str, str, str]  # severity, code, text
@@ -57,6 +55,7 @@ class Recursion:
     Attributes
     ----------
     x : (p,) state
+    origin : prior of the last start
     memory : prior, data information and stored blocks
     monitor : judge of the innovations
     pacing : when to re-linearise
@@ -97,15 +96,14 @@ class Recursion:
         self._coloured = False  # NOISE_CORRELATED is reported
         watches = problem.watches_outside
         self.outside = OutsideWatch(problem, settings.gate_probability) if watches else None
-        self._walked = np.zeros(problem.model.n)  # rad^2, where the epoch of the walks began
         self._in_doubt = len(problem.published) < len(problem.names)
-        self.start(problem.prior_mean, self._spread())
+        self.origin = Origin(problem, linear=linear)
+        self.start(problem.prior_mean, self.origin.stated)
 
     def start(self, mean: FloatArray, covariance: FloatArray) -> None:
         """Begin again at a prior; counters and what is known of the sensors stay."""
-        self.start_mean, self.start_covariance = mean, covariance
-        prior = self._prior_at(mean)
-        self.memory = Memory(prior, self._settings.store_blocks)
+        self.origin.mean, self.origin.covariance = mean, covariance
+        self.memory = Memory(self.origin.information(mean), self._settings.store_blocks)
         self.x = mean.copy()
         self.since = 0
         bound = pacing.SETTLED_IN_DOUBT if self._in_doubt else SETTLED
@@ -137,23 +135,25 @@ class Recursion:
 
     def snapshot(self) -> dict[str, Any]:
         """Return the whole state as plain values; stored blocks are referred to by their index."""
-        return kept(self, _STATE) | {
-            "monitor": self.monitor.snapshot(),
-            "pacing": self.pacing.snapshot(),
-            "trust": self.trust.snapshot(),
-            "noise": self.noise.snapshot(),
-            "memory": self.memory.snapshot(),
-            **({} if self.outside is None else {"outside": self.outside.snapshot()}),
-            **({} if self.problem.walks is None else {"walked": self._walked.copy()}),
-        }
+        return (
+            kept(self, _STATE)
+            | self.origin.snapshot()
+            | {
+                "monitor": self.monitor.snapshot(),
+                "pacing": self.pacing.snapshot(),
+                "trust": self.trust.snapshot(),
+                "noise": self.noise.snapshot(),
+                "memory": self.memory.snapshot(),
+                **({} if self.outside is None else {"outside": self.outside.snapshot()}),
+            }
+        )
 
     def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
         """Continue from a snapshot. Raises EstimatorError if a block is missing; unchanged then."""
         prior = to_information(values["memory"]["prior"])
         memory = Memory(prior, self._settings.store_blocks)
         memory.restore(values["memory"], blocks, self._usable_rows)
-        if self.problem.walks is not None:
-            self._walked = np.asarray(values["walked"])
+        self.origin.restore(values)
         self.noise.restore(values["noise"])
         self.memory = memory
         put(self, _STATE, values)
@@ -275,10 +275,8 @@ class Recursion:
         found = at_first_rate(block, at, problem) if plausible(block) else at
         if self.linear or problem.modes is not None or found is at or not watch.has_released:
             return replace(block, has_attitude=False)
-        prior = (self.start_mean, self.start_covariance)
-        epoch = next_momentum(problem, prior, memory.data, found[problem.momentum])
-        self.start_mean, self.start_covariance = epoch.mean, epoch.covariance
-        memory.restart(self._prior_at(at), epoch.data)
+        data = self.origin.with_momentum(found[problem.momentum], memory.data)
+        memory.restart(self.origin.information(at), data)
         self._solve()
         memory.at = found
         watch.found_momentum()
@@ -292,13 +290,6 @@ class Recursion:
             return block, rows
         return used, self._usable_rows(used, at, self.memory.gained)
 
-    @property
-    def widened_prior(self) -> FloatArray | None:
-        """Return the prior's covariance where it was widened since the start; None: it was not."""
-        now, stated = self.start_covariance, self._spread()
-        wider = bool(np.any(np.diag(now) > (1.0 + 1e-9) * np.diag(stated)))
-        return now if wider and not self.linear else None
-
     def residual_variance(self) -> float:
         """Return the variance of the residuals of the linear regression, in units of the declared.
 
@@ -309,37 +300,16 @@ class Recursion:
 
     def begin_again(self, why: str) -> None:
         """Return to the prior of the problem and report why."""
-        self.start(self.problem.prior_mean, self._spread())
+        self.start(self.problem.prior_mean, self.origin.stated)
         self.monitor.restart()
         self._events.append(("high", "ESTIMATOR_RESET", why))
 
-    def _prior_at(self, x: FloatArray) -> SquareRootInformation:
-        """Return what was known at the start, linearised at a state."""
-        return self.problem.prior_of(self.start_mean, self.start_covariance).at(x)
-
-    def _spread(self) -> FloatArray:
-        covariance = self.problem.prior_covariance
-        if self._walked.any():
-            zeros = np.arange(len(covariance))[self.problem.joint_zero]
-            covariance = covariance.copy()
-            covariance[zeros, zeros] += self._walked
-        return FLAT_PRIOR**2 * covariance if self.linear else covariance
-
     def _follow_walks(self, block: Block) -> None:
-        """Begin a new epoch of the walks where a block is beyond their steps."""
-        walks = self.problem.walks
-        if walks is None:
-            return
-        beyond = block.walk_rad2 - self._walked
-        if (beyond[walks.joints] <= walks.knots_rad2[:, -1]).all():
-            return
-        prior, data = (self.start_mean, self.start_covariance), self.memory.data
-        epoch = next_epoch(self.problem, walks, prior, data, beyond)
-        self._walked = block.walk_rad2
-        self.start_mean, self.start_covariance = epoch.mean, epoch.covariance
-        self.memory.restart(self._prior_at(self.memory.at), epoch.data)
-        self._solve()
-        self.memory.at = self._point()
+        data = self.origin.follow(block, self.memory.data)
+        if data is not None:
+            self.memory.restart(self.origin.information(self.memory.at), data)
+            self._solve()
+            self.memory.at = self._point()
 
     def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> None:
         c = rows.b + rows.A @ at
@@ -360,9 +330,8 @@ class Recursion:
             self.memory.age(float(np.exp(-0.5 * elapsed_s / time_s)))
 
     def _usable_rows(self, block: Block, at: FloatArray, before: Impulse | None) -> Rows | None:
-        if self.problem.walks is not None:
-            block = replace(block, walk_rad2=block.walk_rad2 - self._walked)
-        return usable_rows(self._rows, self.noise.applied(block), at, before)
+        noted = self.noise.applied(self.origin.in_epoch(block))
+        return usable_rows(self._rows, noted, at, before)
 
     def _solve(self) -> None:
         try:
@@ -377,7 +346,7 @@ class Recursion:
         mean, blocks = self._point(), self.since
         self.changes += 1
         trust = self.trust.successor(blocks, self.changes)
-        self.start(mean, self._spread())
+        self.start(mean, self.origin.stated)
         self.trust = trust
         self.monitor.restart()
         text = f"the innovations no longer fit the {blocks} blocks before; estimate re-opened"
@@ -415,7 +384,7 @@ class Recursion:
         pull = memory.pull(self._usable_rows, wanted, SAMPLES)
         if pull is None:
             return wanted, None
-        for prior, sign in ((self._prior_at(wanted), 1.0), (memory.prior, -1.0)):
+        for prior, sign in ((self.origin.information(wanted), 1.0), (memory.prior, -1.0)):
             pull = pull + sign * (prior.R.T @ (prior.z - prior.R @ wanted))
         step = pacing.rms(solve_triangular(memory.information.R, pull, trans=1))
         return wanted, step if step < pacing.WORTH else None
@@ -425,7 +394,7 @@ class Recursion:
         x, R = self.x, memory.information.R
         if not memory.advance(self._usable_rows):
             return
-        memory.replace_prior(self._prior_at(memory.at))
+        memory.replace_prior(self.origin.information(memory.at))
         self._solve()
         if memory is not self.memory:  # started over
             return
@@ -462,14 +431,14 @@ class Recursion:
         """Widen what of the prior the data contradict, and let the estimate settle again."""
         self._check_due = False
         covariance = self.memory.tempered(self.monitor.level).covariance()
-        prior, estimate = (self.start_mean, self.start_covariance), (self.x, covariance)
-        widened, found = widen(self.problem, prior, estimate)
+        prior = self.origin.mean, self.origin.covariance
+        widened, found = widen(self.problem, prior, (self.x, covariance))
         self.conflict = bool(found)
         self.trust.suspect |= any(group.of_model for group in found)
         if all(group.factor == 1.0 for group in found):
             return
-        self.start_covariance = widened
-        self.memory.replace_prior(self._prior_at(self.memory.at))
+        self.origin.covariance = widened
+        self.memory.replace_prior(self.origin.information(self.memory.at))
         self._solve()
         self.pacing.settled = False
         text = in_words(found) + self.problem.suspicion(self.x)

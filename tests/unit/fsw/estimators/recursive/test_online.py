@@ -11,8 +11,8 @@ from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.recursive.online import WORK_PER_BLOCK, OnlineEstimator, build_online
+from fsw.estimators.recursive.origin import FLAT_PRIOR
 from fsw.estimators.recursive.pacing import WORTH
-from fsw.estimators.recursive.recursion import FLAT_PRIOR
 from fsw.messages import Block, Estimate
 from tests.support.estimator_cases import (
     NODES,
