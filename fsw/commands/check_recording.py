@@ -35,7 +35,7 @@ def check_recording(
     ------
     ConfigError when the recording does not fit the configuration at all.
     """
-    watching = Watching(config, joint_order(config, problem.model))
+    watching = Watching(config, joint_order(config, problem.model), alone=True)
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     progress(f"reading {recording}")
     nodes = Nodes(config)
