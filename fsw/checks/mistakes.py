@@ -23,11 +23,11 @@ from fsw.checks.mounting import (
 )
 from fsw.config import Config
 from fsw.estimators.batch.solver import Target, minimise
-from fsw.estimators.conditioning import rotation_from_xyzw
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import body_prior, build_problem, joint_order
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError
 

@@ -229,6 +229,8 @@ def _doubts(config: Config, problem: Problem) -> list[str]:
         ),
         "imu_place": ("place of the inertial unit [m]", [imu.mounting_position_sigma_m]),
         "imu_angle": ("its attitude [rad]", [imu.mounting_angle_sigma_rad]),
+        "gyro_scale": ("scales of its gyro", [imu.gyro_scale_sigma_ratio]),
+        "gyro_axes": ("axes of its gyro [rad]", [imu.gyro_axes_sigma_rad]),
         "wheel_scale": ("inertia of wheels", [w.inertia_sigma_ratio for w in config.wheels]),
         "thrust_scale": ("force of thrusters", [t.force_sigma_ratio for t in config.thrusters]),
     }
@@ -258,6 +260,8 @@ def _certain(config: Config, problem: Problem) -> list[str]:
         "zeros of joints": "joint_zero" not in states,
         "place of the inertial unit": config.imu.present and "imu_place" not in states,
         "its attitude": config.imu.present and "imu_angle" not in states,
+        "scales of its gyro": config.imu.present and "gyro_scale" not in states,
+        "axes of its gyro": config.imu.present and "gyro_axes" not in states,
         "inertia of wheels": len(config.wheels) > 0 and "wheel_scale" not in states,
         "force of thrusters": len(config.thrusters) > 0 and "thrust_scale" not in states,
     }

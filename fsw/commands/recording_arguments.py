@@ -116,13 +116,20 @@ def calibrate_arguments(commands: Commands, command: Command) -> None:
         help="offsets, biases and mounting from a recording, as a configuration overlay",
         description="rest: torque offsets and biases of the inertial unit while nothing moves. "
         "motion: the same with torque scales, mounting and lever arm of the inertial unit, and the "
-        "delays of gyro, accelerometer and star tracker against the joints.",
+        "delays of gyro, accelerometer and star tracker against the joints; scales and axes of the "
+        "gyro where the configuration puts them in doubt.",
         epilog="example: fsw calibrate rest recording.mcap --config robot.yaml --to 60 "
         "--out calibration.yaml; then fsw identify other.mcap --config robot.yaml "
         "--overlay calibration.yaml",
     )
     calibrate.add_argument("mode", choices=("rest", "motion"))
-    calibrate.add_argument("recording", type=Path, metavar="RECORDING")
+    calibrate.add_argument(
+        "recording",
+        type=Path,
+        nargs="+",
+        metavar="RECORDING",
+        help="one; of a body without joints in motion several, as of one flight",
+    )
     calibrate.add_argument("--config", type=Path, metavar="CONFIG", required=True)
     overlay_argument(calibrate)
     _span_arguments(calibrate)

@@ -52,6 +52,7 @@ LongDuration = Annotated[float, Field(gt=0, le=1e30, allow_inf_nan=False)]  # s;
 
 GravityComponent = Annotated[float, Field(ge=-30.0, le=30.0, allow_inf_nan=False)]
 Vector3 = tuple[Finite, Finite, Finite]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
 PositiveVector3 = tuple[Positive, Positive, Positive]
 Gravity = tuple[GravityComponent, GravityComponent, GravityComponent]
 Position = tuple[Coordinate, Coordinate, Coordinate]

@@ -28,6 +28,7 @@ from fsw.config.base import (
     Finite,
     Gain,
     Length,
+    Matrix3,
     Position,
     Positive,
     Quaternion,
@@ -46,6 +47,7 @@ from fsw.config.base import (
 from fsw.messages.errors import brief
 
 MAX_ANGLE_RAD = tau  # of a mounting: more is in degrees
+MOST_GYRO_ERROR = 0.2  # of an entry of the gyro's matrix: more is another unit, or a mounting
 SAMPLES = "samples"  # no device: only recordings of fsw import have its values
 
 
@@ -322,10 +324,25 @@ class ImuConfig(Section):
     acc_bias_sigma_m_s2: AccelerationSigma
     gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # taken off every sample, in the unit's axes
     acc_bias_S_m_s2: Vector3 = (0.0, 0.0, 0.0)
+    gyro_matrix: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    gyro_scale_sigma_ratio: ScaleSigma = 0.0  # of each axis; 0: exact
+    gyro_axes_sigma_rad: AngleSigma = 0.0  # by which two axes lean to one another; 0: exact
     mounting_position_sigma_m: Length = 0.01  # of the mounting's p_BS_m; 0: it is exact
     mounting_angle_sigma_rad: AngleSigma = 5e-3  # of its q_BS_xyzw, about each axis; 0: exact
     max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)
     clock_tolerance_ppm: Positive = 200.0
+
+    @field_validator("gyro_matrix")
+    @classmethod
+    def _nearly_one(cls, matrix: Matrix3) -> Matrix3:
+        for i, row in enumerate(matrix):
+            for k, entry in enumerate(row):
+                if abs(entry - (i == k)) > MOST_GYRO_ERROR:
+                    raise ValueError(
+                        f"gyro_matrix[{i}][{k}]: {entry:g}; must be {int(i == k)} within "
+                        f"{MOST_GYRO_ERROR:g}"
+                    )
+        return matrix
 
     @property
     def present(self) -> bool:

@@ -27,6 +27,7 @@ from fsw.estimators.model.problem import Thrusters
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.reversal import doubt
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.estimators.speed_motion import SpeedMotion
 from fsw.estimators.valves import Valves, changes
 from fsw.estimators.wheel_motion import Turn, WheelMotion
@@ -45,18 +46,6 @@ OF_SPEED = (-1, 0, 1)  # the same of its speed
 SPEED_EXTRA_DEGREE = 1  # of a speed over a torque: one derivative is wanted, and its noise is large
 GYRO_FAULTS = ("gyro", Fault.GYRO_SPIKE, Fault.GYRO_INCONSISTENT)
 ACC_FAULTS = ("accelerometer", Fault.ACC_SPIKE, Fault.ACC_INCONSISTENT)
-
-
-def rotation_from_xyzw(q: FloatArray) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4) in xyzw order."""
-    x, y, z, w = np.moveaxis(np.asarray(q, float), -1, 0)
-    R = np.empty((*x.shape, 3, 3))
-    R[..., 0, 0], R[..., 1, 1] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
-    R[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    R[..., 0, 1], R[..., 1, 0] = 2 * (x * y - z * w), 2 * (x * y + z * w)
-    R[..., 0, 2], R[..., 2, 0] = 2 * (x * z + y * w), 2 * (x * z - y * w)
-    R[..., 1, 2], R[..., 2, 1] = 2 * (y * z - x * w), 2 * (y * z + x * w)
-    return R
 
 
 class Conditioner:
@@ -226,7 +215,13 @@ class Conditioner:
         """Return what a block holds of the wheels; None where a momentum cannot be known."""
         found: list[Turn | None] = []
         for wheel, channel in zip(self._wheels, window.wheels, strict=True):
-            turn = wheel.at(channel, window.start_ns, t_ns)
+            turn = None
+            if not self._order:  # the body's motion is known by its gyro alone
+                half_s = (window.stop_ns - window.start_ns) * 0.5e-9
+                offsets_ns = _offsets(channel, (window.start_ns + window.stop_ns) // 2)
+                instants = Instants(offsets_ns, half_s, self._nodes, self._nodes - 1)
+                turn = wheel.along(channel, instants)
+            turn = turn or wheel.at(channel, window.start_ns, t_ns)
             found.append(turn)
             if turn is not None:
                 self.outliers += turn.removed

@@ -1,6 +1,7 @@
 """Conditioning of reaction wheels: momentum and its derivative at a window's nodes.
 
-A wheel may report less often than once a window, so no polynomial is fitted: the torque on the
+A wheel may report less often than once a window, so no polynomial is fitted (but for a body without
+joints, see `along`): the torque on the
 rotor is taken as a random walk of known density, and momentum and torque at the nodes are estimated
 from the samples of this window and the newest before it (a Gaussian process; the optimal smoother
 of that walk). The uncertainty between slow samples, and behind the last one, is in the
@@ -16,12 +17,14 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from fsw.config import WheelConfig
+from fsw.estimators.window_fit import Instants
 from fsw.messages import ChannelWindow, FloatArray, IntArray
 
 BEFORE_PERIODS = 4.0  # samples so many report periods before the window are used too
 SILENT_PERIODS = 5.0  # without a sample for longer, the momentum counts as unknown
 MOST_SAMPLES = 48  # of one kind; more are averaged in groups
 GATE_SIGMAS = 6.0
+LEAST_PER_NODE = 3  # samples; fewer are no polynomial
 SPIKE_RATIO, MIN_SPIKES = 0.05, 3
 VAGUE = 1e3  # noise sigmas by which the momentum before the first sample is uncertain
 
@@ -87,6 +90,22 @@ class WheelMotion:
         if not len(self._t_ns) or int(t_ns[-1]) - int(self._t_ns[-1]) > self._silent_ns:
             return None
         return self._estimated(t_ns)
+
+    def along(self, channel: ChannelWindow, instants: Instants) -> Turn | None:
+        """Return the wheel at the nodes of a window by the polynomial that a gyro has there.
+
+        What it leaves of a motor's switching it then leaves of the body's answer too, and the two
+        cancel in their balance: no sample is left out as an outlier. None: too few samples.
+        """
+        J, orders = self._config.inertia_kg_m2, (0, 1)
+        if len(channel.t_ns) < LEAST_PER_NODE * instants.nodes:
+            return None
+        values, sigma = J * channel.values[:, :1], J * self._config.speed_noise_rad_s
+        (found,) = instants.fitted(values, np.array([np.inf]), instants.degree, orders)
+        if found.fit is None:
+            return None
+        h, hd = found.values.reshape(2, -1)
+        return Turn(h, hd, found.covariance(orders, sigma, 2 * len(h)), found.removed)
 
     def _estimated(self, t_ns: IntArray) -> Turn | None:
         origin_ns = min(int(t_ns[0]), int(self._t_ns[0]))

@@ -47,6 +47,8 @@ STATES = {  # by kind of state: words, key, unit
     "known": ("errors of known bodies", "robot.links_sigma_ratio", ""),
     "imu_place": ("place of the inertial unit", "imu.mounting_position_sigma_m", "m"),
     "imu_angle": ("its attitude", "imu.mounting_angle_sigma_rad", "rad"),
+    "gyro_scale": ("scales of the gyro", "imu.gyro_scale_sigma_ratio", ""),
+    "gyro_axes": ("axes of the gyro that lean", "imu.gyro_axes_sigma_rad", "rad"),
     "acc_bias": ("bias of accelerometer", "imu.acc_bias_sigma_m_s2", "m/s^2"),
     "gyro_bias": ("bias of gyro", "imu.gyro_bias_sigma_rad_s", "rad/s"),
     "momentum": ("momentum", "estimator.momentum_sigma_nms", "N m s"),

@@ -6,9 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.estimators.conditioning import build_conditioner, rotation_from_xyzw
+from fsw.estimators.conditioning import build_conditioner
 from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.excitation import attitude
 from fsw.excitation.spline import Firing, Trajectory
 from fsw.messages import Block, ChannelWindow, FloatArray, IntArray, Window

@@ -116,6 +116,8 @@ def make_config(
                 "acc_bias_sigma_m_s2": 0.01 if biases else 0.0,
                 "mounting_position_sigma_m": 0.01 if doubt else 0.0,
                 "mounting_angle_sigma_rad": 5e-3 if doubt else 0.0,
+                "gyro_scale_sigma_ratio": 5e-3 if doubt else 0.0,
+                "gyro_axes_sigma_rad": 5e-3 if doubt else 0.0,
             },
             "scheduler": {"tick_rate_hz": RATE_HZ},
             "estimator": settings,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -24,6 +25,7 @@ INERTIA = np.array([[1.7e-3, 4e-5, -1e-5], [4e-5, 3.4e-4, -2e-5], [-1e-5, -2e-5,
 ROTOR_KG_M2 = 1.7e-6
 AXIS = np.array([0.0, 0.0, -1.0])
 W_START = np.array([9.0, 4.0, 3.0])
+EXACT = np.eye(3)
 SPEED_RAD_S, RAMP_S = 1250.0, 0.03
 URDF = """<robot name="thrown"><link name="body"><inertial><mass value="1"/>
 <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>
@@ -59,8 +61,13 @@ def _acceleration(t: float, w: np.ndarray) -> np.ndarray:
     return np.linalg.solve(INERTIA, -np.cross(w, INERTIA @ w + AXIS * h[1]) - moment)
 
 
-def throw(noise: Noise, seed: int = 0, late_s: float = 0.0) -> Columns:
-    """Return the columns of a throw; the wheel's readings are late."""
+def throw(
+    noise: Noise, seed: int = 0, late_s: float = 0.0, gyro_matrix: np.ndarray = EXACT
+) -> Columns:
+    """Return the columns of a throw; the wheel's readings are late.
+
+    `gyro_matrix` (3, 3) times what the gyro reads is the true rate.
+    """
     t = 1.0 + np.arange(round(LASTS_S * RATE_HZ)) / RATE_HZ
     found = solve_ivp(
         _acceleration, (0.0, LASTS_S), W_START, "DOP853", t - 1.0, rtol=1e-11, atol=1e-11
@@ -68,7 +75,7 @@ def throw(noise: Noise, seed: int = 0, late_s: float = 0.0) -> Columns:
     w, rng = found.y.T, np.random.default_rng([seed, 45])
     wd = np.array([_acceleration(*state) for state in zip(t - 1.0, w, strict=True)])
     f = np.cross(wd, -COM_M) + np.cross(w, np.cross(w, -COM_M))
-    w = w + rng.normal(0.0, noise.rate_rad_s, w.shape)
+    w = np.linalg.solve(gyro_matrix, w.T).T + rng.normal(0.0, noise.rate_rad_s, w.shape)
     f = f + rng.normal(0.0, noise.force_m_s2, f.shape)
     speed = speed_rad_s(t - 1.0 - late_s) + rng.normal(0.0, noise.speed_rad_s, len(t))
     columns: Columns = {"t": t}
@@ -77,8 +84,10 @@ def throw(noise: Noise, seed: int = 0, late_s: float = 0.0) -> Columns:
     return columns | {"speed": speed}
 
 
-def write_config(folder: Path, noise: Noise, delay_sigma_s: float = 0.0) -> Path:
-    """Write robot, mapping and configuration; return the latter's path."""
+def write_config(
+    folder: Path, noise: Noise, delay_sigma_s: float = 0.0, imu: dict[str, Any] | None = None
+) -> Path:
+    """Write robot, mapping and configuration, `imu` over its own; return the latter's path."""
     (folder / "body.urdf").write_text(URDF)
     (folder / "mapping.yaml").write_text(yaml.safe_dump(MAPPING))
     path = folder / "thrown.yaml"
@@ -125,6 +134,7 @@ def write_config(folder: Path, noise: Noise, delay_sigma_s: float = 0.0) -> Path
             "gyro_bias_sigma_rad_s": 0.0,
             "acc_bias_sigma_m_s2": 0.0,
             "max_rate_rad_s": 35.0,
+            **(imu or {}),
         },
         "scheduler": {"tick_rate_hz": 500.0},
         "estimator": {

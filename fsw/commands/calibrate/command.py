@@ -1,8 +1,9 @@
-"""`fsw calibrate rest|motion RECORDING --config CONFIG`: replay, figures, table, overlay."""
+"""`fsw calibrate rest|motion RECORDING... --config CONFIG`: replay, figures, table, overlay."""
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -33,19 +34,24 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
     ConfigError if recording, configuration or choices do not fit, or nothing can be written;
     EstimatorError if the robot moves, or there are too few data.
     """
-    for path in (arguments.config, arguments.recording, *arguments.overlay):
+    recordings: Sequence[Path] = arguments.recording
+    for path in (arguments.config, *recordings, *arguments.overlay):
         if arguments.out is not None and path.resolve() == arguments.out.resolve():
             raise ConfigError(f"--out {arguments.out}: is read by this command; must be another")
     robot = Robot(arguments.config).with_overlays(*arguments.overlay)
     config, span = robot.config, Span(arguments.from_s, arguments.to_s)
     for warning in robot.warnings:
         tell(f"warning: {config.name}: {warning}")
+    if len(recordings) > 1 and (arguments.mode == "rest" or config.joints):
+        raise ConfigError(
+            f"{recordings[1]}: several recordings make one calibration only of a body without "
+            "joints, in motion"
+        )
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem = build_problem(config, model)
 
     def read(stamped: Config) -> Watching:
-        tell(f"reading {arguments.recording}")
-        return _replayed(arguments.recording, stamped, problem, span, tell)
+        return _replayed(recordings, stamped, problem, span, tell)
 
     def progress(_ratio: float, text: str) -> bool:
         tell(text)
@@ -63,9 +69,9 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
         raise EstimatorError(f"no figures: arithmetic fails ({unforeseen(error)})") from error
     values = overlay_values(config, figures)
     lines = table(figures)
-    recorded = datetime.fromtimestamp(arguments.recording.stat().st_mtime, UTC)
+    recorded = datetime.fromtimestamp(recordings[-1].stat().st_mtime, UTC)
     comments = [
-        f"fsw calibrate {arguments.mode} {arguments.recording}{span.words()}",
+        f"fsw calibrate {arguments.mode} {' '.join(map(str, recordings))}{span.words()}",
         f"recorded until {recorded:%Y-%m-%d %H:%M:%S} UTC; configuration {config.name}",
         "changes of what is configured, 1 sigma:",
         *lines,
@@ -78,15 +84,21 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
 
 
 def _replayed(
-    recording: Path, config: Config, problem: Problem, span: Span, tell: Tell
+    recordings: Sequence[Path], config: Config, problem: Problem, span: Span, tell: Tell
 ) -> Watching:
-    """Return windows and blocks of a recording; no estimator works on them."""
-    seen = Watching(config, joint_order(config, problem.model), alone=True)
-    pipeline = Pipeline(conditioner=seen, estimator=build_online(config, problem.model))
-    result = replay(recording, config, pipeline=pipeline, span=span, progress=tell)
-    if result.truncated:
-        tell(f"warning: {result.cut_off()}")
-    return seen
+    """Return windows and blocks of recordings, one after the other; no estimator works on them."""
+    every = Watching(config, joint_order(config, problem.model), alone=True)
+    for recording in recordings:
+        tell(f"reading {recording}")
+        seen = Watching(config, joint_order(config, problem.model), alone=True)
+        pipeline = Pipeline(conditioner=seen, estimator=build_online(config, problem.model))
+        result = replay(recording, config, pipeline=pipeline, span=span, progress=tell)
+        if result.truncated:
+            tell(f"warning: {result.cut_off()}")
+        first = 1 + every.blocks[-1].index if every.blocks else 0
+        every.windows += seen.windows
+        every.blocks += [replace(own, index=first + own.index) for own in seen.blocks]
+    return every
 
 
 def _write(path: Path, text: str, config: Config) -> None:

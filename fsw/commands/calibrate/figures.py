@@ -10,11 +10,13 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.estimators.conditioning import rotation_from_xyzw
+from fsw.estimators.measurement.mounting import LEANING
 from fsw.estimators.parameter_verdicts import DATA_GAIN, MEASURED, PRIOR
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 
 AXES = "xyz"
+PLACES = {"gyro_axes": ("xy", "xz", "yz")}  # of a kind that has not one figure an axis
 UNITS = {
     "torque_offset": "N m",
     "torque_scale": "1",
@@ -22,6 +24,8 @@ UNITS = {
     "acc_bias": "m/s^2",
     "imu_angle": "rad",
     "imu_place": "m",
+    "gyro_scale": "1",
+    "gyro_axes": "rad",
     "delay": "s",
 }
 SIGMA_KEYS = {  # of the inertial unit
@@ -29,6 +33,8 @@ SIGMA_KEYS = {  # of the inertial unit
     "acc_bias": "acc_bias_sigma_m_s2",
     "imu_angle": "mounting_angle_sigma_rad",
     "imu_place": "mounting_position_sigma_m",
+    "gyro_scale": "gyro_scale_sigma_ratio",
+    "gyro_axes": "gyro_axes_sigma_rad",
 }
 
 DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"}
@@ -76,7 +82,7 @@ def in_axes(
     values, sigmas = R @ mean, np.sqrt(np.diag(R @ covariance @ R.T))
     return [
         Figure(kind=kind, which=axis, value=float(v), sigma=float(s), known=known)
-        for axis, v, s in zip(AXES, values, sigmas, strict=True)
+        for axis, v, s in zip(PLACES.get(kind, AXES), values, sigmas, strict=True)
     ]
 
 
@@ -153,6 +159,8 @@ def _imu(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
     biases = (("gyro_bias", imu.gyro_bias_S_rad_s), ("acc_bias", imu.acc_bias_S_m_s2))
     for (kind, before), key in zip(biases, ("gyro_bias_S_rad_s", "acc_bias_S_m_s2"), strict=True):
         if (change := _vector(kind, used)) is not None:
+            if kind == "gyro_bias":  # of what the matrix has made of the readings
+                change = np.linalg.solve(np.array(imu.gyro_matrix), change)
             values[key] = (np.array(before) + change).tolist()
             values |= _sigma(kind, used)
     mounting = {}
@@ -163,6 +171,13 @@ def _imu(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
         turned = Rotation.from_rotvec(change) * Rotation.from_quat(imu.mounting.q_BS_xyzw)
         mounting["q_BS_xyzw"] = turned.as_quat().tolist()
         values |= _sigma("imu_angle", used)
+    scale, axes = (_vector(kind, used) for kind in ("gyro_scale", "gyro_axes"))
+    if scale is not None or axes is not None:
+        E = np.zeros((3, 3)) if scale is None else np.diag(scale)
+        if axes is not None:
+            E[LEANING] = E[LEANING[::-1]] = axes
+        values["gyro_matrix"] = ((np.eye(3) + E) @ np.array(imu.gyro_matrix)).tolist()
+        values |= _sigma("gyro_scale", used) | _sigma("gyro_axes", used)
     for sensor, key in DELAY_KEYS.items():
         if (delay := used.get(f"delay.{sensor}")) is not None:
             values[key] = getattr(imu, key) + delay.value
@@ -178,13 +193,13 @@ def _star_tracker(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
 
 def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:
     """Return the change (3,) along the measured axes; None without one."""
-    own = [used.get(f"{kind}.{axis}") for axis in AXES]
+    own = [used.get(f"{kind}.{axis}") for axis in PLACES.get(kind, AXES)]
     return np.array([f.value if f else 0.0 for f in own]) if any(own) else None
 
 
 def _sigma(kind: str, used: dict[str, Figure]) -> dict[str, float]:
     """Return the key of one sigma for all axes; nothing while one of them is as it was."""
-    own = [used.get(f"{kind}.{axis}") for axis in AXES]
+    own = [used.get(f"{kind}.{axis}") for axis in PLACES.get(kind, AXES)]
     return {SIGMA_KEYS[kind]: max(f.sigma for f in own if f)} if all(own) else {}
 
 

@@ -14,12 +14,12 @@ from fsw.config import Config, ImuConfig, JointConfig
 from fsw.estimators.batch.run import sound_blocks, with_noise_found
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import Progress
-from fsw.estimators.conditioning import rotation_from_xyzw
-from fsw.estimators.measurement.mounting import turn
+from fsw.estimators.measurement.mounting import gyro_turn
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 from fsw.messages.errors import EstimatorError
 
@@ -43,7 +43,9 @@ Read = Callable[[Config], Watching]
 def motion_figures(config: Config, read: Read, progress: Progress | None) -> list[Figure]:
     """Return offsets, scales, biases, mounting and delays from a recording in motion.
 
-    The fused likelihood with wide priors on all of them, the bodies unknown or known as configured.
+    The fused likelihood with wide priors on all of them, the bodies unknown or known as configured;
+    that of mrnea and the priors of the configuration for a body without joints. Scales and axes of
+    the gyro are sought where the configuration puts them in doubt, by no more than it says.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ def motion_figures(config: Config, read: Read, progress: Progress | None) -> lis
     stamped = config
     for last in reversed(range(ROUNDS)):
         problem = build_problem(_widened(stamped), model)
-        if config.imu.present:
+        if config.imu.present and config.joints:
             problem = with_delays(problem, WIDE_DELAY_S)
         seen = read(stamped)
         blocks = sound_blocks(seen.blocks)
@@ -74,7 +76,12 @@ def motion_figures(config: Config, read: Read, progress: Progress | None) -> lis
 
 
 def _widened(config: Config) -> Config:
-    """Return the configuration with priors as wide as if nothing were known of the sensors."""
+    """Return the configuration with priors as wide as if nothing were known of the sensors.
+
+    As it is for a body without joints: its centre of mass cannot be told from the unit's place.
+    """
+    if not config.joints:
+        return config
     joints = [
         {**joint.model_dump(), **joint.named(_wider(vars(joint), WIDE_JOINT))}
         if joint.torque != "none"
@@ -97,7 +104,8 @@ def _solved(
     """Return mean (p,) and covariance (p, p) of the whole state."""
     noisy, _ = with_noise_found(problem, blocks)
     is_delayed = problem.names[-len(NAMES) :] == NAMES
-    rows = DelayedRows(problem) if is_delayed else row_function("fused", "eiv", problem)
+    method = "fused" if problem.model.n else "mrnea"
+    rows = DelayedRows(problem) if is_delayed else row_function(method, "eiv", problem)
     settled = settle(problem, Linearisation(rows, noisy), noisy, gate_probability, progress, None)
     solution = settled.solution
     if solution.status == "NOT_CONVERGED":
@@ -145,6 +153,8 @@ def _figures(
         ("acc_bias", problem.acc_bias, "acc_bias_sigma_m_s2"),
         ("imu_angle", problem.imu_angle, "mounting_angle_sigma_rad"),
         ("imu_place", problem.imu_place, "mounting_position_sigma_m"),
+        ("gyro_scale", problem.gyro_scale, "gyro_scale_sigma_ratio"),
+        ("gyro_axes", problem.gyro_axes, "gyro_axes_sigma_rad"),
     ):
         if present(states):
             R = sensor_axes(config) if "bias" in kind else np.eye(3)
@@ -209,7 +219,7 @@ def _tracker(
         (t_ns - gyro_ns[0]) * 1e-9,
         R_NB * Rotation.from_matrix(R_BT),
         (gyro_ns[good] - gyro_ns[0]) * 1e-9,
-        rates[good] @ turn(mean, problem)[0].T @ R_BT,
+        rates[good] @ gyro_turn(mean, problem).T @ R_BT,
         np.array([across, across, about]),
         config.imu.angle_random_walk_rad_sqrt_s,
     )

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from fsw.commands.calibrate.drift import LEAST_WINDOWS, drift
 from fsw.commands.calibrate.figures import AXES, Figure, in_axes, sensor_axes, stated
 from fsw.config import Config
-from fsw.estimators.conditioning import rotation_from_xyzw
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 from fsw.messages.errors import EstimatorError
 

@@ -201,6 +201,7 @@ def _causes(problem: Problem) -> dict[str, slice]:
         "joint zeros": problem.joint_zero,
         "inertial unit's place": problem.imu_place,
         "inertial unit's attitude": problem.imu_angle,
+        "gyro's scales and axes": slice(problem.gyro_scale.start, problem.gyro_axes.stop),
         "friction in the torque sensors": slice(
             problem.friction_coulomb.start, problem.friction_viscous.stop
         ),

@@ -74,6 +74,7 @@ class ImuSource:
         self._gyro_delay_ns = config.gyro_group_delay_s * 1e9
         self._acc_delay_ns = config.acc_group_delay_s * 1e9
         self._gyro_bias = np.array(config.gyro_bias_S_rad_s)
+        self._gyro_matrix = np.array(config.gyro_matrix)
         self._acc_bias = np.array(config.acc_bias_S_m_s2)
         self._group: list[tuple[Arrival, ImuDatagram]] = []
         self._watch = LineWatch(IMU_LINE, SUBJECT, 1e9 / config.rate_hz, health.silent_periods)
@@ -114,7 +115,7 @@ class ImuSource:
         found = joined(parts) if parts else NO_SAMPLES
         return replace(
             found,
-            w_NS_S_rad_s=found.w_NS_S_rad_s - self._gyro_bias,
+            w_NS_S_rad_s=(found.w_NS_S_rad_s - self._gyro_bias) @ self._gyro_matrix.T,
             f_NS_S_m_s2=found.f_NS_S_m_s2 - self._acc_bias,
         )
 

@@ -145,6 +145,7 @@ def imu_samples(config: ImuConfig) -> SampleSource:
         round(s * 1e9) for s in (config.gyro_group_delay_s, config.acc_group_delay_s)
     )
     bias = np.array([*config.gyro_bias_S_rad_s, *config.acc_bias_S_m_s2])
+    gyro_matrix = np.array(config.gyro_matrix)
 
     def row(message: Mapping[str, Any]) -> list[float]:
         wx, wy, wz = message.get(RATE, NOTHING)
@@ -156,7 +157,8 @@ def imu_samples(config: ImuConfig) -> SampleSource:
         far = (np.abs(values[:, :3]) > config.max_rate_rad_s).any(axis=1)
         far |= (np.abs(values[:, 3:]) > force_limit).any(axis=1)
         t_ns, values = t_ns[~far], values[~far] - bias
-        return ImuSamples(t_ns - gyro_ns, t_ns - acc_ns, t_ns, values[:, :3], values[:, 3:])
+        w = values[:, :3] @ gyro_matrix.T
+        return ImuSamples(t_ns - gyro_ns, t_ns - acc_ns, t_ns, w, values[:, 3:])
 
     return SampleSource(row, build)
 

@@ -20,6 +20,7 @@ from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 
 REPEATED = (
     *("known", "torque_scale", "joint_zero", "imu_place", "imu_angle"),
+    *("gyro_scale", "gyro_axes"),
     *("friction_coulomb", "friction_viscous"),
 )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import external_force, pulled
-from fsw.estimators.measurement.mounting import turn
+from fsw.estimators.measurement.mounting import gyro_turn
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.measurement.wheels import Wheels
 from fsw.estimators.model.problem import Problem, present
@@ -65,8 +65,7 @@ def dynamics(
         nu[:, 3:6] = s.w_NB_B_rad_s
         if present(problem.gyro_bias):
             nu[:, 3:6] -= x[problem.gyro_bias]
-        if present(problem.imu_angle):
-            nu[:, 3:6] = nu[:, 3:6] @ turn(x, problem)[0].T
+        nu[:, 3:6] = nu[:, 3:6] @ gyro_turn(x, problem).T
     else:
         Y_h = model.momentum_regressors(q, nu)[:, :6] @ problem.U
     w = nu[:, 3:6]

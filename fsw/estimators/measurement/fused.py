@@ -30,7 +30,14 @@ from fsw.estimators.measurement.impulse import (
 )
 from fsw.estimators.measurement.modes import Channels, released
 from fsw.estimators.measurement.motion_noise import residual_covariance, smoothed
-from fsw.estimators.measurement.mounting import as_true, fill_angle_columns, turn, with_bridges
+from fsw.estimators.measurement.mounting import (
+    as_true,
+    fill_angle_columns,
+    fill_gyro_columns,
+    gyro_turn,
+    turn,
+    with_bridges,
+)
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
 from fsw.estimators.measurement.wheels import turning
@@ -63,8 +70,8 @@ def predict(
     D_w, J = D[:, : n + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     single = [gains for gains in (D, D_q, D_start) if gains is not None]
     every = [*single, *(() if D_wheel is None else D_wheel)]
-    if present(problem.imu_angle):
-        f, w = _as_turned((f, w), D, every, x, problem, rate)
+    if any(present(own) for own in (problem.imu_angle, problem.gyro_scale, problem.gyro_axes)):
+        f, w = _as_read((f, w), D, every, x, problem, rate)
     lost, by_rate = friction.torque(s, x, problem)
     tau = tau + lost
     D[:, :n, n + 3 : 2 * n + 3] += by_rate[:, :, None] * np.eye(n)
@@ -128,7 +135,7 @@ def _ideal(
     return Channels(d.force, f, w, D, D_q, D_wheel, after)
 
 
-def _as_turned(
+def _as_read(
     channels: tuple[FloatArray, FloatArray],
     D: FloatArray,
     every: list[FloatArray],
@@ -136,16 +143,21 @@ def _as_turned(
     problem: Problem,
     rate: Rate,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return force and rate (N, 3) in the axes as configured; turn every gain in place too."""
+    """Return force and rate (N, 3) as the unit reads them; change every gain in place too."""
     n = problem.model.n
     R, by_angle = turn(x, problem)
-    f, w = (channel @ R for channel in channels)
-    places = [slice(n, n + 3)] if rate == "measured" else [slice(n, n + 3), slice(n + 3, n + 6)]
+    to_read = R.T, np.linalg.solve(gyro_turn(x, problem), np.eye(3))
     J = D[:, :, D.shape[2] - len(x) :]
-    for k, own in zip(places, (f, w), strict=False):
+    places = [slice(n, n + 3), slice(n + 3, n + 6)][: 1 if rate == "measured" else 2]
+    for k, M, true in zip(places, to_read, channels, strict=False):
         for gains in every:
-            gains[:, k] = R.T @ gains[:, k]
-        J[:, k, problem.imu_angle] += skew(own) @ (R.T @ by_angle)
+            gains[:, k] = M @ gains[:, k]
+        if present(problem.imu_angle):
+            J[:, k, problem.imu_angle] += M @ skew(true) @ by_angle
+    if rate != "measured":
+        w, by_rate = channels[1], np.broadcast_to(-to_read[1], (len(D), 3, 3))
+        fill_gyro_columns(J[:, n + 3 :], by_rate, w, x, problem)
+    f, w = (true @ M.T for true, M in zip(channels, to_read, strict=True))
     return f, w
 
 

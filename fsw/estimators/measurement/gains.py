@@ -5,7 +5,7 @@ import numpy as np
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.dynamics import Dynamics
 from fsw.estimators.measurement.impulse import external_force, pulled
-from fsw.estimators.measurement.mounting import turn
+from fsw.estimators.measurement.mounting import fill_gyro_columns, gyro_turn, turn
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.model.inertia import skew
 from fsw.estimators.model.problem import Problem, present
@@ -49,11 +49,12 @@ def state_gains(
         if J_L is not None:
             rate[:, :, n:] += d.H_bb_inverse[:, 3:, 3:] @ J_L
     else:
-        R, by_angle = turn(x, problem)
+        own = rate[:, :, n:]
         if present(problem.gyro_bias):
-            rate[:, :, n:][:, :, problem.gyro_bias] = -R
+            own[:, :, problem.gyro_bias] = -gyro_turn(x, problem)
         if present(problem.imu_angle):
-            rate[:, :, n:][:, :, problem.imu_angle] = -skew(w) @ by_angle
+            own[:, :, problem.imu_angle] = -skew(w) @ turn(x, problem)[1]
+        fill_gyro_columns(own, np.broadcast_to(np.eye(3), (len(w), 3, 3)), w, x, problem)
     D[:, : n + 3, n + 3 :] += D_w @ rate
     return D
 

@@ -1,4 +1,4 @@
-"""Angles of joints and the inertial unit turned from what is configured, and what that does."""
+"""Angles of joints, the inertial unit's attitude and its gyro off from what is configured."""
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from fsw.estimators.model.inertia import skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import FloatArray
 
+LEANING = (np.array([0, 0, 1]), np.array([1, 2, 2]))  # pairs of axes: xy, xz, yz
 SMALL = 1e-6  # rad: below, the series' first terms are exact in double precision
 
 
@@ -25,6 +26,45 @@ def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
     s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
     R = np.eye(3) + s * K + c * K @ K
     return R, np.eye(3) + c * K + (1.0 - s) / angle**2 * K @ K
+
+
+def gyro_turn(x: FloatArray, problem: Problem) -> FloatArray:
+    """Return T (3, 3), from what the gyro reads less its bias to the true rate, both in base axes.
+
+    T = R R_BS (1 + E) R_BS^T with E symmetric: scales of the axes and by how much two of them lean
+    to one another. A turn of all three is the mounting's.
+    """
+    R = turn(x, problem)[0]
+    if not (present(problem.gyro_scale) or present(problem.gyro_axes)):
+        return R
+    E = np.zeros((3, 3))
+    if present(problem.gyro_scale):
+        E += np.diag(x[problem.gyro_scale])
+    if present(problem.gyro_axes):
+        E[LEANING] = x[problem.gyro_axes]
+        E[LEANING[::-1]] = x[problem.gyro_axes]
+    return np.asarray(R + R @ problem.R_BS @ E @ problem.R_BS.T, np.float64)
+
+
+def fill_gyro_columns(
+    J: FloatArray, by_rate: FloatArray, w: FloatArray, x: FloatArray, problem: Problem
+) -> None:
+    """Add to J (N, r, p) what scales and axes of the gyro do by way of the true rate.
+
+    Parameters
+    ----------
+    by_rate : (N, r, 3) derivative by the true rate, or by its own derivative
+    w : (N, 3) the true rate, or its derivative, at the state x
+    """
+    if not (present(problem.gyro_scale) or present(problem.gyro_axes)):
+        return
+    read = np.linalg.solve(gyro_turn(x, problem), w.T).T @ problem.R_BS  # along the unit's axes
+    gain = by_rate @ (turn(x, problem)[0] @ problem.R_BS)
+    if present(problem.gyro_scale):
+        J[:, :, problem.gyro_scale] += gain * read[:, None]
+    if present(problem.gyro_axes):
+        for one, other in (LEANING, LEANING[::-1]):
+            J[:, :, problem.gyro_axes] += gain[:, :, one] * read[:, None, other]
 
 
 def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:

@@ -15,7 +15,13 @@ from fsw.estimators.measurement import friction
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
 from fsw.estimators.measurement.motion_noise import through
-from fsw.estimators.measurement.mounting import as_true, fill_angle_columns, turn
+from fsw.estimators.measurement.mounting import (
+    as_true,
+    fill_angle_columns,
+    fill_gyro_columns,
+    gyro_turn,
+    turn,
+)
 from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
@@ -53,9 +59,8 @@ def base_acceleration(
         w = w - x[problem.gyro_bias]
     if present(problem.acc_bias):
         f = f - x[problem.acc_bias]
-    if present(problem.imu_angle):
-        R = turn(x, problem)[0]
-        w, wd, f = w @ R.T, wd @ R.T, f @ R.T
+    T = gyro_turn(x, problem)
+    w, wd, f = w @ T.T, wd @ T.T, f @ turn(x, problem)[0].T
     a = f - cross(wd, r) - cross(w, cross(w, r)) + G @ r
     return w, np.concatenate([a, wd], axis=1)
 
@@ -139,8 +144,7 @@ def stacked_mrnea_rows(
         Y = _regressors(s, w, qd, acceleration, problem, G)
     X = np.zeros((len(s.q_rad), 6 + n, len(x)))
     X[:, :, problem.inertial] = Y @ problem.U
-    R = turn(x, problem)[0]
-    _nuisance_columns(X, tau, gain, H, G_w, R, problem)
+    _nuisance_columns(X, tau, gain, (H, G_w), x, problem)
     friction.fill_columns(X[:, 6:], s, problem)
     _mounting_columns(X, x, (w, acceleration, G), (H, G_w, G_wd), problem)
     if present(problem.joint_zero):
@@ -209,7 +213,7 @@ def _mounting_columns(
     gains: tuple[FloatArray, FloatArray, FloatArray],
     problem: Problem,
 ) -> None:
-    """Fill the columns of the inertial unit's place and attitude.
+    """Fill the columns of the inertial unit's place and attitude, and of its gyro.
 
     Parameters
     ----------
@@ -225,27 +229,28 @@ def _mounting_columns(
         f = acceleration[:, :3] + (arm @ r[:, None])[:, :, 0]
         turned = G_w @ skew(w) + G_wd @ skew(wd) + H[:, :, :3] @ skew(f)
         X[:, :, problem.imu_angle] = -turned @ turn(x, problem)[1]
+    fill_gyro_columns(X, G_w, w, x, problem)
+    fill_gyro_columns(X, G_wd, wd, x, problem)
 
 
 def _nuisance_columns(
     X: FloatArray,
     tau_nm: FloatArray,
     gain: FloatArray,
-    H: FloatArray,
-    G_w: FloatArray,
-    R: FloatArray,
+    gains: tuple[FloatArray, FloatArray],
+    x: FloatArray,
     problem: Problem,
 ) -> None:
-    """Fill the sensors' columns of X (m, 6+n, p); R takes the inertial unit's axes to true ones."""
-    n = len(gain)
+    """Fill the columns of torques and biases of X (m, 6+n, p); `gains` as for the mounting's."""
+    n, (H, G_w) = len(gain), gains
     if present(problem.torque_offset):
         X[:, 6:, problem.torque_offset] = np.diag(1.0 / gain)
     if present(problem.torque_scale):
         X[:, 6:, problem.torque_scale] = (tau_nm / gain)[:, :, None] * np.eye(n)
     if present(problem.acc_bias):
-        X[:, :, problem.acc_bias] = -H[:, :, :3] @ R
+        X[:, :, problem.acc_bias] = -H[:, :, :3] @ turn(x, problem)[0]
     if present(problem.gyro_bias):
-        X[:, :, problem.gyro_bias] = -G_w @ R
+        X[:, :, problem.gyro_bias] = -G_w @ gyro_turn(x, problem)
 
 
 def _input_gains(

@@ -19,6 +19,7 @@ from fsw.estimators.model.orbit import CircularOrbit
 from fsw.estimators.model.problem import CALIBRATION, NO_STATES, Problem, Thrusters, present
 from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.estimators.model.walks import LEAST_RAD2, Walks, walks_of
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
 
@@ -240,6 +241,8 @@ def build_problem(
         ("joint_zero", model.joint_names, _zero_sigmas(joints, walks)),
         ("imu_place", "xyz", [imu.mounting_position_sigma_m] * 3),
         ("imu_angle", "xyz", [imu.mounting_angle_sigma_rad] * 3),
+        ("gyro_scale", "xyz", [imu.gyro_scale_sigma_ratio] * 3),
+        ("gyro_axes", ("xy", "xz", "yz"), [imu.gyro_axes_sigma_rad] * 3),
         ("friction_coulomb", model.joint_names, [j.friction_coulomb_sigma_nm for j in joints]),
         ("friction_viscous", model.joint_names, [j.friction_viscous_sigma_nms_rad for j in joints]),
         (
@@ -291,22 +294,25 @@ def build_problem(
         joint_zero=slices[7],
         imu_place=slices[8],
         imu_angle=slices[9],
-        friction_coulomb=slices[10],
-        friction_viscous=slices[11],
-        wheel_scale=slices[12],
-        wheel_delay=slices[13],
+        gyro_scale=slices[10],
+        gyro_axes=slices[11],
+        friction_coulomb=slices[12],
+        friction_viscous=slices[13],
+        wheel_scale=slices[14],
+        wheel_delay=slices[15],
         wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
-        thrust_scale=slices[14],
-        thrust_delay=slices[15],
-        thrust_rise=slices[16],
-        joint_walk=slices[17],
-        walks=walks if present(slices[17]) else None,
+        thrust_scale=slices[16],
+        thrust_delay=slices[17],
+        thrust_rise=slices[18],
+        joint_walk=slices[19],
+        walks=walks if present(slices[19]) else None,
         thrusters=Thrusters.of(config),
         friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
         target_com_m=np.array(
             config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
         ),
         p_BS_m=np.array(imu.mounting.p_BS_m),
+        R_BS=rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw)),
         orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
         window_s=estimator.window_s,
         nodes=estimator.nodes,

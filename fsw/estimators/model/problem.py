@@ -3,7 +3,8 @@
 State x = [10 parameters per unknown body (base first, then target), ways in which the known bodies
 may differ (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
 angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
-of the joints (n), place (3) and angles (3) of the inertial unit, Coulomb and viscous friction of
+of the joints (n), place (3) and angles (3) of the inertial unit, scales (3) and axes (3) of its
+gyro, Coulomb and viscous friction of
 the joints (n each), relative errors of the wheels' inertias and errors of their delays (k each), of
 K thrusters relative errors of the forces, errors of the delays and of the rise times, steps of the
 walks of integrated angles, and what `modes` appends]. Where a prior sigma is zero there is no
@@ -37,7 +38,8 @@ CONSPICUOUS = 4.0  # the same, to be named
 TAIL_RISES = 10.0  # rise times after which a force has settled
 THRUST = ("thrust_scale", "thrust_delay", "thrust_rise")
 CALIBRATION = (
-    *("joint_zero", "joint_walk", "imu_place", "imu_angle", "wheel_scale", "wheel_delay"),
+    *("joint_zero", "joint_walk", "imu_place", "imu_angle", "gyro_scale", "gyro_axes"),
+    *("wheel_scale", "wheel_delay"),
     *THRUST,
 )
 IndexArray = NDArray[np.intp]
@@ -107,6 +109,8 @@ class Problem:
     joint_zero: slice  # true angle less the measured one [rad]
     imu_place: slice  # true place less p_BS_m [m]
     imu_angle: slice  # rotation vector, B axes, from the configured attitude to the true one [rad]
+    gyro_scale: slice  # true rate along each axis of the unit, over what the gyro reads, less 1
+    gyro_axes: slice  # angles by which axes xy, xz, yz of the gyro lean to one another [rad]
     friction_coulomb: slice  # of each joint, as its torque sensor sees it [N m]
     friction_viscous: slice  # [N m s/rad]
     wheel_scale: slice  # relative error of each wheel's axial inertia
@@ -120,6 +124,7 @@ class Problem:
     target_wrench: slice  # the same at the target's centre of mass, then a force in axes E [N]
     target_com_m: FloatArray  # (3,) in E, as configured: where that acts on a known target
     p_BS_m: FloatArray  # accelerometer's place
+    R_BS: FloatArray  # (3, 3) the unit's axes to base axes, as configured
     orbit: CircularOrbit | None  # None: no gravity gradient
     window_s: float
     nodes: int  # of a block
@@ -197,7 +202,7 @@ class Problem:
         hidden = (
             self.known,
             *(self.joint_zero, self.joint_walk, self.imu_place, self.imu_angle),
-            *(self.wheel_scale, self.wheel_delay),
+            *(self.gyro_scale, self.gyro_axes, self.wheel_scale, self.wheel_delay),
             *(self.thrust_scale, self.thrust_delay, self.thrust_rise, self.mode_start),
         )
         return np.delete(np.arange(len(self.names)), np.r_[hidden])

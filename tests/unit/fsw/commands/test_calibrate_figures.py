@@ -60,6 +60,25 @@ def test_biases_mounting_and_delays_are_added_to_what_is_configured(arm):
     assert after.imu.gyro_group_delay_s == pytest.approx(config.imu.gyro_group_delay_s + 0.001)
 
 
+def test_scales_and_axes_of_the_gyro_are_joined_to_its_matrix(arm):
+    """A reading K^-1 w + b with what is found added is w again."""
+    before = np.array([[1.01, 0.0, 0.0], [0.02, 1.0, 0.0], [0.0, 0.0, 0.99]])
+    arm.data["imu"] |= {"gyro_matrix": before.tolist()}
+    scale, axes, bias = (0.004, -0.003, 0.002), (0.01, 0.005, -0.008), (1e-3, 2e-3, -1e-3)
+    figures = [
+        *(figure(f"gyro_scale.{a}", v) for a, v in zip("xyz", scale, strict=True)),
+        *(figure(f"gyro_axes.{a}", v, 4e-3) for a, v in zip(("xy", "xz", "yz"), axes, strict=True)),
+        *(figure(f"gyro_bias.{a}", v) for a, v in zip("xyz", bias, strict=True)),
+    ]
+    after = laid(arm, *figures)[1].imu
+    xy, xz, yz = axes
+    E = np.array([[scale[0], xy, xz], [xy, scale[1], yz], [xz, yz, scale[2]]])
+    w, reading = np.array([0.3, -0.5, 0.7]), np.array([0.31, -0.48, 0.72])
+    reading = np.linalg.solve(before, np.linalg.solve(np.eye(3) + E, w) + bias)
+    assert np.array(after.gyro_matrix) @ (reading - after.gyro_bias_S_rad_s) == pytest.approx(w)
+    assert (after.gyro_scale_sigma_ratio, after.gyro_axes_sigma_rad) == (1e-3, 4e-3)
+
+
 def test_what_the_configuration_knows_better_is_left_out(arm):
     config = load(arm.write())
     weak = figure("torque_offset.joint1", 0.5, sigma=0.8, known=1.0)

@@ -9,7 +9,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from fsw.__main__ import main
-from fsw.config import Config, parse
+from fsw.config import Config, load, parse
 from fsw.config.devices import linear
 from fsw.config.whole import json_schema
 from fsw.messages.errors import ConfigError
@@ -36,6 +36,14 @@ def test_angles_pass_in_the_place_of_a_quaternion():
     assert not Draft202012Validator(json_schema()).is_valid(data)
     data["imu"]["mounting"]["rpy_BS_rad"] = [0.0, 0.0, 1.0]
     assert Draft202012Validator(json_schema()).is_valid(data)
+
+
+def test_a_gyros_matrix_is_near_the_identity(arm):
+    arm.data["imu"]["gyro_matrix"] = [[1.0, 0.01, 0.0], [0.0, 0.98, 0.0], [0.0, 0.0, 1.0]]
+    assert load(arm.write()).imu.gyro_matrix[1][1] == 0.98
+    arm.data["imu"]["gyro_matrix"] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    with pytest.raises(ConfigError, match=r"gyro_matrix\[0\]\[0\]: 0; must be 1 within 0.2"):
+        load(arm.write())
 
 
 def test_a_joint_without_torque_sensor_needs_none_of_its_values():

@@ -9,7 +9,8 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from fsw.estimators.conditioning import Conditioner, build_conditioner, rotation_from_xyzw
+from fsw.estimators.conditioning import Conditioner, build_conditioner
+from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, ChannelWindow, Window
 from hil.world.history import rotation_matrices
 from tests.support.estimator_cases import (

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fsw.estimators.polynomial import gauss_nodes
+from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.wheel_motion import Turn, WheelMotion
+from fsw.estimators.window_fit import Instants
 from fsw.messages import ChannelWindow
 from tests.support.wheel_cases import INERTIA_KG_M2, wheel_config
 
@@ -121,3 +122,34 @@ def test_a_wheel_that_falls_silent_is_unknown_after_five_periods() -> None:
     assert during.covariance[0, 0] > 10.0 * before.covariance[0, 0]
     assert turn(wheel, empty, 4) is None
     assert turn(wheel, rotor.window(5, config), 5) is not None
+
+
+def along(t_s: np.ndarray, speed_rad_s: np.ndarray) -> Turn | None:
+    t_ns = np.rint(t_s * 1e9).astype(np.int64)
+    values = np.column_stack([speed_rad_s, np.full(len(t_s), np.nan)])
+    instants = Instants(t_ns.tobytes(), 0.5 * WINDOW_S, NODES, NODES - 1)
+    channel = ChannelWindow(t_ns=t_ns, values=values, missing=False, stale=False)
+    return WheelMotion(wheel_config(rate_hz=500.0)).along(channel, instants)
+
+
+def test_a_motor_that_is_switched_and_a_body_that_answers_cancel() -> None:
+    """A body of inertia I turns with -h / I: what no polynomial follows is missing in both."""
+    t_s, inertia = (np.arange(200) - 99.5) / 500.0, 3.0
+    speed = np.where(t_s < 0.03, 20.0, 90.0)
+    found = along(t_s, speed)
+    assert found is not None
+    fit = NodeFit(t_s, 0.5 * WINDOW_S, NODES - 1, NODES)
+    rate = fit.coefficients(-INERTIA_KG_M2 * speed[:, None] / inertia)
+    w, wd = (fit.operators((0, 1)) @ rate).reshape(2, -1)
+    assert np.abs(inertia * w + found.h_nms).max() < 1e-9 * np.abs(found.h_nms).max()
+    assert np.abs(inertia * wd + found.hd_nm).max() < 1e-9 * np.abs(found.hd_nm).max()
+    np.testing.assert_allclose(
+        found.covariance,
+        fit.covariance((0, 1), INERTIA_KG_M2 * wheel_config().speed_noise_rad_s),
+        rtol=1e-9,
+    )
+
+
+def test_few_samples_are_no_polynomial() -> None:
+    t_s = np.linspace(-0.19, 0.19, 3 * NODES - 1)
+    assert along(t_s, np.full(len(t_s), 5.0)) is None

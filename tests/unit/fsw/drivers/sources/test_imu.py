@@ -66,6 +66,16 @@ def test_known_biases_are_taken_off_every_sample() -> None:
     np.testing.assert_array_equal(less.t_gyro_ns, plain.t_gyro_ns)
 
 
+def test_the_gyros_matrix_is_applied_to_every_sample() -> None:
+    matrix = ((1.01, 0.02, 0.0), (0.0, 1.0, 0.0), (-0.03, 0.0, 0.98))
+    chunks = [ByteChunk(10**12 + 2 * MS * k, stim(k)) for k in range(60)]
+    plain = ImuSource(imu_config()).feed(chunks)
+    changed = ImuSource(imu_config(gyro_matrix=matrix)).feed(chunks)
+    expected = [np.array(matrix) @ w for w in plain.w_NS_S_rad_s]
+    np.testing.assert_allclose(changed.w_NS_S_rad_s, expected, rtol=1e-14)
+    np.testing.assert_array_equal(changed.f_NS_S_m_s2, plain.f_NS_S_m_s2)
+
+
 @cache
 def twelve_seconds(ppm: float) -> tuple[Line, np.random.Generator]:
     """Return a line, and the generator that has made it."""

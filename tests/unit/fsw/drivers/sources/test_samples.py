@@ -68,6 +68,16 @@ def test_clusters_have_their_delays_and_biases_and_may_be_missing(arm):
     assert samples.t_acc_ns.tolist() == [993_700_000, 1_993_700_000]
 
 
+def test_the_gyros_matrix_is_applied_after_its_bias(arm):
+    matrix = [[1.01, 0.02, 0.0], [0.0, 1.0, 0.0], [-0.03, 0.0, 0.98]]
+    arm.data["imu"] |= {"gyro_bias_S_rad_s": [0.1, 0, 0], "gyro_matrix": matrix}
+    config = load(arm.write()).imu
+    rate, force = [0.3, 0.4, -0.5], [0.0, 0.0, 9.8]
+    samples = imu_samples(config).feed([message(10**9, w_NS_S_rad_s=rate, f_NS_S_m_s2=force)])
+    assert np.allclose(samples.w_NS_S_rad_s, [[0.202 + 0.008, 0.4, -0.006 - 0.49]])
+    assert np.allclose(samples.f_NS_S_m_s2, [force])
+
+
 def test_quaternions_are_turned_to_the_base_and_must_be_rotations(arm):
     q_BS = Rotation.from_euler("xyz", [0.3, -0.2, 0.9])
     arm.data["star_tracker"]["mounting"]["q_BS_xyzw"] = q_BS.as_quat().tolist()

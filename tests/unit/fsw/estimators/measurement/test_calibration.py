@@ -24,7 +24,8 @@ from tests.support.estimator_cases import (
     robot_model,
 )
 
-KINDS = ("known", "joint_zero", "imu_place", "imu_angle", "torque_scale", "gyro_bias")
+KINDS = ("known", "joint_zero", "imu_place", "imu_angle", "torque_scale", "gyro_bias", "gyro_scale")
+KINDS = (*KINDS, "gyro_axes")
 
 
 def problem_and_state(unknown: tuple[str, ...], size: float) -> tuple[Problem, np.ndarray]:
@@ -80,10 +81,11 @@ def test_what_is_exact_is_no_state() -> None:
     model = robot_model()
     small, whole = build_problem(certain, model), build_problem(doubtful, model)
     assert len(small.names) == 10 + 7 + 3 + 3
-    assert len(whole.names) == len(small.names) + 7 + (7 + 1) * 10 + 7 + 3 + 3
+    assert len(whole.names) == len(small.names) + 7 + (7 + 1) * 10 + 7 + 3 + 3 + 3 + 3
     shown = tuple(whole.names[k] for k in whole.published)
     assert shown == build_problem(doubtful, model, exact=True).names
-    assert not [name for name in shown if name.startswith(("known", "joint_zero", "imu"))]
+    doubts = ("known", "joint_zero", "imu", "gyro_scale", "gyro_axes")
+    assert not [name for name in shown if name.startswith(doubts)]
 
 
 def test_sigma_of_a_known_base_takes_effect() -> None:
