@@ -1,5 +1,6 @@
 """Fixtures every test of the project may use: a small robot and its configuration."""
 
+import gc
 import os
 import subprocess
 from collections.abc import Mapping
@@ -37,6 +38,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
     One simulation of a truth serves all tests of this run (`hil/world/simulation.py`).
     """
+    gc.disable()  # until all tests are collected: nothing of them is garbage
     if hasattr(config, "workerinput"):
         end_with(os.getppid())
     elif "HIL_TRUTH_CACHE" not in os.environ:
@@ -158,6 +160,11 @@ class ArmProject:
 @pytest.fixture
 def arm(tmp_path: Path) -> ArmProject:
     return ArmProject(tmp_path)
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 def lane_of(item: pytest.Item) -> str:
