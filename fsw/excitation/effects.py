@@ -92,7 +92,10 @@ def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[st
         return []
     trajectory = motion or nominal_motion(config, problem.model)
     words = "this motion" if motion else "a motion in which every joint swings"
-    found = [cost.text(problem.unknown) for cost in costs(config, problem, trajectory)]
+    known = costs(config, problem, trajectory)
+    found = [cost.text(problem.unknown) for cost in known]
+    if not any(max(cost.mass_kg) > 0.0 for cost in known):
+        found = [f"none: {words} does not tell the mass of {' or '.join(problem.unknown)}"]
     return [
         f"over {trajectory.duration_s:g} s of {words}, by linearised rows, what an effect of the "
         "size that is declared would do to a mass (in sigmas that are predicted without it):",

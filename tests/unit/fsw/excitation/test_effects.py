@@ -132,3 +132,12 @@ def test_the_nominal_motion_keeps_ranges_and_speed_limits():
     assert np.all(q <= model.model.upperPositionLimit[7:])
     assert np.ptp(q, axis=0).min() > 0.1
     np.testing.assert_allclose(qd[[0, -1]], 0.0, atol=1e-9)
+
+
+def test_a_motion_in_which_nothing_moves_tells_no_mass_and_so_no_cost():
+    config = make_config()
+    problem = build_problem(config, robot_model())
+    still = nominal_motion(config, problem.model).scaled(0.0)
+    lines = told(config, problem, still)
+    assert lines[1] == "none: this motion does not tell the mass of target"
+    assert not any("would cost" in line or "may cost" in line for line in lines)
