@@ -63,7 +63,7 @@ class MonotonicClock:
 
 
 def monotonic_less_realtime_ns() -> int:
-    """Return what takes a CLOCK_REALTIME stamp of just now to CLOCK_MONOTONIC [ns]."""
+    """Return CLOCK_MONOTONIC minus CLOCK_REALTIME [ns], valid for stamps taken just now."""
     return _read_together()[0]
 
 

@@ -16,7 +16,7 @@ YAML_ENDINGS = (".yaml", ".yml")
 
 
 def check(config: Config, other: Path | None) -> tuple[str, bool]:
-    """Return what is to be said, and whether a recording agrees; `other`: recording or motion.
+    """Return the text to print, and whether a recording agrees; `other`: recording or motion.
 
     Raises
     ------

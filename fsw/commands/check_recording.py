@@ -74,7 +74,7 @@ def check_recording(
 
 
 def _unusable(source: str, counts: Mapping[str, int]) -> str:
-    """Return what may be the matter with a source of which no sample is used, and what to do."""
+    """Return the likely cause why no sample of a source is used, and a remedy."""
     words = f"nothing usable; {counts['received']} samples, {counts['received_bytes']} bytes"
     if source not in (IMU, STAR_TRACKER):
         return f"{words}; compare node numbers and format of joints[] with the nodes"

@@ -47,7 +47,7 @@ class Body:
 
 
 def body_of(result: Mapping[str, Any], name: str | None) -> Body:
-    """Return a body of what `fsw identify --json` or `fsw replay --json` printed.
+    """Return a body from the output of `fsw identify --json` or `fsw replay --json`.
 
     Raises
     ------

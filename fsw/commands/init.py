@@ -168,7 +168,7 @@ def _angles(text: str) -> list[float]:
 
 
 def _one_of(known: Sequence[str]) -> Callable[[str], str]:
-    """Return what reads a name that must be one of the known."""
+    """Return a parser of names that accepts the known ones only."""
 
     def read(text: str) -> str:
         if text not in known:

@@ -9,7 +9,7 @@ from fsw.messages.errors import ConfigError
 def out_argument(
     parser: argparse.ArgumentParser, metavar: str, words: str, flag: str = "--out"
 ) -> None:
-    """Add the name of what is written, and `--force`; `main` refuses a name that is taken."""
+    """Add the name of the output, and `--force`; `main` refuses a file that exists."""
     parser.add_argument(flag, type=Path, metavar=metavar, help=words)
     parser.add_argument("--force", action="store_true", help=f"overwrite {flag}")
     parser.set_defaults(new=flag.removeprefix("--"))  # refused before the command begins

@@ -98,7 +98,7 @@ class _Track:
         self._times_ns, self._waiting = times_ns, waiting
 
     def next_ns(self) -> int:
-        """Return the time of what waits first [ns]."""
+        """Return the time of the next message [ns]."""
         if self._added:
             self._put_in_order()
         rest = self._times_ns[self._available :]
@@ -115,7 +115,7 @@ class _Track:
         return int(self._times_ns[self._available - 1]) if self._available else 0
 
     def take(self) -> Traffic:
-        """Return what has become available since the last call."""
+        """Return the items that have become available since the last call."""
         count, self._available = self._available, 0
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
         self._times_ns = self._times_ns[count:]

@@ -30,7 +30,7 @@ class ReplayResult:
     duration_s: float = 0.0  # of what was replayed
 
     def cut_off(self) -> str:
-        """Return what is said of a recording that is `truncated`."""
+        """Return the warning for a recording that is `truncated`."""
         return f"the recording is cut off at its end; {self.duration_s:.1f} s of it were read"
 
     def to_json(self) -> dict[str, Any]:

@@ -163,7 +163,7 @@ class JointConfig(Section):
     @model_validator(mode="before")
     @classmethod
     def _without_torque(cls, data: object) -> object:
-        """Put what stands for no sensor in the place of a torque sensor's values."""
+        """Replace the values of a torque sensor by those that mean none."""
         if isinstance(data, dict) and data.get("torque") == "none":
             return data | WITHOUT_TORQUE
         return data
@@ -171,7 +171,7 @@ class JointConfig(Section):
     @model_validator(mode="before")
     @classmethod
     def _without_position(cls, data: object) -> object:
-        """Put what stands for no angle in the place of an encoder's values."""
+        """Replace the values of an encoder by those that mean no angle."""
         if not isinstance(data, dict) or data.get("encoder") != "speed":
             return data
         name = linear if data.get("kind") == "prismatic" else str
@@ -232,7 +232,7 @@ def minute_walk(joint: JointConfig, rate_hz: float) -> float:
 
 
 def linear(key: str) -> str:
-    """Return what a revolute joint's key is called of a prismatic one: m for rad, N for N m."""
+    """Return the name of a revolute joint's key for a prismatic joint: m for rad, N for N m."""
     for unit, other in (("_nms_rad", "_ns_m"), ("_rad_s", "_m_s"), ("_rad", "_m"), ("_nm", "_n")):
         if key.endswith(unit):
             key = key.removesuffix(unit) + other
@@ -351,7 +351,7 @@ class ImuConfig(Section):
 
 
 def no_imu() -> ImuConfig:
-    """Return what stands where there is no inertial unit: nothing is read, nothing in doubt."""
+    """Return the section of no inertial unit: nothing is read, nothing is in doubt."""
     return ImuConfig(
         driver="none",
         rate_hz=500.0,

@@ -82,7 +82,7 @@ KINDS = {  # of files that are given for one another, by a key at the left margi
 
 
 def kind_of(source: bytes) -> str:
-    """Return what a file is by its first bytes, in words; empty where they do not say."""
+    """Return the kind of a file by its first bytes, in words; empty if they do not show it."""
     if source.startswith(b"\x89MCAP"):
         return RECORDING
     if source.startswith(b"<"):

@@ -83,7 +83,7 @@ class FramePort(Protocol):
         ...
 
     def take(self) -> Callable[[], FrameArray]:
-        """Take over every frame drained since the last call; what is returned reads them.
+        """Return a reader of every frame drained since the last call.
 
         Reading is most of the work, and may be done later.
         """

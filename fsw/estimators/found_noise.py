@@ -70,7 +70,7 @@ def mean_products(residuals: FloatArray) -> FloatArray:
 
 
 def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArray:
-    """Return what `mean_products` would have of samples of which some are lost.
+    """Return `mean_products` of samples some of which are lost.
 
     Parameters
     ----------

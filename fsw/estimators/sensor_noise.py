@@ -102,7 +102,7 @@ class SensorNoise:
         self.channels = self._judged(self._found())
 
     def note(self, block: Block) -> None:
-        """Add what a block shows of the noise."""
+        """Add the products of a block's noise."""
         n = len(block.has_joint)
         usable = np.array([*block.has_joint, block.has_gyro, block.has_accelerometer])
         axes = np.repeat([1, 3], [n, 2])
@@ -186,7 +186,7 @@ class SensorNoise:
         self.channels = self._judged(self._found())
 
     def _found(self) -> list[Found | None]:
-        """Return what is found of each sensor; None: its noise is white, or not known yet."""
+        """Return the noise found of each sensor; None: it is white, or not known yet."""
         found: list[Found | None] = []
         for j, windows in enumerate(self._windows.tolist()):
             samples = int(self._samples[j])
@@ -230,7 +230,7 @@ class SensorNoise:
         )
 
     def _excess_of(self, j: int, found: Found | None) -> FloatArray:
-        """Return what the found noise adds to the declared covariance at the nodes (2 m, 2 m).
+        """Return the excess of the found over the declared covariance at the nodes (2 m, 2 m).
 
         Noise smaller than declared keeps the declared size: a sensor at rest may show less of it.
         Torque that the model leaves out is in the samples too and is not counted twice: of what is

@@ -56,11 +56,11 @@ class SpeedMotion:
         self._end: _End | None = None
 
     def take_over(self, other: Self) -> None:
-        """Go on from where the integrals of the same joints stand."""
+        """Continue from the integrals of the same joints."""
         self._end, self.lost = other._end, other.lost
 
     def resume(self, block: Block, window_s: float) -> None:
-        """Go on from the end of a block that was made before a restart."""
+        """Continue from the end of a block that was made before a restart."""
         if not self.own or not block.walk_rad2.size:
             return
         half_ns = round(0.5e9 * window_s)
@@ -74,7 +74,7 @@ class SpeedMotion:
     def added(
         self, motion: FloatArray, fits: Sequence[NodeFit], start_ns: int, stop_ns: int
     ) -> FloatArray:
-        """Add to the angles what they were at the window's start; return the walk up to there.
+        """Add the angles at the window's start to the angles; return the walk up to there.
 
         Parameters
         ----------

@@ -49,7 +49,7 @@ class Valves:
     def at(
         self, channels: Sequence[ChannelWindow], start_ns: int, stop_ns: int
     ) -> tuple[dict[str, FloatArray] | None, bool]:
-        """Return what a block holds of the valves, and whether a change was missed.
+        """Return the edges of the valves in a block, and whether a change was missed.
 
         None: a valve's state is not known all through the window, or too many change.
         """

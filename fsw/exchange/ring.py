@@ -135,7 +135,7 @@ class RingReader(_Ring):
         self._header[_NOTE], self._header[_NOTE + 1] = first, second
 
     def read(self, limit: int = 1 << 30, *, once: bool = False) -> Iterator[RingRecord]:
-        """Yield what waits, at most `limit` records.
+        """Yield the waiting records, at most `limit`.
 
         A record counts as read when the consumer comes back for more, or stops: what a reader was
         at when it was killed is there for the next one. With `once` it counts as read before: what

@@ -49,7 +49,7 @@ def body_sigma(body: BodyEstimate) -> dict[str, Any]:
 
 
 def estimate_summary(estimate: Estimate | None) -> dict[str, Any] | None:
-    """Return what an operator wants of an estimate, without its matrices."""
+    """Return the figures of an estimate for an operator, without its matrices."""
     if estimate is None:
         return None
     return {

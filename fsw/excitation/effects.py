@@ -164,7 +164,7 @@ class _Flight:
         return Information(self.problem, _method(self.config), self.blocks)
 
     def unknown(self, values: Sequence[FloatArray]) -> Shift:
-        """Return what channels (m, n + 6) cost that the model does not explain."""
+        """Return the cost of channels (m, n + 6) that the model does not explain."""
         return self.information.shift(measured(self.blocks, values))
 
     def without(self, section: str, values: Sequence[FloatArray]) -> tuple[Problem, Shift]:

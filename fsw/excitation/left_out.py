@@ -48,7 +48,7 @@ class Information:
         self._whole: tuple[FloatArray, FloatArray] | None = None
 
     def without(self, states: IntArray, apart: IntArray) -> Shift:
-        """Return what leaving states out costs the others, beside those apart, also left out."""
+        """Return the errors of the others if states are left out; `apart` are left out too."""
         p = len(self.problem.names)
         kept = np.setdiff1d(np.arange(p), np.concatenate([states, apart]))
         R, back = self._solved(kept)

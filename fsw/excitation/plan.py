@@ -104,7 +104,7 @@ class Planner:
         return replace(best, starts=tuple(f"start {k}: {text}" for k, text in enumerate(words, 1)))
 
     def _words(self, found: MotionPlan | list[Use], best: MotionPlan) -> str:
-        """Return what a start has led to."""
+        """Return the result of a start in words."""
         if isinstance(found, list):
             return f"no motion that keeps every limit; {found[0].text()}"
         name = self.request.criterion
@@ -112,7 +112,7 @@ class Planner:
         return f"{name} {shown(name, found.value):.6g}{chosen}"
 
     def _all(self, guess: FloatArray | None) -> list[MotionPlan | list[Use]]:
-        """Return what every start has led to, several side by side in processes of their own."""
+        """Return the results of all starts, several side by side in processes of their own."""
         starts, jobs = range(self.request.starts), min(self.request.jobs, self.request.starts)
         if jobs == 1:
             return [self.one_start(start, guess) for start in starts]

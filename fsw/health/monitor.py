@@ -69,7 +69,7 @@ class Health:
             self.take([Finding(now_ns, Fault.LOOP_OVER_BUDGET, LOOP, text)], now_ns)
 
     def judge(self, window: Window) -> Window:
-        """Return the window with what is not plausible marked as missing."""
+        """Return the window with implausible channels marked as missing."""
         window, findings = self._rotation.judge(window)
         self._waiting += findings
         return window

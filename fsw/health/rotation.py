@@ -60,7 +60,7 @@ class RotationMonitor:
         self.gyro_faulty = False
 
     def judge(self, window: Window) -> tuple[Window, list[Finding]]:
-        """Return the window without what was found wrong, and the findings."""
+        """Return the window without the channels found wrong, and the findings."""
         if not self._enabled:
             return window, []
         gyro = window.gyro

@@ -165,12 +165,12 @@ class BusInput:
         return bool(reason)
 
     def drain(self) -> None:
-        """Take what the port has. Raises PortError."""
+        """Drain the frames of the port. Raises PortError."""
         if self.link.port is not None:
             self.link.port.drain()
 
     def keep(self) -> None:
-        """Take over what the port has drained, which is about to close or to be handed over."""
+        """Keep the frames drained by a port that is about to close or to be handed over."""
         self._keep(self.link)
 
     def _keep(self, link: Link[FramePort]) -> None:
@@ -262,7 +262,7 @@ class BusInput:
         return frames
 
     def _with_sent(self, read: FrameArray) -> FrameArray:
-        """Put what was sent where the bus handed it back, with the stamp it has there.
+        """Place sent frames where the bus returned them, with the stamp of that return.
 
         That stamp is the kernel's: ours, taken after sending, is late by whatever came between. A
         frame may come back after the answers to it, but its stamp gives its place. A frame that has
@@ -306,7 +306,7 @@ class BusInput:
         return _inserted(read[foreign], frame_array(own), after_ns)
 
     def _all_back(self, read: FrameArray) -> NDArray[np.intp] | None:
-        """Return where exactly what was sent stands in what was read; None where it does not."""
+        """Return the places of all sent frames among those read; None if any is missing."""
         if self._awaited or not self._hands_back:
             return None
         before_ns, sent = zip(*self._taken_sent, strict=True)

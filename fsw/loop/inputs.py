@@ -60,7 +60,7 @@ class Inputs:
         self._guard(bus.link, bus.send_heartbeat)
 
     def drain(self) -> None:
-        """Take what the buses have; change to the other bus of a pair where it must be.
+        """Drain the buses; change to the other bus of a pair where it must be.
 
         The bytes of lines are read when they come.
         """

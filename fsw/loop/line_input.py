@@ -22,7 +22,7 @@ class LineInput:
             self.link.port.write(self._start_bytes)
 
     def drain(self) -> None:
-        """Read and stamp what is there. Raises PortError."""
+        """Read and stamp the bytes that are there. Raises PortError."""
         if self.link.port is not None:
             self._read += self.link.port.read()
 

@@ -174,7 +174,7 @@ class Aligner:
         return self._t0_ns is not None
 
     def counters(self) -> AlignCounters:
-        """Return what has been left out so far."""
+        """Return the counts of samples and windows left out so far."""
         self._sort_in()
         return AlignCounters(dict(self._late), self._early, self._future, self._overflow)
 

@@ -84,7 +84,7 @@ class BatchJobs:
         return command
 
     def poll(self) -> list[JobReport]:
-        """Return what the worker has reported; its death without a result is a failure."""
+        """Return the reports of the worker; its death without a result is a failure."""
         process = self._process
         if process is None or process.stdout is None:
             return []

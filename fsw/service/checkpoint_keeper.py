@@ -89,7 +89,7 @@ class CheckpointKeeper:
                     self._blocks.setdefault(block.index, block)
 
     def _forget(self, wanted: Sequence[int]) -> None:
-        """Keep what the newest state needs, and the newest blocks: a later state may need them."""
+        """Keep the blocks of the newest state, and the newest ones: a later state may need them."""
         keep, newest = set(wanted), max(wanted, default=-1)
         later = sorted(index for index in self._blocks if index > newest)
         keep |= set(later[-MOST_LATER:])

@@ -41,7 +41,7 @@ class Inbox:
         return self._loop.dropped + self._estimation.dropped
 
     def take(self) -> bool:
-        """Pass on what waits; return whether more may wait."""
+        """Pass on the waiting messages; return whether more may wait."""
         taken = self._take_found()
         for record in self._loop.read(AT_ONCE):
             taken += 1

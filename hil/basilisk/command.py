@@ -56,7 +56,7 @@ class Flown:
 
     @property
     def beyond(self) -> list[str]:
-        """Return what is further apart than it may be."""
+        """Return the quantities that are further apart than allowed."""
         return [name for name, (off, _) in self.apart.items() if not off <= BOUNDS[name]]
 
 

@@ -154,7 +154,7 @@ class CanSegment:
         return 0x700 + node.node_id, bytes([state]), False
 
     def frames_until(self, t_ns: int, line: int = 0) -> list[TimedFrame]:
-        """Return what the nodes of a line said unasked: boot-up frames, heartbeats."""
+        """Return the frames that nodes of a line sent unasked: boot-up frames, heartbeats."""
         if t_ns < self._unasked_ns and not self._booting:
             return []
         listening = self._listening(t_ns, line)

@@ -53,7 +53,7 @@ class Reading(NamedTuple):
 
 
 class FieldScale:
-    """Takes what nodes measured to the fields of their frames, all nodes at once."""
+    """Converts measured values to the fields of frames, all nodes at once."""
 
     def __init__(
         self, is_fd: Sequence[bool], torque_range_nm: float, is_sliding: Sequence[bool] = ()

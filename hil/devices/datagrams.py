@@ -86,7 +86,7 @@ class Datagrams:
         return len(datagrams) - max(sent, 0)
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Return what waits, SLOTS datagrams at most: stamp [ns, CLOCK_REALTIME] and data.
+        """Return the waiting datagrams, SLOTS at most: stamp [ns, CLOCK_REALTIME] and data.
 
         Raises
         ------

@@ -45,7 +45,7 @@ FILTER = (  # code, jump if true, jump if false, operand; a datagram too short i
 
 @lru_cache(maxsize=256)
 def _around(can_id: int, length: int, is_fd: bool) -> tuple[bytes, bytes]:
-    """Return what stands before and after the data in a datagram of python-can."""
+    """Return the bytes before and after the data in a datagram of python-can."""
     message = can.Message(
         arbitration_id=can_id,
         data=bytes(length),

@@ -196,7 +196,7 @@ class Plant:
     def _tachometer(
         self, k: int, config: WheelSensorConfig, seed: int
     ) -> Callable[[], tuple[float, float]]:
-        """Return what measures one wheel at the newest latch."""
+        """Return a function that measures one wheel at the newest latch."""
         rng = generator(seed, "wheel", k)
         offset_nm = config.torque_offset_sigma_nm * float(rng.standard_normal())
 

@@ -36,7 +36,7 @@ MOST_STALLS = 10_000  # told at the end
 
 
 def monotonic_less_realtime_ns() -> int:
-    """Return what takes a kernel stamp (CLOCK_REALTIME) to CLOCK_MONOTONIC [ns].
+    """Return CLOCK_MONOTONIC minus CLOCK_REALTIME [ns], to be added to a kernel stamp.
 
     Of three comparisons the one in which the least came between the readings counts.
     """
@@ -100,7 +100,7 @@ class BusEnd:
             self._queue += self._plant.on_frame(t_ns, can_id, data, self._name, self._line)
 
     def send_due(self, now_ns: int) -> None:
-        """Send what has ended on the simulated bus, and SYNC where the plant produces it."""
+        """Send frames that have ended on the simulated bus, and SYNC if the plant produces it."""
         producer = self._producer
         while producer is not None and producer.next_ns() <= now_ns:
             payload = producer.payload()

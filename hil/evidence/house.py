@@ -142,7 +142,7 @@ def floors(arrows: Edges) -> int:
 
 
 def closure(entry: str, edges: Edges) -> set[str]:
-    """Return what a module imports, directly or not, with the packages that holds."""
+    """Return the modules that a module imports, directly or not, with their packages."""
     imported: dict[str, set[str]] = {}
     for a, b in edges:
         imported.setdefault(a, set()).add(b)

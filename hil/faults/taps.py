@@ -65,7 +65,7 @@ class Struck(Generic[Item]):
         self._chance, self._rng = (np.random.default_rng(s) for s in sequence.spawn(2))
 
     def __call__(self, items: Sequence[Item]) -> list[Item]:
-        """Return what comes instead of the items."""
+        """Return the items that come instead."""
         out: list[Item] = []
         for item in items:
             first, last = self._window

@@ -34,7 +34,7 @@ def shifted(offset: float) -> Change:
 
 
 def drifting(rate_per_s: float, since_ns: int) -> Change:
-    """Return value plus what has drifted since."""
+    """Return the value plus its drift since."""
     return lambda value, t_ns: value + rate_per_s * (t_ns - since_ns) * 1e-9
 
 

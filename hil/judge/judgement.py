@@ -92,7 +92,7 @@ def judge(setup: Setup, case: Case, recorded: Recorded) -> dict[str, Any]:
 
 
 def raw_ols(setup: Setup, blocks: Sequence[Block]) -> Result | None:
-    """Return what the paper's OLS makes of the same blocks; None without blocks or on a stand."""
+    """Return the paper's OLS result on the same blocks; None without blocks or on a stand."""
     if not blocks or setup.scenario.stand is not None:
         return None
     settings = setup.config.estimator.model_copy(update={"method": "mrnea", "weighting": "ols"})
@@ -128,7 +128,7 @@ def time_of_validity(setup: Setup, recorded: Recorded) -> dict[str, float] | Non
 
 
 def make_story(setup: Setup, case: Case, recorded: Recorded, outcome: Mapping[str, Any]) -> Story:
-    """Return what the picture shows."""
+    """Return the data of the picture."""
     unknown = setup.scenario.unknown
     points = [
         Point(

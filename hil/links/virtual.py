@@ -174,7 +174,7 @@ class VirtualSerial:
         return self
 
     def reopen(self) -> VirtualSerial:
-        """Return the port without what was sent while nobody had it open."""
+        """Return the port without the bytes sent while it was closed."""
         self.open()
         self._line.take(self._clock.now_ns())
         return self

@@ -6,7 +6,7 @@ from fsw.messages import Block, Estimate, Event
 
 
 class Collector(NullSink):
-    """Keeps what the score and the picture need."""
+    """Keeps the results that the score and the picture need."""
 
     def __init__(self) -> None:
         self.estimates: list[Estimate] = []

@@ -50,7 +50,7 @@ class Daemon:
         self.loop.run(stop)
 
     def restart(self, found: Restart) -> bool:
-        """Go on from a checkpoint, before the first tick; False: a cold start."""
+        """Continue from a checkpoint, before the first tick; False: a cold start."""
         return self.estimation.restart(found)
 
     def shutdown(self) -> Estimate | None:

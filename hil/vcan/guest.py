@@ -132,7 +132,7 @@ class Session:
                 return os.waitstatus_to_exitcode(status)
 
     def _copy(self, pipe: int) -> bool:
-        """Pass on what the command wrote; False when there is nothing more now."""
+        """Pass on the output of the command; False when there is no more now."""
         if pipe not in self._pipes:
             return False
         try:

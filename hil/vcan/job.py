@@ -29,5 +29,5 @@ class Job:
 
 
 def exit_status(returncode: int) -> int:
-    """Return what a shell would say of a return code; negative ones are signals."""
+    """Return the shell's exit status of a return code; negative ones are signals."""
     return returncode if returncode >= 0 else SIGNAL_BASE - returncode

@@ -192,7 +192,7 @@ class Machine:
                 self._watch_time()
 
     def _take(self, fd: int) -> bool:
-        """Pass on what has come on one line; False at its end."""
+        """Pass on the bytes received on one line; False at its end."""
         try:
             data = os.read(fd, CHUNK_BYTES)
         except ConnectionResetError:
@@ -269,7 +269,7 @@ def preferred(*, wanted: bool) -> Iterator[bool]:
 
 
 def write_job(folder: Path, job: Job, *, realtime: bool) -> Path:
-    """Write what the guest is to do, and the program it starts with; return the latter's path."""
+    """Write the guest's job and its first program; return the path of the program."""
     umask = os.umask(0o077)
     os.umask(umask)
     document = {

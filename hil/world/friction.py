@@ -19,7 +19,7 @@ class JointFriction:
     speed_rad_s: float
 
     def torque_nm(self, qd: FloatArray) -> FloatArray:
-        """Return what friction adds to the measured torque at joint rates (..., n) [rad/s]."""
+        """Return the share of friction in the measured torque at joint rates (..., n) [rad/s]."""
         direction = np.clip(qd / self.speed_rad_s, -1.0, 1.0)
         torque: FloatArray = self.coulomb_nm * direction + self.viscous_nms_rad * qd
         return torque

@@ -91,7 +91,7 @@ class TruthHistory:
     centre_N: FloatArray | None = None  # (k, 3) centre of mass of the whole; with a field
 
     def save(self, path: Path, scenario: str) -> None:
-        """Write the nodes with the name of what they are the truth of; a field is not kept.
+        """Write the nodes with the name of their scenario; a field is not kept.
 
         Raises
         ------

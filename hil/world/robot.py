@@ -294,7 +294,7 @@ def _joints_to(links: list[Link], tool: Link) -> list[Link]:
 
 
 def without(body: Body, parts: Sequence[Sprung], wheels: WheelSystem | None = None) -> Body:
-    """Return what is rigid of a body with liquid and panels at rest, and wheels.
+    """Return the rigid part of a body with liquid and panels at rest, and wheels.
 
     Raises
     ------
@@ -360,7 +360,7 @@ def _compile(
 
 
 def _add_sprung(base: mujoco.MjsBody, parts: Sequence[Sprung]) -> None:
-    """Add what moves on springs; springs and dampers are the truth's."""
+    """Add the masses on springs; springs and dampers are the truth's."""
     for k, part in enumerate(parts):
         if isinstance(part, Panel):
             name, kind = f"panel {k}", mujoco.mjtJoint.mjJNT_HINGE

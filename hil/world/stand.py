@@ -24,7 +24,7 @@ class Stand:
         return np.eye(6)[:, [0, 1, 5]] if self.motion == "planar" else np.zeros((6, 0))
 
     def give(self, H_bb: FloatArray, force: FloatArray) -> FloatArray:
-        """Return what force (6,) or (6, k) makes of the base with inertia H_bb (6, 6)."""
+        """Return accelerations of a base of inertia H_bb (6, 6) under forces (6,) or (6, k)."""
         S = self.freedom
         return np.asarray(S @ np.linalg.solve(S.T @ H_bb @ S, S.T @ force))
 

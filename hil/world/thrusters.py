@@ -79,7 +79,7 @@ class ThrusterSystem:
         return np.asarray(self.ways @ share)
 
     def valves_at(self, t_s: float) -> tuple[list[bool], float | None, int]:
-        """Return what the valves' node knows: which are open, age of the newest change, changes."""
+        """Return the reading of the valves: which are open, age of the newest change, changes."""
         own = [pulse for pulse in self.pulses if pulse.reported]
         times = {t for p in own for t in (p.on_s, p.on_s + p.for_s) if t <= t_s}
         opened = {p.jet for p in own if p.on_s <= t_s < p.on_s + p.for_s}

@@ -20,14 +20,14 @@ OTHER_KEYS = {  # of a mapping that has the key and no `sensors`
 
 
 def other_text(path: Path) -> str:
-    """Return what a file is by its first bytes, if that is no YAML; else ""."""
+    """Return the kind of a file by its first bytes, if it is no YAML; else ""."""
     with path.open("rb") as file:
         start = file.read(8).lstrip()
     return next((words for begin, words in OTHER_TEXTS.items() if start.startswith(begin)), "")
 
 
 def other_kind(document: Mapping[str, Any], scenario: type[BaseModel]) -> str:
-    """Return what a mapping is that is no scenario; "" for one that may be one."""
+    """Return the kind of a mapping that is no scenario; "" for one that may be one."""
     needed = {key for key, field in scenario.model_fields.items() if field.is_required()}
     if "sensors" in document or 2 * len(needed & document.keys()) > len(needed):
         return ""
@@ -36,7 +36,7 @@ def other_kind(document: Mapping[str, Any], scenario: type[BaseModel]) -> str:
 
 
 def faults(error: ValidationError, model: type[Any] | None = None) -> str:
-    """Return what is wrong in one line: key, bound, and the value where it is short.
+    """Return the faults in one line: key, bound, and the value where it is short.
 
     `model` : what refused it; then an unknown key has a hint at the one that may be meant
     """

@@ -67,7 +67,7 @@ def by_port(seconds: float) -> Flow:
 
 
 def by_pyserial(seconds: float) -> Flow:
-    """Read what pyserial says is waiting."""
+    """Read as many bytes as pyserial reports to be waiting."""
     master, slave = os.openpty()
     tty.setraw(slave)
     with serial.Serial(os.ttyname(slave), BAUD, timeout=0) as line:

@@ -155,7 +155,7 @@ def _star_tracker(config: Config, section: StarTracker, table: Table) -> _Found:
 
 
 def _by_name(names: Sequence[str]) -> Callable[[FloatArray], dict[str, float]]:
-    """Return what gives the finite values of a row by name."""
+    """Return a function that gives the finite values of a row by name."""
 
     def words(values: FloatArray) -> dict[str, float]:
         finite = np.isfinite(values).tolist()

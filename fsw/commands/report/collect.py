@@ -50,7 +50,7 @@ class Collected:
 
 
 class Collector(NullSink):
-    """Keeps what a report shows."""
+    """Keeps the data that a report shows."""
 
     def __init__(self) -> None:
         self.blocks: list[Block] = []
@@ -108,7 +108,7 @@ def collected_at(
     blocks: Sequence[Block],
     state: State | None,
 ) -> Collected:
-    """Return what a report shows of a recording, without estimates over time.
+    """Return the data of a report on a recording, without estimates over time.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def collected_at(
 def collected_of(
     config: Config, result: ReplayResult, blocks: Sequence[Block], state: State | None
 ) -> Collected:
-    """Return what a report shows of a result and its windows alone."""
+    """Return the data of a report on a result and its windows alone."""
     residuals, shares = None, dict[str, dict[str, float]]()
     if state is not None:
         problem, x, covariance = state

@@ -143,7 +143,7 @@ def excitation(c: Collected) -> Section:
 
 
 def limits(c: Collected) -> Section:
-    """Return what limits the accuracy.
+    """Return the section on the limits of the accuracy.
 
     Three tables: shares of sigma squared by cause, the combinations of states that the data know
     least, and the strongest correlations.

@@ -27,7 +27,7 @@ class Guess:
 
 
 def guesses(estimates: Sequence[Estimate], name: str, start_ns: int) -> list[Guess]:
-    """Return what the estimates say of a body."""
+    """Return the estimates of a body."""
     found = []
     for e in estimates:
         places = [e.names.index(f"{name}.{quantity}") for quantity in NAMES]
@@ -64,7 +64,7 @@ def ellipsoid(covariance_m2: FloatArray, near: FloatArray) -> tuple[FloatArray, 
 
 
 def magnification(semi_axes_m: FloatArray, reach_m: float) -> float:
-    """Return by what an ellipsoid is drawn larger, the least of 1, 2, 5, 10 ... that shows it."""
+    """Return the factor on a drawn ellipsoid: the least of 1, 2, 5, 10 ... that shows it."""
     least = LEAST_SEEN * reach_m / max(float(semi_axes_m.max()), 1e-12)
     decade = 10.0 ** np.floor(np.log10(least))
     return max(1.0, next(float(step * decade) for step in (1, 2, 5, 10) if step * decade >= least))

@@ -37,7 +37,7 @@ def frames(model: RobotModel, motion: Motion) -> list[dict[str, Any]]:
 
 
 def parts(model: RobotModel, shapes: Sequence[Shape]) -> list[dict[str, Any]]:
-    """Return what is drawn of links and bodies."""
+    """Return the drawn parts of links and bodies."""
     return [
         {
             "path": f"{path_of(model, shape.frame)}/part{number}",

@@ -89,7 +89,7 @@ def read_can_log(path: Path, channel: str | None = None) -> FrameArray:
 
 
 def _options(path: Path) -> dict[str, bool]:
-    """Return what makes a reader give absolute times."""
+    """Return the options with which a reader gives absolute times."""
     return {"relative_timestamp": False} if path.suffix == ".asc" else {}
 
 

@@ -52,7 +52,7 @@ class SerialPort:
         self._path = path
 
     def read(self) -> list[ByteChunk]:
-        """Return what has come since the last call, stamped right after each read."""
+        """Return the bytes received since the last call, stamped right after each read."""
         chunks: list[ByteChunk] = []
         while len(chunks) < MAX_READS:
             try:

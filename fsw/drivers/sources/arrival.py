@@ -83,5 +83,5 @@ class ArrivalTracker:
         self._open = arrivals
 
     def clear(self) -> None:
-        """Drop what is not final (the device's time has jumped)."""
+        """Discard the times that are not final (the device's time has jumped)."""
         self._open = []

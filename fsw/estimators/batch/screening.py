@@ -59,7 +59,7 @@ def fits_throughout(
 
 
 def screened(config: Config, blocks: Sequence[Block]) -> list[Block]:
-    """Return the blocks without what the recursion of a flight leaves out of them."""
+    """Return the blocks without the channels that the recursion of a flight leaves out."""
     estimator = build_online(config)
     found = []
     for block in blocks:

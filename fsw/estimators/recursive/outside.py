@@ -97,7 +97,7 @@ class OutsideWatch:
 
     @property
     def has_released(self) -> bool:
-        """Return whether nothing acts any more, and the momentum is still to be found anew."""
+        """Return whether nothing acts any more while the new momentum is still to be found."""
         return self.momentum_lost and not self._in_question
 
     def found_momentum(self) -> None:
@@ -107,7 +107,7 @@ class OutsideWatch:
     def judge(
         self, block: Block, x: FloatArray, covariance_root: FloatArray, level: float
     ) -> Verdict:
-        """Return what a block is.
+        """Return the verdict on a block.
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ class BusChannel:
         return next((int(t_ns[0]) for t_ns in syncs if t_ns.size), None)
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
-        """Yield the samples in what waits, and whether their steps are known."""
+        """Yield the samples of the waiting items, and whether their steps are known."""
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
@@ -122,11 +122,11 @@ class LineChannel:
             self._waiting += traffic.chunks
 
     def first_ns(self) -> int | None:
-        """Stamp of the first sample in what waits, where the grid begins at it [ns]."""
+        """Stamp of the first waiting sample, where the grid begins at it [ns]."""
         return self._waiting[0].t_ns if self._waiting and self._starts else None
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
-        """Yield the samples in what waits, and whether their steps are known."""
+        """Yield the samples of the waiting items, and whether their steps are known."""
         waiting, self._waiting = self._waiting, []
         if waiting:
             yield self.source.feed(waiting), not self._is_sampled

@@ -115,7 +115,7 @@ class Estimation(NullSink):
                 return
 
     def restart(self, found: Restart, *, recorded: bool = True) -> bool:
-        """Go on from a checkpoint, before the first batch, and publish; False: a cold start.
+        """Continue from a checkpoint, before the first batch, and publish; False: a cold start.
 
         `recorded`: the recording begins here, so that its replay begins with the same checkpoint.
         """
@@ -232,7 +232,7 @@ class Estimation(NullSink):
         estimator.work()
 
     def _look(self, end: BatchEnd) -> None:
-        """Take what was found wrong; turn it into events."""
+        """Collect the findings and turn them into events."""
         health, now_ns = self.health, end.now_ns
         health.stalled(end.stalls, now_ns)
         health.over_budget(end.over_budget_ns, now_ns)

@@ -226,7 +226,7 @@ _SLOW_S = 3600.0
 
 
 def _annotated(item: Telecommand) -> Telecommand:
-    """Return a telecommand with what it may cost and how long it may take."""
+    """Return a telecommand with its significance or the longest time it may take."""
     if item.name in _SLOW:
         return replace(item, timeout_s=_SLOW_S)
     if item.name in _VITAL:

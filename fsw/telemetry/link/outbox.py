@@ -65,7 +65,7 @@ class Outbox:
         return dropped
 
     def next_bytes(self) -> bytes:
-        """Return what is to be sent next; empty when nothing waits."""
+        """Return the next bytes to send; empty when nothing waits."""
         size = sum(map(len, self._wire))
         while size < WIRE_BYTES and (queue := self._next_queue()) is not None:
             _, packet = queue.popleft()

@@ -98,7 +98,7 @@ class Layout:
 
 
 def _encoder(field: Field) -> Callable[[Any], int | float | bytes]:
-    """Return what makes of a value the nearest that the field can hold."""
+    """Return a function from a value to the nearest that the field can hold."""
     kind = field.type
     if kind is Type.TEXT:
         return lambda value: _text_bytes(str(value), field.size - 1)  # readers look for a zero

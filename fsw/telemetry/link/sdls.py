@@ -228,7 +228,7 @@ class FrameSplitter:
         self.resyncs = 0  # times garbage began
 
     def feed(self, chunk: bytes, now_ns: int = 0) -> list[Accepted | Rejected]:
-        """Return what became of every frame and clear packet that ends in this chunk."""
+        """Return the verdict on every frame and clear packet that ends in this chunk."""
         self._buffer += chunk
         self._last_ns = now_ns
         return self._cut()

@@ -60,7 +60,7 @@ class Security:
         self._quiet_ns = 0
 
     def seal(self, packet: bytes) -> bytes:
-        """Return what goes over the wire for a telemetry packet: its frame, or itself."""
+        """Return the bytes on the wire for a telemetry packet: its frame, or itself."""
         return packet if self.sender is None else self.sender.seal(packet)
 
     def load_keys(self) -> None:

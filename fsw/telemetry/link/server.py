@@ -140,7 +140,7 @@ class LinkServer:
         return None
 
     def flush(self) -> None:
-        """Send what the clients take now."""
+        """Send as much as the clients accept now."""
         for client in list(self._clients):
             while data := client.outbox.next_bytes():
                 try:
@@ -252,7 +252,7 @@ class LinkServer:
         self._put(client, client.uplink.feed(data, now_ns))
 
     def _put(self, client: LinkClient, items: list[Uplinked]) -> None:
-        """Put what came up into the client's inbox, with the client's name."""
+        """Put received packets into the client's inbox, with the client's name."""
         for item in items:
             source = f"{client.name} {item.source}".strip()
             client.inbox.append(replace(item, source=source))

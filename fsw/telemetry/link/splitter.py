@@ -63,7 +63,7 @@ class PacketSplitter:
         return self._cut()
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Give up what has waited too long for its rest; return what was behind it."""
+        """Discard a packet whose rest did not come in time; return the packets behind it."""
         found: list[Uplinked] = []
         if self._buffer and now_ns - self._last_ns >= PATIENCE_NS:
             self._skip(1)

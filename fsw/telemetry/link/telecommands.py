@@ -29,7 +29,7 @@ class TcError(Exception):
 
     @classmethod
     def of(cls, error: Exception) -> TcError:
-        """Return what an error means for a telecommand. Raises MemoryError, which ends a process.
+        """Return the failure of a telecommand that an error means. Raises MemoryError unchanged.
 
         One that nobody foresaw is FAILED: no telecommand ends the service.
         """

@@ -25,7 +25,7 @@ class Uplink(Protocol):
         ...
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
-        """Return what ends in this chunk."""
+        """Return the packets that end in this chunk."""
         ...
 
     def expire(self, now_ns: int) -> list[Uplinked]:

@@ -77,7 +77,7 @@ class Filing:
         return path
 
     def writable(self, name: str, argument: int = 1) -> Path:
-        """Return the path of what may be made or removed. Raises TcError."""
+        """Return the path of an entry that may be made or removed. Raises TcError."""
         path = self.find(name, argument)
         if name in self._single or len(PurePosixPath(name).parts) < 2:
             raise TcError(Error.BAD_ARG, argument, text=f"{name!r} cannot be written")
@@ -154,7 +154,7 @@ class Filing:
         return self._work(request, append(source, target, offset), source, target)
 
     def _work(self, request: Request, pieces: Iterator[None], *paths: Path) -> Action:
-        """Return what begins work on files, which nobody else may touch until it is over."""
+        """Return an action that begins work on files and keeps them locked until it is over."""
 
         def guarded_pieces() -> Pieces:
             self._in_work.update(paths)
@@ -166,7 +166,7 @@ class Filing:
         return self._context.long_work.action(request, guarded_pieces)
 
     def _new(self, name: str) -> Path:
-        """Return the path of what is to be made. Raises TcError."""
+        """Return the path of a new entry. Raises TcError."""
         target = self.writable(name, 2)
         if target.exists() or target.is_symlink():
             raise TcError(Error.BUSY, 2, text=f"{name} exists")
@@ -229,7 +229,7 @@ def _entry(
 
 
 def _kind(item: os.DirEntry[str]) -> str:
-    """Return what an entry is; links are not followed."""
+    """Return the kind of an entry; links are not followed."""
     if item.is_dir(follow_symlinks=False):
         return "FOLDER"
     return "FILE" if item.is_file(follow_symlinks=False) else "OTHER"

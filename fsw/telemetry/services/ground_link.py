@@ -80,7 +80,7 @@ class GroundLink:
                 return
 
     def flush(self, now_ns: int) -> None:
-        """Send what is queued."""
+        """Send the queued packets."""
         if self.security is not None:
             self.security.poll(now_ns)
         if self.server is not None:

@@ -26,7 +26,7 @@ class LongWork:
         self._left = PIECES_PER_POLL
 
     def action(self, request: Request, make: Callable[[], Pieces]) -> Action:
-        """Return what begins the work. Raises TcError BUSY while one of its kind is under way.
+        """Return the action that begins the work. Raises TcError BUSY while one of its kind runs.
 
         Parameters
         ----------

@@ -80,7 +80,7 @@ class ObjectChecksums:
 
 
 def _table_copy(base: str) -> tuple[Table, Copy]:
-    """Return what NAME/COPY stands for. Raises TcError."""
+    """Return the table and the copy that NAME/COPY names. Raises TcError."""
     name, _, copy = base.upper().partition("/")
     if name not in Table.__members__ or copy not in Copy.__members__:
         text = (

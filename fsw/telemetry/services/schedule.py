@@ -144,7 +144,7 @@ class Schedule:
         return act
 
     def _named(self, request: Request) -> list[Activity]:
-        """Return what waits under the request identifier of a telecommand. Raises TcError."""
+        """Return the waiting entry with the request identifier of a telecommand. Raises TcError."""
         source, apid = request.whole("source_id"), request.whole("apid")
         count = request.whole("sequence_count")
         found = [a for a in self._waiting if request_id_of(source, apid, count, a.packet)]
@@ -193,7 +193,7 @@ class Schedule:
         keep_document(self._store, {"enabled": enabled, "epoch": epoch, "entries": entries})
 
     def _recall(self) -> None:
-        """Read what waited when the last run ended; discard what is too late by now."""
+        """Read the entries that waited when the last run ended; discard those that are too late."""
         found, damaged = read_document(self._store, _parse)
         if damaged:
             text = f"schedule: {damaged} generations cannot be read"

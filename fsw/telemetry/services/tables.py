@@ -48,7 +48,7 @@ class Tables:
                 effects.recall(table, self.active(table))
 
     def active(self, table: Table) -> bytes:
-        """Return what was uplinked; empty when the configuration holds."""
+        """Return the uplinked table in force; empty when the configuration holds."""
         return self._slots[table].active
 
     def values(self) -> dict[str, Any]:

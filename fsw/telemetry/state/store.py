@@ -42,7 +42,7 @@ class GenerationStore:
         self.directory = directory
 
     def read(self) -> tuple[list[Generation], int]:
-        """Return what can be read, newest first, and how many files could not be."""
+        """Return the readable documents, newest first, and the number of unreadable files."""
         found, damaged = [], 0
         for number, path in self._files():
             generation = _parse(path, number)
@@ -72,7 +72,7 @@ class GenerationStore:
             path.unlink(missing_ok=True)
 
     def discard(self) -> None:
-        """Drop what was prepared."""
+        """Discard the prepared document."""
         (self.directory / TEMPORARY).unlink(missing_ok=True)
 
     def write(self, content: bytes) -> int:

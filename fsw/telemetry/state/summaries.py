@@ -75,7 +75,7 @@ class Summaries:
         return found
 
     def close(self) -> list[tuple[str, str]]:
-        """Return the summaries of what is still held."""
+        """Return the summaries of the events still held."""
         found = [(code, _summary(burst)) for code, burst in self._bursts.items() if burst.held]
         self._bursts.clear()
         return found

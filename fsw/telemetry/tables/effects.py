@@ -109,7 +109,7 @@ class TableEffects:
         return self._context.loop.order(request, [(CommandName.CONFIGURE, changes)], then, failed)
 
     def dump(self, table: Table) -> bytes:
-        """Return what is in force where nothing was uplinked."""
+        """Return the table in force where none was uplinked."""
         if table is Table.NOISE:
             return configured_noise(self._context.latest.config)
         if table is Table.RATES:

@@ -54,7 +54,7 @@ class Slot:
         }
 
     def drop(self) -> None:
-        """Drop what is staged."""
+        """Discard the staged table."""
         self.state, self.staged, self.size, self.crc32 = TableState.ACTIVE, bytearray(), 0, 0
         self.error = Error.NONE
 

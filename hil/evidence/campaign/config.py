@@ -73,7 +73,7 @@ class CampaignRun(_Section):
 
     @property
     def key(self) -> str:
-        """Return what names the run in the store."""
+        """Return the key of the run in the store."""
         text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
         return f"{self.seed}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 

@@ -50,7 +50,7 @@ def effects(
 
 
 def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
-    """Return what all seeds say together; `outside`: share of right studies that leave the band."""
+    """Return the figures of all seeds; `outside`: share of right studies that leave the band."""
     count, dof = len(rows), rows[0]["dof"]
     low, high = chi_square.mean_ends(dof, count, outside)
     nees = float(np.mean([row["nees"] for row in rows]))

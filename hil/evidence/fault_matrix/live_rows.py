@@ -215,6 +215,6 @@ def _clean(clean: Mapping[str, Any], truth: FloatArray, probability: float) -> d
 
 
 def _not_of(known: Mapping[str, Any], faulty: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
-    """Return what is open by subject, without faults that the run without a fault has, too."""
+    """Return open faults by subject, without those that the run without a fault has too."""
     left = {subject: [f for f in faults if f not in known] for subject, faults in faulty.items()}
     return {subject: faults for subject, faults in left.items() if faults}

@@ -73,7 +73,7 @@ def lost(
 
 
 def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], path: Path) -> None:
-    """Write a copy of what a replay needs of a recording, without some answers."""
+    """Write a copy of the topics that a replay needs, without some answers."""
     writer = RecordingWriter(path)
     for frame, answer in numbered(frames_of(recording, bus), period_ns):
         if answer not in missing:

@@ -78,7 +78,7 @@ REAL: Mapping[str, Callable[[Sequence[table.Row], int], Iterator[dict[str, Any]]
 
 
 def key(row: table.Row, seed: int, commit: str) -> str:
-    """Return what a stored outcome belongs to."""
+    """Return the key of a stored outcome."""
     text = json.dumps([row.model_dump(mode="json"), seed, commit], sort_keys=True)
     return f"{row.type}-{seed}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 

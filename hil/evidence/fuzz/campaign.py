@@ -133,7 +133,7 @@ def summary(folder: Path, store: Store) -> dict[str, Any]:
 
 
 def _count(held: dict[str, Any], row: Row) -> None:
-    """Add a bout to what is known of its target."""
+    """Add a bout to the counts of its target."""
     held["inputs"] += row["inputs"]
     held["bouts"] += 1
     held["rss_mb"] = max(held["rss_mb"], row["peak_rss_mb"])

@@ -148,7 +148,7 @@ class OperationsBench:
         return self._world.clock.now_ns() + self._later_ns
 
     def put(self, message: Message) -> None:
-        """Take a message of the loop as the service does."""
+        """Accept a message of the loop as the service does."""
         match message:
             case Event():
                 self._event(message)

@@ -139,7 +139,7 @@ class LiveTarget:
         return words
 
     def _read(self, wait_s: float, *, once: bool = False) -> None:
-        """Read what comes down for some time, or until something has come."""
+        """Read telemetry for some time, or until some has come."""
         until_s = time.monotonic() + wait_s
         while (left_s := until_s - time.monotonic()) > 0.0:
             self._link.settimeout(left_s)

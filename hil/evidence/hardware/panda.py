@@ -51,7 +51,7 @@ class Motion:
     rate_hz: float
 
     def part(self, start: float, stop: float) -> Motion:
-        """Return what lies between two shares of the samples."""
+        """Return the samples between two shares of them."""
         own = slice(round(start * len(self.t_s)), round(stop * len(self.t_s)))
         return Motion(self.t_s[own], self.q_rad[own], self.tau_nm[own], self.rate_hz)
 

@@ -22,7 +22,7 @@ def wait_for(condition: Callable[[], bool], what: str, patience_s: float = PATIE
 
 
 class Observer:
-    """Reads what a daemon leaves in its state directory."""
+    """Reads the files that a daemon leaves in its state directory."""
 
     def __init__(self, state: Path) -> None:
         self._state = state

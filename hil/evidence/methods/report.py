@@ -36,7 +36,7 @@ def tables(rows: Sequence[SummaryRow]) -> list[Table]:
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
-    """Return what is required and whether it holds."""
+    """Return the table of requirements and whether they hold."""
     table = Table(title="Required")
     for title in ("what", "value", "wanted", ""):
         table.add_column(title, justify="left" if title == "what" else "right")

@@ -97,7 +97,7 @@ def wanted(plan: Plan) -> list[StudyUnit]:
 
 
 def missing(units: Sequence[StudyUnit], done: set[Key]) -> list[StudyUnit]:
-    """Return the units without what is done; empty ones left out."""
+    """Return the units without the parts that are done; empty ones are left out."""
     rest = []
     for unit in units:
         methods = tuple(key.method for key in unit.keys if key not in done)

@@ -69,7 +69,7 @@ def rows(records: Mapping[Key, StudyRecord]) -> list[SummaryRow]:
 
 
 def verdicts(table: Sequence[SummaryRow], *, quick: bool = False) -> list[Verdict]:
-    """Return what is required of the fused estimator and of the consistent methods.
+    """Return the verdicts on the requirements on the fused estimator and the consistent methods.
 
     `quick`: few seeds, so bounds and bands are widened to what chance leaves once in a thousand.
     """

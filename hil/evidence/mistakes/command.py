@@ -12,7 +12,7 @@ CASES = ("target", "base", "both")
 def findings(
     cases: Sequence[str], only: Sequence[str], seed: int, *, exact: bool, robot: str = ""
 ) -> Iterator[Finding]:
-    """Yield what every mistake came to, with the bench's robot or that of a scenario file.
+    """Yield the result of every mistake, with the bench's robot or that of a scenario file.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def findings(
 
 
 def line(found: Finding) -> str:
-    """Return what a mistake came to, in one line."""
+    """Return the result of a mistake in one line."""
     case = found.case.rpartition(":")[2]
     if found.refused:
         return f"{case:6} {found.mistake:34} refused: {found.refused}"

@@ -74,7 +74,7 @@ class Finding:
 
 
 def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = False) -> Finding:
-    """Return what a mistake comes to.
+    """Return the result of a mistake.
 
     `exact`: the configuration says that arm and calibration are known exactly; else it leaves what
     it does not know to the defaults.

@@ -95,7 +95,7 @@ class PaperUnit:
 
     @property
     def key(self) -> str:
-        """Return what names its result."""
+        """Return the key of its result."""
         where = (self.level, self.orbit, self.system, self.noise, self.acting, str(self.seed))
         return "|".join((*where, ",".join(self.methods)))
 

@@ -43,7 +43,7 @@ def rough(
 
 
 def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
-    """Return what all seeds say together; the band is that of a mean of chi-square values."""
+    """Return the figures of all seeds; the band is that of a mean of chi-square values."""
     count, dof = len(rows), rows[0]["dof"]
     low, high = chi_square.mean_ends(dof, count)
     nees = float(np.mean([row["nees"] for row in rows]))

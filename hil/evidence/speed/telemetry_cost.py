@@ -140,7 +140,7 @@ def cpu_s(pid: int) -> float:
 
 
 def measure(folder: Path, seconds: int, *, telemetry: bool = True) -> tuple[Phase, Phase]:
-    """Return what was seen in odd and even seconds; with telemetry, off and on."""
+    """Return the measurements of odd and even seconds; with telemetry, off and on."""
     port = free_port() if telemetry else None
     section = {"port": port, "housekeeping_interval_s": 0.0} if telemetry else None
     scenario = load_scenario(SCENARIO)

@@ -144,7 +144,7 @@ def _add_plates(
     attitude: FloatArray, v_air: FloatArray, rho: float, air: Air, s_hat: FloatArray,
     pressure: float, optics: tuple[float, float], applied: FloatArray,
 ) -> None:  # fmt: skip
-    """Add what air and light do to all plates; levers from each body's centre of mass."""
+    """Add the forces of air and light on all plates; levers from each body's centre of mass."""
     v, s, force, torque = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for p in range(bodies.shape[0]):
         body = bodies[p]
