@@ -19,6 +19,10 @@ FloatArray = NDArray[np.float64]
 POLE_PAIRS = 7
 COUNTS_PER_DEG_S, COUNTS_PER_G, G_M_S2 = 16.384, 2048.0, 9.81
 TURNING_RAD_S = 10.0
+# By how many electrical revolutions a speed is late: the motor's controller takes its mean over
+# more of them where one is shorter than a millisecond, as its steps show. Of the values that were
+# tried those that leave the least residuals of the throws of calibration.
+FAST_RAD_S, SLOW_REVOLUTIONS, FAST_REVOLUTIONS = 895.0, 0.7, 2.4
 SKIPPED_S = 0.05  # after the motor's start, whose speed is not measured at first
 NEEDED = ("time", *(f"gyroADC[{k}]" for k in range(3)), *(f"accSmooth[{k}]" for k in range(3)))
 R_BS = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # the board in the device
@@ -93,8 +97,6 @@ def frame_with_blocks(places: str) -> Body:
 def write_csv(log: Path, path: Path) -> None:
     """Write what a log holds from the wheel's start on as a CSV for `fsw import`.
 
-    A speed is the mean of an electrical revolution, so it is valid half of one before its stamp.
-
     Raises
     ------
     DataError when the log cannot be read, or holds no throw; without orangebox.
@@ -114,8 +116,9 @@ def write_csv(log: Path, path: Path) -> None:
     own = t_s >= SKIPPED_S
     rate = np.radians(rows[:, 1:4] / COUNTS_PER_DEG_S) @ R_BS.T
     force = rows[:, 4:7] / COUNTS_PER_G * G_M_S2 @ R_BS.T
-    half_s = np.pi / POLE_PAIRS / np.maximum(speed, TURNING_RAD_S)
-    wheel_s = np.maximum.accumulate(1.0 + t_s - half_s)
+    revolution_s = 2.0 * np.pi / POLE_PAIRS / np.maximum(speed, TURNING_RAD_S)
+    late = np.where(speed < FAST_RAD_S, SLOW_REVOLUTIONS, FAST_REVOLUTIONS)
+    wheel_s = np.maximum.accumulate(1.0 + t_s - late * revolution_s)
     table = np.column_stack([1.0 + t_s, rate, force, wheel_s, speed])[own]
     header = "t,wx,wy,wz,fx,fy,fz,t_wheel,speed"
     np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments="")

@@ -11,7 +11,7 @@ import pytest
 
 from hil.evidence.hardware import throws
 from hil.evidence.hardware.data_set import DataError
-from hil.evidence.hardware.throws_command import _Found, _judged
+from hil.evidence.hardware.throws_judge import Found, judged, pooled
 
 NAMES = [*throws.NEEDED, "erpm[0]", "other"]
 
@@ -58,7 +58,8 @@ def test_a_log_becomes_columns_in_si_units(tmp_path: Path, monkeypatch: pytest.M
     np.testing.assert_allclose([table[f"w{a}"][0] for a in "xyz"], [-2.0, 1.0, -1.0])
     np.testing.assert_allclose([table[f"f{a}"][0] for a in "xyz"], [0.0, 9.81, 4.905], atol=1e-9)
     assert table["speed"][0] == pytest.approx(1e4 / 7 * 2 * np.pi / 60)
-    np.testing.assert_allclose(table["t"] - table["t_wheel"], 0.003, atol=1e-9)  # half a turn
+    late_s = throws.SLOW_REVOLUTIONS * 60.0 / 1e4  # an electrical turn lasts 6 ms
+    np.testing.assert_allclose(table["t"] - table["t_wheel"], late_s, atol=1e-9)
 
 
 def test_a_log_without_a_throw_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,26 +73,44 @@ def test_true_estimates_have_no_error_and_wrong_ones_theirs() -> None:
     device = np.diag([8e-5, 2.5e-5, 9e-5])
     place, wheel, P = np.array([0.011, 0.002, 0.009]), 1.0 / 1.02, 1e-16 * np.eye(10)
 
-    def found(body: throws.Body, wrong: float = 1.0) -> _Found:
+    def found(body: throws.Body, wrong: float = 1.0) -> Found:
         mass, own = body.mass_kg + throws.DEVICE_KG, np.array([0.0, 0.0, 0.04])
         c = (throws.DEVICE_KG * place + body.mass_kg * own) / mass
         inertia = device + throws.moved(throws.DEVICE_KG, place - c)
         inertia = inertia + wrong * body.inertia_kg_m2 + throws.moved(body.mass_kg, own - c)
         about = wheel * inertia + throws.moved(mass, c)
         vector = about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-        return _Found("log", "OK", np.concatenate([[mass], mass * c, vector]), P)
+        return Found("log", "OK", np.concatenate([[mass], mass * c, vector]), P)
 
     alone = wheel * device + throws.moved(throws.DEVICE_KG, place)
     vector = alone[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     first = np.concatenate([[throws.DEVICE_KG], throws.DEVICE_KG * place, vector])
     sets = {
-        "device_only": [_Found("log", "OK", first, P)],
+        "device_only": [Found("log", "OK", first, P)],
         "proof_body": [found(throws.proof_body())],
     }
     for name, places in throws.SETS.items():
         body = throws.frame_with_blocks(places)
-        sets[name] = [found(body), found(body, 1.03), _Found("log", "refused", np.empty(0), P)]
-    for result in _judged(sets):
+        sets[name] = [found(body), found(body, 1.03), Found("log", "refused", np.empty(0), P)]
+    for result in judged(sets):
         assert (result.throws, result.found, result.valid) == (3, 2, 2)
         assert result.worst_percent == pytest.approx(3.0, abs=1e-6)
         assert result.mean_percent == pytest.approx(1.5, abs=1e-6)
+
+
+def test_throws_of_one_body_are_weighed_by_their_covariance() -> None:
+    """Two sigmas of 1 and 3: weights 0.9 and 0.1; three times as far apart as they may be."""
+    first, second = np.full(10, 1.0), np.full(10, 2.0)
+    throws_of_one = [
+        Found("a", "OK", first, np.eye(10)),
+        Found("b", "OK", second, 9.0 * np.eye(10)),
+    ]
+    mean, P = pooled([*throws_of_one, Found("c", "refused", np.empty(0), np.empty(0))])
+    np.testing.assert_allclose(mean, 1.1)
+    np.testing.assert_allclose(P, 0.9 * np.eye(10), atol=1e-12)
+    apart = [
+        Found("a", "OK", first, 0.01 * np.eye(10)),
+        Found("b", "OK", second, 0.09 * np.eye(10)),
+    ]
+    square = 10 * (0.1**2 / 0.01 + 0.9**2 / 0.09)
+    np.testing.assert_allclose(pooled(apart)[1], 0.009 * square / 9 * np.eye(10), atol=1e-12)
