@@ -131,6 +131,8 @@ class JointNode:
     status_extra: int = 0  # further status bits a fault scenario wants set
     silent: bool = False  # a dead node
     toggle: BusToggle | None = None  # of a node on two buses
+    syncs_per_report: int = 1  # object 0x3018 of wheels and thrusters
+    _syncs: int = 0
     _commanded: bool = False
     _syncs_left: int | None = None  # until the next TPDO2; None: start value not seen yet
     _objects: dict[tuple[int, int], bytes] = field(default_factory=dict)
@@ -170,9 +172,7 @@ class JointNode:
 
     def on_sync(self, counter: int, reading: Reading, t_us: int) -> tuple[bytes, ...]:
         """Return the PDOs this SYNC triggers: none, TPDO1, or TPDO1 and TPDO2."""
-        if self.state is NodeState.PRE_OPERATIONAL and self.autostart and not self._commanded:
-            self.state = NodeState.OPERATIONAL
-        if self.state is not NodeState.OPERATIONAL or self.silent:
+        if not self._reports():
             return ()
         status = STATUS_GOOD | self.status_extra
         if not self.torque_sensor:
@@ -184,6 +184,14 @@ class JointNode:
         if self._tpdo2_due(counter):
             return encode_tpdo1(reading, status, counter), encode_tpdo2(reading)
         return (encode_tpdo1(reading, status, counter),)
+
+    def _reports(self) -> bool:
+        """Start by itself where it may, count one SYNC, and return whether the node answers it."""
+        if self.state is NodeState.PRE_OPERATIONAL and self.autostart and not self._commanded:
+            self.state = NodeState.OPERATIONAL
+        self._syncs += 1
+        answers = self.state is NodeState.OPERATIONAL and not self.silent
+        return answers and self._syncs % self.syncs_per_report == 0
 
     def _tpdo2_due(self, counter: int) -> bool:
         """Count SYNCs from the start value (object 0x1801:06 = joint number), CiA 301 7.5.2.37."""

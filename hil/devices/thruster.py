@@ -4,7 +4,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hil.devices.canopen import JointNode, NodeState, Reading
+from hil.devices.canopen import JointNode, Reading
 
 TPDO1 = struct.Struct("<HHBBBB")
 AGE_STEPS_PER_S = 1e5
@@ -32,16 +32,10 @@ def encode_tpdo1(
 class ThrusterNode(JointNode):
     """Network state of one valve driver; services beside its PDO are those of a joint node."""
 
-    syncs_per_report: int  # object 0x3018
     look: Callable[[], tuple[list[bool], float | None, int]]  # arguments of `encode_tpdo1`
-    _syncs: int = 0
 
     def on_sync(self, counter: int, _reading: Reading, _t_us: int) -> tuple[bytes, ...]:
         """Return the PDO this SYNC triggers: none, or TPDO1."""
-        if self.state is NodeState.PRE_OPERATIONAL and self.autostart and not self._commanded:
-            self.state = NodeState.OPERATIONAL
-        self._syncs += 1
-        due = self._syncs % self.syncs_per_report == 0
-        if self.state is not NodeState.OPERATIONAL or self.silent or not due:
+        if not self._reports():
             return ()
         return (encode_tpdo1(*self.look(), STATUS_GOOD | self.status_extra, counter),)

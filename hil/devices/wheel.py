@@ -5,7 +5,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hil.devices.canopen import STATUS_GOOD, JointNode, NodeState, Reading
+from hil.devices.canopen import STATUS_GOOD, JointNode, Reading
 
 COUNTS_PER_RAD_S = 2**24 / (2.0 * math.pi)
 COUNTS_PER_NM = 1e4
@@ -34,21 +34,15 @@ def _within(count: int, bits: int) -> int:
 class WheelNode(JointNode):
     """Network state of one wheel node; services beside its PDOs are those of a joint node."""
 
-    syncs_per_report: int  # object 0x3018
     measure: Callable[[], tuple[float, float]]  # speed [rad/s] and motor torque [N m] as latched
-    _syncs: int = 0
-    _reports: int = 0
+    _sent: int = 0
 
     def on_sync(self, counter: int, _reading: Reading, _t_us: int) -> tuple[bytes, ...]:
         """Return the PDOs this SYNC triggers: none, TPDO1, or TPDO1 and TPDO2."""
-        if self.state is NodeState.PRE_OPERATIONAL and self.autostart and not self._commanded:
-            self.state = NodeState.OPERATIONAL
-        self._syncs += 1
-        due = self._syncs % self.syncs_per_report == 0
-        if self.state is not NodeState.OPERATIONAL or self.silent or not due:
+        if not self._reports():
             return ()
-        self._reports += 1
+        self._sent += 1
         first = encode_tpdo1(*self.measure(), STATUS_GOOD | self.status_extra, counter)
-        if self._reports % TPDO2_PERIOD:
+        if self._sent % TPDO2_PERIOD:
             return (first,)
         return first, encode_tpdo2(TEMPERATURE_DEGC)
