@@ -54,15 +54,15 @@ def check_recording(
             wrong += 1
     datagrams = result.status["samples"].get("imu", {"received": 0})["received"]
     findings = rate_findings(config, watching.windows, datagrams) if watching.windows else []
-    if len(watching.blocks) >= FEW_BLOCKS:
+    if len(watching.made) >= FEW_BLOCKS:
         findings += noise_findings(config, watching.windows)
     lines += [finding.text() for finding in findings]
     wrong += sum(bool(finding.wrong) for finding in findings)
-    if len(watching.blocks) < FEW_BLOCKS:
-        used = f"{len(watching.blocks)} of {len(watching.windows)} windows can be used"
+    if len(watching.made) < FEW_BLOCKS:
+        used = f"{len(watching.made)} of {len(watching.windows)} windows can be used"
         words = "too few to judge signs and mounting; look at rates, lost samples and channels"
         return [*lines, f"WRONG: {used}: {words}"], False
-    verdict = explain_residuals(config, problem, watching.blocks, progress)
+    verdict = explain_residuals(config, problem, watching.made, progress)
     told = list(dict.fromkeys([*verdict.found, *filter(None, [verdict.mounting])]))
     mounted = any(text.startswith("imu") for text in told)
     judged = config.imu.present and not (mounted or jumps)  # the tracker, by the gyro over time

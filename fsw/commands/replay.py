@@ -14,7 +14,7 @@ from fsw.clock import MonotonicClock
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
-from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray
+from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray, joined
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
 from fsw.exchange.recording import (
@@ -25,6 +25,7 @@ from fsw.exchange.recording import (
     Contents,
     Piece,
     RecordedMessage,
+    frames_of,
     messages_of,
     pieces_of,
 )
@@ -49,8 +50,8 @@ from fsw.messages.commands import Command, CommandName
 from fsw.messages.errors import ConfigError
 from fsw.service.recorder import CHECKPOINT
 
-BATCH_NS = 200_000_000
-WINDOWS_BATCH_NS = 2 * 10**9  # where nobody asks when something was found
+BATCH_NS = 400_000_000
+WINDOWS_BATCH_NS = 10 * 10**9  # where nobody asks when something was found
 PROGRESS_NS = 10 * 10**9
 CAN_TOPIC = "/can/"
 REPLAYED = (
@@ -76,25 +77,27 @@ class _Track:
         self._times_ns = np.empty(0, np.int64)
         self._waiting: Traffic = NO_FRAMES if is_bus else []
         self._available = 0
-        self._added: list[Traffic] = []  # pieces that are not in order of time yet
+        self._added: list[Column] = []  # of pieces that are not in order of time yet
 
     def add(self, column: Column) -> None:
         """Add a piece's messages; they are put in order of time, as they stand in it."""
-        self._added.append(column.frames() if self._is_bus else column.chunks())
+        self._added.append(column)
 
     def _put_in_order(self) -> None:
         waiting: Traffic
         if isinstance(self._waiting, list):
-            waiting = [chunk for part in (self._waiting, *self._added) for chunk in part]
+            waiting = [*self._waiting, *(c for column in self._added for c in column.chunks())]
             times_ns = np.array([chunk.t_ns for chunk in waiting], np.int64)
         else:
-            waiting = np.concatenate([self._waiting, *self._added])
+            waiting = joined([self._waiting, frames_of(self._added)])
             times_ns = waiting["t_ns"]
         self._added = []
         if np.count_nonzero(times_ns[1:] < times_ns[:-1]):
             order = np.argsort(times_ns, kind="stable")
             times_ns = times_ns[order]
-            waiting = [waiting[k] for k in order] if isinstance(waiting, list) else waiting[order]
+            waiting = (
+                [waiting[k] for k in order] if isinstance(waiting, list) else waiting.take(order)
+            )
         self._times_ns, self._waiting = times_ns, waiting
 
     def next_ns(self) -> int:

@@ -1,5 +1,7 @@
 """Conditioning that keeps what it is given and what it makes of it."""
 
+from collections.abc import Sequence
+
 from fsw.config import Config
 from fsw.estimators.conditioning import Conditioner
 from fsw.messages import Block, Window
@@ -11,13 +13,12 @@ class Watching(Conditioner):
     def __init__(self, config: Config, order: tuple[int, ...], *, alone: bool = False) -> None:
         super().__init__(config, order)
         self.windows: list[Window] = []
-        self.blocks: list[Block] = []
+        self.made: list[Block] = []
         self._alone = alone
 
-    def condition(self, window: Window) -> Block | None:
-        """Keep the window and its block."""
-        self.windows.append(window)
-        block = super().condition(window)
-        if block is not None:
-            self.blocks.append(block)
-        return None if self._alone else block
+    def blocks(self, windows: Sequence[Window]) -> list[Block | None]:
+        """Keep the windows and their blocks."""
+        self.windows += windows
+        made = super().blocks(windows)
+        self.made += [block for block in made if block is not None]
+        return [None] * len(made) if self._alone else made

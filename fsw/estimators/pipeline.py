@@ -1,5 +1,6 @@
 """The protocols of conditioning and estimation, and how the configured ones are made."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -12,8 +13,8 @@ from fsw.messages.findings import Finding
 class BlockSource(Protocol):
     """Signal conditioning: windows to blocks."""
 
-    def condition(self, window: Window) -> Block | None:
-        """Return the block of a window, None when it is unusable."""
+    def blocks(self, windows: Sequence[Window]) -> list[Block | None]:
+        """Return the block of each window, None where it is unusable."""
         ...
 
 

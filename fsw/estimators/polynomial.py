@@ -49,14 +49,20 @@ class NodeFit:
     """Least-squares polynomial in one window, ready to be evaluated at the window's nodes.
 
     Values that depend on the instants alone are computed once for every channel sampled at them.
+    Windows with as many samples each are fitted by one call as a stack, window by window to the
+    same values: then every array has the windows in front.
 
     Parameters
     ----------
-    t_s : (k,) sample times relative to the window's centre [s]
+    t_s : (k,) sample times relative to the window's centre [s], or (windows, k)
     half_width_s : half the window [s]
     degree : of the polynomial, k > degree
     nodes : number of Gauss-Legendre nodes
     within : polynomial of a higher degree at the same instants; its factors contain this one's
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError where instants are too alike for the degree.
     """
 
     def __init__(
@@ -75,12 +81,12 @@ class NodeFit:
             self._Q, R = np.linalg.qr(self._basis)
             self._R_inverse = np.asarray(np.linalg.solve(R, np.eye(size)), np.float64)
         else:
-            self._basis, self._Q = within._basis[:, :size], within._Q[:, :size]  # noqa: SLF001
-            self._R_inverse = within._R_inverse[:size, :size]  # noqa: SLF001
-        self._solve = self._R_inverse @ self._Q.T
+            self._basis, self._Q = within._basis[..., :size], within._Q[..., :size]  # noqa: SLF001
+            self._R_inverse = within._R_inverse[..., :size, :size]  # noqa: SLF001
+        self._solve = self._R_inverse @ self._Q.swapaxes(-1, -2)
         self._stacked: dict[tuple[int, ...], FloatArray] = {}
         self._unit: dict[tuple[int, ...], FloatArray] = {}  # covariances of noise with sigma one
-        self._white: dict[tuple[int, ...], FloatArray] = {}
+        self._spectra: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = {}  # of these
 
     def coefficients(self, values: FloatArray) -> FloatArray:
         """Return Legendre coefficients (degree + 1, width) of samples (k, width)."""
@@ -94,7 +100,7 @@ class NodeFit:
     def operator(self, order: int) -> FloatArray:
         """Return (nodes, degree + 1): coefficients to the `order`-th derivative at the nodes.
 
-        Order -1 is the integral from the window's start.
+        Order -1 is the integral from the window's start. It is the same of every window.
         """
         scaled: FloatArray = self._bases[order] / self._half_width_s**order
         return scaled
@@ -107,41 +113,73 @@ class NodeFit:
 
     def covariance(self, orders: tuple[int, ...], sigma: float) -> FloatArray:
         """Return the covariance of the stacked derivatives at the nodes, for white samples."""
+        return sigma**2 * self.unit_covariance(orders)
+
+    def unit_covariance(self, orders: tuple[int, ...]) -> FloatArray:
+        """Return the same for samples with a sigma of one."""
         if orders not in self._unit:
             E = self.operators(orders) @ self._R_inverse
-            self._unit[orders] = E @ E.T
-        return sigma**2 * self._unit[orders]
+            self._unit[orders] = E @ E.swapaxes(-1, -2)
+        return self._unit[orders]
+
+    def spectrum(self, orders: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+        """Return eigenvalues (orders x nodes) and eigenvectors of `unit_covariance`."""
+        if orders not in self._spectra:
+            values, vectors = np.linalg.eigh(self.unit_covariance(orders))
+            self._spectra[orders] = values, vectors
+        return self._spectra[orders]
+
+
+class WindowFit:
+    """The polynomial of one window of a stack.
+
+    Attributes
+    ----------
+    fit : of the stack, or of this window alone
+    at : of the window in it
+    """
+
+    def __init__(self, fit: NodeFit, at: int | tuple[()] = ()) -> None:
+        self.fit, self.at = fit, at
+
+    def covariance(self, orders: tuple[int, ...], sigma: float) -> FloatArray:
+        """Return the covariance of the stacked derivatives at the nodes, for white samples."""
+        covariance: FloatArray = sigma**2 * self.fit.unit_covariance(orders)[self.at]
+        return covariance
 
     def whitener(self, orders: tuple[int, ...]) -> FloatArray:
         """Return W (rank, orders x nodes) that whitens the stacked derivatives of unit noise.
 
         The rank of their covariance is at most the polynomial's degree plus one.
         """
-        if orders not in self._white:
-            values, vectors = np.linalg.eigh(self.covariance(orders, 1.0))
-            kept = values > RANK * values[-1]
-            self._white[orders] = (vectors[:, kept] / np.sqrt(values[kept])).T
-        return self._white[orders]
+        values, vectors = (part[self.at] for part in self.fit.spectrum(orders))
+        kept = values > RANK * values[-1]
+        white: FloatArray = (vectors[:, kept] / np.sqrt(values[kept])).T
+        return white
 
 
 @lru_cache(maxsize=CACHED)
-def node_fit(offsets_ns: bytes, half_width_s: float, degree: int, nodes: int) -> NodeFit:
-    """Return the polynomial of instants given as int64 nanoseconds from the window's centre.
+def node_fit(
+    offsets_ns: bytes, windows: int, half_width_s: float, degree: int, nodes: int
+) -> NodeFit:
+    """Return the polynomials of instants given as int64 nanoseconds from the window's centre.
 
-    On an exact grid the instants of every window are the same but for missing samples; on a
-    jittering one every window has its own, computed once for all channels.
+    Those of several `windows`, as many each, stand one behind the other. On an exact grid the
+    instants of every window are the same but for missing samples; on a jittering one every window
+    has its own, computed once for all channels.
     """
-    return NodeFit(_seconds(offsets_ns), half_width_s, degree, nodes)
+    return NodeFit(_seconds(offsets_ns, windows), half_width_s, degree, nodes)
 
 
 @lru_cache(maxsize=CACHED)
 def lower_fit(
-    offsets_ns: bytes, half_width_s: float, degree: int, nodes: int, higher: int
+    offsets_ns: bytes, windows: int, half_width_s: float, degree: int, nodes: int, higher: int
 ) -> NodeFit:
-    """Return the same, as part of the polynomial of a `higher` degree."""
-    within = node_fit(offsets_ns, half_width_s, higher, nodes)
-    return NodeFit(_seconds(offsets_ns), half_width_s, degree, nodes, within)
+    """Return the same, as part of the polynomials of a `higher` degree."""
+    within = node_fit(offsets_ns, windows, half_width_s, higher, nodes)
+    return NodeFit(_seconds(offsets_ns, windows), half_width_s, degree, nodes, within)
 
 
-def _seconds(offsets_ns: bytes) -> FloatArray:
-    return np.frombuffer(offsets_ns, np.int64).astype(np.float64) * 1e-9
+def _seconds(offsets_ns: bytes, windows: int) -> FloatArray:
+    t_s = np.frombuffer(offsets_ns, np.int64).astype(np.float64) * 1e-9
+    return t_s if windows == 1 else t_s.reshape(windows, -1)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from fsw.config import JointConfig
-from fsw.estimators.polynomial import NodeFit
+from fsw.estimators.polynomial import WindowFit
 from fsw.messages import Block, FloatArray
 
 SHORT_WINDOWS = 2.0  # a longer gap is bridged by the speed limit alone
@@ -72,7 +72,7 @@ class SpeedMotion:
         self._end = _End(end_ns, q, qd, qdd, walk)
 
     def added(
-        self, motion: FloatArray, fits: Sequence[NodeFit], start_ns: int, stop_ns: int
+        self, motion: FloatArray, fits: Sequence[WindowFit], start_ns: int, stop_ns: int
     ) -> FloatArray:
         """Add the angles at the window's start to the angles; return the walk up to there.
 

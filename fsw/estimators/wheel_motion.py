@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from fsw.config import WheelConfig
-from fsw.estimators.window_fit import Instants
+from fsw.estimators.window_fit import Instants, Wanted, fit_windows
 from fsw.messages import ChannelWindow, FloatArray, IntArray
 
 BEFORE_PERIODS = 4.0  # samples so many report periods before the window are used too
@@ -101,7 +101,8 @@ class WheelMotion:
         if len(channel.t_ns) < LEAST_PER_NODE * instants.nodes:
             return None
         values, sigma = J * channel.values[:, :1], J * self._config.speed_noise_rad_s
-        (found,) = instants.fitted(values, np.array([np.inf]), instants.degree, orders)
+        wanted = Wanted(instants, values, np.array([np.inf]), instants.degree, orders)
+        (found,) = fit_windows([wanted])[0].channels
         if found.fit is None:
             return None
         h, hd = found.values.reshape(2, -1)

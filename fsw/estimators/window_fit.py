@@ -1,16 +1,19 @@
-"""Polynomials through the channels of one window that share their instants, without outliers.
+"""Polynomials through the channels of windows that share their instants, without outliers.
 
-Channels sampled at the same instants are fitted in one matrix product; one with outliers is fitted
-again without them. Outliers are judged by their distance from the window's own polynomial.
+Channels sampled at the same instants are fitted in one matrix product, and so are the windows that
+have as many samples; a channel with outliers is fitted again without them. Outliers are judged by
+their distance from the window's own polynomial. A window's fit does not depend on the others.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.estimators.found_noise import LAGS, gapped_products, mean_products
-from fsw.estimators.polynomial import NodeFit, lower_fit, node_fit
+from fsw.estimators.polynomial import NodeFit, WindowFit, lower_fit, node_fit
 from fsw.messages import FloatArray
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
@@ -21,7 +24,7 @@ MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs m
 class ChannelFit:
     """A channel at the nodes without its outliers; fit None: no polynomial can be had."""
 
-    fit: NodeFit | None
+    fit: WindowFit | None
     values: FloatArray  # (derivatives times nodes, width)
     removed: int
 
@@ -35,100 +38,177 @@ NO_FIT = ChannelFit(None, np.empty(0), 0)
 
 @dataclass(frozen=True, slots=True)
 class Instants:
-    """The instants at which some channels were sampled.
+    """The instants at which some channels of windows were sampled; as many in each window.
 
     `degree` is the highest that is fitted: the others share its factorisation.
     """
 
-    offsets_ns: bytes  # int64, from the window's centre
+    offsets_ns: bytes  # int64, from the window's centre, window by window
     half_s: float
     nodes: int
     degree: int
+    windows: int = 1
 
-    def fitted(
-        self,
-        values: FloatArray,
-        sigmas: FloatArray,
-        degree: int,
-        orders: tuple[int, ...],
-        *,
-        width: int = 1,
-        min_fill: float = 0.0,
-    ) -> list[ChannelFit]:
-        """Fit channels, all in one product; those with an outlier again.
+    def fit(self, degree: int) -> NodeFit:
+        """Return the polynomials through all of them."""
+        own = self.offsets_ns, self.windows, self.half_s
+        if degree == self.degree:
+            return node_fit(*own, degree, self.nodes)
+        return lower_fit(*own, degree, self.nodes, self.degree)
 
-        Parameters
-        ----------
-        values : (k, channels times width) samples; rows that are not finite are not used
-        sigmas : (channels,) by which outliers are judged: noise of a sample
-        orders : of the derivatives wanted at the nodes
-        min_fill : share of the samples that must be finite
-        """
-        fit = self._fit(degree)
-        coefficients = fit.coefficients(values)
-        worst = np.abs(fit.residuals(values, coefficients)).max(axis=0)
-        clean = worst.reshape(-1, width).max(axis=1) <= GATE_SIGMAS * sigmas
-        at_nodes, found = fit.operators(orders) @ coefficients, list[ChannelFit]()
-        for i, is_clean in enumerate(clean.tolist()):
-            own = slice(i * width, (i + 1) * width)
-            if is_clean:
-                found.append(ChannelFit(fit, at_nodes[:, own], 0))
-            else:
-                found.append(self._robust(values[:, own], sigmas[i], degree, orders, min_fill))
+    def kept(self, keep: NDArray[np.bool_], degree: int) -> Self:
+        """Return those to keep of one window, as if there were no others."""
+        offsets_ns = np.frombuffer(self.offsets_ns, np.int64)[keep].tobytes()
+        high = self.degree if keep.sum() > self.degree + 1 else degree
+        return type(self)(offsets_ns, self.half_s, self.nodes, high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wanted:
+    """Channels of one window to be fitted alike.
+
+    Attributes
+    ----------
+    values : (k, channels times width) samples; rows that are not finite are not used
+    sigmas : (channels,) by which outliers are judged: noise of a sample
+    orders : of the derivatives wanted at the nodes
+    min_fill : share of the samples that must be finite
+    samples : periods in a window, where the products of what the highest polynomial leaves are
+        wanted; 0: they are not
+    """
+
+    instants: Instants  # of one window
+    values: FloatArray
+    sigmas: FloatArray
+    degree: int
+    orders: tuple[int, ...]
+    width: int = 1
+    min_fill: float = 0.0
+    samples: int = 0
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What those have in common that are fitted at once."""
+        at = self.instants
+        own = len(at.offsets_ns), at.half_s, at.nodes, at.degree, self.values.shape[1]
+        return *own, self.degree, self.orders, self.width, self.samples
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """The fits of the channels of one `Wanted`.
+
+    Attributes
+    ----------
+    samples : of each channel in the window
+    products : (L, columns) mean products of what the highest polynomial leaves; zero where a sample
+        is not finite, or two lie in the same of the window's periods, and where none are wanted
+    """
+
+    channels: Sequence[ChannelFit]
+    samples: int
+    products: FloatArray
+
+
+def fit_windows(wanted: Sequence[Wanted]) -> list[Fitted]:
+    """Fit channels of any windows, all of a kind in one product; those with an outlier again."""
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for place, own in enumerate(wanted):
+        alike.setdefault(own.kind, []).append(place)
+    found: list[Fitted | None] = [None] * len(wanted)
+    for places in alike.values():
+        group = [wanted[place] for place in places]
+        for place, fitted in zip(places, _fit_alike(group), strict=True):
+            found[place] = fitted
+    return [fitted for fitted in found if fitted is not None]
+
+
+def _fit_alike(group: Sequence[Wanted]) -> list[Fitted]:
+    """Fit those of a kind; where instants are too alike for a polynomial, theirs alone fail."""
+    first, instants = group[0], _stacked([own.instants for own in group])
+    orders, width = first.orders, first.width
+    try:
+        fit = instants.fit(first.degree)
+    except np.linalg.LinAlgError:
+        if len(group) > 1:
+            return [fitted for own in group for fitted in _fit_alike([own])]
+        samples, columns = first.values.shape
+        return [Fitted([NO_FIT] * len(first.sigmas), samples, np.zeros((len(LAGS), columns)))]
+    values, sigmas = first.values[None], first.sigmas
+    if len(group) > 1:
+        values, sigmas = np.stack([w.values for w in group]), np.stack([w.sigmas for w in group])
+    coefficients = fit.coefficients(values)
+    worst = np.abs(fit.residuals(values, coefficients)).max(axis=1)
+    clean = worst.reshape(len(group), -1, width).max(axis=2) <= GATE_SIGMAS * sigmas
+    at_nodes = fit.operators(orders) @ coefficients
+    products = _products(group, instants, values)
+    found = []
+    rows = zip(group, at_nodes, clean.tolist(), strict=True)
+    for at, (own, columns, are_clean) in enumerate(rows):
+        window_fit = WindowFit(fit, at if instants.windows > 1 else ())
+        channels = [
+            ChannelFit(window_fit, columns[:, i * width : (i + 1) * width], 0)
+            if is_clean
+            else _robust(own, i)
+            for i, is_clean in enumerate(are_clean)
+        ]
+        found.append(Fitted(channels, len(own.values), products[at]))
+    return found
+
+
+def _stacked(windows: Sequence[Instants]) -> Instants:
+    """Return the instants of some windows; those of one where all are the same."""
+    first, parts = windows[0], [own.offsets_ns for own in windows]
+    if parts.count(parts[0]) == len(parts):
+        return first
+    return Instants(b"".join(parts), first.half_s, first.nodes, first.degree, len(parts))
+
+
+def _products(group: Sequence[Wanted], instants: Instants, values: FloatArray) -> FloatArray:
+    """Return `Fitted.products` (windows, L, columns) of samples (windows, k, columns)."""
+    B, k, columns = values.shape
+    found, samples = np.zeros((B, len(LAGS), columns)), group[0].samples
+    if not samples:
         return found
+    period_ns = 2e9 * instants.half_s / samples
+    offsets_ns = np.frombuffer(b"".join(own.instants.offsets_ns for own in group), np.int64)
+    since_ns = offsets_ns.reshape(B, k) - offsets_ns.reshape(B, k)[:, :1]
+    place = np.rint(since_ns / period_ns).astype(np.int64)
+    steps = place[:, 1:] - place[:, :-1]
+    least = steps.min(axis=1)
+    whole = (least == 1) & (steps.max(axis=1) == 1)
+    fit = instants.fit(instants.degree)
+    with np.errstate(invalid="ignore", over="ignore"):
+        left = fit.residuals(values, fit.coefficients(values))
+        if whole.any():
+            side_by_side = left[whole].transpose(1, 0, 2).reshape(k, -1)
+            own = mean_products(side_by_side).reshape(len(LAGS), -1, columns)
+            found[whole] = own.transpose(1, 0, 2)
+        for at in np.flatnonzero((least >= 1) & ~whole).tolist():
+            found[at] = gapped_products(left[at], place[at])
+    return found if np.isfinite(found).all() else np.nan_to_num(found, posinf=0.0, neginf=0.0)
 
-    def products(self, values: FloatArray, samples: int) -> FloatArray:
-        """Return the mean products (L, k) of what the highest polynomial leaves of channels.
 
-        Zero where a sample is not finite, or two lie in the same of the window's `samples` periods.
-        """
-        fit = self._fit(self.degree)
-        with np.errstate(invalid="ignore", over="ignore"):
-            left = fit.residuals(values, fit.coefficients(values))
-            period_ns = 2e9 * self.half_s / samples
-            offsets_ns = np.frombuffer(self.offsets_ns, np.int64)
-            place = np.rint((offsets_ns - offsets_ns[0]) / period_ns).astype(np.int64)
-            steps = np.diff(place)
-            if (steps < 1).any():
-                return np.zeros((len(LAGS), left.shape[1]))
-            products = mean_products(left) if (steps == 1).all() else gapped_products(left, place)
-        whole = bool(np.isfinite(products).all())
-        return products if whole else np.nan_to_num(products, nan=0.0, posinf=0.0, neginf=0.0)
-
-    def _fit(self, degree: int, keep: NDArray[np.bool_] | None = None) -> NodeFit:
-        """Return the fit of all instants, or of those to keep as if there were no others."""
-        offsets_ns, high = self.offsets_ns, self.degree
-        if keep is not None:
-            offsets_ns = np.frombuffer(offsets_ns, np.int64)[keep].tobytes()
-            high = high if keep.sum() > high + 1 else degree
-        if degree == high:
-            return node_fit(offsets_ns, self.half_s, degree, self.nodes)
-        return lower_fit(offsets_ns, self.half_s, degree, self.nodes, high)
-
-    def _robust(
-        self,
-        values: FloatArray,
-        sigma: float,
-        degree: int,
-        orders: tuple[int, ...],
-        min_fill: float,
-    ) -> ChannelFit:
-        """Fit one channel (k, width), leaving outliers out."""
-        least, removed = 2 * (degree + 1), 0
-        keep = np.asarray(np.isfinite(values).all(axis=1))
-        if not keep.all() and keep.sum() < max(min_fill * len(keep), least):
-            return NO_FIT
-        for _ in range(MAX_PASSES):
-            fit = self._fit(degree, None if keep.all() else keep)
-            coefficients = fit.coefficients(values[keep])
-            good = _inliers(fit.residuals(values[keep], coefficients), sigma)
-            if good.all():
-                return ChannelFit(fit, fit.operators(orders) @ coefficients, removed)
-            removed += int(np.sum(~good))
-            keep[keep] = good
-            if keep.sum() < least:
-                break
-        return ChannelFit(None, np.empty(0), removed)
+def _robust(own: Wanted, channel: int) -> ChannelFit:
+    """Fit one channel (k, width), leaving outliers out."""
+    degree, sigma = own.degree, own.sigmas[channel]
+    values = own.values[:, channel * own.width : (channel + 1) * own.width]
+    least, removed = 2 * (degree + 1), 0
+    keep = np.asarray(np.isfinite(values).all(axis=1))
+    if not keep.all() and keep.sum() < max(own.min_fill * len(keep), least):
+        return NO_FIT
+    for _ in range(MAX_PASSES):
+        instants = own.instants if keep.all() else own.instants.kept(keep, degree)
+        fit = instants.fit(degree)
+        coefficients = fit.coefficients(values[keep])
+        good = _inliers(fit.residuals(values[keep], coefficients), sigma)
+        if good.all():
+            return ChannelFit(WindowFit(fit), fit.operators(own.orders) @ coefficients, removed)
+        removed += int(np.sum(~good))
+        keep[keep] = good
+        if keep.sum() < least:
+            break
+    return ChannelFit(None, np.empty(0), removed)
 
 
 def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:

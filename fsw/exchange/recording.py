@@ -25,6 +25,7 @@ from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Metadata
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
+from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from fsw.config.text import MAX_TEXT_BYTES, kind_of
@@ -70,23 +71,32 @@ class Column(NamedTuple):
     data: bytes  # of the piece
     spans: IntArray  # (k, 3) log time [ns], first byte and byte behind each message
 
-    def frames(self) -> FrameArray:
-        """Return them as frames of a bus; what is no frame is left out."""
-        spans = self.spans
-        sizes = spans[:, 2] - spans[:, 1]
-        width = int(sizes[0])
-        if width in (CLASSIC_BYTES, FD_BYTES) and np.count_nonzero(sizes == width) == len(sizes):
-            octets = np.frombuffer(self.data, np.uint8)
-            rows = np.lib.stride_tricks.sliding_window_view(octets, width)[spans[:, 1]]
-        else:
-            parts = (self.data[a:b] for _, a, b in spans.tolist())
-            padded = [part[:FD_BYTES].ljust(FD_BYTES, b"\0") for part in parts]
-            rows = np.frombuffer(b"".join(padded), np.uint8).reshape(-1, FD_BYTES)
-        return frames_from(spans[:, 0], rows, sizes)
+    def rows(self) -> NDArray[np.uint8] | None:
+        """Return them as rows of bytes; None unless all are classic frames of a bus, or all FD."""
+        starts, stops = self.spans[:, 1], self.spans[:, 2]
+        width = int(stops[0] - starts[0])
+        if width not in (CLASSIC_BYTES, FD_BYTES) or np.count_nonzero(stops - starts != width):
+            return None
+        return _windows(self.data, width)[starts].view(np.uint8).reshape(-1, width)
 
     def chunks(self) -> list[ByteChunk]:
         """Return them as chunks of a serial line."""
         return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans.tolist()]
+
+
+def frames_of(columns: Sequence[Column]) -> FrameArray:
+    """Return the messages of some columns as frames of a bus; what is no frame is left out."""
+    spans = np.concatenate([column.spans for column in columns])
+    sizes, found = spans[:, 2] - spans[:, 1], [column.rows() for column in columns]
+    parts = [part for part in found if part is not None]
+    if len(parts) < len(found) or len({part.shape[1] for part in parts}) > 1:
+        padded = [
+            column.data[a:b][:FD_BYTES].ljust(FD_BYTES, b"\0")
+            for column in columns
+            for _, a, b in column.spans.tolist()
+        ]
+        parts = [np.frombuffer(b"".join(padded), np.uint8).reshape(-1, FD_BYTES)]
+    return frames_from(spans[:, 0], np.concatenate(parts), sizes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -297,14 +307,18 @@ def _indexed(data: bytes, at: IntArray, topics: Mapping[int, str]) -> dict[str, 
     size = len(data)
     if not at.size or at[0] != 0 or at[-1] > size - _HEADS.itemsize:
         return None
-    heads = np.ndarray((size - _HEADS.itemsize + 1,), _HEADS, data, strides=(1,))[at]
+    heads = _windows(data, _HEADS.itemsize)[at].view(_HEADS)
     stops = at + _RECORD_HEAD.size + heads["length"].astype(np.int64)
     is_message = heads["opcode"] == int(Opcode.MESSAGE)
     follows = (stops == np.append(at[1:], size)) & (stops - at >= _HEADS.itemsize)
     if not (is_message & follows).all():
         return None
     spans = np.stack([heads["t_ns"], at + _HEADS.itemsize, stops], axis=1)
-    own = {topic: spans[heads["channel"] == channel] for channel, topic in topics.items()}
+    channels = heads["channel"]
+    own = {
+        topic: spans.take(np.flatnonzero(channels == channel), axis=0)
+        for channel, topic in topics.items()
+    }
     return {topic: Column(data, found) for topic, found in own.items() if len(found)}
 
 
@@ -327,6 +341,11 @@ def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
         for channel, found in spans.items()
         if found
     }
+
+
+def _windows(data: bytes, width: int) -> NDArray[np.void]:
+    """Return the `width` bytes from every place on at which so many follow."""
+    return np.ndarray((len(data) - width + 1,), f"V{width}", data, strides=(1,))
 
 
 @dataclass(slots=True)

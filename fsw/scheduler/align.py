@@ -267,14 +267,17 @@ class Aligner:
             late = self._add(self._attitude, _ONLY, samples.t_ns, received_ns, samples.q_NB_xyzw)
             self._late["star_tracker"] += int(late.sum())
 
-    def close(self, now_ns: int) -> list[Window]:
-        """Close every window whose deadline has come; empty ones too, marked missing."""
+    def close(self, now_ns: int, limit: int | None = None) -> list[Window]:
+        """Close every window whose deadline has come; empty ones too, marked missing.
+
+        None is closed from index `limit` on.
+        """
         windows: list[Window] = []
         if self._t0_ns is None:
             return windows
         if self._deadline(self._next) <= now_ns:
             self._sort_in()
-        while self._deadline(self._next) <= now_ns:
+        while self._deadline(self._next) <= now_ns and (limit is None or self._next < limit):
             windows.append(self._close_next(self._t0_ns))
         return windows
 

@@ -203,9 +203,9 @@ class FakeConditioner:
     def __init__(self) -> None:
         self.windows: list[Window] = []
 
-    def condition(self, window: Window) -> Block | None:
-        self.windows.append(window)
-        return make_block(window.index)
+    def blocks(self, windows: Sequence[Window]) -> list[Block | None]:
+        self.windows += windows
+        return [make_block(window.index) for window in windows]
 
 
 class FakeEstimator:

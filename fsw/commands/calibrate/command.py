@@ -60,7 +60,7 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
     try:
         if arguments.mode == "rest":
             seen = read(config)
-            figures = rest_figures(config, problem, seen.windows, seen.blocks)
+            figures = rest_figures(config, problem, seen.windows, seen.made)
         else:
             figures = motion_figures(config, read, progress)
     except (ConfigError, EstimatorError):
@@ -95,9 +95,9 @@ def _replayed(
         result = replay(recording, config, pipeline=pipeline, span=span, progress=tell)
         if result.truncated:
             tell(f"warning: {result.cut_off()}")
-        first = 1 + every.blocks[-1].index if every.blocks else 0
+        first = 1 + every.made[-1].index if every.made else 0
         every.windows += seen.windows
-        every.blocks += [replace(own, index=first + own.index) for own in seen.blocks]
+        every.made += [replace(own, index=first + own.index) for own in seen.made]
     return every
 
 

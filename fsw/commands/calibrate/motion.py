@@ -63,7 +63,7 @@ def motion_figures(config: Config, read: Read, progress: Progress | None) -> lis
         if config.imu.present and config.joints:
             problem = with_delays(problem, WIDE_DELAY_S)
         seen = read(stamped)
-        blocks = sound_blocks(seen.blocks)
+        blocks = sound_blocks(seen.made)
         if not blocks:
             raise EstimatorError("no usable window in this recording")
         mean, covariance = _solved(problem, blocks, config.estimator.gate_probability, progress)

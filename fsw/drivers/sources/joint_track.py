@@ -1,7 +1,7 @@
 """Joint nodes: calibration, plausibility and bookkeeping of their samples."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import tau
 from typing import Any
 
@@ -24,6 +24,7 @@ HISTORY_SYNCS = 1024  # SYNCs over which losses are settled
 CHAIN = 3  # samples in unbroken, consistent order ...
 CHAIN_S = 0.1  # ... over at least this time are believed against the last accepted one
 SLACK_SIGMAS = 10.0
+PART = 128  # samples of a batch that are looked at together where the whole is not regular
 _MASK = (1 << HISTORY_SYNCS) - 1
 
 Refused = tuple[int, Reject, Fault | None]  # place in the batch, reason, and what it shows
@@ -195,6 +196,11 @@ class Readings:
     torque_nm: FloatArray  # NaN: not judged
     in_time: NDArray[np.bool_]
 
+    def within(self, start: int, stop: int) -> "Readings":
+        """Return those in [start, stop)."""
+        columns = (getattr(self, column.name)[start:stop] for column in fields(self))
+        return Readings(*columns)
+
 
 class JointTracks:
     """All joints of a bus.
@@ -236,17 +242,25 @@ class JointTracks:
         regular = self._accept_regular(present, [bounds[k] for k in present], readings)
         refused: list[Refused] = []
         for k in present:
-            if k in regular:
+            if k not in regular:
+                refused += self._judge_parts(k, bounds[k], bounds[k + 1], readings)
+        return refused
+
+    def _judge_parts(self, k: int, start: int, stop: int, readings: Readings) -> list[Refused]:
+        """Judge the readings of a joint that are not regular together: part by part."""
+        refused: list[Refused] = []
+        for first in range(start, stop, PART):
+            part = readings.within(first, min(first + PART, stop))
+            if stop - start > PART and self._accept_regular([k], [0], part):
                 continue
-            start, part = bounds[k], slice(bounds[k], bounds[k + 1])
             found = self._tracks[k].judge(
-                readings.sync[part].tolist(),
-                readings.t_ns[part].tolist(),
-                readings.position_rad[part].tolist(),
-                readings.torque_nm[part].tolist(),
-                readings.in_time[part].tolist(),
+                part.sync.tolist(),
+                part.t_ns.tolist(),
+                part.position_rad.tolist(),
+                part.torque_nm.tolist(),
+                part.in_time.tolist(),
             )
-            refused += [(start + place, reason, fault) for place, reason, fault in found]
+            refused += [(first + place, reason, fault) for place, reason, fault in found]
         return refused
 
     def _accept_regular(self, present: list[int], starts: list[int], r: Readings) -> set[int]:

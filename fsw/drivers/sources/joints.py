@@ -19,7 +19,7 @@ from fsw.drivers.sources.joint_track import (
     Readings,
 )
 from fsw.drivers.sources.sync import UNKNOWN, SyncHistory
-from fsw.drivers.wire import MAX_DATA_BYTES, CanFrame, FrameArray, Reject, frame_at
+from fsw.drivers.wire import MAX_DATA_BYTES, CanFrame, FrameArray, Reject, frame_at, picked
 from fsw.messages import IntArray, JointSamples, joined
 from fsw.messages.findings import Fault, Finding
 
@@ -158,14 +158,14 @@ class JointBusSource:
         is_slow = (words > canopen.COB_TPDO2) & (words <= canopen.COB_TPDO2 | canopen.NODE_MASK)
         if np.count_nonzero(is_slow):
             is_slow[is_slow] = self._place[words[is_slow] & canopen.NODE_MASK] >= 0
-            self._slow_values(frames[is_slow])
+            self._slow_values(picked(frames, is_slow))
         rows = np.flatnonzero(is_answer)
         node = self._place[words[rows] & canopen.NODE_MASK]
         syncs, others = self._others(frames, np.flatnonzero(~(is_answer | is_slow)))
         if np.count_nonzero(node < 0):
             others += self._unknown(frames, rows[node < 0])
             rows, node = rows[node >= 0], node[node >= 0]
-        samples = self._answers(frames[rows], rows, node, syncs, others)
+        samples = self._answers(frames.take(rows), rows, node, syncs, others)
         if syncs:
             self._settle(syncs)
         return samples
@@ -173,7 +173,7 @@ class JointBusSource:
     def _slow_values(self, frames: FrameArray) -> None:
         """Keep the newest slow frame of every joint; it is decoded when it is asked for."""
         self._other_frames += len(frames)
-        whole = frames[frames["length"] == canopen.TPDO2_BYTES]
+        whole = picked(frames, frames["length"] == canopen.TPDO2_BYTES)
         places = self._place[whole["word"] & canopen.NODE_MASK].tolist()
         self._slow.update(zip(places, whole["data"], strict=True))
 
@@ -181,15 +181,15 @@ class JointBusSource:
         """Accept what is no sample: SYNCs, error frames, slower services; return what they show."""
         syncs: list[Mark] = []
         others: list[Mark] = []
-        part = frames[rows]
+        part = frames.take(rows)
         is_sync = part["word"] == canopen.COB_SYNC
-        own = part[is_sync]
+        own = picked(part, is_sync)
         if len(own) and (own["length"] == 1).all():
             first, places, stamps_ns = self._syncs.count, rows[is_sync], own["t_ns"].tolist()
             if self._syncs.follow(own["data"][:, 0].tolist(), stamps_ns, places.tolist()):
                 indexes = range(first, self._syncs.count)
                 syncs += map(Mark, places.tolist(), stamps_ns, indexes)
-                rows, part = rows[~is_sync], part[~is_sync]
+                rows, part = rows[~is_sync], picked(part, ~is_sync)
         data, width = part["data"].tobytes(), MAX_DATA_BYTES
         columns = (rows, part["word"], part["length"], part["t_ns"])
         items = zip(*(column.tolist() for column in columns), strict=True)

@@ -67,7 +67,7 @@ class ThrusterBusSource:
             self._syncs.add(data[row, :length].tobytes(), self._now_ns, row)
         is_report = words & ~np.uint32(canopen.NODE_MASK) == canopen.COB_TPDO1
         rows = np.flatnonzero(is_report & np.isin(words & canopen.NODE_MASK, list(self._nodes)))
-        own, found = frames[rows], list[tuple[int, int, int, float, float]]()
+        own, found = frames.take(rows), list[tuple[int, int, int, float, float]]()
         t_ns = own["t_ns"].astype(np.int64)
         pdo = thruster.decode_tpdo1(own["data"][:, : thruster.TPDO1_BYTES])
         index, sync_ns, _ = self._syncs.match(pdo.sync_counter, rows, t_ns)

@@ -67,7 +67,7 @@ class WheelBusSource:
             if not isinstance(slow, Reject):
                 self._temperature_degc[int(place[row])] = slow
         rows = np.flatnonzero((place >= 0) & (function == canopen.COB_TPDO1))
-        return self._reports(frames[rows], rows, place[rows])
+        return self._reports(frames.take(rows), rows, place[rows])
 
     def _reports(self, frames: FrameArray, rows: NDArray[np.intp], place: IntArray) -> WheelSamples:
         t_ns, length = frames["t_ns"].astype(np.int64), frames["length"]

@@ -31,6 +31,8 @@ MAX_ITERATIONS = 60
 MAX_PLAIN_STEPS = 40  # from 30-50 % wrong starts up to 18 were seen
 PROFILE_ITERATIONS = 4  # of every point of a profile
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
+NEGLIGIBLE = 1e-6  # of a step that is not worth the rows where it leads
+DAMPING = 1e-3  # at first
 NOISE_PROBABILITY = 1e-3  # of so large a step to the nearest consistent body by noise alone
 WEAKEST_GAIN = (
     0.5  # prior variance over posterior variance, minus one, of the least known direction
@@ -115,7 +117,7 @@ def minimise(
             return light
     theta = _to_theta(problem, x)
     x = _to_x(problem, theta)
-    damping, iterations, status = 1e-3, 0, "NOT_CONVERGED"
+    damping, iterations, status = DAMPING, 0, "NOT_CONVERGED"
     stacked, b = target(x)
     cost = _cost(prior, x, b)
     while iterations < max_iterations:
@@ -129,6 +131,11 @@ def minimise(
         accepted = False
         while not accepted and damping < 1e10:
             step = np.linalg.solve(N + damping * np.diag(np.diag(N)), g)
+            moved = float(np.sqrt(step @ N @ step / len(step)))
+            if moved < NEGLIGIBLE and damping <= DAMPING:
+                trial_theta, trial, trial_stacked, trial_b, trial_cost = theta, x, stacked, b, cost
+                accepted = True
+                break
             trial_theta = theta + _bounded(problem, step)
             trial = _to_x(problem, trial_theta)
             try:
@@ -140,7 +147,6 @@ def minimise(
             damping = max(damping / 10, 1e-12) if accepted else damping * 10
         if not accepted:
             break
-        moved = float(np.sqrt(step @ N @ step / len(step)))
         theta, x, stacked, b, cost = trial_theta, trial, trial_stacked, trial_b, trial_cost
         if progress is not None and not progress(
             min(1.0, iterations / 10), f"iteration {iterations}: step {moved:.2g} sigma"

@@ -3,8 +3,6 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
-import numpy as np
-
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.sources import (
@@ -20,7 +18,7 @@ from fsw.drivers.sources.samples import (
     joint_samples,
     wheel_samples,
 )
-from fsw.drivers.wire import ByteChunk, FrameArray
+from fsw.drivers.wire import ByteChunk, FrameArray, joined, picked
 from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS, CanTraffic, SerialTraffic
 from fsw.exchange.status import source_samples
 from fsw.messages import Samples
@@ -62,10 +60,10 @@ class BusChannel:
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
-        frames = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
+        frames = joined(waiting)
         for other in self.others:
             yield other.feed(frames), False
-            frames = frames[~other.owns(frames)]
+            frames = picked(frames, ~other.owns(frames))
         yield self.source.feed(frames), True
 
     def findings(self) -> list[Finding]:

@@ -78,6 +78,11 @@ class Dispatcher:
         self.saved: Snapshot | None = None  # what restore_state goes back to
         self.checkpoint_due = False  # a command has changed the state, or wants it kept
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether windows do not reach the estimator, and no recorded command may change that."""
+        return not (self.identifying or self._planned)
+
     def plan(self, window: int, command: Command, clean_window: int = 0) -> None:
         """Apply a recorded command right before the given window; call in order.
 

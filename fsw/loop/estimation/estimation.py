@@ -5,7 +5,8 @@ in the same process: nothing here knows which. A window is worked off as soon as
 come between two windows.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -200,24 +201,35 @@ class Estimation(NullSink):
         if self._end_ns is not None and self.counts_from_ns <= self._end_ns < end.now_ns:
             self._sampled.add(self._now_ns() - self._end_ns)
         self._end_ns = end.now_ns
-        while (deadline_ns := align.deadline_ns) is not None and deadline_ns <= end.now_ns:
-            if align.next_index >= self.window_limit:
-                break
-            for window in align.close(deadline_ns):
+        due = align.close(end.now_ns, self.window_limit)
+        if self.dispatcher.is_idle:
+            with self._begun_again():
+                self._pass_on(due)
+        else:
+            for window in due:
                 self.work_off(window)
         self._look(end)
         self._hand_over(end.now_ns)
         if self._keep_ns is not None and end.now_ns - self._kept_ns >= self._keep_ns:
             self._keep()
 
+    def _pass_on(self, windows: Sequence[Window]) -> None:
+        """Make the blocks of windows that do not reach the estimator, all at once."""
+        judged = [self.health.judge(window) for window in windows]
+        for block in self._pipeline.conditioner.blocks(judged):
+            if block is None:
+                self.unusable_windows += 1
+            else:
+                self._sink.put(block)
+
     def _use(self, window: Window) -> None:
         self.apply_planned(window.index)
-        block = self._pipeline.conditioner.condition(self.health.judge(window))
+        if not self.dispatcher.identifying or window.index < self.dispatcher.first_window:
+            self._pass_on((window,))
+            return
+        (block,) = self._pipeline.conditioner.blocks((self.health.judge(window),))
         if block is None:
             self.unusable_windows += 1
-            return
-        if not self.dispatcher.identifying or window.index < self.dispatcher.first_window:
-            self._sink.put(block)
             return
         estimator = self._pipeline.estimator
         try:
@@ -283,8 +295,13 @@ class Estimation(NullSink):
 
     def work_off(self, window: Window) -> None:
         """Work off a window whole; where arithmetic fails the estimate begins at the prior."""
-        try:
+        with self._begun_again():
             self._use(window)
+
+    @contextmanager
+    def _begun_again(self) -> Iterator[None]:
+        try:
+            yield
         except (EstimatorError, ArithmeticError, ValueError) as error:  # LinAlgError too
             self._pipeline.estimator.reset()
             self._report("high", "ESTIMATOR_RESET", unforeseen(error))

@@ -9,6 +9,7 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from fsw.config import ThrusterConfig
 from fsw.estimators.conditioning import Conditioner, build_conditioner
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, ChannelWindow, Window
@@ -27,6 +28,7 @@ from tests.support.estimator_cases import (
     sampled_window,
     true_block,
 )
+from tests.support.thruster_cases import thruster_settings
 
 START_S = 20.0
 
@@ -230,6 +232,85 @@ def test_stamps_that_jitter_are_fitted_at_their_own_instants() -> None:
     block = used.condition(with_joint(clean, 0, moved))
     assert block is not None
     np.testing.assert_allclose(block.qd_rad_s[:, 0], expected, rtol=1e-10, atol=1e-12)
+
+
+def jittered(old: ChannelWindow, rng: np.random.Generator) -> ChannelWindow:
+    return replace(old, t_ns=old.t_ns + rng.integers(-20_000, 20_000, len(old.t_ns)))
+
+
+def all_sorts(rng: np.random.Generator) -> list[Window]:
+    """Windows on an exact grid and on one that jitters; lacking samples, spoilt, and missing."""
+    plain = [sampled_window(motion("target"), rng, 3.0 + WINDOW_S * k, k) for k in range(12)]
+    lacking = with_joint(plain[3], 2, without(plain[3].joints[2], [0, 10, 11, 150]))
+    lacking = replace(lacking, gyro=without(lacking.gyro, [7]))
+    joints = tuple(without(joint, [5, 6]) for joint in plain[4].joints)
+    spoilt = with_joint(plain[5], 1, spiked(plain[5].joints[1], [17, 90], 15.0, 1))
+    spoilt = replace(spoilt, accelerometer=spiked(spoilt.accelerometer, [60], 2.0, 1))
+    mute = plain[6].joints[4].values.copy()
+    mute[7, 1] = np.nan
+    few = without(plain[8].gyro, list(range(6, 200)))
+    none = channel(np.empty(0), np.empty((0, 3)), missing=True)
+    spread = [
+        replace(w, joints=tuple(jittered(j, rng) for j in w.joints), gyro=jittered(w.gyro, rng))
+        for w in plain[9:]
+    ]
+    found = [
+        *plain[:3],
+        lacking,
+        replace(plain[4], joints=joints),
+        spoilt,
+        with_joint(plain[6], 4, replace(plain[6].joints[4], values=mute)),
+        with_joint(plain[7], 0, replace(plain[7].joints[0], missing=True)),
+        replace(plain[8], gyro=few, accelerometer=none),
+        *spread,
+    ]
+    return [seen(w, valve_open=w.index == 6, solved=w.index % 3 == 1) for w in found]
+
+
+def seen(old: Window, *, valve_open: bool, solved: bool) -> Window:
+    """Add a valve, reported shut or suddenly open, and an attitude."""
+    t_s = old.start_ns * 1e-9 + 0.02 * (np.arange(20) + 0.5)
+    valve = channel(t_s, np.stack([np.full(20, float(valve_open)), np.zeros(20)], axis=1))
+    attitude = channel(t_s[3:4], np.array([[0.0, 0.0, 0.6, 0.8]])) if solved else NO_ATTITUDE
+    return replace(old, thrusters=(valve,), attitude=attitude)
+
+
+def test_windows_given_together_have_the_blocks_and_findings_of_one_by_one() -> None:
+    """To the bit: a recording that is replayed for a batch is what flew."""
+    windows = all_sorts(np.random.default_rng(7))
+    valve = ThrusterConfig.model_validate(thruster_settings(0))
+    config = make_config().model_copy(update={"thrusters": (valve,)})
+    alone, together, split = (Conditioner(config, tuple(range(N))) for _ in range(3))
+    blocks = [alone.condition(window) for window in windows]
+    parted = [*split.blocks(windows[:5]), *split.blocks([]), *split.blocks(windows[5:])]
+    for at_once in (together.blocks(windows), parted):
+        for own, other in zip(blocks, at_once, strict=True):
+            assert (own is None) == (other is None)
+            for field in fields(Block) if own and other else ():
+                left, right = getattr(own, field.name), getattr(other, field.name)
+                np.testing.assert_array_equal(left, right, err_msg=field.name)
+    found = alone.findings()
+    assert [block is None for block in blocks] == [k in (6, 7) for k in range(12)]
+    known = [block.has_attitude for block in blocks if block is not None]
+    assert known == [1 <= k < 6 for k in range(12) if k not in (6, 7)]
+    subjects = [finding.subject for finding in found]
+    assert subjects == [config.joints[1].name, "accelerometer", "valves", "valves"]
+    for other in (together, split):
+        assert other.findings() == found
+        assert (other.outliers, other.unusable_windows) == (alone.outliers, 2) == (3, 2)
+
+
+def test_instants_too_alike_for_a_polynomial_cost_their_own_window() -> None:
+    rng = np.random.default_rng(8)
+    good = [sampled_window(motion("target"), rng, 3.0 + WINDOW_S * k, k) for k in range(3)]
+    centre_ns = (good[1].start_ns + good[1].stop_ns) // 2
+    stuck = replace(good[1].joints[0], t_ns=np.full_like(good[1].joints[0].t_ns, centre_ns))
+    given = [good[0], with_joint(good[1], 0, stuck), good[2]]
+    blocks = conditioner().blocks(given)
+    assert blocks[1] is None
+    for k in (0, 2):
+        assert blocks[k] is not None
+        np.testing.assert_array_equal(blocks[k].q_rad, condition(good[k]).q_rad)
 
 
 def test_clean_windows_have_no_outliers() -> None:

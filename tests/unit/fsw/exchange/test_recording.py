@@ -15,7 +15,7 @@ from fsw.drivers.wire import (
     pack_frame,
     unpack_frame,
 )
-from fsw.exchange.recording import contents, messages, pieces_of
+from fsw.exchange.recording import contents, frames_of, messages, pieces_of
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages.errors import ConfigError
@@ -157,7 +157,7 @@ def test_a_time_that_no_clock_has_is_damage(tmp_path: Path, whole: bool):
 
     def decoded() -> list[FrameArray]:
         pieces = pieces_of([tmp_path / "a.mcap"], ["/can/arm"])
-        return [piece.read()["/can/arm"].frames() for piece, _ in pieces]
+        return [frames_of([piece.read()["/can/arm"]]) for piece, _ in pieces]
 
     with pytest.raises(ConfigError, match=r"a\.mcap"):
         decoded()
@@ -179,7 +179,7 @@ def test_a_column_of_mixed_sizes_gives_the_frames_there_are(tmp_path: Path):
         writer._add("/can/arm", "socketcan", 7, data)
     writer.close()
     ((piece, _),) = pieces_of([tmp_path / "a.mcap"], ["/can/arm"])
-    found = frame_list(piece.read()["/can/arm"].frames())
+    found = frame_list(frames_of([piece.read()["/can/arm"]]))
     assert found == [replace(frame, t_ns=7) for frame in FRAMES]
 
 

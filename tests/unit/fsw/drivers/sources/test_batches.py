@@ -89,10 +89,9 @@ def test_a_batch_of_many_syncs_forgets_no_loss_and_invents_none() -> None:
     assert whole["joints"][1]["lost"] == 9
 
 
-def test_a_bus_without_faults_finds_none_and_judges_no_sample_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The other tests would say nothing about whole batches if none were judged as a whole."""
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Samples that are judged one by one, call by call."""
     judged: list[int] = []
     judge = JointTrack.judge
 
@@ -101,6 +100,21 @@ def test_a_bus_without_faults_finds_none_and_judges_no_sample_alone(
         return judge(track, syncs, *columns)
 
     monkeypatch.setattr(JointTrack, "judge", spy)
+    return judged
+
+
+def test_a_fault_costs_the_part_of_a_long_batch_that_it_lies_in(judged: list[int]) -> None:
+    """The first part of each joint too, and that in which it begins to move."""
+    frames = traffic(np.random.default_rng(6), 480, [Struck("silent", NODES[1], 300, 302)])
+    single = heard(frames, [slice(k, k + 1) for k in range(len(frames))])
+    judged.clear()
+    assert heard(frames, [slice(0, len(frames))]) == single
+    assert single["joints"][1]["lost"] == 2
+    assert sum(judged) < len(NODES) * 480 / 2
+
+
+def test_a_bus_without_faults_finds_none_and_judges_no_sample_alone(judged: list[int]) -> None:
+    """The other tests would say nothing about whole batches if none were judged as a whole."""
     rng = np.random.default_rng(5)
     frames = traffic(rng, 600, [])
     source = bus()

@@ -1,0 +1,30 @@
+"""The damped solver: how many rows it asks for, and where it ends."""
+
+import numpy as np
+
+from fsw.estimators.batch.solver import minimise
+from fsw.messages import FloatArray
+from tests.support.estimator_cases import make_problem
+
+
+def test_where_plain_steps_have_settled_no_rows_are_asked_for_again() -> None:
+    """Linear rows: one plain step, one that settles, and the rows at the end; none of a trial."""
+    problem = make_problem(("target",), biases=False)
+    rng = np.random.default_rng(0)
+    sigma = np.sqrt(np.diag(problem.prior_covariance))
+    A = rng.standard_normal((60, len(sigma))) / (0.01 * sigma)
+    seen = A @ problem.prior_mean + rng.standard_normal(60)
+    asked = []
+
+    def rows(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        asked.append(x)
+        return A, seen - A @ x
+
+    solution = minimise(problem, rows)
+    assert solution.status == "OK"
+    assert len(asked) <= 3
+    known = problem.prior.at(solution.mean)
+    J = np.vstack([A, known.R])
+    r = np.concatenate([seen, known.z]) - J @ solution.mean
+    left = np.linalg.qr(J)[0].T @ r  # the step that is left [sigma]
+    assert np.abs(left).max() < 1e-5
