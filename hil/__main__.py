@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from hil.basilisk import command as vs_basilisk
 from hil.evidence import commands as evidence
 from hil.examples import EXAMPLES, STUDIES
-from hil.options import call, count
+from hil.options import call, count, seed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a scenario against the daemon and judge the result")
     run.add_argument("scenario", metavar="SCENARIO", help="a name from `hil list`, or a YAML file")
     run.add_argument("--fast", action="store_true", help="virtual time, one thread, deterministic")
-    run.add_argument("--seed", type=int, default=0, metavar="K", help="fixes every random bit")
+    run.add_argument("--seed", type=seed, default=0, metavar="K", help="fixes every random bit")
     run.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     run.add_argument(
         "--out", type=Path, metavar="DIR", help="keep configuration, recording, picture, result"
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
         "seeds", help="many seeds of a scenario, and what they say together"
     )
     seeds.add_argument("scenario", metavar="SCENARIO")
-    seeds.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
+    seeds.add_argument("--first", type=seed, default=0, metavar="K", help="first seed, 0")
     seeds.add_argument("--count", type=count, default=10, metavar="N", help="consecutive seeds, 10")
     seeds.add_argument("--jobs", type=count, default=1, metavar="N", help="runs at a time, 1")
     seeds.add_argument(
@@ -105,7 +105,7 @@ def parser() -> argparse.ArgumentParser:
         choices=("virtual", "machine", "socketcan"),
         help="in virtual time, of the machine, on a real bus; may be repeated; all",
     )
-    faults.add_argument("--seed", type=int, default=1, metavar="N", help="fixes every bit, 1")
+    faults.add_argument("--seed", type=seed, default=1, metavar="N", help="fixes every bit, 1")
     faults.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
     faults.add_argument("--short", action="store_true", help="the selection that the tests run")
     faults.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
@@ -223,9 +223,9 @@ def _list(_arguments: argparse.Namespace) -> int:
 
 def _seeds(arguments: argparse.Namespace) -> int:
     from hil.evidence.seeds import run_seeds, show, summary
-    from hil.world.scenario import changed, load
+    from hil.evidence.settings import settled
 
-    changed(load(arguments.scenario), arguments.settings)  # what is wrong is told once, and here
+    settled(arguments.scenario, arguments.settings, arguments.first)  # what is wrong is told once
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]
@@ -242,11 +242,12 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"hil: run: {text}", file=sys.stderr)
 
     say("preparing world, devices and flight software")
+    from hil.evidence.settings import settled
     from hil.judge import judgement, page, report
     from hil.judge.text import show
     from hil.run import bench
     from hil.run.progress import meter
-    from hil.world.scenario import ScenarioError, changed, load
+    from hil.world.scenario import ScenarioError
 
     if arguments.fast and arguments.telemetry is not None:
         raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
@@ -255,7 +256,7 @@ def _run(arguments: argparse.Namespace) -> int:
     telemetry = None
     if arguments.telemetry is not None:
         telemetry = {"port": arguments.telemetry, "science_interval_s": SCIENCE_INTERVAL_S}
-    scenario = changed(load(arguments.scenario), arguments.settings)
+    scenario = settled(arguments.scenario, arguments.settings, arguments.seed)
     overrides = {k: v for k in ("method", "weighting") if (v := getattr(arguments, k)) is not None}
     with ExitStack() as stack:
         folder = arguments.out

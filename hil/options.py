@@ -13,6 +13,13 @@ def count(text: str) -> int:
     return number
 
 
+def seed(text: str) -> int:
+    """Return a seed; argparse names the option of an invalid one."""
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 0")
+    return int(text)
+
+
 def call(arguments: argparse.Namespace) -> int:
     """Call the function that a command names, with its options as keywords; return the exit code.
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.options import count
+from hil.options import count, seed
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -22,7 +22,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     """Add the subcommands."""
     fuzz = commands.add_parser("fuzz", help="coverage-guided fuzzing of every byte parser")
     fuzz.add_argument("--inputs", type=float, default=1e7, metavar="N", help="in all, 1e7")
-    fuzz.add_argument("--seed", type=int, default=0, metavar="K", help="of the mutations")
+    fuzz.add_argument("--seed", type=seed, default=0, metavar="K", help="of the mutations")
     fuzz.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     fuzz.add_argument("--keep", type=Path, metavar="DIR", help="copy a small corpus there")
     fuzz.add_argument("--only", default="", metavar="TARGET", help="all inputs for one target")
@@ -35,18 +35,20 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     fuzz.set_defaults(command=_fuzz)
     kills = commands.add_parser("kills", help="kill -9 of loop and service in a real-time run")
     kills.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
-    kills.add_argument("--seed", type=int, default=0, metavar="K", help="of instants and victims")
+    kills.add_argument("--seed", type=seed, default=0, metavar="K", help="of instants and victims")
     kills.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     kills.set_defaults(command=_kills)
     transfers = commands.add_parser("transfers", help="file transfers, a quarter interrupted")
     transfers.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
-    transfers.add_argument("--seed", type=int, default=0, metavar="K", help="of files and instants")
+    transfers.add_argument(
+        "--seed", type=seed, default=0, metavar="K", help="of files and instants"
+    )
     transfers.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed there")
     transfers.set_defaults(command=_transfers)
     wrong = commands.add_parser("mistakes", help="mistakes of configuration: valid and wrong?")
     wrong.add_argument("--case", action="append", default=[], help="target, base or both; all")
     wrong.add_argument("--only", action="append", default=[], metavar="NAME", help="this mistake")
-    wrong.add_argument("--seed", type=int, default=0, metavar="K", help="of priors and noise")
+    wrong.add_argument("--seed", type=seed, default=0, metavar="K", help="of priors and noise")
     wrong.add_argument(
         "--exact", action="store_true", help="arm and calibration declared as exact, not in doubt"
     )
@@ -59,7 +61,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
     soak.add_argument("--imu-rate", type=int, default=500, metavar="HZ", help="500")
-    soak.add_argument("--seed", type=int, default=0, metavar="K", help="fixes every bit")
+    soak.add_argument("--seed", type=seed, default=0, metavar="K", help="fixes every bit")
     soak.add_argument("--jobs", type=count, default=1, metavar="N", help="quarters at a time, 1")
     soak.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     soak.set_defaults(command=_soak)
@@ -137,7 +139,7 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
 
 def add_seeds(command: argparse.ArgumentParser, number: int, printed: str) -> None:
     """Add the arguments of evidence over seeds; `printed` is the form of its JSON."""
-    command.add_argument("--first", type=int, default=0, metavar="K", help="first seed, 0")
+    command.add_argument("--first", type=seed, default=0, metavar="K", help="first seed, 0")
     command.add_argument(
         "--count", type=count, default=number, metavar="N", help=f"seeds, {number}"
     )

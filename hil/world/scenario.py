@@ -335,11 +335,13 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         place: Any = sections
         for name in path:
             place = place.get(name) if isinstance(place, dict) else None
-        if not is_set or not path or not isinstance(place, dict):
+        if not is_set or not path or path[0] not in sections:
             raise ScenarioError(
                 f"--set {setting}: must be sensors.KEY=VALUE, flight.KEY=VALUE, timing.KEY=VALUE "
                 "or trajectories.KEY=FILE"
             )
+        if not isinstance(place, dict):
+            raise ScenarioError(f"--set {setting}: {_no_section(sections, path)}")
         try:
             place[last] = yaml.safe_load(value)
         except yaml.YAMLError as error:
@@ -351,6 +353,21 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
     )
     _check("--set ", sections["sensors"], sections["flight"])
     return replace(scenario, **sections, **timing.model_dump(), **motions.model_dump())
+
+
+def _no_section(sections: Mapping[str, Any], path: Sequence[str]) -> str:
+    """Say where the way to a setting ends, and which sections there are."""
+    place: Any = sections
+    for k, name in enumerate(path):
+        inner = place.get(name)
+        if not isinstance(inner, dict):
+            above = ".".join(path[:k])
+            found = ", ".join(key for key, value in place.items() if isinstance(value, dict))
+            other = [key for key, section in sections.items() if name in section and key != above]
+            hint = f"did you mean {other[0]}.{name}? " if other else ""
+            return f"{above} has no section {name!r}; {hint}it has: {found or 'none'}"
+        place = inner
+    raise AssertionError(path)
 
 
 def at_rates(scenario: Scenario, rate_hz: float, imu_rate_hz: int) -> Scenario:

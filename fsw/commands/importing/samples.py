@@ -25,9 +25,13 @@ from fsw.commands.importing.mapping import (
 )
 from fsw.commands.importing.stamps import judged
 from fsw.commands.importing.tables import Table
+from fsw.commands.importing.usable import Part, usable
 from fsw.config import Config
+from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
+from fsw.drivers.sources.joint_track import SLACK_SIGMAS, Calibration
 from fsw.drivers.sources.samples import (
     FORCE,
+    NORM_TOLERANCE,
     POSITION,
     QUATERNION,
     RATE,
@@ -47,6 +51,7 @@ UNITS = {
     QUATERNION: "",
     SPEED: "rad/s",
 }
+MOST_RAD = 1e6  # no encoder counts so far
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,6 +62,7 @@ class _Found:
     needed: str  # the part without which a row is none; empty: any will do
     words: Callable[[FloatArray], Any]  # values (width,) of a part as they stand in a message
     rates_hz: dict[str, float]  # declared, by key
+    troubles: list[str]  # values that were rejected, in words
 
 
 def sampled_channels(
@@ -83,19 +89,20 @@ def sampled_channels(
         return tables[path]
 
     for name, section in mapping.sections.items():
-        table = open_table(name, section)
+        table, time = open_table(name, section), mapping.time_of(name, section)
+        stamps = table.column(time.column) * FACTORS[time.unit]
         if isinstance(section, Joints):
-            found = _joints(config, section, table)
+            found = _joints(config, section, table, stamps)
         elif isinstance(section, Wheels):
             found = _wheels(config, section, table)
         elif isinstance(section, Imu):
             found = _imu(config, section, table)
         else:
             found = _star_tracker(config, section, table)
-        yield _channel(name, table, mapping.time_of(name, section), found)
+        yield _channel(name, table, time, stamps, found)
 
 
-def _joints(config: Config, section: Joints, table: Table) -> _Found:
+def _joints(config: Config, section: Joints, table: Table, stamps: FloatArray) -> _Found:
     names = [joint.name for joint in config.joints]
     order = names if section.order is None else list(section.order)
     if sorted(order) != sorted(names):
@@ -116,13 +123,32 @@ def _joints(config: Config, section: Joints, table: Table) -> _Found:
         raise ConfigError(
             f"joints.torque: missing; {' '.join(sensing)} have torque sensors in {config.name}"
         )
-    parts = {POSITION: _matrix(table, "joints.position", section.position, order)}
-    if section.torque is not None:
-        parts[TORQUE] = _matrix(table, "joints.torque", section.torque, order)
     used = {joint.bus for joint in config.joints}
     buses = [(i, bus) for i, bus in enumerate(config.buses) if bus.name in used]
     rates_hz = {f"buses.{i}.rate_hz": bus.rate_hz for i, bus in buses}
-    return _Found(parts=parts, needed=POSITION, words=_by_name(order), rates_hz=rates_hz)
+    joints = [config.joints[names.index(name)] for name in order]
+    calibration, every = Calibration(joints), np.arange(len(order))
+    position = _part(table, "joints.position", section.position, order)
+    angles, _ = calibration.apply(every, position.finite, np.zeros(len(order)))
+    known_s = stamps[np.isfinite(stamps)]
+    stamped_s = float(np.ptp(known_s)) if known_s.size else 0.0
+    lasted_s = max(len(angles) / min(rates_hz.values()), stamped_s)
+    reach = np.array([joint.speed_limit_rad_s for joint in joints]) * lasted_s
+    reach += SLACK_SIGMAS * np.array([joint.position_noise_rad for joint in joints])
+    is_far = np.abs(angles - _middle(angles)) > reach
+    bounds = [f"out of reach at {joint.speed_limit_rad_s:g} rad/s" for joint in joints]
+    values, troubles = usable(table.path, position, is_far, bounds)
+    parts = {POSITION: values}
+    if section.torque is not None:
+        is_sensed = [joint.torque != "none" for joint in joints]
+        torque = _part(table, "joints.torque", section.torque, order, is_sensed)
+        _, torques = calibration.apply(every, np.zeros(len(order)), torque.finite)
+        is_far = np.abs(torques) > np.array([joint.torque_limit_nm for joint in joints])
+        bounds = [f"beyond {joint.torque_limit_nm:g} N m" for joint in joints]
+        parts[TORQUE], more = usable(table.path, torque, is_far, bounds)
+        troubles += more
+    words = _by_name(order)
+    return _Found(parts=parts, needed=POSITION, words=words, rates_hz=rates_hz, troubles=troubles)
 
 
 def _wheels(config: Config, section: Wheels, table: Table) -> _Found:
@@ -133,25 +159,59 @@ def _wheels(config: Config, section: Wheels, table: Table) -> _Found:
             f"wheels: {' '.join(sensing)} have torque: measured in {config.name}, and no mapping "
             "holds it"
         )
-    parts = {SPEED: _matrix(table, "wheels.speed", section.speed, names)}
+    speed = _part(table, "wheels.speed", section.speed, names)
+    limits = [wheel.speed_limit_rad_s for wheel in config.wheels]
+    values, troubles = _within(table, speed, limits, "rad/s")
     rates_hz = {f"wheels.{i}.rate_hz": wheel.rate_hz for i, wheel in enumerate(config.wheels)}
-    return _Found(parts=parts, needed=SPEED, words=_by_name(names), rates_hz=rates_hz)
+    words = _by_name(names)
+    return _Found(
+        parts={SPEED: values}, needed=SPEED, words=words, rates_hz=rates_hz, troubles=troubles
+    )
 
 
 def _imu(config: Config, section: Imu, table: Table) -> _Found:
-    parts = {RATE: _matrix(table, "imu.rate", section.rate, "xyz")}
+    rate = _part(table, "imu.rate", section.rate, "xyz")
+    values, troubles = _within(table, rate, [config.imu.max_rate_rad_s] * 3, "rad/s")
+    parts = {RATE: values}
     if section.specific_force is not None:
-        parts[FORCE] = _matrix(table, "imu.specific_force", section.specific_force, "xyz")
+        force = _part(table, "imu.specific_force", section.specific_force, "xyz")
+        limit = config.imu.acc_range_g * STANDARD_GRAVITY_M_S2
+        parts[FORCE], more = _within(table, force, [limit] * 3, "m/s2")
+        troubles += more
     rates_hz = {"imu.rate_hz": config.imu.rate_hz}
-    return _Found(parts=parts, needed="", words=_listed, rates_hz=rates_hz)
+    return _Found(parts=parts, needed="", words=_listed, rates_hz=rates_hz, troubles=troubles)
 
 
 def _star_tracker(config: Config, section: StarTracker, table: Table) -> _Found:
     q, tracker = section.quaternion, config.star_tracker
-    values = _matrix(table, "star_tracker.quaternion", q, q.order)
+    part = _part(table, "star_tracker.quaternion", q, q.order)
+    length = np.hypot.reduce(part.finite, axis=1, keepdims=True)
+    is_far = np.repeat(np.abs(length - 1.0) > NORM_TOLERANCE, len(q.order), axis=1)
+    bounds = [f"of a quaternion that is not of length 1 within {NORM_TOLERANCE:g}"] * len(q.order)
+    values, troubles = usable(table.path, part, is_far, bounds)
     values = values[:, [q.order.index(axis) for axis in "xyzw"]]
     rates_hz = {} if tracker is None else {"star_tracker.rate_hz": tracker.rate_hz}
-    return _Found(parts={QUATERNION: values}, needed=QUATERNION, words=_listed, rates_hz=rates_hz)
+    return _Found(
+        parts={QUATERNION: values},
+        needed=QUATERNION,
+        words=_listed,
+        rates_hz=rates_hz,
+        troubles=troubles,
+    )
+
+
+def _within(
+    table: Table, part: Part, limits: Sequence[float], unit: str
+) -> tuple[FloatArray, list[str]]:
+    """Return what is usable of values whose magnitude a sensor limits, and the rest in words."""
+    bounds = [f"beyond {limit:.4g} {unit}" for limit in limits]
+    return usable(table.path, part, np.abs(part.finite) > np.array(limits), bounds)
+
+
+def _middle(values: FloatArray) -> FloatArray:
+    """Return the median (width,) of every column's values that are angles at all; 0 without any."""
+    columns = [column[np.abs(column) <= MOST_RAD] for column in values.T]
+    return np.array([np.median(column) if column.size else 0.0 for column in columns])
 
 
 def _by_name(names: Sequence[str]) -> Callable[[FloatArray], dict[str, float]]:
@@ -170,8 +230,17 @@ def _listed(values: FloatArray) -> list[float]:
     return known
 
 
-def _matrix(table: Table, key: str, quantity: Quantity, slots: Sequence[str]) -> FloatArray:
+def _part(
+    table: Table,
+    key: str,
+    quantity: Quantity,
+    slots: Sequence[str],
+    is_read: Sequence[bool] = (),
+) -> Part:
     """Return the columns of a quantity (k, len(slots)) in SI units, sign and scale applied."""
+    if not slots:
+        source = key.partition(".")[0]
+        raise ConfigError(f"{key}: mapped, and the configuration has no {source}")
     names = quantity.columns
     if len(names) == 1 and "{}" in names[0]:
         names = tuple(names[0].replace("{}", slot) for slot in slots)
@@ -190,13 +259,16 @@ def _matrix(table: Table, key: str, quantity: Quantity, slots: Sequence[str]) ->
         if len(given) not in (1, len(slots)):
             raise ConfigError(f"{key}.{name}: {len(given)} values; must be 1 or {len(slots)}")
         factor = factor * np.array(given)
-    scaled: FloatArray = values * factor
-    return scaled
+    if len(names) != len(slots):
+        names = tuple(f"{names[0]}[{k}]" for k in range(len(slots)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return Part(key=key, columns=names, values=values * factor, is_read=is_read)
 
 
-def _channel(name: str, table: Table, time: TimeColumn, found: _Found) -> Channel:
+def _channel(
+    name: str, table: Table, time: TimeColumn, stamps: FloatArray, found: _Found
+) -> Channel:
     """Return the rows that can be used, in order of time."""
-    stamps = table.column(time.column) * FACTORS[time.unit]
     values = np.concatenate(list(found.parts.values()), axis=1)
     if len(stamps) != len(values) or stamps.shape[1] != 1:
         raise ConfigError(
@@ -206,6 +278,9 @@ def _channel(name: str, table: Table, time: TimeColumn, found: _Found) -> Channe
     needed = found.parts[found.needed] if found.needed else values
     is_known = np.isfinite(needed)
     rows = np.flatnonzero(is_known.all(axis=1) if found.needed else is_known.any(axis=1))
+    lost = len(values) - len(rows)
+    needs = f"every {found.needed}" if found.needed else "any value"
+    troubles = [*found.troubles, *([f"rows without {needs}, left out: {lost}"] if lost else [])]
     wrong = ~((stamps[rows, 0] >= 0.0) & (stamps[rows, 0] < END_NS * 1e-9))
     if wrong.any():
         first = int(rows[wrong.argmax()])
@@ -234,6 +309,6 @@ def _channel(name: str, table: Table, time: TimeColumn, found: _Found) -> Channe
         topic=f"{SAMPLES}{name}",
         source=table.path,
         t_ns=t_ns,
-        text=f"{text}; {', '.join(sizes)}",
+        text="; ".join([text, ", ".join(sizes), *troubles]),
         write=write,
     )

@@ -32,6 +32,7 @@ from fsw.messages import FloatArray, Window
 from hil.evidence.methods.exact import true_robot
 from hil.evidence.speed import peers
 from hil.evidence.speed.peers import Samples
+from hil.options import seed
 from hil.run.bench import VirtualRun, prepare, run_virtual
 from hil.run.processes import tied
 from hil.run.progress import Quiet
@@ -213,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m hil.evidence.speed.benchmark", description=__doc__
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=seed, default=0)
     options = parser.parse_args(arguments)
     samples = motion()
     with tempfile.TemporaryDirectory(prefix="benchmark-") as folder:

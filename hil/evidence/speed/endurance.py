@@ -37,6 +37,7 @@ from fsw.estimators.measurement.compensated import block_sums, compensated_solut
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block, FloatArray
+from hil.options import seed
 from hil.run.flown import Flown, fly, with_estimator
 from hil.run.processes import resident_bytes
 
@@ -324,7 +325,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--updates", type=float, default=1e6, metavar="N", help="1e6")
     parser.add_argument("--scenario", default="target_leo", help="flown for its blocks")
-    parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the flight, 0")
+    parser.add_argument("--seed", type=seed, default=0, metavar="K", help="of the flight, 0")
     parser.add_argument("--out", type=Path, metavar="DIR", help="keep results, resume from them")
     options = parser.parse_args(arguments)
     wanted = options.estimators or list(ESTIMATORS)

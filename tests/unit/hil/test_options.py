@@ -37,3 +37,28 @@ def test_a_function_takes_what_its_command_offers(name):
     offered = {action.dest for action in parser._actions} - {"help"}
     signature.bind(**dict.fromkeys(offered))
     assert offered == set(signature.parameters)
+
+
+SEEDED = {
+    (leaf.prog, option): leaf
+    for leaf in leaves(parser_of("hil"))
+    for option in ("--first", "--seed")
+    if option in leaf._option_string_actions
+}
+
+
+@pytest.mark.parametrize("given", SEEDED, ids=" ".join)
+def test_a_seed_is_checked_by_every_command_that_takes_one(given):
+    action = SEEDED[given]._option_string_actions[given[1]]
+    for text in ("-1", "1.5", "x", ""):
+        with pytest.raises(argparse.ArgumentTypeError, match="at least 0"):
+            action.type(text)
+    assert action.type("7") == 7
+
+
+def test_a_negative_first_seed_ends_with_2_and_the_name_of_the_option(capsys):
+    for command in (["study", "effects", "base"], ["seeds", "base"], ["calibration"]):
+        with pytest.raises(SystemExit) as left:
+            parser_of("hil").parse_args([*command, "--first", "-1"])
+        assert left.value.code == 2
+        assert "--first: -1: must be a whole number of at least 0" in capsys.readouterr().err

@@ -241,6 +241,14 @@ def test_a_wrong_mapping_is_one_line_and_nothing_is_written(lab, tmp_path, name,
     assert not list(tmp_path.glob("out*"))
 
 
+def test_wheels_that_the_configuration_has_not_are_named_by_their_key(lab, tmp_path, capsys):
+    wheels = JOINTS | {"speed": {"columns": "q_joint1", "unit": "rad/s"}}
+    wheels = without(without(wheels, "position"), "torque")
+    assert imported(lab, tmp_path, {"joints": JOINTS, "imu": IMU, "wheels": wheels}) == 2
+    said = capsys.readouterr().err
+    assert ("wheels.speed: mapped" in said, len(faults(said))) == (True, 1)
+
+
 def test_no_time_no_mapping_and_no_file_are_named(lab, tmp_path, capsys):
     assert imported(lab, tmp_path, {"joints": without(JOINTS, "time"), "imu": IMU}) == 2
     assert "joints.time: missing" in capsys.readouterr().err
@@ -286,7 +294,12 @@ def header_only(lines: list[str]) -> str:
     return lines[0] + "\n"
 
 
+def no_torque(lines: list[str]) -> str:
+    return "\n".join([lines[0], *(f"{line.rpartition(',')[0]},nan" for line in lines[1:]), ""])
+
+
 WRONG_TABLES = {
+    no_torque: "joints.torque: 'tau_joint7' has no usable value: ",
     cut: "last line is cut off",
     ragged: "line 6 has 14 values for 15 columns",
     words: "line 6: 'q_joint1' is 'abc'; must be a number",
