@@ -17,6 +17,8 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError, brief, cut, unforeseen
 
 DELIMITERS = ",;\t"
+BAG_FILES = (".mcap", ".db3", ".bag")
+BAG_FOLDER = "metadata.yaml"  # is in every bag that is a folder
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 Columns: TypeAlias = Mapping[str, Sequence[str] | NDArray[np.generic]]
 # what a damaged file can raise in the readers of NumPy and rosbags
@@ -99,6 +101,8 @@ def _npz_columns(path: Path) -> Columns:
 
 def _bag_columns(path: Path) -> Columns:
     """Return the columns of every topic of joint states or inertial data."""
+    if fault := _no_bag(path):
+        raise ConfigError(f"{path}: cannot be read as a ROS 2 bag: {fault}")
     rows: dict[str, list[dict[str, float]]] = {}
     for topic, row in _bag_rows(path):
         rows.setdefault(topic, []).append(row)
@@ -109,6 +113,18 @@ def _bag_columns(path: Path) -> Columns:
         for topic, own in rows.items()
         for name in dict.fromkeys(name for row in own for name in row)
     }
+
+
+def _no_bag(path: Path) -> str:
+    """Return why a path is plainly no bag; empty: it may be one."""
+    if path.is_dir():
+        return "" if (path / BAG_FOLDER).exists() else f"the folder has no {BAG_FOLDER}"
+    if not path.exists():
+        return "no such file or folder"
+    kinds = "a table .csv or .npz, a bag's folder or its .mcap"
+    return (
+        "" if path.suffix in BAG_FILES else f"{path.suffix or path.name} is none; FILE is {kinds}"
+    )
 
 
 def _bag_rows(path: Path) -> Iterator[tuple[str, dict[str, float]]]:

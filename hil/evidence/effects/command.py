@@ -6,6 +6,7 @@ forces, delays and rise times, and mass, frequency and damping of every mode. Wh
 the momentum in the wheels (6 N m s, 1 sigma 10 an axis), and modes are at rest at the start.
 """
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -42,11 +43,21 @@ def effects(
     chosen = list(scenarios or SCENARIOS)
     cases = [Case(name, seed) for name in chosen for seed in seeds]
     store = Store(out, {"effects": "samples"})
+    sys.stderr.write(
+        f"hil: {announced(chosen, len(seeds), len(runner.missing(cases, str, store)))}\n"
+    )
     runner.rows("effects", work, cases, store, jobs)
     return [
         {"scenario": name} | summary([store.rows[str(Case(name, seed))] for seed in seeds])
         for name in chosen
     ]
+
+
+def announced(chosen: Sequence[str], seeds: int, runs: int) -> str:
+    """Return how many runs there are to do, in words."""
+    scenarios = f"{len(chosen)} scenarios ({', '.join(chosen)}), {seeds} seeds each"
+    stored = len(chosen) * seeds - runs
+    return f"study effects: {runs} runs: {scenarios}; {stored} are stored; see docs/study.md"
 
 
 def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
