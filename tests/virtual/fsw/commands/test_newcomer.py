@@ -58,7 +58,56 @@ def set_joint(key: str, value: object):
     return lambda arm, _: arm.data["joints"][0].update({key: value})
 
 
+def added(section: str, entry: dict[str, Any], **estimator: Any):
+    def change(arm: ArmProject, _: object) -> None:
+        arm.data[section] = [entry]
+        arm.data["estimator"] = {**arm.data.get("estimator", {}), **estimator}
+
+    return change
+
+
+def watched(arm: ArmProject, _: object) -> None:
+    del arm.data["star_tracker"]
+    arm.data["estimator"] = {**arm.data.get("estimator", {}), "outside_wrench": "watch"}
+
+
+NODE = {"bus": "arm", "node_id": 0x31, "rate_hz": 50.0}
+WHEEL = NODE | {
+    "name": "wheel1",
+    "axis_B": [0.0, 0.0, 1.0],
+    "inertia_kg_m2": 0.02,
+    "speed_limit_rad_s": 700.0,
+    "speed_noise_rad_s": 0.01,
+    "torque_limit_nm": 0.4,
+}
+THRUSTER = NODE | {
+    "name": "thruster1",
+    "p_B_m": [0.0, 0.0, 0.9],
+    "direction_B": [1.0, 0.0, 0.0],
+    "force_n": 22.0,
+}
+TANK = {
+    "name": "tank",
+    "kind": "slosh",
+    "p_B_m": [0.0, 0.0, 0.0],
+    "mass_kg": 2.0,
+    "frequency_hz": 0.1,
+    "damping_ratio": 0.01,
+    "amplitude_m": 0.005,
+}
+
 DESCRIPTIONS = {
+    "axis of a wheel not of length 1": added("wheels", WHEEL | {"axis_B": [1.0, 1.0, 1.0]}),
+    "wheel on another bus": added("wheels", WHEEL | {"bus": "leg"}),
+    "direction of a thruster not of length 1": added(
+        "thrusters", THRUSTER | {"direction_B": [22.0, 0.0, 0.0]}
+    ),
+    "thruster that reports faster than SYNC": added("thrusters", THRUSTER | {"rate_hz": 400.0}),
+    "liquid without an amplitude": added("modes", TANK | {"amplitude_m": None}),
+    "liquid with the amplitude of a panel": added("modes", TANK | {"amplitude_rad": 0.01}),
+    "modes with a method that has none": added("modes", TANK, method="mrnea"),
+    "contact watched beside modes": added("modes", TANK, outside_wrench="watch"),
+    "contact watched without a star tracker": watched,
     "prismatic joint configured as a revolute one": lambda arm, _: arm.robot(3, "prismatic"),
     "continuous joint": lambda arm, _: arm.robot(3, "continuous"),
     "missing inertia": lambda arm, _: replaced(arm, LINK2, '<link name="link2"/>'),
