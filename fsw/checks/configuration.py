@@ -12,15 +12,14 @@ from pathlib import Path
 from fsw.checks import budget
 from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
+from fsw.checks.windows import lag_faults, window_faults
 from fsw.config import BusConfig, Config
 from fsw.config.devices import SAMPLES, minute_walk
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.stim300 import GYRO_WIRE_RAD_S
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.messages.errors import ConfigError
 
-MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
 LONG_LEVER_M = 10.0  # of the inertial unit: a space station would have it
 FAST_RAD_S = 2.0 * tau  # of a joint: more is rather in degrees
 LARGE_WALK_RAD = 5e-3  # of an integrated angle in a minute: its product with the noise counts
@@ -48,8 +47,8 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
     ConfigError with one line per fault.
     """
     faults = [
-        *_window_faults(config),
-        *_lag_faults(config),
+        *window_faults(config),
+        *lag_faults(config),
         *_bus_faults(config),
         *_serial_faults(config),
     ]
@@ -249,60 +248,6 @@ def _link_fault(bus: BusConfig) -> str:
         return ""
     rate = f"type can bitrate {bus.bitrate}" if bus.bitrate else "with its bit rate"
     return f"{bus.channel} is down; ip link set {bus.channel} up {rate}"
-
-
-def _window_faults(config: Config) -> list[str]:
-    estimator = config.estimator
-    position_terms = estimator.nodes + EXTRA_DEGREE
-    channels = [
-        (f"buses.{i}.rate_hz", bus.rate_hz, 2 * position_terms)
-        for i, bus in enumerate(config.buses)
-    ]
-    channels.append(("imu.rate_hz", config.imu.rate_hz, 2 * estimator.nodes))
-    faults = []
-    for key, rate_hz, needed in channels:
-        samples = rate_hz * estimator.window_s
-        if samples < MIN_WINDOW_SAMPLES:
-            faults.append(
-                f"{key}: {rate_hz:g} gives {samples:.1f} samples in estimator.window_s "
-                f"{estimator.window_s:g}; at least {MIN_WINDOW_SAMPLES} are needed"
-            )
-        elif samples * estimator.min_fill_ratio < needed:
-            faults.append(
-                f"{key}: {rate_hz:g} gives {samples:.1f} samples in estimator.window_s "
-                f"{estimator.window_s:g}, of which estimator.min_fill_ratio "
-                f"{estimator.min_fill_ratio:g} must be at least {needed}, twice the terms of the "
-                f"polynomial for estimator.nodes {estimator.nodes}"
-            )
-    period_s = 1.0 / config.scheduler.tick_rate_hz
-    if estimator.window_s < period_s:
-        faults.append(
-            f"estimator.window_s: {estimator.window_s:g} must be at least one tick, {period_s:g}"
-        )
-    return faults
-
-
-def _lag_faults(config: Config) -> list[str]:
-    scheduler, lag_s = config.scheduler, config.estimator.lag_s
-    delays = {
-        f"joints on buses.{i} (one cycle, the kernel's queues, one tick)": budget.joint_delay_s(
-            bus, scheduler
-        )
-        for i, bus in enumerate(config.buses)
-    }
-    delays["imu (group delay, one sample, the line, one tick)"] = budget.imu_delay_s(
-        config.imu, scheduler
-    )
-    if config.star_tracker is not None:
-        delays["star_tracker (latency, the line, one tick)"] = budget.star_tracker_delay_s(
-            config.star_tracker, scheduler
-        )
-    return [
-        f"estimator.lag_s: {lag_s:g} is shorter than the delay of {source}; must be at least "
-        f"{delay_s:.6f}"
-        for source, delay_s in delays.items()
-        if lag_s < delay_s
-    ]
 
 
 def _bitrate_words(bus: BusConfig) -> str:

@@ -8,6 +8,7 @@ from typing import IO
 
 import numpy as np
 
+from fsw.checks.base_parts import part_faults
 from fsw.checks.urdf import check_urdf
 from fsw.config import Config
 from fsw.estimators.model.building import build_problem
@@ -36,7 +37,10 @@ def load_problem(config: Config) -> Problem:
     _check_urdf(urdf)
     model = read_model(urdf, config.robot.tool_frame)
     _check_masses(config, model)
-    return build_problem(config, model, exact=config.estimator.is_regression)
+    problem = build_problem(config, model, exact=config.estimator.is_regression)
+    if faults := part_faults(config, problem):
+        raise ConfigError("\n".join(faults))
+    return problem
 
 
 def read_model(urdf: Path, tool_frame: str) -> RobotModel:

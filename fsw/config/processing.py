@@ -1,6 +1,6 @@
 """Sections of processing: loop, estimator, orbit."""
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -19,6 +19,8 @@ from fsw.config.base import (
     Vector3,
 )
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+
+WindowLength = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]  # s
 
 
 class SchedulerConfig(Section):
@@ -55,7 +57,7 @@ class EstimatorConfig(Section):
 
     method: Literal["mrnea", "rda", "cm", "fused"] = "fused"
     weighting: Literal["ols", "wls", "bc", "eiv"] = "eiv"  # of mrnea
-    window_s: Duration = 0.4
+    window_s: WindowLength = 0.4
     nodes: int = Field(default=4, ge=2, le=8)
     lag_s: Delay = 0.15  # a window closes this long after its end: the slowest sensor's delay
     store_blocks: int = Field(default=256, ge=4, le=100_000)

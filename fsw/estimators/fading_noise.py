@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.linalg import toeplitz
+from scipy.linalg import matmul_toeplitz
 
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import FloatArray
@@ -54,4 +54,4 @@ def covariance_at_nodes(
     # a sample and one of the next window are a^(samples + i - j) alike: a product of two
     further = sum(fading ** (samples * k) for k in range(NEIGHBOURS))
     across = further * np.outer(E @ fading**place, E @ fading ** (samples - place))
-    return np.asarray(E @ toeplitz(fading**place) @ E.T + across + across.T)
+    return np.asarray(E @ matmul_toeplitz(fading**place, E.T) + across + across.T)

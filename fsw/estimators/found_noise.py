@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
+from scipy.linalg import matmul_toeplitz
 
 from fsw.estimators.fading_noise import covariance_at_nodes, instants
 from fsw.estimators.polynomial import EXTRA_DEGREE
@@ -51,13 +51,20 @@ def shapes_of(samples: int, nodes: int) -> Shapes:
     fading = np.exp(-1.0 / np.geomspace(1.0, samples / 4.0, TIMES))
     products, at_nodes = [], []
     for a in (0.0, *fading.tolist()):
-        C = toeplitz(a**place)
-        left = C - removed @ (removed.T @ C)
-        left -= (left @ removed) @ removed.T
-        products.append([np.trace(left, lag) / samples for lag in LAGS])
+        # with R = removed and C the samples' covariance: C - R half^T - half R^T is left of C
+        half = matmul_toeplitz(a**place, removed)
+        half = half - 0.5 * removed @ (removed.T @ half)
+        products.append([_trace_left(removed, half, a, lag) / samples for lag in LAGS])
         at_nodes.append(covariance_at_nodes(samples, nodes, a, derivatives=True))
     white, faded = np.array(products[0]), np.array(products[1:])
     return Shapes(fading, white, faded, np.array(at_nodes))
+
+
+def _trace_left(removed: FloatArray, half: FloatArray, fading: float, lag: int) -> float:
+    """Return the sum of a diagonal of what the polynomial leaves of the samples' covariance."""
+    pairs = max(0, len(removed) - lag)
+    across = np.vdot(removed[:pairs], half[lag:]) + np.vdot(half[:pairs], removed[lag:])
+    return float(pairs * fading**lag - across)
 
 
 def mean_products(residuals: FloatArray) -> FloatArray:

@@ -36,6 +36,20 @@ def test_an_imu_too_slow_for_the_window_is_refused(arm):
     assert_named(fault(arm), "imu.rate_hz", "125 ", "7.5 samples", "at least 8")
 
 
+def test_a_window_of_more_samples_than_memory_is_for_is_one_line(arm):
+    arm.data["estimator"] = {"window_s": 300.0}
+    message = fault(arm)
+    assert_named(
+        message, "estimator.window_s: 300 ", "150000 samples", "imu.rate_hz 500", "most 40"
+    )
+    assert len(message.splitlines()) == 1
+
+
+def test_the_longest_window_passes_the_dry_update(arm):
+    arm.data["estimator"] = {"window_s": 40.0, "lag_s": 0.15}
+    validate(load(arm.write()))
+
+
 def test_a_lag_shorter_than_the_star_tracker_is_refused(arm):
     arm.data["estimator"] = {"lag_s": 0.1}
     assert_named(fault(arm), "estimator.lag_s", "0.1 ", "star_tracker", "at least 0.117")

@@ -1,5 +1,7 @@
 """Mean products of residuals against plain sums; noise found in them against what made it."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
@@ -40,6 +42,27 @@ def test_products_of_samples_of_which_some_are_lost_are_those_of_the_known_pairs
         share = (SAMPLES - lag) / SAMPLES
         assert np.allclose(products[row], share * np.mean(pairs, axis=0), rtol=1e-12)
     assert np.allclose(gapped_products(left, np.arange(SAMPLES)), mean_products(left), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("samples", "nodes"), [(8, 2), (30, 4), (200, 8)])
+def test_shapes_are_those_of_the_whole_covariance(samples, nodes):
+    shapes = shapes_of(samples, nodes)
+    T = (np.arange(samples) + 0.5) * (2.0 / samples) - 1.0
+    basis = legendre.legvander(T, nodes + 2)
+    rest = np.eye(samples) - basis @ np.linalg.pinv(basis)
+    for a, found in zip(shapes.fading, shapes.faded, strict=True):
+        C = a ** np.abs(np.subtract.outer(np.arange(samples), np.arange(samples)))
+        left = rest @ C @ rest
+        assert np.allclose(found, [np.trace(left, lag) / samples for lag in LAGS], atol=1e-12)
+    assert np.allclose(shapes.white, [np.trace(rest, lag) / samples for lag in LAGS], atol=1e-12)
+
+
+def test_shapes_of_many_samples_need_no_covariance_of_all():
+    tracemalloc.start()
+    shapes_of(5000, NODES)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 20e6  # bytes; a matrix of 5000 by 5000 has 200e6
 
 
 def test_products_that_no_noise_has_are_taken_as_white():
