@@ -225,7 +225,7 @@ def _seeds(arguments: argparse.Namespace) -> int:
     from hil.evidence.seeds import run_seeds, show, summary
     from hil.evidence.settings import settled
 
-    settled(arguments.scenario, arguments.settings, arguments.first)  # what is wrong is told once
+    settled(arguments.scenario, arguments.settings, arguments.first)  # a fault is reported once
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]

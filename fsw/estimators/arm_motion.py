@@ -18,7 +18,7 @@ from fsw.messages import FloatArray, Window
 from fsw.messages.findings import Fault
 
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
-ANGLE_NOISE_RAD = 1e-5  # of a sample: beyond it the angles' own errors are told beside the rates'
+ANGLE_NOISE_RAD = 1e-5  # of a sample; beyond it the block has errors of angles and of rates
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
 SURPLUS_RATIO = 0.01  # of its samples that a window may have too many to count for the noise

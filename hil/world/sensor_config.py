@@ -65,7 +65,7 @@ class JointSensorConfig:
     encoder_bits: int = 24
     encoder_noise_rad: float = 0.0
     speed_noise_rad_s: float = 0.0  # of nodes whose encoder gives speed; 1 sigma of one sample
-    start_sigma_rad: float = 2e-3  # of the angle that the flight side is told they begin at
+    start_sigma_rad: float = 2e-3  # error of the start angle in the flight configuration
     latch_offset_s: float = 0.0  # latch instant minus the SYNC stamp
     rated_torque_nm: float = 40.0
     heartbeat_s: float = 1.0

@@ -122,9 +122,9 @@ def _no_bag(path: Path) -> str:
     if not path.exists():
         return "no such file or folder"
     kinds = "a table .csv or .npz, a bag's folder or its .mcap"
-    return (
-        "" if path.suffix in BAG_FILES else f"{path.suffix or path.name} is none; FILE is {kinds}"
-    )
+    if path.suffix in BAG_FILES:
+        return ""
+    return f"{path.suffix or path.name} is not supported; FILE: {kinds}"
 
 
 def _bag_rows(path: Path) -> Iterator[tuple[str, dict[str, float]]]:

@@ -9,8 +9,8 @@ from fsw.commands.importing.tables import Table
 from fsw.messages.errors import ConfigError
 
 WRONG = {
-    "empty.yaml": ".yaml is none; FILE is a table .csv or .npz, a bag's folder or its .mcap",
-    "README": "README is none; FILE is a table",
+    "empty.yaml": ".yaml is not supported; FILE: a table .csv or .npz, a bag's folder or its .mcap",
+    "README": "README is not supported; FILE: a table",
     "folder/": "the folder has no metadata.yaml",
     "missing": "no such file or folder",
 }
