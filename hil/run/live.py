@@ -24,6 +24,7 @@ from hil.run.progress import Meter
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
 POLL_S = 0.1
+_CLAIMS: list[socket.socket] = []  # of UDP ports
 PROCESS = re.compile(r"fsw\.(?:loop\.)?(\w+)\.process")  # the module of one of the daemon's
 
 
@@ -44,14 +45,31 @@ class Outcome:
 
 
 def free_udp_ports(count: int) -> list[int]:
-    """Return UDP ports nobody uses now, all different."""
+    """Return UDP ports nobody uses now, all different, and no other bench takes until this ends.
+
+    A bus over multicast opens its port long after this, and two benches may open one at once.
+    """
     with ExitStack() as probes:
-        ports = []
-        for _ in range(count):
+        ports: list[int] = []
+        while len(ports) < count:
             probe = probes.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             probe.bind(("127.0.0.1", 0))
-            ports.append(int(probe.getsockname()[1]))
+            port = int(probe.getsockname()[1])
+            if _claimed(port):
+                ports.append(port)
     return ports
+
+
+def _claimed(port: int) -> bool:
+    """Claim a port among the benches of this machine, for the life of this process."""
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0hil-udp-port-{port}")
+    except OSError:  # another's
+        claim.close()
+        return False
+    _CLAIMS.append(claim)
+    return True
 
 
 def free_tcp_port() -> int:
