@@ -63,13 +63,19 @@ def write_identified(
     return paths
 
 
+def judged(status: str, held_out_passed: bool | None) -> tuple[bool, str]:
+    """Return whether a batch result is valid, and the headline; None: no window was held out."""
+    valid = status == "OK" and held_out_passed is not False
+    words = [] if status == "OK" else [status]
+    if held_out_passed is not None:
+        words.append(f"held-out windows {'PASSED' if held_out_passed else 'FAILED'}")
+    return valid, f"{'VALID' if valid else 'NOT VALID'}{': ' * bool(words)}{', '.join(words)}"
+
+
 def view(values: Mapping[str, Any], collected: Collected, recursive: Sequence[Estimate]) -> View:
     """Return the page of a batch result; `recursive`: what the replay for its windows estimated."""
     holdout = values.get("holdout")
-    valid = values["status"] == "OK" and (holdout is None or bool(holdout["passed"]))
-    verdict = "VALID" if values["status"] == "OK" else f"NOT VALID: {values['status']}"
-    if holdout is not None:
-        verdict += f"; held-out windows {'PASSED' if holdout['passed'] else 'FAILED'}"
+    valid, verdict = judged(values["status"], None if holdout is None else holdout["passed"])
     result = estimates.result(collected)
     noise = noise_text(values)
     told = [*result.text, *noise, *([values["note"]] if values["note"] else [])]

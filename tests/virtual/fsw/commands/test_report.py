@@ -15,6 +15,7 @@ from pyarrow import parquet
 
 from fsw.__main__ import main
 from fsw.commands.report.collect import collect
+from fsw.commands.report.identified import judged
 from fsw.config import load
 from fsw.exchange.recording import messages
 from fsw.service.control import SOCKET_NAME, ControlServer
@@ -201,8 +202,7 @@ def test_a_batch_result_has_a_page_with_its_held_out_windows_and_its_own_residua
     result = json.loads(capsys.readouterr().out)
     text = out.read_text(encoding="utf-8")
     passed = result["holdout"]["passed"]
-    status = "VALID" if result["status"] == "OK" else f"NOT VALID: {result['status']}"
-    verdict = f"{status}; held-out windows {'PASSED' if passed else 'FAILED'}"
+    verdict = judged(result["status"], passed)[1]
     assert f'class="{"valid" if code == 0 else ""}">{verdict}</div>' in text
     assert text.index(verdict) < text.index("<h2>")
     (row,) = rows_of(out, "estimate")
