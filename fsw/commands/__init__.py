@@ -1,1 +1,1 @@
-"""Commands: the bodies of the `fsw` commands."""
+"""Implementations of the `fsw` commands."""

@@ -1,7 +1,7 @@
-"""The functions that notebooks, scripts and the command line share; docs/api.md shows them.
+"""Python API: functions that notebooks, scripts and the command line share; see docs/api.md.
 
-SI units; inertia is xx xy xz yy yz zz about the centre of mass, in the body's axes: B of the base,
-the tool frame of a target. Everything raises `fsw.messages.errors.ConfigError`, one line per fault.
+All values are in SI units. Inertia is xx xy xz yy yz zz about the centre of mass, in the axes of
+the body: B for the base, E for a target. Wrong input raises ConfigError with one line per fault.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class Recording:
-    """A recording and the parts that follow it; nothing of its messages is in memory."""
+    """A recording with its later parts; messages stay on disk until a function reads them."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
@@ -48,11 +48,11 @@ class Recording:
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot of the configuration within the recording.
+        """The robot that the configuration inside the recording describes.
 
         Raises
         ------
-        ConfigError when the recording carries none.
+        ConfigError when the recording contains no configuration or no robot model.
         """
         folder = Folder()
         return Robot(recorded_config(self.path, folder.path), folder=folder)
@@ -63,7 +63,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """Result of a method; `values` holds every field, docs/output.md describes each."""
+    """Result of a batch method; docs/output.md describes every field of `values`."""
 
     values: Mapping[str, Any]
 
@@ -79,36 +79,36 @@ class Identification:
 
     @property
     def passed(self) -> bool | None:
-        """Whether held-out windows were predicted within their bounds; None: none were held out."""
+        """Whether predictions of held-out windows met their bounds; None: no window held out."""
         holdout = self.values.get("holdout")
         return None if holdout is None else bool(holdout["passed"])
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names (p,) of the states: 10 moments per body, then errors of sensors."""
+        """Names (p,) of the published states: 10 per unknown body, then biases and others."""
         return tuple(self.values["names"])
 
     @property
     def mean(self) -> FloatArray:
-        """State (p,)."""
+        """Estimated states (p,) in SI units, in the order of `names`."""
         return np.array(self.values["mean"], np.float64)
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (p, p) of the state."""
+        """Covariance (p, p) of `mean`."""
         return np.array(self.values["covariance"], np.float64)
 
     @property
     def bodies(self) -> dict[str, Body]:
-        """Identified bodies by name, each the nearest physically consistent one."""
+        """Identified bodies by name; each is the physically consistent body nearest to `mean`."""
         return {name: body_of(self.values, name) for name in self.values["estimate"]}
 
     def export(self, kind: str, body: str | None = None) -> str:
-        """Return a body as `urdf`, `sdf`, `mjcf`, `json`, `csv` or `ros2`; `body` of several.
+        """Return a body as text; `kind` is urdf, sdf, mjcf, json, csv or ros2.
 
         Raises
         ------
-        ConfigError for a kind or a body that is not there.
+        ConfigError for an unknown kind or body, or if `body` is None and there are several bodies.
         """
         one_of("kind", kind, tuple(FORMATS))
         return FORMATS[kind](body_of(self.values, body))
@@ -118,11 +118,11 @@ class Identification:
 
 
 def load(path: Path | str) -> Recording:
-    """Open a recording (MCAP), with the parts that follow it.
+    """Open a recording (MCAP) and the parts that continue it.
 
     Raises
     ------
-    ConfigError when a file cannot be read or is no MCAP file.
+    ConfigError when a file cannot be read or is not an MCAP file.
     """
     return Recording(path)
 
@@ -145,19 +145,19 @@ def identify(
 
     Parameters
     ----------
-    robot : None: the configuration within the recording
+    robot : robot of the recording; None: the configuration inside the recording
     unknown : base, target, both, or names with commas; None: as the configuration says
-    weighting : of mrnea alone; None: as the configuration says
-    from_s, to_s : the part of the recording [s from its start]
-    holdout : share of the windows that is predicted and not used; None: all are used
-    reference : recording of the robot without the unknown bodies, but for the base; None: no
-        reference
-    report : one HTML page of the result, with CSV and PNG beside it; None: none is written
-    progress : called with the share done and a line of text; False ends the run
+    weighting : for method mrnea only; None: as the configuration says
+    from_s, to_s : the part of the recording to use [s from its start]
+    holdout : share of the windows (0 to 0.9) to predict instead of using; None: all are used
+    reference : recording of the robot without the unknown bodies except the base; None: not used
+    report : path of an HTML page; CSV and PNG files go beside it; None: no page is written
+    progress : called with the share done (0 to 1) and a line of text; returning False ends the run
 
     Raises
     ------
-    ConfigError if recording, configuration or choices do not fit; EstimatorError without data.
+    ConfigError if recording, configuration or choices do not fit; EstimatorError if no window can
+    be used.
     """
     held, robot = _pair(recording, robot)
     chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
@@ -184,12 +184,12 @@ def replay(
     to_s: float = inf,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> ReplayResult:
-    """Run the flight's own recursive estimator on a recording.
+    """Run the daemon's recursive estimator on a recording.
 
     Parameters
     ----------
-    robot : None: the configuration within the recording
-    from_s, to_s : the part of the recording [s from its start]
+    robot : robot of the recording; None: the configuration inside the recording
+    from_s, to_s : the part of the recording to use [s from its start]
     progress : called with a line of text every ten seconds of the recording
 
     Raises
@@ -214,20 +214,20 @@ def report(
     to_s: float = inf,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> Written:
-    """Replay a recording and write one HTML page of it that needs nothing but itself.
+    """Replay a recording and write the report `out`, one HTML page that needs no other file.
 
     Parameters
     ----------
-    recording : or "live", what the running daemon of `robot` has recorded so far
-    robot : None: the configuration within the recording
-    with_csv, with_png, with_parquet : tables and a picture beside the page, by its name
-    with_mcap : the estimate over time for Foxglove and PlotJuggler, with a layout for each
-    from_s, to_s : the part of the recording [s from its start]
+    recording : a recording; "live": the recording that the running daemon of `robot` is writing
+    robot : robot of the recording; None: the configuration inside the recording
+    with_csv, with_png, with_parquet : also write tables and a picture, named after the page
+    with_mcap : also write the estimate over time, with layouts for Foxglove and PlotJuggler
+    from_s, to_s : the part of the recording to use [s from its start]
 
     Raises
     ------
-    ConfigError if recording and configuration do not fit, or nothing can be written; PortError
-    without a running daemon.
+    ConfigError if recording and configuration do not fit, or a file cannot be written; PortError
+    if the recording is "live" and no daemon answers.
     """
     daemon = None
     if str(recording) == LIVE:
@@ -265,18 +265,18 @@ def plan(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> PlannedMotion:
-    """Plan a motion inside the limits of a YAML file that identifies the unknown bodies well.
+    """Plan a motion that identifies the unknown bodies well and keeps the limits of a YAML file.
 
     Parameters
     ----------
-    knot_s : distance of the spline's knots
-    criterion : sigma, d, a, e, cond or gamma: docs/excitation.md
-    iterations : of the solver, for each of the `starts`
+    knot_s : time between two knots of the spline
+    criterion : sigma, d, a, e, cond or gamma; see docs/excitation.md
+    iterations : iterations of the solver in each of the `starts`
 
     Raises
     ------
     ConfigError for a wrong request; InfeasibleError when no motion keeps the limits; ImportError
-    without the extra `excite`.
+    if the extra `excite` is not installed.
     """
     from fsw.excitation.motion import bounds, planned
     from fsw.excitation.request import MotionRequest
@@ -305,6 +305,6 @@ def _pair(recording: Recording | Path | str, robot: Robot | None) -> tuple[Recor
 
 
 def _apart(out: Path | str | None, held: Recording) -> None:
-    """Raise ConfigError where a page would overwrite the recording it is made of."""
+    """Raise ConfigError if the page `out` would overwrite a file of its recording."""
     if out is not None and Path(out).exists() and any(part.samefile(out) for part in held.parts):
         raise ConfigError(f"{out}: is the recording; choose another name")

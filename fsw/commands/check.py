@@ -1,4 +1,4 @@
-"""`fsw check`: a configuration alone, or beside a recording or a motion."""
+"""`fsw check`: judge a configuration, alone or together with a recording or a planned motion."""
 
 import os
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ YAML_ENDINGS = (".yaml", ".yml")
 
 
 def check(config: Config, other: Path | None) -> tuple[str, bool]:
-    """Return the text to print, and whether a recording agrees; `other`: recording or motion.
+    """Return the text to print, and False if `other` is a recording that contradicts `config`.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
 
 @contextmanager
 def planning(command: str) -> Iterator[None]:
-    """Say what a command needs besides, where it imports the planner of motions."""
+    """Turn an ImportError of the block into a ConfigError that names the extra to install."""
     try:
         yield
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""`fsw check CONFIG RECORDING`: what a recording says of its configuration."""
+"""`fsw check CONFIG RECORDING`: compare a configuration with the data of a recording."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -29,11 +29,11 @@ def check_recording(
     progress: Callable[[str], None],
     span: Span = WHOLE,
 ) -> tuple[list[str], bool]:
-    """Return what the data say of the configuration, a line each, and whether they agree with it.
+    """Return one line for each finding, and whether the data agree with the configuration.
 
     Raises
     ------
-    ConfigError when the recording does not fit the configuration at all.
+    ConfigError when the recording cannot be replayed with this configuration.
     """
     watching = Watching(config, joint_order(config, problem.model), alone=True)
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
@@ -65,7 +65,7 @@ def check_recording(
     verdict = explain_residuals(config, problem, watching.made, progress)
     told = list(dict.fromkeys([*verdict.found, *filter(None, [verdict.mounting])]))
     mounted = any(text.startswith("imu") for text in told)
-    judged = config.imu.present and not (mounted or jumps)  # the tracker, by the gyro over time
+    judged = config.imu.present and not (mounted or jumps)  # the gyro checks the tracker
     turned = tracker_findings(config, watching.windows) if judged else []
     lines += [f"WRONG: {text}" for text in [*turned, *told]]
     lines += [f"doubtful: {text}" for text in filter(None, [verdict.doubtful])]
@@ -74,7 +74,7 @@ def check_recording(
 
 
 def _unusable(source: str, counts: Mapping[str, int]) -> str:
-    """Return the likely cause why no sample of a source is used, and a remedy."""
+    """Return the counts of a source without a usable sample, and what the user should check."""
     words = f"nothing usable; {counts['received']} samples, {counts['received_bytes']} bytes"
     if source not in (IMU, STAR_TRACKER):
         return f"{words}; compare node numbers and format of joints[] with the nodes"

@@ -1,4 +1,4 @@
-"""`fsw ctl`: one command to a running daemon, and its reply."""
+"""`fsw ctl`: send one command to a running daemon and return the reply."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -12,22 +12,22 @@ NUMBERS = ("last_s", *PLAN_BOUNDS)
 
 
 def reply_to(config: Config, name: str, pairs: Iterable[str]) -> dict[str, Any]:
-    """Send a command with its arguments, given as KEY=VALUE; return the daemon's reply.
+    """Send a command with arguments of the form KEY=VALUE; return the daemon's reply.
 
     Raises
     ------
-    ConfigError as `request_of`; PortError when no daemon answers.
+    ConfigError for a wrong argument (see `request_of`); PortError when no daemon answers.
     """
     request = request_of(name, pairs)
     return control(config.resolve(config.service.state_directory), request)
 
 
 def request_of(name: str, pairs: Iterable[str]) -> dict[str, object]:
-    """Return a command with its arguments, given as KEY=VALUE.
+    """Return the request for a command with arguments of the form KEY=VALUE.
 
     Raises
     ------
-    ConfigError for an argument that is no pair, or no number where one is needed.
+    ConfigError for an argument without "=", or a value that must be a number and is not one.
     """
     request: dict[str, object] = {"command": name}
     for pair in pairs:

@@ -1,4 +1,4 @@
-"""Arguments of the commands that concern the daemon and its machine: run, ctl, install, bench."""
+"""Argument parsers of the commands for the daemon and its computer: run, ctl, install, bench."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from fsw.commands.recording_arguments import Command, Commands, overlay_argument
 
 
 def run_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw run`."""
+    """Add the parser of `fsw run`."""
     run = commands.add_parser("run", help="identify from live devices until SIGTERM")
     run.add_argument("config", type=Path, metavar="CONFIG")
     overlay_argument(run)
@@ -17,7 +17,7 @@ def run_arguments(commands: Commands, command: Command) -> None:
 
 
 def ctl_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw ctl`."""
+    """Add the parser of `fsw ctl`."""
     ctl = commands.add_parser("ctl", help="command a running daemon over its local socket")
     ctl.add_argument("config", type=Path, metavar="CONFIG", help="of the running daemon")
     overlay_argument(ctl)
@@ -27,7 +27,7 @@ def ctl_arguments(commands: Commands, command: Command) -> None:
 
 
 def install_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw install-service`."""
+    """Add the parser of `fsw install-service`."""
     install = commands.add_parser("install-service", help="write a systemd unit for it")
     install.add_argument("config", type=Path, metavar="CONFIG")
     overlay_argument(install)
@@ -39,7 +39,7 @@ def install_arguments(commands: Commands, command: Command) -> None:
 
 
 def bench_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw bench`."""
+    """Add the parser of `fsw bench`."""
     bench = commands.add_parser("bench", help="timer, buses and lines of this machine")
     bench.add_argument("--rounds", type=int, default=5, metavar="N")
     bench.add_argument("--seconds", type=float, default=5.0, help="of a measurement in each round")

@@ -1,4 +1,4 @@
-"""A configuration in words, for `fsw check`."""
+"""Text that describes a configuration, printed by `fsw check`."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from fsw.estimators.model.problem import Problem
 
 
 def describe(config: Config, problem: Problem, costs: Sequence[str] = ()) -> str:
-    """Return a page of text: robot, unknowns, links, rates, states, costs, lag, files."""
+    """Return a page of text with titled sections; `costs`: lines on the effects left out."""
     sections = (
         ("robot", _robot(config, problem)),
         ("bodies", _bodies(config, problem)),
@@ -54,7 +54,7 @@ def _robot(config: Config, problem: Problem) -> list[str]:
 
 
 def _by_speed(config: Config) -> list[str]:
-    """Return a line for each joint whose encoder gives speed only, and how its angle walks."""
+    """Return a line for each joint that measures speed only, with the drift of its angle [rad]."""
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
     return [
         f"{joint.name}: speed only; its angle is integrated from {joint.start_rad:.4g} +- "
@@ -66,7 +66,7 @@ def _by_speed(config: Config) -> list[str]:
 
 
 def _held(base: BaseConfig) -> list[str]:
-    """Return a line on what holds the base; none in space."""
+    """Return a line on how the base is held and on gravity; no line for a free base."""
     if base.motion == "free":
         return []
     gravity = " ".join(f"{x:.6g}" for x in base.gravity_B_m_s2)
@@ -97,7 +97,7 @@ def _body(body: BodyConfig) -> str:
 
 
 def _wheels(config: Config) -> list[str]:
-    """Return a line for each wheel, and which of their effects are left out."""
+    """Return a line for each wheel, and a line on what the model does not contain."""
     lines = []
     for wheel in config.wheels:
         axis = " ".join(f"{x:.4g}" for x in wheel.axis_B)
@@ -112,7 +112,7 @@ def _wheels(config: Config) -> list[str]:
 
 
 def _thrusters(config: Config) -> list[str]:
-    """Return a line for each thruster."""
+    """Return a line for each thruster, and a line on what the model contains."""
     lines = []
     for own in config.thrusters:
         place, way = (" ".join(f"{x:.4g}" for x in v) for v in (own.p_B_m, own.direction_B))
@@ -125,7 +125,7 @@ def _thrusters(config: Config) -> list[str]:
 
 
 def _modes(config: Config) -> list[str]:
-    """Return a line for each mode: its declared values, and the cost of leaving it out."""
+    """Return a line for each mode with its declared values and the effect of leaving it out."""
     lines = []
     for mode in config.modes:
         inertia, rate_rad_s = modal_inertia(mode), 2.0 * np.pi * mode.frequency_hz
@@ -215,7 +215,7 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
 
 
 def _doubts(config: Config, problem: Problem) -> list[str]:
-    """Return the data of arm and sensors that are states too, each with its prior sigma."""
+    """Return the data of arm and sensors that are estimated too, with the largest prior sigma."""
     joints, imu = config.joints, config.imu
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
     known = {name.rpartition(".")[0] for name in problem.names if name.startswith("known.")}
@@ -241,12 +241,12 @@ def _doubts(config: Config, problem: Problem) -> list[str]:
 
 
 def _states(problem: Problem) -> set[str]:
-    """Return the kinds of states that the problem has."""
+    """Return the kinds of the problem's states, such as `gyro_bias`."""
     return {name.partition(".")[0] for name in problem.names}
 
 
 def _certain(config: Config, problem: Problem) -> list[str]:
-    """Return the data of arm, base and inertial unit that the estimator takes as exact."""
+    """Return the data of arm, base and sensors that the estimator assumes to be exact."""
     joints, states = config.joints, _states(problem)
     bodies = {name.split(".")[1] for name in problem.names if name.startswith("known.")}
     linkless = {name.split(".")[2] for name in problem.names if name.startswith("known.link.")}
@@ -269,10 +269,10 @@ def _certain(config: Config, problem: Problem) -> list[str]:
 
 
 def _off(config: Config) -> list[str]:
-    """Return which effects the model leaves out, with the key that would bring each in.
+    """Return the effects that the model leaves out, each with the key that would add it.
 
-    An effect that some joints have and others have not is off at the others, which are named. What
-    cannot be, as the momentum of a clamped base, is not named.
+    If an effect is configured for some joints only, the other joints are named. Effects that cannot
+    occur, such as the momentum of a clamped base, are not listed.
     """
     imu, estimator, motion = config.imu, config.estimator, config.base.motion
     off = []

@@ -1,4 +1,4 @@
-"""One example for the help of every command; a test parses each."""
+"""One example call for the help of each command; a test parses every example."""
 
 EXAMPLES = {
     "run": "fsw run robot.yaml",

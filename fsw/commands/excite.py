@@ -1,4 +1,4 @@
-"""The command `fsw excite`: plan a trajectory, or judge one (or a recording) that exists."""
+"""The command `fsw excite`: plan a trajectory, or judge an existing trajectory or recording."""
 
 import argparse
 import sys
@@ -24,7 +24,7 @@ from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
 
 FAILED, DONE = 1, 0
-WORDS = {  # of the criteria; docs/excitation.md
+WORDS = {  # meaning of each criterion; see docs/excitation.md
     "sigma": "geometric mean of the predicted sigmas",
     "d": "root of the determinant of their covariance in prior sigmas",
     "a": "root of its trace",
@@ -33,7 +33,7 @@ WORDS = {  # of the criteria; docs/excitation.md
     "gamma": "xi1 cond + xi2 / integral of |torque|",
 }
 ENDINGS = (".yaml", ".yml")
-MOST = {  # beyond these a plan needs more memory or time than a computer has
+MOST = {  # upper limits of arguments: larger values need too much memory or time
     "duration_s": 3600.0,
     "rate_hz": 1000.0,
     "export_rate_hz": 10_000.0,
@@ -43,11 +43,11 @@ MOST = {  # beyond these a plan needs more memory or time than a computer has
 
 
 def excite(arguments: argparse.Namespace, config: Config) -> int:
-    """Run the command; return its exit code.
+    """Run the command and return its exit code: FAILED if limits are broken, otherwise DONE.
 
     Raises
     ------
-    ConfigError if the request itself is wrong.
+    ConfigError if the request is wrong.
     """
     if arguments.unknown is not None:
         both = ("base", "target")
@@ -75,7 +75,7 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
 
 
 def what_stands_still(config: Config, firings: Sequence[spline.Firing]) -> list[str]:
-    """Return a line for each part whose own motion no plan knows."""
+    """Return a line for each kind of actuator whose motion the plan leaves out."""
     lines = []
     if config.wheels:
         lines.append("wheels: counted as if they stood still relative to the base")
@@ -174,19 +174,19 @@ def _evaluate(
 
 
 class _Blocks(NullSink):
-    """Keeps the blocks of a replay."""
+    """Keeps the blocks of a replay in a list."""
 
     def __init__(self) -> None:
         self.blocks: list[Block] = []
 
     def put(self, message: Message) -> None:
-        """Keep a block, discard everything else."""
+        """Keep a block; discard every other message."""
         if isinstance(message, Block):
             self.blocks.append(message)
 
 
 def _recorded(recording: Path, config: Config, subject: Subject) -> int:
-    """Judge the motion of a recording by the estimator's own rows of it."""
+    """Judge the motion of a recording from its blocks, without a planned trajectory."""
     sink = _Blocks()
     with Progress("excite") as progress:
         replay(recording, config, sink=sink, progress=progress)

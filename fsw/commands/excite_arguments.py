@@ -1,4 +1,4 @@
-"""Arguments of `fsw excite`, apart from the planner so that the other commands never load it."""
+"""Arguments of `fsw excite`, in a module that does not import the planner (slow to load)."""
 
 import argparse
 from pathlib import Path
@@ -9,12 +9,12 @@ CRITERIA = ("sigma", "d", "a", "e", "cond", "gamma")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command's arguments."""
+    """Add the arguments of `fsw excite` to its parser."""
     parser.add_argument("config", type=Path, metavar="CONFIG")
     parser.add_argument("--unknown", choices=("base", "target", "both"))
     parser.add_argument("--limits", type=Path, metavar="YAML", help="the motion's limits")
     out_argument(parser, "YAML", "where the trajectory goes")
-    parser.set_defaults(new="")  # a judgement draws only a picture beside it
+    parser.set_defaults(new="")  # with --evaluate only a picture is written
     parser.add_argument(
         "--evaluate", type=Path, metavar="FILE", help="judge a trajectory (YAML) or a recording"
     )

@@ -1,4 +1,4 @@
-"""`fsw export`: an identified body in the formats of other tools."""
+"""`fsw export`: write an identified body in the formats of other tools."""
 
 import argparse
 import csv
@@ -18,11 +18,11 @@ from fsw.commands.ros2 import message
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
-PARQUET = "parquet"  # the one format that is no text
+PARQUET = "parquet"  # the only binary format
 
 
 def as_urdf(body: Body) -> str:
-    """Return a robot of one link."""
+    """Return the text of a URDF robot whose only link is the body."""
     root = ET.Element("robot", name=body.name)
     root.append(ET.Comment(" for MuJoCo alone, which keeps the link apart; others skip mujoco "))
     own = ET.SubElement(root, "mujoco")
@@ -36,7 +36,7 @@ def as_urdf(body: Body) -> str:
 
 
 def as_sdf(body: Body) -> str:
-    """Return a model of one link."""
+    """Return the text of an SDF model whose only link is the body."""
     root = ET.Element("sdf", version="1.9")
     model = ET.SubElement(root, "model", name=body.name)
     inertial = ET.SubElement(ET.SubElement(model, "link", name=body.name), "inertial")
@@ -49,7 +49,7 @@ def as_sdf(body: Body) -> str:
 
 
 def as_mjcf(body: Body) -> str:
-    """Return a model of one free body."""
+    """Return the text of a MuJoCo model (MJCF) with the body as its only, free body."""
     root = ET.Element("mujoco", model=body.name)
     element = ET.SubElement(ET.SubElement(root, "worldbody"), "body", name=body.name)
     ET.SubElement(element, "freejoint")
@@ -61,7 +61,7 @@ def as_mjcf(body: Body) -> str:
 
 
 def as_json(body: Body) -> str:
-    """Return the payload for a controller: mean and covariance of mass, centre and inertia."""
+    """Return JSON for a controller: values and covariance of mass, centre of mass and inertia."""
     values: dict[str, Any] = {
         "body": body.name,
         "frame": body.frame,
@@ -77,7 +77,7 @@ def as_json(body: Body) -> str:
 
 
 def as_csv(body: Body) -> str:
-    """Return a table: quantity, value, sigma."""
+    """Return a CSV table with the columns quantity, value, sigma."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("quantity", "value", "sigma"))
@@ -87,16 +87,16 @@ def as_csv(body: Body) -> str:
 
 
 def as_ros2(body: Body) -> str:
-    """Return inertia_daemon_msgs/msg/BodyEstimate for `ros2 topic pub`: JSON, which is YAML too."""
+    """Return inertia_daemon_msgs/msg/BodyEstimate as JSON, which `ros2 topic pub` reads as YAML."""
     return json.dumps(message(body)) + "\n"
 
 
 def write_body(body: Body, path: Path) -> None:
-    """Write a Parquet table: quantity, value, sigma, and the quantity's row of the covariance.
+    """Write a Parquet table with the columns quantity, value, sigma and covariance (one row of it).
 
     Raises
     ------
-    ConfigError without pyarrow; OSError when the file cannot be written.
+    ConfigError if pyarrow is not installed; OSError when the file cannot be written.
     """
     columns = {
         "quantity": QUANTITIES,
@@ -119,11 +119,11 @@ FORMATS: dict[str, Callable[[Body], str]] = {
 
 
 def export(arguments: argparse.Namespace) -> tuple[Body, str]:
-    """Return the body asked for, and what belongs on standard output; with `--out` its path.
+    """Return the requested body and the text for standard output: the body, or the path of `--out`.
 
     Raises
     ------
-    ConfigError when there is no such body, or the file cannot be written.
+    ConfigError when the result has no such body, or the file cannot be written.
     """
     try:
         body = body_of(read_result(arguments.result), arguments.body)

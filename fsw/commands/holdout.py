@@ -1,4 +1,4 @@
-"""A model judged by data it was not estimated from: part of the windows is predicted only."""
+"""Judge an estimate by held-out windows: it predicts windows that it was not estimated from."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,19 +11,19 @@ from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
 
-NOISE_RATIO = 1.5  # found over declared noise, which comes from data sheets
-FALSE_ALARM = 1e-4  # per channel, of a right model
-INDEPENDENT = 0.5  # of the nodes; noise of the motion ties those of a window together
-DATA_SHARE = 0.5  # of the prior's variance; above, the prior knows more than the data
+NOISE_RATIO = 1.5  # accepted ratio of found noise to declared noise (from data sheets)
+FALSE_ALARM = 1e-4  # probability per channel that a correct model fails
+INDEPENDENT = 0.5  # share of nodes counted as independent: motion noise correlates a window's nodes
+DATA_SHARE = 0.5  # ratio of variance to prior variance; above it the prior says more than the data
 MEAN_SIGMAS = 4.0
 
 
 def split(blocks: Sequence[Block], share: float) -> tuple[list[Block], list[Block]]:
-    """Return the windows to estimate from, and those held out, evenly spread over the recording.
+    """Return the windows to estimate from and the held-out windows, which are evenly spread.
 
     Raises
     ------
-    ConfigError when the share is not within (0, 0.9], or one part would be empty.
+    ConfigError when the share is not in (0, 0.9], or one of the two lists would be empty.
     """
     if not 0.0 < share <= 0.9:
         raise ConfigError(f"--holdout: {share:g} must be greater than 0 and at most 0.9")
@@ -42,15 +42,15 @@ def judge(
     x: FloatArray,
     covariance: FloatArray,
 ) -> dict[str, Any]:
-    """Return how well the held-out windows are predicted, channel by channel, as plain values.
+    """Return plain values that state how well the held-out windows are predicted, by channel.
 
-    A channel passes when its rms over sigma is no larger than a right model gives once in
-    ten thousand with 1.5 times the declared noise, and its mean agrees with zero. Both count the
-    state's own uncertainty as one error that all nodes have in common.
+    A channel passes if the rms of residual / sigma is below its bound and the mean agrees with
+    zero. With 1.5 times the declared noise, a correct model exceeds the bound of the rms once in
+    ten thousand. Both bounds count the state's uncertainty as one error common to all nodes.
 
     Parameters
     ----------
-    blocks : all windows in order, the held-out ones among them
+    blocks : all windows in order, including the held-out ones
     x, covariance : the whole state (p,), (p, p), estimated without `held`
 
     Raises
@@ -61,7 +61,7 @@ def judge(
     nodes = np.concatenate([np.full(len(b.t_ns), b.index in out) for b in blocks])
     r = channel_residuals(blocks, x, problem, covariance)
     exact = channel_residuals(blocks, x, problem)
-    shared = 1.0 - (exact.sigma / r.sigma) ** 2  # of the variance: the state's, one for all nodes
+    shared = 1.0 - (exact.sigma / r.sigma) ** 2  # share of the variance that is the state's
     channels = {}
     for k, (name, unit) in enumerate(zip(r.names, r.units, strict=True)):
         used = nodes & np.isfinite(r.value[:, k])
@@ -96,7 +96,7 @@ def _verdict(value: FloatArray, ratio: FloatArray, shared: float, unit: str) -> 
 
 
 def to_text(holdout: Mapping[str, Any]) -> list[str]:
-    """Return the judgement as lines, the verdict first."""
+    """Return the values of `judge` as lines of text, the verdict first."""
     verdict = "PASSED" if holdout["passed"] else "FAILED"
     lines = [f"held out: {verdict}, {holdout['windows']} windows predicted"]
     for name, c in holdout["channels"].items():

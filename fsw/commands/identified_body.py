@@ -1,4 +1,4 @@
-"""An identified body: parameters, covariance and verdict, from the JSON of a result."""
+"""An identified body with covariance and verdict, read from the JSON of a result."""
 
 import json
 from collections.abc import Mapping
@@ -20,38 +20,38 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
-FRAMES = {"base": "base", "target": "tool"}  # of any other body: bodies.NAME.frame
+FRAMES = {"base": "base", "target": "tool"}  # any other body has the frame bodies.NAME.frame
 QUANTITIES = ("mass_kg", *(f"com_{a}_m" for a in "xyz"), *(f"inertia_{a}_kg_m2" for a in AXES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A physically consistent body in its own frame (base: B; target: E; another: its own)."""
+    """A physically consistent body in frame B (base), E (target) or bodies.NAME.frame (others)."""
 
     name: str
     mass_kg: float
     com_m: FloatArray  # (3,)
     inertia_kg_m2: FloatArray  # (6,) xx xy xz yy yz zz about the centre of mass
-    covariance: FloatArray  # (10, 10) of mass, centre of mass, inertia
+    covariance: FloatArray  # (10, 10) of `values`
     valid: bool
     reason: str  # why not valid; empty when valid
-    frame: str  # whose axes and origin these are
+    frame: str  # name of the frame of com_m and inertia_kg_m2
 
     def values(self) -> FloatArray:
-        """Return mass, centre of mass, inertia (10,)."""
+        """Return mass [kg], centre of mass [m] and inertia [kg m^2] as one array (10,)."""
         return np.concatenate(([self.mass_kg], self.com_m, self.inertia_kg_m2))
 
     def sigma(self) -> FloatArray:
-        """Return 1 sigma of the same (10,)."""
+        """Return 1 sigma of `values` (10,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
 def body_of(result: Mapping[str, Any], name: str | None) -> Body:
-    """Return a body from the output of `fsw identify --json` or `fsw replay --json`.
+    """Return a body of the values that `fsw identify --json` or `fsw replay --json` print.
 
     Raises
     ------
-    ConfigError when it holds no such body, or no body at all.
+    ConfigError for an unknown body, for None if there are several, or for values of another form.
     """
     try:
         known = [str(body) for body in result["estimate"]]
@@ -65,7 +65,7 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
         reason = result["reason"] if "valid" in result else result["status"]
         valid = bool(result.get("valid", reason == "OK"))
         frame = str((FRAMES | dict(result.get("frames") or {})).get(name, "own"))
-        with np.errstate(all="ignore"):  # what is not finite is refused below
+        with np.errstate(all="ignore"):  # values that are not finite are refused below
             pi = to_parameters(found["mass_kg"], found["com_m"], found["inertia_kg_m2"])
             mass, com, inertia = from_parameters(nearest_consistent(pi, state))
             T = report_jacobian(pi)
@@ -93,11 +93,11 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
 
 
 def read_result(path: Path) -> Mapping[str, Any]:
-    """Return the values of a result file.
+    """Return the values of a result file (JSON).
 
     Raises
     ------
-    ConfigError when it cannot be read or is no JSON object.
+    ConfigError when the file cannot be read or is not a JSON object.
     """
     try:
         source = path.read_bytes()

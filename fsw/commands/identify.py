@@ -1,4 +1,4 @@
-"""Batch identification of a recording from the shell: replay it for its blocks, then one method."""
+"""Batch identification of a recording: a replay makes the blocks, then one batch method runs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,14 +27,14 @@ Progress = Callable[[float, str], bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """Configuration and blocks of a batch result."""
+    """Data behind a batch result, for its page."""
 
     replayed: ReplayResult
-    blocks: Sequence[Block]  # every window of the recording that is plausible
-    recursive: Sequence[Estimate]  # of the replay that made the windows
+    blocks: Sequence[Block]  # of all plausible windows of the recording
+    recursive: Sequence[Estimate]  # recursive estimates of the replay that made the blocks
     problem: Problem
     x: FloatArray  # (p,) the whole state
-    covariance: FloatArray  # (p, p)
+    covariance: FloatArray  # (p, p) of x
 
 
 def identify(
@@ -50,20 +50,20 @@ def identify(
 ) -> dict[str, Any]:
     """Identify bodies from a recording by one batch method.
 
-    `reference` is a recording of the same robot without the unknown bodies, but for the base.
-    `holdout` is the share of the windows that is predicted and not used; None: all are used.
-    `show` is called with the result and what it was made of. Without it, and where nothing is held
-    out, the recursion of a flight runs only if something does not fit the batch.
+    `reference` is a recording of the same robot without the unknown bodies except the base.
+    `holdout` is the share of the windows to predict instead of using; None: all are used. `show` is
+    called with the result and its evidence. If these three are None and outside_wrench is ignore,
+    the recursive estimator runs only when a part of the data does not fit the batch result.
 
     Returns
     -------
-    Plain values: method, unknown, status (OK, NOT_CONVERGED, INSUFFICIENT_EXCITATION), estimate and
-    sigma per body, names, mean and covariance of the state, diagnosis, samples per source; every
-    field is described in docs/output.md.
+    Plain values: method, unknown, status (OK or the reason why not), estimate and sigma per body,
+    names, mean and covariance of the published states, diagnosis, samples per source and others;
+    docs/output.md describes every field.
 
     Raises
     ------
-    ConfigError if the recording or the configuration does not fit; EstimatorError without data.
+    ConfigError if recording and configuration do not fit; EstimatorError if no window can be used.
     """
 
     def tell(text: str) -> None:
@@ -145,7 +145,7 @@ def identify(
 
 
 def frame_of(config: Config, body: str) -> str:
-    """Return the frame that a body's parameters are stated in."""
+    """Return the name of the frame in which a body's parameters are stated."""
     own = {"base": "base", "target": config.robot.tool_frame}
     return own.get(body) or str(config.bodies[body].frame)
 
@@ -155,7 +155,7 @@ def _plausible(recorded: Sequence[Block]) -> list[Block]:
 
 
 def noise_text(result: Mapping[str, Any]) -> list[str]:
-    """Return a line for every sensor whose noise is correlated in time."""
+    """Return a line for each sensor whose noise is correlated in time."""
     torques = result.get("torque_noise", ())
     inertial = result.get("inertial_noise", ())
     found = [

@@ -1,4 +1,4 @@
-"""`fsw init URDF`: a commented configuration of a robot, from flags or questions."""
+"""`fsw init URDF`: write a commented configuration of a robot, from flags or answers."""
 
 import argparse
 import sys
@@ -23,7 +23,7 @@ from fsw.estimators.model.inertia import PARAMETERS, from_parameters
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages.errors import ConfigError
 
-DENSITY_KG_M3 = 150.0  # of a satellite, for a first guess of an object's size
+DENSITY_KG_M3 = 150.0  # typical of a satellite; gives a first guess of the target's size
 HELD = ("free", "planar", "clamped")
 T = TypeVar("T")
 HEAD = """\
@@ -33,23 +33,23 @@ HEAD = """\
 
 
 class Ask(Protocol):
-    """Gives a flag's value, or asks for it where a person can answer."""
+    """Returns the value of a flag, or asks for it if stdin is a terminal."""
 
     def __call__(self, name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
-        """Return the value of the flag `name`; `kind` reads an answer, empty: `default`."""
+        """Return the value of flag `name`; `words` ask for it, `kind` converts the text."""
         ...
 
 
 @lru_cache(maxsize=1)
 def library() -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the figures of named devices, by kind and name."""
+    """Return the data of the devices in devices.yaml, by kind and name."""
     text = (files("fsw.commands") / "devices.yaml").read_text(encoding="utf-8")
     found: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(text)
     return found
 
 
 def listing() -> str:
-    """Return the named devices, one a line, with the source of their figures."""
+    """Return one line for each device of the library, with the source of its data."""
     return "\n".join(
         f"{kind} {name}: {device['title']}; {_trust(device)}"
         for kind, devices in library().items()
@@ -62,11 +62,11 @@ def _trust(device: Mapping[str, Any]) -> str:
 
 
 def init(arguments: argparse.Namespace) -> str:
-    """Write the configuration; return a line about it.
+    """Write the configuration; return warnings on inertias and a line on what to check.
 
     Raises
     ------
-    ConfigError when the robot cannot be used, a flag is missing or a file stands in the way.
+    ConfigError when the robot cannot be used, a flag is missing or the file exists already.
     """
     out: Path = arguments.out
     refuse_existing(arguments)
@@ -90,7 +90,7 @@ def init(arguments: argparse.Namespace) -> str:
     if model.n == 0:
         raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
     text = _text(arguments, ask, tool, root, model) + base
-    config = parse(text.encode(), out.parent.absolute(), str(out))  # a fault would be ours
+    config = parse(text.encode(), out.parent.absolute(), str(out))  # checks the text
     doubts = inertia_warnings(config, load_problem(config).model)
     try:
         out.write_text(text, encoding="utf-8")
@@ -101,7 +101,7 @@ def init(arguments: argparse.Namespace) -> str:
 
 
 def _asker(arguments: argparse.Namespace) -> Ask:
-    """Return the function that gives a flag's value, or asks for it where a person can answer."""
+    """Return a function that returns a flag's value, or asks for it if stdin is a terminal."""
 
     def ask(name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
         value = getattr(arguments, name)
@@ -127,7 +127,7 @@ def _asker(arguments: argparse.Namespace) -> Ask:
 
 
 def _base(ask: Ask, root: ET.Element, given: str | None) -> str:
-    """Return the section `base`; a root link without mass, such as `world`, says too little."""
+    """Return the YAML section `base`, empty if free; ask if a massless root has a fixed joint."""
     held = given or "free"
     children = {child.get("link") for _, child in _ends(root, "child")}
     for joint, parent in _ends(root, "parent"):
@@ -148,7 +148,7 @@ base:
 
 
 def _ends(root: ET.Element, kind: str) -> Iterable[tuple[ET.Element, ET.Element]]:
-    """Yield every joint with its `parent` or `child`."""
+    """Yield every joint with its element `kind`: parent or child."""
     ends = ((joint, joint.find(kind)) for joint in root.findall("joint"))
     return ((joint, end) for joint, end in ends if end is not None)
 
@@ -168,7 +168,7 @@ def _angles(text: str) -> list[float]:
 
 
 def _one_of(known: Sequence[str]) -> Callable[[str], str]:
-    """Return a parser of names that accepts the known ones only."""
+    """Return a function that returns a known name and raises ValueError for any other."""
 
     def read(text: str) -> str:
         if text not in known:
@@ -246,7 +246,7 @@ def _text(
 
 
 def _word(text: str) -> str:
-    """Return a name as YAML, in quotes where it would be read as something else."""
+    """Return a name as a YAML scalar, quoted where YAML would read it as another type."""
     return yaml.safe_dump(text, width=inf, allow_unicode=True).removesuffix("\n...\n").strip()
 
 
@@ -309,7 +309,7 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
             "torque_scale_sigma_ratio": f"{torque['torque_scale_sigma_ratio']:g}",
             "position_noise_rad": f"{encoder['position_noise_rad']:g}",
         }
-        if kind == "prismatic":  # that encoder's revolution: 1 m
+        if kind == "prismatic":  # the encoder's numbers count in m, not rad
             own = {"kind": kind} | {linear(key): value for key, value in own.items()}
             own["position_noise_m"] += "  # CHECK"
         lines += [

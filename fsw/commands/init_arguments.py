@@ -9,12 +9,12 @@ FIRST_NODE = 0x11
 
 
 def node_number(text: str) -> int:
-    """Return a number as typed, decimal or 0x."""
+    """Return the integer that `text` states in decimal or with the prefix 0x."""
     return int(text, 0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command's arguments; on a terminal, what is missing is asked."""
+    """Add the arguments of `fsw init`; on a terminal the command asks for missing ones."""
     parser.add_argument("urdf", type=Path, metavar="URDF")
     out_argument(parser, "YAML", "robot.yaml")
     parser.set_defaults(out=Path("robot.yaml"), new="")  # `init list` writes nothing

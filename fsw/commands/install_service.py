@@ -1,4 +1,4 @@
-"""fsw install-service: a systemd unit for one configuration."""
+"""`fsw install-service`: write a systemd unit that runs one configuration."""
 
 import sys
 from collections.abc import Sequence
@@ -9,15 +9,15 @@ from fsw.messages.errors import ConfigError, PortError
 
 TEMPLATE = Path(__file__).with_name("inertia-daemon.service")
 UNIT_NAME = "inertia-daemon.service"
-FORBIDDEN = frozenset("\n\\\"' %{}")  # would need quoting in a unit
+FORBIDDEN = frozenset("\n\\\"' %{}")  # characters that would need quoting in a unit
 
 
 def unit_text(config: Config, given: Sequence[Path], user: str, command: Path) -> str:
-    """Return the unit that runs a configuration, `given` as its file and overlays, as a user.
+    """Return the unit that runs `given` (the configuration file, then overlays) as `user`.
 
     Raises
     ------
-    ConfigError when a path or name cannot stand in a unit as it is.
+    ConfigError when a path or name is empty or contains a forbidden character.
     """
     folders = written_folders(config)
     path, *overlays = [file.absolute() for file in given]
@@ -34,7 +34,7 @@ def unit_text(config: Config, given: Sequence[Path], user: str, command: Path) -
 
 
 def written_folders(config: Config) -> list[Path]:
-    """Return where the daemon writes."""
+    """Return the folders in which the daemon writes."""
     folders = [config.resolve(config.service.state_directory)]
     if config.recorder.directory is not None:
         folders.append(config.resolve(config.recorder.directory))
@@ -42,11 +42,11 @@ def written_folders(config: Config) -> list[Path]:
 
 
 def install(config: Config, given: Sequence[Path], user: str, directory: Path) -> str:
-    """Write the unit; return what is left to do by hand.
+    """Write the unit; return the commands that the user must run next, as root.
 
     Raises
     ------
-    ConfigError as `unit_text`, PortError when the directory cannot be written.
+    ConfigError as in `unit_text`; PortError when the directory cannot be written.
     """
     command = Path(sys.executable).with_name("fsw")
     text = unit_text(config, given, user, command)

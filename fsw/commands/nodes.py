@@ -1,4 +1,4 @@
-"""Which CAN nodes send in a recording, against those of a configuration."""
+"""Compare the CAN nodes that send in a recording with the nodes of a configuration."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ TPDO1, HEARTBEAT = 0x180, 0x700
 
 
 class Nodes(NullSink):
-    """Keeps which nodes send TPDO1 or a heartbeat, by bus."""
+    """Collects, by bus, the numbers of the nodes that send TPDO1 or a heartbeat."""
 
     def __init__(self, config: Config) -> None:
         self._joints = config.joints
@@ -17,13 +17,13 @@ class Nodes(NullSink):
         self._seen: set[tuple[str, int]] = set()
 
     def put(self, message: Message) -> None:
-        """Note who sends."""
+        """Record the senders of CAN frames; ignore other messages."""
         if isinstance(message, CanTraffic):
             ids = np.unique(message.frames["word"]).tolist()
             self._seen |= {(message.bus, i & 0x7F) for i in ids if i & ~0x7F in (TPDO1, HEARTBEAT)}
 
     def _strangers(self) -> list[str]:
-        """Return a line per bus on which nodes send that the configuration does not have."""
+        """Return a line for each bus on which nodes send that are not in the configuration."""
         others = sorted(node for node in self._seen - self._known if node[1])
         return [
             f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
@@ -32,7 +32,7 @@ class Nodes(NullSink):
         ]
 
     def _silent(self) -> list[str]:
-        """Return a line per bus on which joints never send while others do."""
+        """Return a line for each bus on which some nodes send but a configured joint never does."""
         buses, lines = {bus for bus, _ in self._seen}, []
         for bus in sorted(buses):
             silent = [
@@ -49,5 +49,5 @@ class Nodes(NullSink):
         return lines
 
     def findings(self) -> list[str]:
-        """Return a line for each thing that another robot's recording would show."""
+        """Return a line for each sign that the recording is of another robot."""
         return [*self._strangers(), *self._silent()]

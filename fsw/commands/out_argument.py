@@ -1,4 +1,4 @@
-"""`--out` and what else names a new file: nothing is overwritten without `--force`."""
+"""`--out` and other options that name a new file: no file is overwritten without `--force`."""
 
 import argparse
 from pathlib import Path
@@ -9,18 +9,18 @@ from fsw.messages.errors import ConfigError
 def out_argument(
     parser: argparse.ArgumentParser, metavar: str, words: str, flag: str = "--out"
 ) -> None:
-    """Add the name of the output, and `--force`; `main` refuses a file that exists."""
+    """Add the option `flag` for the output, and `--force`; `main` refuses an existing file."""
     parser.add_argument(flag, type=Path, metavar=metavar, help=words)
     parser.add_argument("--force", action="store_true", help=f"overwrite {flag}")
-    parser.set_defaults(new=flag.removeprefix("--"))  # refused before the command begins
+    parser.set_defaults(new=flag.removeprefix("--"))  # `main` checks this option first
 
 
 def refuse_existing(arguments: argparse.Namespace, key: str = "out") -> None:
-    """Refuse a name that is taken; an empty folder is not.
+    """Refuse an existing output, unless it is an empty folder or `--force` is given.
 
     Raises
     ------
-    ConfigError with the option, the name and what to do.
+    ConfigError that names option, path and remedy; also if the output is a file the command reads.
     """
     path: Path | None = getattr(arguments, key)
     if path is None or not path.exists():

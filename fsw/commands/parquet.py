@@ -8,11 +8,11 @@ from fsw.messages.errors import ConfigError
 
 
 def require_pyarrow() -> None:
-    """Refuse early where no Parquet file can be written.
+    """Check that pyarrow is installed, so that a long command fails early.
 
     Raises
     ------
-    ConfigError without pyarrow.
+    ConfigError if pyarrow is not installed.
     """
     try:
         import pyarrow.parquet  # noqa: F401
@@ -24,11 +24,11 @@ def require_pyarrow() -> None:
 def write_parquet(
     path: Path, columns: Mapping[str, Iterable[Any]], facts: Mapping[str, str] | None = None
 ) -> None:
-    """Write a table; `facts` become metadata of its schema.
+    """Write `columns` (values by name) as a table; `facts` become metadata of its schema.
 
     Raises
     ------
-    ConfigError without pyarrow; OSError when the file cannot be written.
+    ConfigError if pyarrow is not installed; OSError when the file cannot be written.
     """
     require_pyarrow()
     import pyarrow

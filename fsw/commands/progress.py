@@ -1,4 +1,4 @@
-"""How far a command has come, on stderr: on a terminal one line that is rewritten."""
+"""Progress of a command on stderr; on a terminal it is one line that is rewritten."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from types import TracebackType
 
 from fsw.clock import MonotonicClock
 
-QUIET_NS = 10 * 10**9  # between two lines of one stage, where no terminal is
+QUIET_NS = 10 * 10**9  # between two lines of one stage if stderr is not a terminal
 NUMBERS = re.compile(r"[-+]?\d[\d.e+-]*")
 CLEAR = "\r\x1b[K"
-PLAIN_WIDTH = 80  # of a terminal that does not say
-STAYS = "warning: "  # a text that begins so is not rewritten
+PLAIN_WIDTH = 80  # columns of a terminal that reports no width
+STAYS = "warning: "  # a text that begins with this is not rewritten
 
 
 class Progress:
-    """Called with a line of text; leaving its `with` clears the line of a terminal.
+    """Prints each text it is called with; on a terminal the end of `with` clears the line.
 
-    Elsewhere a stage, which is a text but for its numbers, is a line when it begins and every ten
-    seconds.
+    If stderr is not a terminal, a text is printed when its stage begins and every ten seconds.
+    Texts that differ only in their numbers belong to one stage.
     """
 
     def __init__(self, command: str) -> None:
@@ -28,7 +28,7 @@ class Progress:
         self._said_ns, self._clock = 0, MonotonicClock()
 
     def __call__(self, text: str) -> None:
-        """Say how far the command has come."""
+        """Print `text` as the present progress of the command."""
         line = f"fsw: {self._command}: {text}"
         if sys.stderr.isatty() and text.startswith(STAYS):
             self._write(f"{CLEAR}{line}\n")

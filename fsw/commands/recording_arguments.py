@@ -1,4 +1,4 @@
-"""Arguments of the commands that read or make a recording: replay, identify, report, import."""
+"""Argument parsers of the commands that read or write recordings and results."""
 
 import argparse
 from collections.abc import Callable
@@ -15,7 +15,7 @@ ONLINE = ("mrnea", "rda", "cm", "fused")
 
 
 def replay_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw replay`."""
+    """Add the parser of `fsw replay`."""
     replay = commands.add_parser("replay", help="identify from a recording, as fast as it goes")
     _recorded_arguments(replay)
     _part_arguments(replay)
@@ -24,7 +24,7 @@ def replay_arguments(commands: Commands, command: Command) -> None:
 
 
 def identify_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw identify`."""
+    """Add the parser of `fsw identify`."""
     identify = commands.add_parser("identify", help="one batch method on a recording")
     identify.add_argument("recording", type=Path, metavar="RECORDING")
     identify.add_argument(
@@ -50,7 +50,7 @@ def identify_arguments(commands: Commands, command: Command) -> None:
 
 
 def import_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw import`."""
+    """Add the parser of `fsw import`."""
     parser = commands.add_parser(
         "import",
         help="what other tools have recorded becomes a recording",
@@ -91,7 +91,7 @@ def import_arguments(commands: Commands, command: Command) -> None:
 
 
 def report_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw report`."""
+    """Add the parser of `fsw report`."""
     report = commands.add_parser(
         "report",
         help="a recording, or what a running daemon has recorded so far, as one HTML page",
@@ -110,7 +110,7 @@ def report_arguments(commands: Commands, command: Command) -> None:
 
 
 def calibrate_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw calibrate`."""
+    """Add the parser of `fsw calibrate`."""
     calibrate = commands.add_parser(
         "calibrate",
         help="offsets, biases and mounting from a recording, as a configuration overlay",
@@ -139,7 +139,7 @@ def calibrate_arguments(commands: Commands, command: Command) -> None:
 
 
 def export_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw export`."""
+    """Add the parser of `fsw export`."""
     export = commands.add_parser(
         "export", help="an identified body for other tools; `export ros2`: the message package"
     )
@@ -153,7 +153,7 @@ def export_arguments(commands: Commands, command: Command) -> None:
 
 
 def view_arguments(commands: Commands, command: Command) -> None:
-    """Describe `fsw view`."""
+    """Add the parser of `fsw view`."""
     view = commands.add_parser(
         "view",
         help="a recording or a plan in motion, as one HTML page",
@@ -181,7 +181,7 @@ def _recorded_arguments(parser: argparse.ArgumentParser, metavar: str = "RECORDI
 
 
 def overlay_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the files that change a configuration."""
+    """Add `--overlay`: files that change keys of the configuration."""
     parser.add_argument(
         "--overlay",
         type=Path,
@@ -193,7 +193,7 @@ def overlay_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def _part_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add how a recording is used: which part of it, and the weighting of mrnea."""
+    """Add `--weighting` (for method mrnea), `--from` and `--to`."""
     parser.add_argument(
         "--weighting", choices=("ols", "wls", "bc", "eiv"), help=f"{INSTEAD}; mrnea"
     )
@@ -201,7 +201,7 @@ def _part_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _span_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add which part of a recording is used."""
+    """Add `--from` and `--to`, which select a part of the recording."""
     parser.add_argument(
         "--from", dest="from_s", type=float, default=0.0, metavar="S", help="from the start, 0"
     )

@@ -1,7 +1,7 @@
-"""Replay: the same estimation on a recording, as fast as it can, with the same result as live.
+"""Replay: run the daemon's estimation on a recording, fast and with the same result as live.
 
-Recorded frames and chunks are handed over with their recorded stamps, as the loop does it; how long
-a batch is does not matter: results depend on the stamps alone.
+Recorded frames and chunks are passed on in batches with their recorded stamps, as the loop does.
+Results depend on the stamps alone, not on the length of a batch.
 """
 
 import json
@@ -51,7 +51,7 @@ from fsw.messages.errors import ConfigError
 from fsw.service.recorder import CHECKPOINT
 
 BATCH_NS = 400_000_000
-WINDOWS_BATCH_NS = 10 * 10**9  # where nobody asks when something was found
+WINDOWS_BATCH_NS = 10 * 10**9  # if only windows are wanted: times of estimates do not matter
 PROGRESS_NS = 10 * 10**9
 CAN_TOPIC = "/can/"
 REPLAYED = (
@@ -70,17 +70,17 @@ Traffic = FrameArray | list[ByteChunk]
 
 
 class _Track:
-    """Traffic of one topic: what waits for its time, and what has become available."""
+    """Messages of one topic that `take` has not returned yet; the first of them are available."""
 
     def __init__(self, *, is_bus: bool) -> None:
         self._is_bus = is_bus
         self._times_ns = np.empty(0, np.int64)
         self._waiting: Traffic = NO_FRAMES if is_bus else []
         self._available = 0
-        self._added: list[Column] = []  # of pieces that are not in order of time yet
+        self._added: list[Column] = []  # messages not yet sorted into `_waiting`
 
     def add(self, column: Column) -> None:
-        """Add a piece's messages; they are put in order of time, as they stand in it."""
+        """Add the messages of a piece; they are sorted by time, equal times in file order."""
         self._added.append(column)
 
     def _put_in_order(self) -> None:
@@ -101,24 +101,24 @@ class _Track:
         self._times_ns, self._waiting = times_ns, waiting
 
     def next_ns(self) -> int:
-        """Return the time of the next message [ns]."""
+        """Return the time of the first message not available yet [ns]; END_NS: there is none."""
         if self._added:
             self._put_in_order()
         rest = self._times_ns[self._available :]
         return int(rest[0]) if rest.size else END_NS
 
     def release(self, until_ns: int) -> None:
-        """Make everything stamped at or before `until_ns` available."""
+        """Make all messages stamped at or before `until_ns` available."""
         if self._added:
             self._put_in_order()
         self._available = int(np.searchsorted(self._times_ns, until_ns, side="right"))
 
     def newest_ns(self) -> int:
-        """Return the time of the newest that is available [ns]; 0 of none."""
+        """Return the time of the newest available message [ns]; 0: there is none."""
         return int(self._times_ns[self._available - 1]) if self._available else 0
 
     def take(self) -> Traffic:
-        """Return the items that have become available since the last call."""
+        """Return the available messages and remove them."""
         count, self._available = self._available, 0
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
         self._times_ns = self._times_ns[count:]
@@ -126,19 +126,19 @@ class _Track:
 
 
 class RecordingFeed:
-    """Traffic of a recording, handed out as simulated time passes."""
+    """Messages of a recording, yielded in batches; `now_ns` is the end of the last batch."""
 
     def __init__(self, pieces: Iterator[tuple[Piece, int]], topics: Sequence[str]) -> None:
         self._pieces = pieces
         self._tracks = {t: _Track(is_bus=t.startswith(CAN_TOPIC)) for t in topics}
-        self._known_ns = -1  # nothing before this time is missing
+        self._known_ns = -1  # all messages before this time have been read
         self._more()
         first_ns = min(track.next_ns() for track in self._tracks.values())
         self.now_ns = first_ns if first_ns < END_NS else 0
 
     @property
     def exhausted(self) -> bool:
-        """Whether every message has been handed out."""
+        """Whether no message is left to yield."""
         return self._known_ns == END_NS and all(
             track.next_ns() == END_NS for track in self._tracks.values()
         )
@@ -151,9 +151,9 @@ class RecordingFeed:
                 self._tracks[topic].add(column)
 
     def until(self, until_ns: int) -> Iterator[Message]:
-        """Yield everything stamped at or before a time, and the end of the batch.
+        """Yield all messages stamped at or before `until_ns`, then the end of the batch.
 
-        Time ends with the recording.
+        `now_ns` does not pass the last message of the recording.
         """
         while self._known_ns <= until_ns:
             self._more()
@@ -178,7 +178,7 @@ class _EventCollector(NullSink):
         self.events: list[Event] = []
 
     def put(self, message: Message) -> None:
-        """Keep an event, discard everything else."""
+        """Keep an event; discard every other message."""
         if isinstance(message, Event):
             self.events.append(message)
 
@@ -194,21 +194,21 @@ def replay(
     progress: Callable[[str], None] = lambda _text: None,
     windows_only: bool = False,
 ) -> ReplayResult:
-    """Run the estimation on a recording.
+    """Run the daemon's estimation on a recording and return its result.
 
     Parameters
     ----------
-    sink : takes what is found; None: nothing is kept but the result
-    traffic : takes what the estimation is given
+    sink : receives the output, such as blocks, estimates and events; None: only the result is kept
+    traffic : receives the same input messages as the estimation; None: nobody else does
     pipeline : conditioning and estimation; None: as the configuration says
-    span : the part of the recording; less than the whole begins without its commands and checkpoint
+    span : the part to replay; only a replay of the whole uses recorded commands and checkpoint
     progress : called with a line of text every ten seconds of the recording
-    windows_only : no recursion is wanted; one runs all the same where commands were given to it
+    windows_only : run no recursive estimator, unless the recording contains commands for it
 
     Raises
     ------
-    ConfigError when the recording cannot be read, lacks a configured channel, holds no SYNC, or
-    nothing within the span.
+    ConfigError when the recording cannot be read, is of another robot, lacks a configured channel
+    or SYNC, or has no message in the span.
     """
     wall = MonotonicClock()
     began_ns = wall.now_ns()
@@ -267,7 +267,7 @@ def replay(
 
 
 def topics_of(config: Config, held: Sequence[str]) -> list[str]:
-    """Return the channels to replay: decoded samples of a source where the recording has them."""
+    """Return the channels to replay: decoded samples of a source if recorded, else raw traffic."""
     lines = [IMU] if config.imu.present else []
     lines += [STAR_TRACKER] if config.star_tracker is not None else []
     wheels, joints = f"{SAMPLES}{WHEELS}", f"{SAMPLES}{JOINTS}"
@@ -284,7 +284,7 @@ def topics_of(config: Config, held: Sequence[str]) -> list[str]:
 def _refuse_missing(
     recording: Path, parts: Sequence[Path], topics: Sequence[str], held: Contents
 ) -> None:
-    """Refuse a recording without a channel of the configuration."""
+    """Raise ConfigError if the recording lacks one of the channels to replay."""
     missing = [topic for topic in topics if topic not in held.topics]
     if held.truncated and not held.topics:
         size = sum(part.stat().st_size for part in parts)
@@ -298,7 +298,7 @@ def _refuse_missing(
 
 
 def _refuse_other_robot(recording: Path, config: Config, sampled: str | None) -> None:
-    """Refuse decoded samples of joints that are not the configuration's; None: there are none."""
+    """Raise ConfigError if the decoded joints `sampled` are not those of the configuration."""
     names = {joint.name for joint in config.joints}
     if sampled is not None and set(sampled.split()) != names:
         raise ConfigError(
@@ -310,9 +310,9 @@ def _refuse_other_robot(recording: Path, config: Config, sampled: str | None) ->
 def _plan(
     estimation: Estimation, commands: Sequence[RecordedMessage], checkpoint: bytes | None
 ) -> int | None:
-    """Plan the recorded commands; return when the run ended [ns], None if it was killed.
+    """Schedule the recorded commands; return the end of the run [ns], None if it was killed.
 
-    A run that continued from a checkpoint starts from the same one.
+    If the run had continued from a checkpoint, the replay starts from the same checkpoint.
     """
     end_ns = None
     for record in commands:

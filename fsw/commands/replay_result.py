@@ -15,26 +15,26 @@ SHOWN_EVENTS = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayResult:
-    """Result of a replay; estimate None: no window could be used."""
+    """Result of a replay; `estimate` is None if no window could be used."""
 
     estimate: Estimate | None
     unknown: tuple[str, ...]
     method: str
     status: Mapping[str, Any]
     truncated: bool
-    dropped: int  # messages the recorder itself had lost
+    dropped: int  # messages that the recorder did not write
     wall_s: float
-    diagnosis: Mapping[str, Any] | None = None  # None: no proper estimate
+    diagnosis: Mapping[str, Any] | None = None  # None: no estimate to judge
     events: Sequence[Event] = ()
-    start_ns: int = 0  # of what was replayed
-    duration_s: float = 0.0  # of what was replayed
+    start_ns: int = 0  # first message of the replayed part
+    duration_s: float = 0.0  # of the replayed part
 
     def cut_off(self) -> str:
         """Return the warning for a recording that is `truncated`."""
         return f"the recording is cut off at its end; {self.duration_s:.1f} s of it were read"
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain values in the words every command uses."""
+        """Return plain values under the keys that all commands use."""
         summary = estimate_summary(self.estimate) or {"valid": False, "reason": "NO_DATA"}
         return {
             "unknown": list(self.unknown),
@@ -94,7 +94,7 @@ class ReplayResult:
 
 
 def _state(estimate: Estimate | None) -> dict[str, Any]:
-    """Return the whole state, nuisances included, with its covariance."""
+    """Return names, mean and covariance of the published states; all empty without an estimate."""
     if estimate is None:
         return {"names": [], "mean": [], "covariance": []}
     return {
@@ -105,7 +105,7 @@ def _state(estimate: Estimate | None) -> dict[str, Any]:
 
 
 def known_by(diagnosis: Mapping[str, Any] | None, body: str) -> list[str]:
-    """Return a line that says who knows each parameter of a body: data, prior or nobody."""
+    """Return a line on whether data, prior or nothing determines each parameter of a body."""
     words = {} if diagnosis is None else diagnosis.get("parameters", {})
     return [f"{body}: {in_words(words[body])}"] if body in words else []
 

@@ -1,4 +1,4 @@
-"""Residuals of every channel at a state, in its unit and over its own sigma."""
+"""Residuals of all channels for a given state, in the channel's unit and divided by sigma."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ SENSORS = (("specific_force", "m/s2"), ("rate", "rad/s"))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChannelResiduals:
-    """Measured less predicted at N nodes; c channels: torques, specific force xyz, rate xyz."""
+    """Measured minus predicted at N nodes in c channels: torques, specific force (B), rate (B)."""
 
     names: tuple[str, ...]  # (c,)
     units: tuple[str, ...]  # (c,)
     t_ns: NDArray[np.int64]  # (N,)
     value: FloatArray  # (N, c), NaN: channel not usable there
-    sigma: FloatArray  # (N, c) of the residual: noise of sensor and motion, and of the state
+    sigma: FloatArray  # (N, c) 1 sigma of `value`, from noise of sensors, motion and state
 
     @property
     def normalised(self) -> FloatArray:
-        """Return the residuals over their sigmas (N, c)."""
+        """Return the residuals divided by their sigmas (N, c)."""
         ratio: FloatArray = self.value / self.sigma
         return ratio
 
@@ -40,15 +40,15 @@ def channel_residuals(
     problem: Problem,
     covariance: FloatArray | None = None,
 ) -> ChannelResiduals:
-    """Return the residuals of blocks at a state.
+    """Return the residuals of blocks for the state x (p,).
 
     Parameters
     ----------
-    covariance : (p, p) of the state, for blocks that it was not estimated from; None: x is exact
+    covariance : (p, p) of x, for blocks from which x was not estimated; None: x counts as exact
 
     Raises
     ------
-    numpy.linalg.LinAlgError if the base has no inertia at this state.
+    numpy.linalg.LinAlgError if the base has no inertia in this state.
     """
     joints = problem.model.joint_names
     parts: list[tuple[FloatArray, FloatArray]] = []

@@ -1,6 +1,6 @@
-"""A robot for the Python API: a validated configuration, and the choices made on top of it.
+"""A robot of the Python API: a validated configuration with the choices of the user.
 
-It imports no reader of recordings: a wrong configuration is reported before anything is opened.
+This module imports no reader of recordings: a wrong configuration is reported before one is opened.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Robot:
 
     Parameters
     ----------
-    config : a YAML file, or a configuration that was read
-    folder : keeps unpacked files as long as this robot; None: there are none
+    config : path of a YAML file, or a configuration that is already loaded
+    folder : folder with files that this robot needs while it exists; None: no such files
     """
 
     def __init__(self, config: Path | str | Config, *, folder: Folder | None = None) -> None:
@@ -53,7 +53,7 @@ class Robot:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Bodies to be identified."""
+        """Names of the bodies to be identified."""
         return tuple(self.config.unknown)
 
     def with_overlays(self, *overlays: Path | str) -> Robot:
@@ -105,11 +105,11 @@ class Robot:
 
 
 def one_of(key: str, value: str | None, known: Sequence[str]) -> None:
-    """Refuse a choice that is not known; None is no choice.
+    """Refuse a value that is not in `known`; None is accepted.
 
     Raises
     ------
-    ConfigError with key, value and what is known.
+    ConfigError that names key, value and the known values.
     """
     if value is not None and value not in known:
         raise ConfigError(f"{key}: {value!r} must be one of {', '.join(known)}")
@@ -120,7 +120,7 @@ def bodies_named(text: str) -> tuple[str, ...]:
 
     Raises
     ------
-    ConfigError when there is no name.
+    ConfigError when the text contains no name.
     """
     names = "base,target" if text == "both" else text
     if bodies := tuple(name.strip() for name in names.split(",") if name.strip()):

@@ -1,4 +1,4 @@
-"""A part of a recording, between two times from its start."""
+"""A part of a recording between two times, counted from its start."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from fsw.messages.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Seconds from the start of a recording: what lies in [from_s, to_s) is used."""
+    """The messages of a recording in [from_s, to_s), in seconds from its start."""
 
     from_s: float = 0.0
     to_s: float = inf
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for a span that holds nothing."""
+        """Raise ConfigError if a limit is not a number, or the span is negative or empty."""
         if not all(isinstance(value, int | float) for value in (self.from_s, self.to_s)):
             raise ConfigError(f"from_s, to_s: {self.from_s!r}, {self.to_s!r} must be numbers [s]")
         if not 0.0 <= self.from_s < inf:
@@ -26,9 +26,9 @@ class Span:
             raise ConfigError(f"--to: {self.to_s:g} must be greater than --from {self.from_s:g}")
 
     def pieces(self, pieces: Iterator[tuple[Piece, int]]) -> Iterator[tuple[Piece, int]]:
-        """Yield each piece of a recording that may hold messages of this span, cut to the span.
+        """Yield each piece of a recording that may contain messages of this span, cut to the span.
 
-        Beside a piece stands the time [ns] at which the next one starts.
+        Each piece comes with the time [ns] at which the next piece starts.
         """
         bounds: tuple[float, float] | None = None
         for piece, following_ns in pieces:
@@ -45,7 +45,7 @@ class Span:
                 yield Piece(first_ns, piece.part, piece.offset, read), following_ns
 
     def words(self) -> str:
-        """Return how a message ends that speaks of this span; empty for the whole."""
+        """Return words to append to a message, " between ... s and ..."; empty for the whole."""
         if self == WHOLE:
             return ""
         end = "its end" if self.to_s == inf else f"{self.to_s:g} s"

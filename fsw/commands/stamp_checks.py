@@ -1,4 +1,4 @@
-"""Stamps of a recording as they stand in the file: clocks that were set, and holes."""
+"""Checks of the stamps of a recording, in file order: clocks that were set, and missing data."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,12 +7,12 @@ import numpy as np
 
 from fsw.exchange.recording import pieces_of
 
-HOLE_S = 1.0  # without a message, of a channel that has them at any rate in use
-BACK_S = 1e-3  # less is the order in which a recorder wrote what came at once
+HOLE_S = 1.0  # a longer time without a message is a hole, for every rate in use
+BACK_S = 1e-3  # smaller steps back arise when a recorder writes simultaneous messages
 
 
 def stamp_findings(parts: Sequence[Path], topics: Sequence[str]) -> list[str]:
-    """Return a line for clocks that were set back, and one for holes; times are from the start.
+    """Return at most two lines, on clocks set back and on holes; times are from the start [s].
 
     Raises
     ------
@@ -40,6 +40,6 @@ def stamp_findings(parts: Sequence[Path], topics: Sequence[str]) -> list[str]:
 
 
 def _line(found: dict[str, str], why: str) -> list[str]:
-    """Return one line for all channels, with the words of the first."""
+    """Return one line that names all channels and describes the first; none if `found` is empty."""
     advice = "use one side of it, --from or --to"
     return [f"{', '.join(found)}: {next(iter(found.values()))}: {why}; {advice}"] if found else []

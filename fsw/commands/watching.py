@@ -1,4 +1,4 @@
-"""Conditioning that keeps what it is given and what it makes of it."""
+"""A conditioner that keeps its windows and the blocks made from them."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from fsw.messages import Block, Window
 
 
 class Watching(Conditioner):
-    """The configured conditioning; with `alone` nothing is handed on to an estimator."""
+    """The configured conditioner; with `alone` it passes no block on to the estimator."""
 
     def __init__(self, config: Config, order: tuple[int, ...], *, alone: bool = False) -> None:
         super().__init__(config, order)
@@ -17,7 +17,7 @@ class Watching(Conditioner):
         self._alone = alone
 
     def blocks(self, windows: Sequence[Window]) -> list[Block | None]:
-        """Keep the windows and their blocks."""
+        """Keep the windows and their blocks; return the blocks, each None if `alone` is set."""
         self.windows += windows
         made = super().blocks(windows)
         self.made += [block for block in made if block is not None]
