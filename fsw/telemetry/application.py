@@ -60,7 +60,7 @@ CRASHED = RESET_CAUSE.value("CRASH")
 def build_context(
     config: Config, telemetry: TelemetryConfig, host: Host, *, resume: bool
 ) -> TelemetryContext:
-    """Return the parts that the services share, with the state that earlier runs have left.
+    """Return the parts that the services share, with the state that earlier runs stored.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class TelemetryApplication:
     ----------
     context : the parts that the services share
     delivery : both directions of file delivery
-    security : of the authenticated link; None: telecommands and telemetry in clear
+    security : keys and numbers of the authenticated link; None: all packets are sent in clear
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class TelemetryApplication:
         values.add(8, self.transfers.values, self.onboard.schedule.values)
 
     def open(self) -> None:
-        """Open the link and report the start; an impossible link is reported as an event."""
+        """Open the link and report STARTED; a link that cannot be opened gives an event."""
         self.link.open()
         boot = self.context.boot
         self.context.report("STARTED", boot.text())
@@ -155,7 +155,7 @@ class TelemetryApplication:
             self.supervision.health.set(Health.UNCLEAN_RESTART)
 
     def poll(self, now_ns: int) -> None:
-        """Serve the link, timers and transfers; never waits."""
+        """Serve the link, timers and transfers once, without waiting."""
         for item in self.link.received(now_ns):
             self.receive(item, now_ns)
         self.context.long_work.poll()
@@ -171,7 +171,7 @@ class TelemetryApplication:
         self.link.flush(now_ns)
 
     def close(self) -> None:
-        """Close the link and record an orderly end."""
+        """Close the link and store that the daemon ended in order, not by a crash."""
         self.context.long_work.close()
         self.link.close()
         self.context.reporter.close()
@@ -182,12 +182,12 @@ class TelemetryApplication:
         self.context.boot.keep(store, running=False, commanded=commanded)
 
     def files(self) -> list[Path]:
-        """Return the files that grow: logs and packet stores."""
+        """Return the paths of the files that grow: logs and packet stores."""
         logs = *self.context.log.files, *self.events.files()
         return [*logs, *self.onboard.playback.files()]
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for the status file."""
+        """Return link, mode, health, start count and telecommand counters for the status file."""
         return {
             **self.link.summary(),
             "mode": self.modes.mode.name,
@@ -197,7 +197,7 @@ class TelemetryApplication:
         }
 
     def status(self, status: Mapping[str, Any]) -> None:
-        """Record the loop's summary."""
+        """Record the loop's summary; in SAFE, pause an estimator that still identifies."""
         self.context.latest.record_status(status)
         self.supervision.status()
         if self.modes.mode is Mode.SAFE and status.get("identifying", False):
@@ -212,7 +212,7 @@ class TelemetryApplication:
         self.context.latest.record_block(block)
 
     def science(self, t_ns: int, record: bytes) -> None:
-        """Record the newest samples [packed fields of the science packet]."""
+        """Record the newest samples; `record` holds the packed fields of the science packet."""
         self.housekeeping.science(t_ns, record)
 
     def event(self, event: Event) -> None:
@@ -222,7 +222,7 @@ class TelemetryApplication:
         self.onboard.event(event.code)
 
     def reply(self, reply: Reply) -> None:
-        """Pass on the loop's reply to a command."""
+        """Pass the loop's reply on to the services that wait for the command's end."""
         self.local.reply(reply)
         self.context.loop.reply(reply)
 
@@ -233,7 +233,7 @@ class TelemetryApplication:
         self.context.loop.job(report)
 
     def local_command(self, command: Command) -> None:
-        """Record a command of the local control socket; its reply ends it."""
+        """Record a command of the local control socket; the loop's reply ends the command."""
         self.local.begin(command)
 
     def receive(self, item: Uplinked, now_ns: int) -> None:

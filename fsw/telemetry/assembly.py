@@ -1,4 +1,4 @@
-"""Builds the telemetry application from a configuration: keys, numbers, file delivery, services."""
+"""Builds the telemetry application from a configuration, with its keys and file delivery."""
 
 import os
 
@@ -10,7 +10,7 @@ from fsw.telemetry.application import TelemetryApplication, build_context
 from fsw.telemetry.link.security import Security
 from fsw.telemetry.ports import Host
 
-TRANSACTIONS_NAME = "transactions.number"  # file of the last transaction's number
+TRANSACTIONS_NAME = "transactions.number"  # file with the last transaction's number
 
 
 def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryApplication:
@@ -23,7 +23,7 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
 
     Raises
     ------
-    ConfigError when keys or kept numbers cannot be used; then there must be no link.
+    ConfigError when keys or stored numbers cannot be used; the caller must then open no link.
     OSError when the state directory cannot be written.
     """
     telemetry = config.telemetry

@@ -12,7 +12,7 @@ from fsw.telemetry.state.epoch import Epoch
 
 
 class FileDelivery(Protocol):
-    """Class 2 file delivery (CFDP); never blocks. Its packets are what goes over the link."""
+    """Class 2 file delivery (CFDP); no method blocks. The link carries its units (PDUs)."""
 
     def send(
         self, path: Path, *, remove: bool, name: str = "", piece: tuple[int, int] | None = None
@@ -21,32 +21,32 @@ class FileDelivery(Protocol):
 
         Parameters
         ----------
-        name : at the other end; empty: its own
-        piece : offset and size [B] of what to send; None: all
+        name : file name at the other end; empty: the same name as here
+        piece : offset and size of the part to send [B]; None: the whole file
 
         Raises
         ------
-        DeliveryError when it cannot begin; its code is a name of the dictionary's errors.
+        DeliveryError when sending cannot begin; its code is an error name of the dictionary.
         """
         ...
 
     def receive(self, pdu: bytes, now_ns: int) -> None:
-        """Process one received unit; an invalid unit is counted and raises nothing."""
+        """Process one received unit; an invalid unit is counted and raises no error."""
         ...
 
     def poll(self, now_ns: int) -> list[bytes]:
-        """Return units to send down now, few enough for one look of the service."""
+        """Return the units to send down now, few enough for one poll of the service."""
         ...
 
     def finished(self) -> list[tuple[int, bool, str]]:
-        """Return transactions that ended since the last call: number, success, text.
+        """Return number, success and text of each transaction that ended since the last call.
 
-        A file that came up on the ground's initiative has number 0; the text names it.
+        A file that the ground sent unasked has number 0; the text names the file.
         """
         ...
 
     def transfers(self) -> list[Transfer]:
-        """Return the transfers that are not over."""
+        """Return the transfers that have not ended."""
         ...
 
     def cancel(self, key: Key) -> None:
@@ -62,7 +62,7 @@ class FileDelivery(Protocol):
         ...
 
     def counters(self) -> Mapping[str, int]:
-        """Return files_sent, files_received, files_failed, pdus_sent, pdus_received."""
+        """Return the counts files_sent, files_received, files_failed, pdus_sent, pdus_received."""
         ...
 
 
@@ -71,11 +71,11 @@ class Recording(Protocol):
 
     @property
     def path(self) -> Path | None:
-        """Return the recording in progress, or the last one."""
+        """Return the path of the present or last recording; None before the first one."""
         ...
 
     def values(self) -> Mapping[str, Any]:
-        """Return recording, failed_messages, dropped_messages, recordings."""
+        """Return the values recording, failed_messages, dropped_messages and recordings."""
         ...
 
     def start(self) -> None:
@@ -89,13 +89,13 @@ class Recording(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Host:
-    """The service process around the telemetry application.
+    """What the telemetry application uses of the service process around it.
 
     Parameters
     ----------
-    epoch : the origin of `now_ns`
+    now_ns, epoch : return mission elapsed time [ns], and its origin
     forward : sends a command to the loop; returns False when the ring is full
-    report : reports an event: severity, code, text
+    report : reports an event; its arguments are severity, code and text
     configured : receives the new effective configuration
     """
 

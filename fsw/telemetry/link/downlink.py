@@ -1,4 +1,4 @@
-"""Everything that goes down: made into packets, stamped, handed to the link."""
+"""Makes time-stamped packets of everything that is sent down, and passes them to the link."""
 
 from collections.abc import Callable, Mapping
 
@@ -41,21 +41,21 @@ PRIORITIES = {packet.name: _priority(packet) for packet in DICTIONARY.packets}
 
 
 class Downlink:
-    """Makes packets and passes them on; without a link they are made all the same."""
+    """Makes packets and passes them to the packet stores and, if there is one, to the link."""
 
     def __init__(self, now_ns: Callable[[], int]) -> None:
         self._now_ns = now_ns
         self._packetizer = Packetizer()
         self.out: Callable[[bytes, Priority], None] | None = None
-        self.keep: Callable[[bytes], None] | None = None  # stores what goes down
+        self.keep: Callable[[bytes], None] | None = None  # stores new packets
 
     def send(self, name: str, values: Mapping[str, object], t_ns: int | None = None) -> None:
-        """Send a packet of the dictionary with a time of its own [ns], or with the time now."""
+        """Send a packet of the dictionary, stamped with `t_ns` [ns] or with the present time."""
         t_ns = self._now_ns() if t_ns is None else t_ns
         self._pass(self._packetizer.make(name, t_ns, values), PRIORITIES[name])
 
     def wrap(self, packet: Packet, t_ns: int, data: bytes) -> None:
-        """Send a packet whose fields are packed already."""
+        """Send a packet; `data` holds its packed fields."""
         self._pass(self._packetizer.wrap(packet, t_ns, data), PRIORITIES[packet.name])
 
     def file_unit(self, pdu: bytes) -> None:
@@ -63,7 +63,7 @@ class Downlink:
         self._pass(self._packetizer.file_packet(pdu), Priority.DUMP)
 
     def time(self, exponent: int) -> None:
-        """Send a time packet."""
+        """Send a time packet that reports the rate exponent and the present time."""
         t_ns = self._now_ns()
         coarse, rest_ns = divmod(t_ns, 1_000_000_000)
         values = {
@@ -76,7 +76,7 @@ class Downlink:
         self.send("time", values, t_ns)
 
     def again(self, packet: bytes) -> None:
-        """Send a stored packet once more, as it was."""
+        """Send a stored packet again, unchanged."""
         if self.out is not None:
             self.out(packet, Priority.DUMP)
 

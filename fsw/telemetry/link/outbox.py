@@ -1,10 +1,10 @@
-"""Packets that wait for one ground client: by priority, bounded, dropped in whole packets only."""
+"""Bounded queue of the packets for one ground client, ordered by priority."""
 
 from collections import deque
 from collections.abc import Callable
 from enum import IntEnum
 
-WIRE_BYTES = 16384  # chosen for sending together; what comes later cannot overtake them
+WIRE_BYTES = 16384  # size of the packets of one send, which no later packet overtakes
 
 
 class Priority(IntEnum):
@@ -19,16 +19,16 @@ class Priority(IntEnum):
 
 
 class Outbox:
-    """Packets of one client.
+    """Queues the packets of one client.
 
-    As long as the client keeps up, packets go in the order in which they were made. Once some
-    had to wait, those of the highest priority go first, until nothing waits any more. A full
+    While the client reads fast enough, packets are sent in the order in which they were made. Once
+    packets had to wait, the highest priority is sent first until the queue is empty. A full
     outbox drops the oldest packets of lower priority than the new one, or else the new one.
 
     Parameters
     ----------
-    limit_bytes : that may wait
-    seal : makes of a packet what goes over the wire, at the last moment: in the order of sending
+    limit_bytes : largest size of the waiting packets [B]
+    seal : returns the bytes on the wire for a packet; called in the order of sending
     """
 
     def __init__(
@@ -42,16 +42,16 @@ class Outbox:
         self._is_behind = False
 
     def __bool__(self) -> bool:
-        """Whether anything waits."""
+        """Return whether any packet waits."""
         return self._bytes > 0
 
     @property
     def waiting_bytes(self) -> int:
-        """Bytes that wait."""
+        """Return the size of the waiting packets [B]."""
         return self._bytes
 
     def put(self, packet: bytes, priority: Priority) -> int:
-        """Add a packet; return how many were dropped for want of room."""
+        """Add a packet; return how many packets were dropped because the outbox is full."""
         dropped = 0
         while self._bytes + len(packet) > self._limit_bytes:
             lower = next((q for q in reversed(self._queues[priority + 1 :]) if q), None)
@@ -65,7 +65,7 @@ class Outbox:
         return dropped
 
     def next_bytes(self) -> bytes:
-        """Return the next bytes to send; empty when nothing waits."""
+        """Return the next bytes to send; empty if no packet waits."""
         size = sum(map(len, self._wire))
         while size < WIRE_BYTES and (queue := self._next_queue()) is not None:
             _, packet = queue.popleft()
@@ -76,7 +76,7 @@ class Outbox:
         return b"".join(self._wire)
 
     def sent(self, count: int) -> int:
-        """Remove the first bytes; return how many packets are now sent whole."""
+        """Remove the first `count` bytes, now sent; return how many packets this completed."""
         self._bytes -= count
         whole = 0
         while count:
@@ -90,7 +90,7 @@ class Outbox:
         return whole
 
     def rest(self) -> None:
-        """Note that the client takes no more for now."""
+        """Record that the client accepts no more bytes now: priority orders the rest."""
         self._is_behind = bool(self)
 
     def _next_queue(self) -> deque[tuple[int, bytes]] | None:

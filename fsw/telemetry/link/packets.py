@@ -1,6 +1,6 @@
-"""Pack and unpack by the dictionary: space packets of CCSDS 133.0-B, headers of ECSS-E-ST-70-41C.
+"""Packs and unpacks packets by the dictionary (CCSDS 133.0-B, headers of ECSS-E-ST-70-41C).
 
-Time is CUC 4+3 with its P-field (CCSDS 301.0-B): mission elapsed time, the daemon's own clock.
+Time is mission elapsed time, the daemon's own clock, as CUC 4+3 with P-field (CCSDS 301.0-B).
 """
 
 import math
@@ -27,7 +27,7 @@ CRC_BYTES = 2
 COUNT_14 = 1 << 14
 COUNT_16 = 1 << 16
 ACK_ALL = 0b1111
-ACK_COMPLETION = 0b1001  # acceptance and completion in either order of the bits
+ACK_COMPLETION = 0b1001  # acceptance and completion, whichever bit is numbered first
 _FORMAT = {
     Type.U8: "B",
     Type.U16: "H",
@@ -58,14 +58,14 @@ Value = int | float | str
 
 
 def cuc(t_ns: int) -> bytes:
-    """Return a time as CUC 4+3 with P-field; rounded down to 2^-24 s, seconds modulo 2^32."""
+    """Return a time as CUC 4+3 with P-field (8 bytes), rounded down to 2^-24 s, modulo 2^32 s."""
     coarse, rest_ns = divmod(t_ns, 1_000_000_000)
     fine = rest_ns * FRACTIONS_PER_S // 1_000_000_000
     return struct.pack(">BIBH", P_FIELD, coarse & 0xFFFFFFFF, fine >> 16, fine & 0xFFFF)
 
 
 def from_cuc(data: bytes) -> int:
-    """Return the time of 8 bytes of CUC [ns]. Raises ValueError for another P-field."""
+    """Return the time in 8 bytes of CUC [ns], rounded up. Raises ValueError for another P-field."""
     p_field, coarse, high, low = struct.unpack(">BIBH", data)
     if p_field != P_FIELD:
         raise ValueError(f"P-field 0x{p_field:02x}; must be 0x{P_FIELD:02x}")
@@ -74,7 +74,7 @@ def from_cuc(data: bytes) -> int:
 
 
 class Layout:
-    """Fields of fixed size, packed and unpacked as one."""
+    """Packs and unpacks a sequence of fields of fixed size."""
 
     def __init__(self, fields: Sequence[Field]) -> None:
         self.fields = tuple(fields)
@@ -84,21 +84,21 @@ class Layout:
         self.size_bytes = self._struct.size
 
     def pack(self, values: Iterable[object]) -> bytes:
-        """Return the values as bytes; what a field cannot hold becomes the nearest it can.
+        """Return the values as bytes; a value outside a field's range becomes the nearest limit.
 
-        A value that is no number (NaN) is 0: validity has fields of its own.
+        NaN becomes 0, because separate fields report validity.
         """
         pairs = zip(self._encoders, values, strict=True)
         return self._struct.pack(*[encode(value) for encode, value in pairs])
 
     def unpack(self, data: bytes) -> dict[str, Value]:
-        """Return the values by name. Raises struct.error when the length is wrong."""
+        """Return the values by field name. Raises struct.error if the length is wrong."""
         raw = self._struct.unpack(data)
         return {f.name: _decode(f, item) for f, item in zip(self.fields, raw, strict=True)}
 
 
 def _encoder(field: Field) -> Callable[[Any], int | float | bytes]:
-    """Return a function from a value to the nearest that the field can hold."""
+    """Return a function that converts a value to the nearest one that the field can hold."""
     kind = field.type
     if kind is Type.TEXT:
         return lambda value: _text_bytes(str(value), field.size - 1)  # readers look for a zero
@@ -122,13 +122,13 @@ def _real(largest: float, value: float) -> float:
 
 
 def _whole(low: int, high: int, value: float) -> int:
-    if value != value:  # noqa: PLR0124  NaN, whatever its type
+    if value != value:  # noqa: PLR0124  NaN of any type
         return 0
     return int(min(max(value, low), high))
 
 
 def _text_bytes(text: str, size: int) -> bytes:
-    """Return UTF-8 cut to the size between characters."""
+    """Return a text as UTF-8 of at most `size` bytes, cut between two characters."""
     return text.encode()[:size].decode(errors="ignore").encode()
 
 
@@ -142,7 +142,7 @@ def _decode(field: Field, raw: Any) -> Value:  # noqa: ANN401
 
 
 class Packetizer:
-    """Makes telemetry packets; counts them per application and per message."""
+    """Makes telemetry packets, with counters per application process and per message type."""
 
     def __init__(self) -> None:
         self._layouts = {p.name: (p, Layout(p.fields)) for p in DICTIONARY.packets}
@@ -150,7 +150,7 @@ class Packetizer:
         self._messages: dict[tuple[int, int], int] = {}
 
     def make(self, name: str, t_ns: int, values: Mapping[str, object]) -> bytes:
-        """Return one packet of the dictionary. Raises KeyError when a value is missing."""
+        """Return one packet of the dictionary. Raises KeyError if a value is missing."""
         packet, layout = self._layouts[name]
         fixed = dict(packet.match)
         data = layout.pack(
@@ -159,7 +159,7 @@ class Packetizer:
         return self.wrap(packet, t_ns, data)
 
     def wrap(self, packet: Packet, t_ns: int, data: bytes) -> bytes:
-        """Return one packet around fields that are packed already."""
+        """Return one packet; `data` holds its packed fields."""
         sequence = self._next(packet.apid)
         if not packet.secondary_header:
             return _plain(packet.apid, sequence, data, PacketType.TM, crc=True)
@@ -188,7 +188,7 @@ class Packetizer:
 
 
 def uplink_file_packet(pdu: bytes, sequence: int) -> bytes:
-    """Return a file-delivery unit on its way up."""
+    """Return a file-delivery unit in a space packet for the uplink."""
     return _plain(APID_FILES, sequence, pdu, PacketType.TC, crc=False)
 
 
@@ -264,9 +264,9 @@ def telecommand_packet(
     apid: int = APID_ESTIMATOR,
     source: int = 0,
 ) -> bytes:
-    """Return a telecommand as the ground sends it; a BYTES argument is given as bytes.
+    """Return a telecommand packet as the ground sends it. Raises KeyError for a missing argument.
 
-    `values` holds one element of a repeated group.
+    `values` holds a BYTES argument as bytes, and of a repeated group exactly one element.
     """
     fixed = dict(telecommand.match)
     if telecommand.repeats and telecommand.arguments[0].name not in values:
@@ -293,7 +293,7 @@ def telecommand_packet(
 
 
 def parameters_data(changes: Mapping[int, float]) -> bytes:
-    """Return the arguments of SET_PARAMETERS after the count's place: count, then id and value."""
+    """Return the arguments of SET_PARAMETERS: the count (u8), then id (u16) and value of each."""
     by_id = {item.id: item for item in DICTIONARY.parameters}
     parts = [bytes((len(changes),))]
     for number, value in changes.items():

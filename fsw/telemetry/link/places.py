@@ -1,8 +1,8 @@
-"""Admits clients to the link: a limited number, one more that commands, newcomers on trial.
+"""Admits a limited number of clients to the link, one more that commands, and clients on trial.
 
-Nobody can be asked who they are before they send something. So a newcomer who finds every place
-taken may stay for a while: with an accepted telecommand it takes the place kept for those who
-command, or that of the oldest client who has never commanded; without one it has to go.
+A client is unknown until it sends something. So if all places are occupied, a new client is on
+trial for a limited time. With an accepted telecommand it gets the place reserved for commanding
+clients, or that of the oldest client that never commanded. Otherwise it is disconnected.
 """
 
 import socket
@@ -14,7 +14,7 @@ from fsw.telemetry.link.outbox import Outbox
 from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import Uplink
 
-KEPT_PLACES = 1  # beyond max_clients, for those who command
+KEPT_PLACES = 1  # places beyond max_clients, reserved for clients that command
 MAX_TRIALS = 4
 TRIAL_NS = 5_000_000_000
 
@@ -28,12 +28,12 @@ class LinkClient:
     uplink: Uplink
     outbox: Outbox
     opened_ns: int
-    may_command: bool  # came to the port for commanding
-    read_ns: int  # when it last took telemetry, or had taken all
+    may_command: bool  # connected to the port for commanding
+    read_ns: int  # last time at which it read telemetry, or had read all of it
     on_trial: bool = False
     has_commanded: bool = False
     inbox: deque[Uplinked] = field(default_factory=deque)
-    ended: str = ""  # why nothing more comes from it
+    ended: str = ""  # reason for which nothing more is read from the client; empty: it is read
     dropped: int = 0
     reported_drops: int = 0
     is_slow: bool = False  # packets are being dropped
@@ -43,14 +43,14 @@ class LinkClient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """A client to disconnect, and the reason that it is sent."""
+    """A client to disconnect, and the reason to send to it."""
 
     client: LinkClient
     reason: str
 
 
 def admit(newcomer: LinkClient, others: Sequence[LinkClient], places: int) -> Refusal | None:
-    """Give a newcomer a place or a trial; return who has to go for it."""
+    """Give a new client a place or a trial; return a client to disconnect, None if all may stay."""
     rivals = [other for other in others if other.may_command == newcomer.may_command]
     newcomer.on_trial = sum(not rival.on_trial for rival in rivals) >= places
     if not newcomer.on_trial:
@@ -65,7 +65,7 @@ def admit(newcomer: LinkClient, others: Sequence[LinkClient], places: int) -> Re
 
 
 def promote(client: LinkClient, others: Sequence[LinkClient], places: int) -> Refusal | None:
-    """Give a client that has commanded a place that lasts; return who has to go for it."""
+    """Give a commanding client a lasting place; return a client to disconnect, None for none."""
     client.has_commanded = True
     if not client.on_trial:
         return None
@@ -84,7 +84,7 @@ def promote(client: LinkClient, others: Sequence[LinkClient], places: int) -> Re
 
 
 def overdue(client: LinkClient, now_ns: int, idle_ns: int, places: int) -> Refusal | None:
-    """Return why a client has to go by now, if it has."""
+    """Return the refusal of a client whose trial or reading is overdue, otherwise None."""
     if client.on_trial and now_ns - client.opened_ns >= TRIAL_NS:
         text = f"{places} are connected, and it sent no telecommand for {TRIAL_NS * 1e-9:g} s"
         return Refusal(client=client, reason=text)

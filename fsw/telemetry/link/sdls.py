@@ -2,12 +2,12 @@
 
     header 5 | SPI 2 | IV 12 | encrypted data | MAC 16 | FECF 2        [bytes, big-endian]
 
-Type-BD frames of one virtual channel, no segment header. AES-256-GCM. The IV is a sequence number
-of 6 bytes and 6 random bytes of the sender: as one number of 96 bits it rises from frame to frame,
-and a sender that has lost its numbers still never uses an IV twice. The additional authenticated
-data are header and security header under the standard's mask: virtual channel and SPI, every other
-bit zero (the IV is authenticated as the nonce). Bits outside the mask are compared with their only
-allowed value. The data are whole telecommand packets.
+Frames are of type BD, on one virtual channel, without segment header, under AES-256-GCM. The IV is
+a sequence number of 6 bytes followed by 6 random bytes of the sender. Read as one number of 96 bits
+it rises from frame to frame; a sender that lost its numbers still never repeats an IV. The
+additional authenticated data are header and security header under the standard's mask: virtual
+channel and SPI, all other bits zero (GCM authenticates the IV as nonce). Bits outside the mask must
+have their only allowed value. The data are whole telecommand packets.
 
 Not certified; no extended procedures (keys are files), no COP-1.
 """
@@ -25,22 +25,22 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 HEADER_BYTES, SPI_BYTES, IV_BYTES, MAC_BYTES, FECF_BYTES = 5, 2, 12, 16, 2
-RANDOM_BITS = 48  # of the IV: its low half
-RESERVE = 16  # numbers kept ahead: one write in so many commands; a crash skips at most as many
+RANDOM_BITS = 48  # random bits: the low half of the IV
+RESERVE = 16  # numbers stored ahead: one write per 16 commands; a crash skips at most 16
 DATA_AT = HEADER_BYTES + SPI_BYTES + IV_BYTES
 MIN_BYTES = DATA_AT + 1 + MAC_BYTES + FECF_BYTES
 MAX_BYTES = 1024  # 232.0-B 4.1.2: ten bits of length
 KEY_BYTES = 32
-BYPASS = 1 << 13  # type BD; version 0, control command 0 and spare 0 are the other bits' values
+BYPASS = 1 << 13  # type BD; the other bits are zero: version, control command flag, spare
 VCID_MASK = 0xFC
 PACKET_HEADER_BYTES = 6
-PATIENCE_NS = 500_000_000  # for the rest of a frame
+PATIENCE_NS = 500_000_000  # longest wait for the rest of a frame
 TC_PACKET_MASK, TC_PACKET = 0xF8, 0x18  # version 0, type telecommand, secondary header
 _HEADER = struct.Struct(">HHB")
 
 
 class FrameReject(StrEnum):
-    """Why something on the uplink was refused; names as in telemetry."""
+    """Reason for which a frame on the uplink was rejected; the names are those of telemetry."""
 
     BAD_LENGTH = "BAD_LENGTH"
     BAD_CRC = "BAD_CRC"
@@ -52,13 +52,13 @@ class Role(StrEnum):
     """Permission that a key gives its holder."""
 
     COMMAND = "command"
-    LOOK = "look"  # it is authentic, and its telecommands are refused
-    TELEMETRY = "telemetry"  # the daemon's own: it seals what goes down
+    LOOK = "look"  # its frames are authentic, but their telecommands are rejected
+    TELEMETRY = "telemetry"  # the daemon encrypts and authenticates telemetry with it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Association:
-    """One security association: key and role that a security parameter index stands for."""
+    """One security association: a security parameter index (SPI) with its key and role."""
 
     spi: int
     key: bytes = field(repr=False)
@@ -66,13 +66,13 @@ class Association:
 
     @property
     def fingerprint(self) -> str:
-        """Name of the key in the file of used numbers."""
+        """Return the name of the key in the file of used numbers."""
         return hashlib.sha256(self.key).hexdigest()[:16]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accepted:
-    """The data of an authentic frame that was never seen before."""
+    """Data of an authentic frame that was not received before."""
 
     packet: bytes
     spi: int
@@ -82,7 +82,7 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rejected:
-    """A refusal. Of an authentic but repeated frame: its packet, and the next number accepted."""
+    """A rejected frame. An authentic repeated one has a packet and the next acceptable number."""
 
     reason: FrameReject
     text: str
@@ -94,30 +94,30 @@ class FrameNumbers(Protocol):
     """Stores the lowest acceptable IV of each key, a number of 96 bits."""
 
     def floor(self, fingerprint: str) -> int:
-        """Return the lowest IV never used."""
+        """Return the lowest IV of a key that was never used."""
         ...
 
     def is_retired(self, fingerprint: str) -> bool:
-        """Whether the key is never to be accepted again."""
+        """Return whether the key must never be accepted again."""
         ...
 
     def claim(self, fingerprint: str, used: int, kept: int) -> None:
-        """Use all up to `used`; across a crash nothing below `kept` comes back. Raises OSError."""
+        """Mark IVs up to `used` as used; after a crash those below `kept` too. Raises OSError."""
         ...
 
     def settle(self, floors: Mapping[str, int]) -> None:
-        """Keep exactly these lowest IVs never used. Raises OSError."""
+        """Store exactly these lowest unused IVs, by key fingerprint. Raises OSError."""
         ...
 
 
 class FrameReceiver:
-    """Checks frames; only what `receive` accepts may have an effect.
+    """Checks frames; only a frame that `receive` accepts may have an effect.
 
     Parameters
     ----------
     associations : the keys, each under its own SPI
-    numbers : persisted IVs
-    window : accepted are numbers from the lowest never used to `window - 1` above it
+    numbers : stored IVs
+    window : count of acceptable sequence numbers, which begin at the lowest unused number
     """
 
     def __init__(
@@ -141,19 +141,19 @@ class FrameReceiver:
         self._ciphers = {item.spi: AESGCM(item.key) for item in associations}
 
     def settle(self) -> None:
-        """Give back the numbers kept ahead: the next crash skips none. Raises OSError."""
+        """Store the exact lowest unused IVs, so that the next crash skips none. Raises OSError."""
         names = [item.fingerprint for item in self._associations.values()]
         self._numbers.settle({name: self._numbers.floor(name) for name in names})
 
     def matches(self, header: bytes) -> int | None:
-        """Return the frame's length when these first 5 bytes can begin one of ours [bytes]."""
+        """Return the length of the frame that these 5 bytes begin [B]; None if they cannot."""
         first, second, sequence = _HEADER.unpack_from(header)
         length = int(second & 0x3FF) + 1
         ours = (first, second >> 10, sequence) == (self._first, self._channel, 0)
         return length if ours and length >= MIN_BYTES else None
 
     def receive(self, frame: bytes) -> Accepted | Rejected:
-        """Check one frame: form, authenticity, then freshness; count what became of it."""
+        """Check form, authenticity and freshness of one frame, in this order; count the outcome."""
         outcome = self._check(frame)
         if isinstance(outcome, Accepted):
             self.accepted += 1
@@ -162,11 +162,11 @@ class FrameReceiver:
         return outcome
 
     def refuse(self, reason: FrameReject) -> None:
-        """Count something refused before it became a frame."""
+        """Count bytes that were rejected before they formed a frame."""
         self.rejected[reason] += 1
 
     def next_number(self, spi: int) -> int | None:
-        """Return the lowest number accepted under an SPI; None when nothing is."""
+        """Return the lowest acceptable number of an SPI; None if the SPI has no accepted key."""
         association = self._associations.get(spi)
         if association is None or self._numbers.is_retired(association.fingerprint):
             return None
@@ -178,7 +178,7 @@ class FrameReceiver:
             return Rejected(reason=FrameReject.BAD_LENGTH, text=text)
         if not has_good_fecf(frame):
             return Rejected(reason=FrameReject.BAD_CRC, text="frame error control field")
-        if self.matches(frame[:HEADER_BYTES]) != len(frame):  # bits the mask leaves out
+        if self.matches(frame[:HEADER_BYTES]) != len(frame):  # bits outside the MAC
             return _forged("primary header")
         (spi,) = struct.unpack_from(">H", frame, HEADER_BYTES)
         association = self._associations.get(spi)
@@ -197,12 +197,12 @@ class FrameReceiver:
         following = _next_number(floor)
         text = f"number {number}; accepted are {following} to {following + self._window - 1}"
         if floor <= iv and number < following + self._window:
-            # a sender that counts the whole IV by one: keep ahead by its step
+            # some senders count the whole IV up by one: store ahead in steps of that
             counts_all = iv - floor < RESERVE
             kept = iv + 1 + RESERVE if counts_all else (number + 1 + RESERVE) << RANDOM_BITS
             try:
                 self._numbers.claim(association.fingerprint, iv, kept)
-            except OSError as error:  # unkept, it could be replayed after a restart
+            except OSError as error:  # not stored, the frame could be replayed after a restart
                 text = f"number {number} cannot be kept: {error.strerror or error}"
             else:
                 return Accepted(
@@ -212,11 +212,11 @@ class FrameReceiver:
 
 
 class FrameSplitter:
-    """Cuts a byte stream into frames; telecommand packets in clear are set apart.
+    """Cuts a byte stream into frames, and rejects telecommand packets in clear.
 
-    Bounded: what could begin a frame or packet waits for its rest, at most 1 KiB, and not longer
-    than the patience. Anything else is skipped byte by byte and counted, until something with a
-    good CRC begins.
+    Bytes that could begin a frame or packet wait for their rest, at most 1 KiB and at most
+    `PATIENCE_NS`. All other bytes are skipped one by one and counted, until a frame or packet with
+    a correct CRC begins.
     """
 
     def __init__(self, receiver: FrameReceiver) -> None:
@@ -225,16 +225,16 @@ class FrameSplitter:
         self._last_ns = 0
         self._in_sync = True
         self.skipped_bytes = 0
-        self.resyncs = 0  # times garbage began
+        self.resyncs = 0  # number of times that invalid bytes began
 
     def feed(self, chunk: bytes, now_ns: int = 0) -> list[Accepted | Rejected]:
-        """Return the verdict on every frame and clear packet that ends in this chunk."""
+        """Return the outcome of every frame and clear packet that ends in this chunk."""
         self._buffer += chunk
         self._last_ns = now_ns
         return self._cut()
 
     def expire(self, now_ns: int) -> list[Accepted | Rejected]:
-        """Discard an item whose rest did not come in time; return what followed it."""
+        """Discard an item whose rest did not arrive in time; return the outcomes after it."""
         if not self._buffer or now_ns - self._last_ns < PATIENCE_NS:
             return []
         self._skip()
@@ -285,12 +285,12 @@ def masked_header(frame: bytes) -> bytes:
 
 
 def _next_number(floor: int) -> int:
-    """Return the lowest number of which every IV is at or above a floor."""
+    """Return the lowest sequence number whose IVs all lie at or above the IV `floor`."""
     return -(-floor >> RANDOM_BITS)
 
 
 def has_good_fecf(frame: bytes) -> bool:
-    """Whether the last two bytes are the CRC-16 CCITT-FALSE of all before."""
+    """Return whether the last two bytes are the CRC-16 CCITT-FALSE of all bytes before them."""
     return fastcrc.crc16.ibm_3740(frame[:-FECF_BYTES]) == int.from_bytes(frame[-FECF_BYTES:], "big")
 
 

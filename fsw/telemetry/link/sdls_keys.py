@@ -16,11 +16,11 @@ CREDENTIALS = "CREDENTIALS_DIRECTORY"
 def load_associations(
     config: Config, sdls: SdlsConfig, environment: Mapping[str, str]
 ) -> tuple[Association, ...]:
-    """Read every key slot.
+    """Read the keys of all slots.
 
     Raises
     ------
-    ConfigError naming slot and fault: missing, wrong length, readable by others, used twice.
+    ConfigError that names file and fault: missing, wrong length, readable by others, used twice.
     """
     found: list[Association] = []
     for slot in sdls.keys:
@@ -42,7 +42,7 @@ def _path(config: Config, slot: SdlsKeyConfig, environment: Mapping[str, str]) -
 
 
 def _read(path: Path, *, private: bool) -> bytes:
-    """Return a key; `private`: its file must be closed to others (systemd sees to credentials)."""
+    """Return a key; `private`: other users must not have access to its file. Raises ConfigError."""
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode

@@ -1,4 +1,4 @@
-"""The IVs used with each key, kept so that no crash reopens an old one."""
+"""Stores the IVs used with each key, so that no IV is accepted again after a crash."""
 
 import json
 import zlib
@@ -15,20 +15,20 @@ NUMBERS_NAME = "uplink_numbers.json"  # in the state directory
 @dataclass(slots=True)
 class _Key:
     floor: int = 0  # lowest IV never used, as a number of 96 bits
-    kept_floor: int = 0  # the same in the file; never below
+    kept_floor: int = 0  # the floor in the file; not below `floor`
     retired: bool = False
 
 
 class NumberStore:
-    """The lowest IV never used of every key ever seen, in one file.
+    """Stores the lowest unused IV of every key, in one file.
 
-    The file is replaced whole, and holds IVs ahead of those used: what a crash finds there is
-    always above every IV that had an effect. Keys are remembered by fingerprint, so that one
-    taken out and put back does not start again at zero.
+    Each write replaces the whole file. The stored IV lies ahead of the used ones, so after a crash
+    it is above every IV that had an effect. Keys are stored by fingerprint, so that a key that is
+    removed and added again does not begin again at zero.
 
     Raises
     ------
-    ConfigError when the file is damaged: nothing is accepted on a guess.
+    ConfigError when the file is damaged; no frame may be accepted then.
     """
 
     def __init__(self, path: Path) -> None:
@@ -39,17 +39,17 @@ class NumberStore:
             self._keys = _read(path)
 
     def floor(self, fingerprint: str) -> int:
-        """Return the lowest IV never used."""
+        """Return the lowest IV of a key that was never used."""
         return self._key(fingerprint).floor
 
     def is_retired(self, fingerprint: str) -> bool:
-        """Whether the key is never to be accepted again."""
+        """Return whether the key must never be accepted again."""
         return self._key(fingerprint).retired
 
     def claim(self, fingerprint: str, used: int, kept: int) -> None:
-        """Use all up to `used`; across a crash nothing below `kept` comes back. Raises OSError.
+        """Mark IVs up to `used` as used; after a crash those below `kept` too. Raises OSError.
 
-        The file is written only when it holds less than is used, or more than is to be kept.
+        The file is written only if its floor is not above `used`, or is above `kept`.
         """
         key = self._key(fingerprint)
         if not used < key.kept_floor <= kept:
@@ -62,7 +62,7 @@ class NumberStore:
         self._keep({})
 
     def settle(self, floors: Mapping[str, int]) -> None:
-        """Keep exactly these lowest IVs never used. Raises OSError."""
+        """Store exactly these lowest unused IVs, by key fingerprint. Raises OSError."""
         self._keep(floors)
         for name, floor in floors.items():
             self._key(name).floor = floor

@@ -1,11 +1,11 @@
-"""Authenticated telemetry: each packet in a frame of CCSDS 732.1-B (USLP), secured by 355.0-B.
+"""Authenticated telemetry: one packet per CCSDS 732.1-B frame (USLP), secured by 355.0-B (SDLS).
 
     header 7 | SPI 2 | IV 12 | encrypted: TFDF header 1, packet | MAC 16 | FECF 2
 
-Frames of variable length without insert zone, frame count and OCF; the data field begins with
-construction rule 7 (whole packets). AES-256-GCM; the IV is a number of 6 bytes that rises from
-frame to frame, also across a crash, and 6 random bytes. The additional authenticated data are the
-header and security header under the standard's mask: virtual channel, MAP, SPI.
+Frames have variable length and no insert zone, frame count or OCF. Their data field begins with
+construction rule 7 (whole packets). The cipher is AES-256-GCM. The IV is a number of 6 bytes, which
+rises from frame to frame even after a crash, and 6 random bytes. The additional authenticated data
+are header and security header under the standard's mask: virtual channel, MAP, SPI.
 """
 
 import secrets
@@ -31,17 +31,17 @@ from fsw.telemetry.link.sdls import (
 
 HEADER_BYTES = 7
 WHOLE_PACKETS = 0xE0  # construction rule 7, protocol 0: space packets
-AHEAD = 1 << 16  # numbers kept ahead: one write in so many frames
+AHEAD = 1 << 16  # numbers stored ahead: one write per 65536 frames
 OVERHEAD_BYTES = HEADER_BYTES + SPI_BYTES + IV_BYTES + 1 + MAC_BYTES + FECF_BYTES
 Report = Callable[[str, str], None]  # event code, text
 
 
 class FrameSender:
-    """Seals telemetry packets.
+    """Encrypts and authenticates telemetry packets.
 
     Parameters
     ----------
-    numbers : persisted IVs; when they cannot be kept, telemetry continues and an event reports it
+    numbers : stored IVs; if they cannot be stored, telemetry continues and an event reports that
     """
 
     def __init__(
@@ -58,10 +58,10 @@ class FrameSender:
         self.use(association)
 
     def use(self, association: Association) -> None:
-        """Seal with this key from now on."""
+        """Use this key for all frames from now on."""
         self._association, self._cipher = association, AESGCM(association.key)
         self._number = -(-self._numbers.floor(association.fingerprint) >> RANDOM_BITS)
-        self._kept = self._number  # numbers below this one are kept as used
+        self._kept = self._number  # numbers below this one are stored as used
 
     def seal(self, packet: bytes) -> bytes:
         """Return the frame of one packet."""
@@ -73,7 +73,7 @@ class FrameSender:
         return frame + fastcrc.crc16.ibm_3740(frame).to_bytes(FECF_BYTES, "big")
 
     def settle(self) -> None:
-        """Give back the numbers kept ahead. Raises OSError."""
+        """Store the exact next number, so that the next start skips none. Raises OSError."""
         self._numbers.settle({self._association.fingerprint: self._number << RANDOM_BITS})
         self._kept = self._number
 
@@ -89,10 +89,10 @@ class FrameSender:
         return bytes(header.pack())
 
     def _next_number(self) -> int:
-        """Use the next number up."""
+        """Return the next number and count it as used."""
         number, self._number = self._number, self._number + 1
         if number >= self._kept:
-            self._kept = number + AHEAD  # when it fails, it is tried again then
+            self._kept = number + AHEAD  # a failed write is repeated at that number
             used, kept = number << RANDOM_BITS, self._kept << RANDOM_BITS
             try:
                 self._numbers.claim(self._association.fingerprint, used, kept)

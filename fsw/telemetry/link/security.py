@@ -1,4 +1,4 @@
-"""Both directions of the authenticated link: keys, roles, numbers, and new keys at run time."""
+"""Both directions of the authenticated link: keys, roles and frame numbers."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +11,7 @@ from fsw.telemetry.link.sdls_keys import load_associations
 from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
 from fsw.telemetry.link.sdls_sender import FrameSender
 
-QUIET_NS = 1_000_000_000  # after so long without a frame, numbers kept ahead are given back
+QUIET_NS = 1_000_000_000  # time without a frame after which the exact numbers are stored
 
 
 class Security:
@@ -19,13 +19,13 @@ class Security:
 
     Parameters
     ----------
-    state : folder in which the used numbers are kept
-    environment : names the folder of systemd credentials
-    report : reports an event: code, text
+    state : folder with the file of used numbers
+    environment : environment variables, which name the folder of systemd credentials
+    report : reports an event; its arguments are code and text
 
     Raises
     ------
-    ConfigError when keys or kept numbers cannot be used; then there must be no link.
+    ConfigError when keys or stored numbers cannot be used; the caller must then open no link.
     """
 
     def __init__(
@@ -60,11 +60,11 @@ class Security:
         self._quiet_ns = 0
 
     def seal(self, packet: bytes) -> bytes:
-        """Return the bytes on the wire for a telemetry packet: its frame, or itself."""
+        """Return the frame of a telemetry packet; without a telemetry key the packet itself."""
         return packet if self.sender is None else self.sender.seal(packet)
 
     def load_keys(self) -> None:
-        """Read all keys again and use them; on a fault the old ones stay. Raises ConfigError."""
+        """Read all keys again and use them. Raises ConfigError; the old keys then stay in use."""
         associations = load_associations(self._config, self._sdls, self._environment)
         self.receiver.use(_uplink(associations))
         for association in _downlink(associations):
@@ -74,12 +74,12 @@ class Security:
         self._report("KEYS_LOADED", words)
 
     def poll(self, now_ns: int) -> None:
-        """Store the exact last frame number once no frame has arrived for `QUIET_NS`."""
+        """Store the exact frame numbers once no frame was accepted for `QUIET_NS`."""
         if self.receiver.accepted != self._seen:
             self._seen, self._quiet_ns = self.receiver.accepted, now_ns
         elif self._quiet_ns and now_ns - self._quiet_ns >= QUIET_NS:
             self._quiet_ns = 0
-            with suppress(OSError):  # they stay ahead: nothing is accepted twice
+            with suppress(OSError):  # the stored numbers stay ahead: no frame is accepted twice
                 self.receiver.settle()
 
     def close(self) -> None:

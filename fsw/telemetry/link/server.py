@@ -1,8 +1,8 @@
-"""The link to the ground: a duplex TCP port, one to look only, and an optional UDP push.
+"""The link to the ground: a TCP port to command, one to observe only, and optional UDP output.
 
-Nothing here waits. Packets that a slow client does not read stay in a bounded outbox; those that do
-not fit are dropped whole, and counted. Packets from a client stay in its inbox until
-`next_item` is called; while that is full, its bytes stay in the system's buffers.
+No method waits. Packets that a slow client does not read stay in a bounded outbox; packets that do
+not fit are dropped whole, and counted. Packets from a client stay in its inbox until `next_item`
+returns them; while the inbox is full, the client's bytes stay in the system's buffers.
 """
 
 import selectors
@@ -19,14 +19,14 @@ from fsw.telemetry.link.splitter import Uplinked
 from fsw.telemetry.link.uplink import Uplink
 
 READ_BYTES = 16384
-INBOX_ITEMS = 256  # of one client; then its bytes are left where they are
-SYSTEM_BYTES = 1 << 16  # the system's own buffer: nothing overtakes what waits there
+INBOX_ITEMS = 256  # packets in a client's inbox at which no more of its bytes are read
+SYSTEM_BYTES = 1 << 16  # size of the system's buffer, in which no packet overtakes another
 Report = Callable[[str, str], object]  # event code, text
 
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Counts of bytes and packets over the link, for all clients since the start."""
+    """Counts of bytes and packets over the link, of all clients, since the start or last reset."""
 
     tm_packets: int = 0
     tm_bytes: int = 0
@@ -43,10 +43,10 @@ class LinkServer:
 
     Parameters
     ----------
-    make_uplink : makes the cutter of a new client's bytes; its argument: whether it may command
-    report : reports what an operator should know
-    seal : makes of a packet what goes over the wire
-    notice : makes the packet that gives a refused client the reason
+    make_uplink : makes the reader of a new client's bytes; its argument: whether it may command
+    report : reports an event; its arguments are code and text
+    seal : returns the bytes on the wire for a packet
+    notice : returns the packet that gives a refused client the reason
 
     Raises
     ------
@@ -69,7 +69,7 @@ class LinkServer:
         self._clients: list[LinkClient] = []
         self._selector = selectors.DefaultSelector()
         self._now_ns = 0
-        self._doors: dict[socket.socket, bool] = {}  # listener: whether one may command there
+        self._doors: dict[socket.socket, bool] = {}  # listener: whether its clients may command
         try:
             self.port = self._open_door(config.port, may_command=True)
             self.look_port = 0
@@ -84,25 +84,25 @@ class LinkServer:
 
     @property
     def has_receiver(self) -> bool:
-        """Whether somebody may receive what is sent."""
+        """Return whether a client is connected or packets are sent over UDP."""
         return bool(self._clients) or self._udp is not None
 
     @property
     def clients(self) -> int:
-        """Connected clients."""
+        """Return the number of connected clients."""
         return len(self._clients)
 
     @property
     def room_bytes(self) -> int:
-        """Bytes of a long answer that can be queued now: for the client that reads fastest.
+        """Return how much of a long answer can be queued now [B].
 
-        A quarter of an outbox; without clients as much, for then nothing waits anywhere.
+        This is a quarter of an outbox less the waiting bytes of the client that reads fastest.
         """
         waiting = [client.outbox.waiting_bytes for client in self._clients]
         return max(0, self._config.queue_bytes // 4 - min(waiting, default=0))
 
     def send(self, packet: bytes, priority: Priority = Priority.ANSWER) -> None:
-        """Queue a packet for every client, push it over UDP."""
+        """Queue a packet for every client, and send it over UDP if that is configured."""
         for client in self._clients:
             dropped = client.outbox.put(packet, priority)
             client.dropped += dropped
@@ -115,7 +115,7 @@ class LinkServer:
                 self.counters.udp_dropped += 1
 
     def serve(self, now_ns: int) -> None:
-        """Accept new clients and read what has come up into their inboxes."""
+        """Accept new clients, read packets into the inboxes, disconnect overdue clients."""
         self._now_ns = now_ns
         for key, _ in self._selector.select(0):
             if key.fileobj in self._doors:
@@ -131,7 +131,7 @@ class LinkServer:
             self._refuse(overdue(client, now_ns, self._idle_ns, self._config.max_clients))
 
     def next_item(self) -> Uplinked | None:
-        """Return the next packet or refusal that came up, of each client in turn."""
+        """Return the next received packet, from each client in turn; None if there is none."""
         for client in self._clients:
             if client.inbox:
                 self._clients.remove(client)
@@ -182,7 +182,7 @@ class LinkServer:
             self._udp = None
 
     def _open_door(self, port: int, *, may_command: bool) -> int:
-        """Listen on a port; return it. Raises PortError."""
+        """Listen on a port; return the number of the opened port. Raises PortError."""
         host = self._config.host
         listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -233,7 +233,7 @@ class LinkServer:
         client, reason = refusal.client, refusal.reason
         client.outbox.put(self._notice(f"{client.name}: {reason}"), Priority.HEALTH)
         client.outbox.rest()
-        with suppress(OSError):  # one that reads nothing learns nothing
+        with suppress(OSError):  # a client that does not read receives no reason
             client.connection.send(client.outbox.next_bytes())
         self._remove(client)
         self._report("LINK_REFUSED", f"{client.name}: {reason}")
@@ -261,7 +261,7 @@ class LinkServer:
             self._refuse(promote(client, others, self._config.max_clients))
 
     def _watch_uplink(self, client: LinkClient) -> None:
-        """Count and report garbage received since the last call."""
+        """Count and report the invalid bytes received since the last call."""
         skipped, resyncs = client.uplink.skipped_bytes, client.uplink.resyncs
         self.counters.tc_garbage_bytes += skipped - client.skipped
         self.counters.tc_resyncs += resyncs - client.resyncs
@@ -280,7 +280,7 @@ class LinkServer:
             self._report("LINK_CAUGHT_UP", f"{client.name}: {count} packets were dropped")
 
     def _end(self, client: LinkClient, why: str) -> None:
-        """Read no more of a client; it is dropped once its inbox is empty."""
+        """Stop reading from a client; it is disconnected once its inbox is empty."""
         if not client.ended:
             self._selector.unregister(client.connection)
             client.ended = why

@@ -1,4 +1,4 @@
-"""The uplink in clear: a byte stream cut into space packets, whatever else is in it."""
+"""The uplink in clear: cuts a byte stream into space packets and skips invalid bytes."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from fsw.telemetry.dictionary.codes import APID_FILES, Error
 from fsw.telemetry.link.packets import CRC_BYTES, HEADER_BYTES, TC_HEADER_BYTES
 
 MAX_PACKET_BYTES = 2048
-PATIENCE_NS = 500_000_000  # for the rest of a packet; then its first byte was garbage
+PATIENCE_NS = 500_000_000  # longest wait for a packet's rest; then its first byte is invalid
 TC_MASK, TC_BITS = 0xF8, 0x18  # version 0, telecommand, secondary header
 FILE_ID = 0x1000 | APID_FILES
-CARRIERS = frozenset(  # service and subtype of telecommands with telecommands in them
+CARRIERS = frozenset(  # service and subtype of telecommands that contain telecommands
     (item.service, item.subtype)
     for item in DICTIONARY.telecommands
     if any(field.type is Type.BYTES for field in item.arguments)
@@ -21,26 +21,26 @@ CARRIERS = frozenset(  # service and subtype of telecommands with telecommands i
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uplinked:
-    """One packet from the ground, accepted or refused; file packets have no CRC."""
+    """One packet from the ground, accepted or rejected; file packets have no CRC."""
 
     packet: bytes
     error: Error | None = None
     text: str = ""
-    value: float = 0.0  # reported with the error
-    source: str = ""  # who sent it
+    value: float = 0.0  # number to report with the error
+    source: str = ""  # name of the sender
 
     @property
     def is_file(self) -> bool:
-        """Whether it belongs to file delivery."""
+        """Return whether the packet belongs to file delivery."""
         return int.from_bytes(self.packet[:2], "big") == FILE_ID
 
 
 class PacketSplitter:
-    """Cuts one client's bytes; what begins no packet is skipped and counted.
+    """Cuts one client's bytes into packets; skips and counts bytes that begin no packet.
 
     Parameters
     ----------
-    known_id : packet id whose packets are reported even when their CRC is wrong
+    known_id : packets with this packet id are returned even when their CRC is wrong
     """
 
     def __init__(self, known_id: int) -> None:
@@ -49,11 +49,11 @@ class PacketSplitter:
         self._last_ns = 0
         self._in_sync = True
         self.skipped_bytes = 0
-        self.resyncs = 0  # times garbage began
+        self.resyncs = 0  # number of times that invalid bytes began
 
     @property
     def pending_bytes(self) -> int:
-        """Bytes that may begin a packet."""
+        """Return the number of buffered bytes, which may begin a packet."""
         return len(self._buffer)
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
@@ -63,7 +63,7 @@ class PacketSplitter:
         return self._cut()
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Discard a packet whose rest did not come in time; return the packets behind it."""
+        """Discard a packet whose rest did not arrive in time; return the packets after it."""
         found: list[Uplinked] = []
         if self._buffer and now_ns - self._last_ns >= PATIENCE_NS:
             self._skip(1)
@@ -92,7 +92,7 @@ class PacketSplitter:
         return found
 
     def _ends_whole(self, length: int) -> bool:
-        """Whether a packet ends where the next one begins, or with the bytes received so far."""
+        """Return whether a packet ends at the next packet's start or at the last received byte."""
         rest = self._buffer[length:]
         return not rest or _is_packet_id(rest)
 
@@ -105,17 +105,17 @@ class PacketSplitter:
 
 
 def _carries(packet: bytes) -> bool:
-    """Whether a damaged packet carries telecommands: they must not be executed in its place."""
+    """Return whether a damaged packet contains telecommands, which must then not be executed."""
     return packet[0] & TC_MASK == TC_BITS and tuple(packet[7:9]) in CARRIERS
 
 
 def _is_packet_id(buffer: bytearray) -> bool:
-    """Whether bytes begin as a telecommand or a packet of file delivery does, as far as they go."""
+    """Return whether the bytes so far can begin a telecommand or a packet of file delivery."""
     return buffer[0] & TC_MASK == TC_BITS or buffer[:2] == FILE_ID.to_bytes(2, "big")[: len(buffer)]
 
 
 def _length(buffer: bytearray) -> int | None:
-    """Return the length of the packet these bytes may begin; None when they begin none."""
+    """Return the length of the packet that these bytes can begin [B]; None if they cannot."""
     identity = buffer[0] << 8 | buffer[1]
     length = (buffer[4] << 8 | buffer[5]) + HEADER_BYTES + 1
     if length > MAX_PACKET_BYTES:

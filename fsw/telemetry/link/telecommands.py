@@ -1,4 +1,4 @@
-"""Checks the bytes of one telecommand: a request, or the error that rejects it."""
+"""Checks the bytes of one telecommand; gives a request, or the error that rejects the bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PARAMETERS = 20  # the service whose repeated group has values of different type
 
 
 class TcError(Exception):
-    """A telecommand was rejected, or failed."""
+    """A telecommand was rejected or failed; `argument` counts from 1, 0 names no argument."""
 
     def __init__(self, error: Error, argument: int = 0, value: float = 0.0, text: str = "") -> None:
         super().__init__(cut(f"{error.name}{f': {text}' if text else ''}"))
@@ -29,9 +29,9 @@ class TcError(Exception):
 
     @classmethod
     def of(cls, error: Exception) -> TcError:
-        """Return the failure of a telecommand that an error means. Raises MemoryError unchanged.
+        """Return the TcError for an error of a telecommand. Raises MemoryError unchanged.
 
-        One that nobody foresaw is FAILED: no telecommand ends the service.
+        An unforeseen error becomes FAILED, so that no telecommand ends the service.
         """
         if isinstance(error, MemoryError):
             raise error
@@ -47,22 +47,22 @@ class RequestId:
 
     @classmethod
     def of(cls, packet: bytes) -> RequestId:
-        """Return the request id of a packet, however wrong the rest of it is."""
+        """Return the request id of a packet; the rest of the packet may be invalid."""
         packet_id, sequence = struct.unpack_from(">HH", packet.ljust(4, b"\0"))
         return cls(packet_id=packet_id, sequence=sequence)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """A telecommand that is what the dictionary says it must be."""
+    """A telecommand that agrees with the dictionary."""
 
     id: RequestId
     ack: int
     telecommand: Telecommand
     values: dict[str, Value] = field(default_factory=dict)
     data: bytes = b""  # the BYTES argument
-    parameters: tuple[tuple[Parameter, float], ...] = ()  # of service 20
-    elements: tuple[Request, ...] = ()  # of a repeated group
+    parameters: tuple[tuple[Parameter, float], ...] = ()  # service 20: parameters and values
+    elements: tuple[Request, ...] = ()  # the elements of a repeated group
 
     def text(self, name: str) -> str:
         """Return a text argument."""
@@ -93,7 +93,7 @@ class TelecommandReader:
         self._parameters = {item.id: item for item in DICTIONARY.parameters}
 
     def read(self, packet: bytes) -> Request:
-        """Return the request. Raises TcError."""
+        """Return the request in a packet. Raises TcError."""
         tc = _unpack(packet)
         if tc.apid != APID_ESTIMATOR:
             raise TcError(Error.WRONG_APID, value=tc.apid)
@@ -122,7 +122,7 @@ class TelecommandReader:
         return replace(request, values=values, data=rest)
 
     def _read_elements(self, request: Request, data: bytes) -> tuple[Request, ...]:
-        """Return the elements of a repeated group, each as a request of its own."""
+        """Return the elements of a repeated group, each as one request. Raises TcError."""
         if not data:
             raise TcError(Error.BAD_LENGTH)
         count, at = data[0], 1
@@ -151,7 +151,7 @@ class TelecommandReader:
     def _read_arguments(
         self, telecommand: Telecommand, data: bytes, before: int = 0
     ) -> tuple[dict[str, Value], bytes]:
-        """Return values and free bytes; `before` arguments stand before these."""
+        """Return values and BYTES argument; `before`: number of arguments before these."""
         layout = self._layouts[telecommand.name]
         open_ended = bool(telecommand.arguments) and telecommand.arguments[-1].type is Type.BYTES
         size = layout.size_bytes
@@ -201,7 +201,7 @@ class TelecommandReader:
 
 
 def _packet_bytes(data: bytes) -> int:
-    """Return the length of the telecommand packet that data begin with, as its header has it."""
+    """Return the length of the first packet in the data, by its header [B]. Raises TcError."""
     if len(data) < TC_HEADER_BYTES + CRC_BYTES:
         raise TcError(Error.BAD_LENGTH, value=len(data), text="no whole telecommand packet")
     return int.from_bytes(data[4:6], "big") + 7

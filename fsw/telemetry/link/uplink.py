@@ -1,4 +1,4 @@
-"""Uplink: from a client's bytes to telecommand packets, in clear or authenticated."""
+"""Converts a client's bytes to telecommand packets, in clear or authenticated."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -12,73 +12,73 @@ KNOWN_ID = 0x1800 | APID_ESTIMATOR
 
 
 class Uplink(Protocol):
-    """One client's bytes, cut."""
+    """Reads the packets in one client's bytes."""
 
     @property
     def skipped_bytes(self) -> int:
-        """Bytes that belong to no telecommand."""
+        """Return the number of skipped bytes, which belong to no packet."""
         ...
 
     @property
     def resyncs(self) -> int:
-        """Times garbage began."""
+        """Return the number of times that invalid bytes began."""
         ...
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
-        """Return the packets that end in this chunk."""
+        """Return the packets that end in this chunk, accepted or rejected."""
         ...
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Discard an item whose rest did not come in time; return what followed it."""
+        """Discard an item whose rest did not arrive in time; return the packets after it."""
         ...
 
 
 class ClearUplink(PacketSplitter):
-    """Packets in clear, on a link that is bound to loopback."""
+    """Reads packets in clear, on a link that is bound to loopback."""
 
     def __init__(self) -> None:
         super().__init__(KNOWN_ID)
 
 
 class LookUplink(ClearUplink):
-    """Refuses every packet: its clients may only look."""
+    """Rejects every packet, because the client may only observe."""
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
-        """Return the packets that end in this chunk, refused."""
+        """Return the packets that end in this chunk, all rejected."""
         return [_unauthorised(item) for item in super().feed(chunk, now_ns)]
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Discard an item whose rest did not come in time; return what followed it, refused."""
+        """Discard an item whose rest did not arrive; return the packets after it, all rejected."""
         return [_unauthorised(item) for item in super().expire(now_ns)]
 
 
 class SecureUplink:
-    """Reads authenticated frames; refuses and reports everything else."""
+    """Reads the packets in authenticated frames; rejects everything else."""
 
     def __init__(self, receiver: FrameReceiver) -> None:
         self._splitter = FrameSplitter(receiver)
 
     @property
     def skipped_bytes(self) -> int:
-        """Bytes that belong to no frame."""
+        """Return the number of skipped bytes, which belong to no frame."""
         return self._splitter.skipped_bytes
 
     @property
     def resyncs(self) -> int:
-        """Times such bytes began."""
+        """Return the number of times that invalid bytes began."""
         return self._splitter.resyncs
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
-        """Return the packets of accepted frames, and what was refused."""
+        """Return the packets of accepted frames, and one rejected item for each other frame."""
         return _reported(self._splitter.feed(chunk, now_ns), now_ns)
 
     def expire(self, now_ns: int) -> list[Uplinked]:
-        """Discard an item whose rest did not come in time; return what followed it."""
+        """Discard an item whose rest did not arrive in time; return the packets after it."""
         return _reported(self._splitter.expire(now_ns), now_ns)
 
 
 def _reported(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Uplinked]:
-    """Return frames as packets; a repeated frame with the number that is accepted next."""
+    """Return the packets of frames; the value of a repeated frame is the next valid number."""
     found: list[Uplinked] = []
     for outcome in outcomes:
         if isinstance(outcome, Accepted):
@@ -98,12 +98,12 @@ def _reported(outcomes: Iterable[Accepted | Rejected], now_ns: int) -> list[Upli
 
 
 def _unauthorised(item: Uplinked) -> Uplinked:
-    """Return the refusal of a packet whose sender may only observe."""
+    """Return a packet as rejected, because its sender may only observe."""
     return replace(item, error=Error.NOT_AUTHORISED, text="may look, not command")
 
 
 def _packets(data: bytes, now_ns: int) -> list[Uplinked]:
-    """Return the whole packets an authentic frame carries."""
+    """Return the packets in an authentic frame; add BAD_LENGTH if bytes are left over."""
     inner = ClearUplink()
     found = inner.feed(data, now_ns)
     if inner.pending_bytes or inner.skipped_bytes:
@@ -112,7 +112,7 @@ def _packets(data: bytes, now_ns: int) -> list[Uplinked]:
 
 
 def security_counters(receiver: FrameReceiver | None) -> Mapping[str, int]:
-    """Return accepted, failed and replayed frames."""
+    """Return the counts of accepted, failed and replayed frames; zeros without a receiver."""
     if receiver is None:
         return {"sdls_accepted": 0, "sdls_failed": 0, "sdls_replayed": 0}
     rejected = {reason.name: count for reason, count in receiver.rejected.items()}

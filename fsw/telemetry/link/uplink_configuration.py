@@ -9,15 +9,15 @@ from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
 
 
 def check_uplink(config: Config, environment: Mapping[str, str]) -> list[str]:
-    """Read keys and numbers as the daemon will at its start; nothing is written.
+    """Read keys and stored numbers as the daemon does at its start, without writing.
 
     Returns
     -------
-    The warnings: credentials exist only in a service that systemd has started.
+    One warning per credential that was not read: only a service of systemd has credentials.
 
     Raises
     ------
-    ConfigError naming the fault; a daemon started with it opens no link.
+    ConfigError that names the fault; a daemon with this fault opens no link.
     """
     sdls = None if config.telemetry is None else config.telemetry.sdls
     if sdls is None:

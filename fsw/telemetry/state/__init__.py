@@ -1,1 +1,1 @@
-"""State: the values that telemetry reports, and files that survive a power cut."""
+"""State: the values that telemetry reports, and the files that keep them over a power cut."""

@@ -8,22 +8,22 @@ from dataclasses import dataclass
 from fsw.telemetry.dictionary.codes import RESET_CAUSE
 from fsw.telemetry.state.store import GenerationStore
 
-# of the dictionary's reset_cause, in its order
+# texts of the dictionary's reset_cause, in the order of its numbers
 CAUSES = ("first start", "stopped before", "restart commanded", "the last run crashed")
 
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """The place of this run among all on one state directory."""
+    """Number of this run on its state directory, and the cause of the restart."""
 
     count: int
-    cause: int  # of the dictionary's reset_cause
+    cause: int  # number of the dictionary's reset_cause
 
     @classmethod
     def begin(cls, store: GenerationStore, *, resume: bool) -> Boot:
-        """Count this start; `resume`: the loop never stopped, this is the same run.
+        """Count and store this start. With `resume` the loop never stopped: return the same run.
 
-        A state directory that cannot be written gives a run that counts from what it could read.
+        If the state directory cannot be written, the start is counted but not stored.
         """
         generations, _ = store.read()
         last = json.loads(generations[0].content) if generations else None
@@ -42,7 +42,7 @@ class Boot:
         return f"run {self.count}: {CAUSES[self.cause]}"
 
     def keep(self, store: GenerationStore, *, running: bool, commanded: bool) -> None:
-        """Write down that the daemon runs, or that it ended as it should."""
+        """Store that the daemon runs, or that it ended in order; `commanded`: to restart."""
         document = {
             "count": self.count,
             "cause": self.cause,
@@ -52,4 +52,4 @@ class Boot:
         try:
             store.write(json.dumps(document).encode())
         except OSError:
-            return  # a full disk shows in the recorder's events
+            return  # the recorder reports a full disk

@@ -1,4 +1,4 @@
-"""History of commands: who sent what, when, and what became of it. It survives a restart."""
+"""Log of commands with sender, time and outcome; the log survives a restart."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -21,7 +21,7 @@ REJECTED = "rejected"  # kind of all rejected commands: they share their part of
 
 @dataclass(slots=True, kw_only=True)
 class CommandRecord:
-    """One command; times as mission elapsed time of its run, and as Unix time."""
+    """One command; `time_s` is mission elapsed time, `unix_s` is Unix time."""
 
     boot_count: int
     number: int  # in its run
@@ -36,7 +36,7 @@ class CommandRecord:
 
     @property
     def words(self) -> str:
-        """Name, arguments, and who sent it."""
+        """Return name, arguments and sender as text."""
         return f"{' '.join((self.name, self.arguments)).strip()} ({self.who})"
 
 
@@ -44,7 +44,7 @@ RECORD = TypeAdapter(CommandRecord)
 
 
 class CommandLog:
-    """The newest commands in memory, all of them in a file of bounded size.
+    """Keeps the newest commands in memory, and all commands in files of bounded size.
 
     Parameters
     ----------
@@ -68,34 +68,34 @@ class CommandLog:
         return self._journal.files
 
     def begin(self, who: str, name: str, arguments: str) -> CommandRecord:
-        """Note an accepted command."""
+        """Record an accepted command in memory; return its record."""
         record = self._made(who, name, arguments)
         self._log.add(_kind(record), record)
         return record
 
     def keep(self, record: CommandRecord) -> None:
-        """Write a command down whose end will take some time."""
+        """Write a command to the file, before its end if that will take some time."""
         self._journal.append(asdict(record))
 
     def end(self, record: CommandRecord, outcome: CommandOutcome, error: Error) -> None:
-        """Note what became of a command."""
+        """Record the outcome and the duration of a command, and write both to the file."""
         record.outcome, record.error = outcome.name, error.name
         record.duration_s = self._host.now_ns() * 1e-9 - record.time_s
         self.keep(record)
 
     def rejected(self, who: str, name: str, arguments: str, error: Error) -> None:
-        """Note a command that was rejected."""
+        """Record a rejected command in memory and in the file."""
         record = self._made(who, name, arguments)
         record.outcome, record.error = CommandOutcome.REJECTED.name, error.name
         self._log.add(_kind(record), record)
         self.keep(record)
 
     def newest(self, count: int) -> list[CommandRecord]:
-        """Return the newest commands, oldest first."""
+        """Return at most `count` newest commands, oldest first."""
         return self._log.newest(count)
 
     def packets(self, count: int) -> Iterator[tuple[str, Mapping[str, object]]]:
-        """Yield the newest commands as packets, oldest first."""
+        """Yield name and values of a packet per command, oldest first; one for an empty log."""
         newest = self.newest(count)
         for place, record in enumerate(newest, start=1):
             yield "command_log_entry", _values(record) | {"entry": place, "entries": len(newest)}
@@ -138,7 +138,7 @@ def _values(record: CommandRecord) -> dict[str, object]:
 
 
 def _records(lines: list[dict[str, Any]]) -> list[CommandRecord]:
-    """Return the commands of kept lines; those without an end were interrupted."""
+    """Return the commands of stored lines; a command without an end becomes INTERRUPTED."""
     found: dict[tuple[int, int], CommandRecord] = {}
     for line in lines[-4 * CAPACITY :]:
         try:

@@ -12,11 +12,11 @@ T = TypeVar("T")
 
 
 def read_document(store: GenerationStore, parse: Callable[[Any], T]) -> tuple[T | None, int]:
-    """Return the newest document that is good, and how many generations were not.
+    """Return the newest valid document (None without one), and the number of invalid generations.
 
     Parameters
     ----------
-    parse : makes a value of the JSON; raises KeyError, TypeError or ValueError
+    parse : converts the decoded JSON; raises KeyError, TypeError or ValueError if it is invalid
     """
     generations, damaged = store.read()
     for generation in generations:
@@ -28,7 +28,7 @@ def read_document(store: GenerationStore, parse: Callable[[Any], T]) -> tuple[T 
 
 
 def keep_document(store: GenerationStore, document: object) -> None:
-    """Bring a document to the disk. Raises TcError FAILED; then the one before stands."""
+    """Store a document. Raises TcError FAILED; the document before it then stays valid."""
     try:
         store.write(json.dumps(document, sort_keys=True).encode())
     except OSError as error:

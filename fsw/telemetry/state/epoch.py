@@ -1,4 +1,4 @@
-"""Which clock a kept time belongs to: mission elapsed time begins again when the machine starts."""
+"""Origin of stored times: mission elapsed time begins again when the machine starts."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Epoch:
 
     Parameters
     ----------
-    clock_id : changes when the machine, and with it the monotonic clock, starts again
+    clock_id : another text after each start of the machine, which restarts the monotonic clock
     utc_less_met_ns : time of day (CLOCK_REALTIME) less mission elapsed time [ns]
-    uncertainty_ns : largest error of that difference; not kept
-    synchronised : whether the time of day is steered by a source of UTC; not kept
+    uncertainty_ns : largest error of `utc_less_met_ns` [ns]; not stored
+    synchronised : whether a source of UTC steers the time of day; not stored
     """
 
     clock_id: str
@@ -26,7 +26,7 @@ class Epoch:
     synchronised: bool = False
 
     def document(self) -> dict[str, object]:
-        """Return plain values, to be kept beside times."""
+        """Return plain values, to be stored beside times."""
         return {"clock_id": self.clock_id, "utc_less_met_ns": self.utc_less_met_ns}
 
     @classmethod
@@ -39,10 +39,10 @@ class Epoch:
 
 
 def carried_over(t_ns: int, then: Epoch, now: Epoch) -> int:
-    """Return a mission elapsed time of one epoch as that of another [ns].
+    """Convert a mission elapsed time of the epoch `then` to the epoch `now` [ns].
 
-    Within one start of the machine it is the same number. Across a start the time of day connects
-    the two; what lies before the machine's start is negative.
+    Within one start of the machine the number stays the same. Across a start the time of day
+    connects the epochs. A time before the machine's start is negative.
     """
     if then.clock_id == now.clock_id:
         return t_ns

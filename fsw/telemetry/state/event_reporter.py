@@ -1,4 +1,4 @@
-"""Events of the telemetry application itself; of a burst only the rate is reported."""
+"""Events of the telemetry application itself; the rest of a burst is reported as a count."""
 
 from fsw.telemetry.dictionary.events import SEVERITIES
 from fsw.telemetry.ports import Host

@@ -1,4 +1,4 @@
-"""Bounded memory of what happened, in which nothing frequent displaces what is rare."""
+"""Bounded log in which frequent items do not displace rare ones."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -8,13 +8,13 @@ Item = TypeVar("Item")
 
 
 class FairLog(Generic[Item]):
-    """The newest items by kind; when it is full, the most frequent kind loses its oldest.
+    """Keeps the newest items of each kind; a full log removes the oldest of the most frequent kind.
 
-    So a burst of one kind, however long, leaves at least an equal share to every other kind.
+    However long a burst of one kind is, every other kind keeps at least an equal share.
 
     Parameters
     ----------
-    capacity : items kept
+    capacity : largest number of items
     """
 
     def __init__(self, capacity: int) -> None:
@@ -24,7 +24,7 @@ class FairLog(Generic[Item]):
         self._kept = 0
 
     def __len__(self) -> int:
-        """Items that are kept."""
+        """Return the number of items."""
         return self._kept
 
     def __iter__(self) -> Iterator[Item]:
@@ -34,7 +34,7 @@ class FairLog(Generic[Item]):
             yield item
 
     def add(self, kind: str, item: Item) -> None:
-        """Add an item."""
+        """Add an item of a kind; remove one if the log is full."""
         self._kinds.setdefault(kind, deque()).append((self._added, item))
         self._added += 1
         if self._kept < self._capacity:
@@ -46,5 +46,5 @@ class FairLog(Generic[Item]):
             del self._kinds[fullest]
 
     def newest(self, count: int) -> list[Item]:
-        """Return the newest items, oldest first."""
+        """Return at most `count` newest items of all kinds, oldest first."""
         return list(self)[-count:] if count > 0 else []

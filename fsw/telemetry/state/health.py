@@ -2,7 +2,7 @@
 
 from fsw.telemetry.dictionary.codes import Health
 
-# the event that sets a bit, and the one that says the fault is over
+# SET_BY: events that set a bit; CLEARED_BY: events that end the fault
 SET_BY = {
     "PORT_LOST": Health.PORT_LOST,
     "ESTIMATOR_RESET": Health.ESTIMATOR_RESET,
@@ -37,8 +37,8 @@ CLEARED_BY = {"COMMAND_BACK": Health.COMMAND_LOSS, "LIMIT_RECOVERED": Health.LIM
 class HealthWord:
     """One bit for each kind of fault.
 
-    `latched`: faults that have occurred, until cleared. `now`: faults known to be present. A fault
-    that is known from an event alone is latched and never in `now`.
+    `latched` holds the faults that have occurred since they were last cleared. `now` holds the
+    faults that are present. A fault reported only by an event is in `latched`, never in `now`.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class HealthWord:
 
     @property
     def now(self) -> int:
-        """Faults known to be present."""
+        """Return the bits of the faults that are present."""
         return self._standing
 
     def event(self, code: str) -> int:
@@ -58,14 +58,14 @@ class HealthWord:
         return 0 if bit is None else self.set(bit)
 
     def set(self, bit: Health) -> int:
-        """Latch a bit; return it when it is new, else 0."""
+        """Latch a bit; return its mask if it was not latched before, otherwise 0."""
         mask = 1 << bit
         new = mask & ~self.latched
         self.latched |= mask
         return new
 
     def standing(self, bit: Health, present: bool) -> int:
-        """Record whether a fault is present; return its bit if newly latched, otherwise 0."""
+        """Record whether a fault is present; return its mask if newly latched, otherwise 0."""
         mask = 1 << bit
         if not present:
             self._standing &= ~mask
@@ -74,5 +74,5 @@ class HealthWord:
         return self.set(bit)
 
     def clear(self, mask: int) -> None:
-        """Clear latched bits of a mask; the bit of a fault that is still present stays set."""
+        """Clear the latched bits of a mask; the bit of a fault that is still present stays set."""
         self.latched &= ~mask | self._standing

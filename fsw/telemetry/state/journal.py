@@ -1,4 +1,4 @@
-"""Lines of JSON that survive a restart, in a file of bounded size and the one before it."""
+"""Lines of JSON that survive a restart, in a file of bounded size and its predecessor."""
 
 import json
 from collections.abc import Mapping
@@ -7,11 +7,11 @@ from typing import Any
 
 
 class Journal:
-    """Appends to a file; a full disk costs lines, never the service.
+    """Appends lines to a file; on a full disk lines are lost, and the service continues.
 
     Parameters
     ----------
-    limit_bytes : size at which the file becomes `NAME.1` and a new one begins
+    limit_bytes : above this size the file is renamed to `NAME.1` and a new file begins [B]
     """
 
     def __init__(self, path: Path, limit_bytes: int) -> None:
@@ -20,11 +20,11 @@ class Journal:
 
     @property
     def files(self) -> tuple[Path, Path]:
-        """Return the file and the one before it; each may be missing."""
+        """Return the paths of the file and its predecessor; each file may be missing."""
         return self._path, self._before
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Add one line."""
+        """Append one line; a line that cannot be written is lost."""
         try:
             if self._path.exists() and self._path.stat().st_size > self._limit_bytes:
                 self._path.replace(self._before)
@@ -34,7 +34,7 @@ class Journal:
             return  # the recorder reports a full disk
 
     def read(self) -> list[dict[str, Any]]:
-        """Return the lines that can be read, oldest first."""
+        """Return the values of all readable lines, oldest first."""
         found = []
         for path in (self._before, self._path):
             try:
@@ -45,7 +45,7 @@ class Journal:
                 try:
                     values = json.loads(line)
                 except (ValueError, RecursionError):
-                    continue  # cut by a power failure
+                    continue  # a power failure cut the line
                 if isinstance(values, dict):
                     found.append(values)
         return found

@@ -17,7 +17,7 @@ NEVER_S = 1e6  # age of a value that was never received
 
 
 class LatestValues:
-    """The newest summary, estimate, residuals and job.
+    """Keeps the newest summary, estimate, residuals and job, and returns them as set values.
 
     Parameters
     ----------
@@ -37,13 +37,13 @@ class LatestValues:
 
     @property
     def summary_age_s(self) -> float:
-        """Return the age of the loop's newest summary."""
+        """Return the age of the loop's newest summary [s]; 1e6 before the first one."""
         if self._status_ns is None:
             return NEVER_S
         return (self._host.now_ns() - self._status_ns) * 1e-9
 
     def configure(self, config: Config) -> None:
-        """Adopt another effective configuration."""
+        """Use another effective configuration from now on; discard the residuals."""
         self.config, self._residuals, self._residuals_tried = config, None, False
         self._residual = []
 
@@ -76,37 +76,37 @@ class LatestValues:
         }
 
     def loop(self) -> dict[str, Any]:
-        """Return the loop's part of set 1."""
+        """Return the loop's values of housekeeping set 1."""
         return fields.loop_values(self.status, self.summary_age_s)
 
     def estimates(self) -> dict[str, Any]:
-        """Return set 2."""
+        """Return the values of housekeeping set 2, the online estimate."""
         joints = [joint.name for joint in self.config.joints]
         return fields.estimate_values(self.estimate, self._host.now_ns(), self._residual, joints)
 
     def covariance(self) -> dict[str, Any]:
-        """Return set 3."""
+        """Return the values of housekeeping set 3, the covariance."""
         return fields.covariance_values(self.estimate)
 
     def devices(self) -> dict[str, Any]:
-        """Return set 4."""
+        """Return the values of housekeeping set 4, the devices."""
         buses = [bus.name for bus in self.config.buses]
         joints = [joint.name for joint in self.config.joints]
         return fields.device_values(self.status, buses, joints)
 
     def job(self) -> dict[str, Any]:
-        """Return set 5."""
+        """Return the values of housekeeping set 5, the batch job."""
         return fields.job_values(self._job, *self._requested_job)
 
     def estimate_age_s(self) -> float:
-        """Return the age of the newest data used."""
+        """Return the age of the newest data in the estimate [s]; 1e6 before the first estimate."""
         return NEVER_S if self.estimate is None else float(self.estimates()["age_s"])
 
 
 def _residuals(config: Config) -> Any:  # noqa: ANN401
-    from fsw.telemetry.state.residuals import TorqueResiduals  # pinocchio: only once it is needed
+    from fsw.telemetry.state.residuals import TorqueResiduals  # loads pinocchio: only when needed
 
     try:
         return TorqueResiduals(config)
     except ConfigError:
-        return None  # the loop runs on fakes, or the file has gone; there is nothing to compare
+        return None  # the robot cannot be read: there are no residuals

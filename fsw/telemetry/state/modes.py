@@ -1,14 +1,14 @@
 """The mode machine: what the daemon is doing, and which telecommands the mode permits.
 
 The mode is derived from the actual state, not from the last command. SAFE is latched here.
-Otherwise a running batch job gives BATCH, an estimator that receives windows IDENTIFY, and neither
-STANDBY. Before the loop's first summary the mode is BOOT.
+Otherwise the mode is BATCH while a batch job runs, IDENTIFY while the estimator receives windows,
+or else STANDBY. Before the loop's first summary the mode is BOOT.
 """
 
 from fsw.telemetry.dictionary.codes import Mode
 from fsw.telemetry.state.event_reporter import EventReporter
 
-STALE_SUMMARIES = 3  # of the loop behind a command's reply, that may be from before it
+STALE_SUMMARIES = 3  # summaries after a command's reply that may be older than the command
 
 
 class ModeMachine:
@@ -24,7 +24,7 @@ class ModeMachine:
 
     @property
     def mode(self) -> Mode:
-        """Return the mode now."""
+        """Return the present mode."""
         if self._identifying is None:
             return Mode.BOOT
         if self._safe:
@@ -36,7 +36,7 @@ class ModeMachine:
     def summary(self, *, identifying: bool, job: bool) -> None:
         """Record the state that the loop's summary reports.
 
-        Replies overtake summaries: the first ones behind a command may contradict it.
+        A reply overtakes older summaries: the first ones after it may contradict the command.
         """
         self._job = job
         if self._stale and identifying is not self._identifying:
@@ -56,7 +56,7 @@ class ModeMachine:
         self._report()
 
     def latch_safe(self) -> None:
-        """Enter SAFE; only a telecommand leaves it."""
+        """Enter SAFE; only a telecommand ends this mode."""
         self._safe = True
         self._report()
 

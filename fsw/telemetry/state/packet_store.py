@@ -1,10 +1,10 @@
-"""One packet store on the disk: circular, bounded, found again after a restart.
+"""One circular packet store of bounded size on the disk, which survives a restart.
 
 A store is a folder of segments. A segment is a header (magic, version, and the epoch of its times)
-and then whole telemetry packets as they went down, so every reader of packets reads it. The oldest
-segment is removed before the store would exceed its size. Packets are written unbuffered: a killed
-process loses none. A full segment is on the disk before the next begins, the newest one is brought
-there by the service every few seconds.
+followed by whole telemetry packets as they were sent. The oldest segment is removed before the
+store would exceed its size. Packets are written unbuffered, so a killed process loses none. A full
+segment is synchronised to the disk before the next begins; the service synchronises the newest
+segment every few seconds.
 """
 
 import errno
@@ -30,8 +30,8 @@ from fsw.telemetry.state.epoch import MAX_CLOCK_ID_CHARACTERS, Epoch, carried_ov
 
 MAGIC = b"FSWP"
 FORMAT_VERSION = 1
-SEGMENTS = 16  # of a store that is full
-MOST_SEGMENTS = 64  # also when many are short, after many restarts
+SEGMENTS = 16  # number of segments of a full store
+MOST_SEGMENTS = 64  # limit when many segments are short, after many restarts
 _HEAD = struct.Struct(f">4sHq{MAX_CLOCK_ID_CHARACTERS}s")
 _NAME = re.compile(r"(\d{8})\.packets$")
 _TIME = slice(TM_HEADER_BYTES - CUC_BYTES, TM_HEADER_BYTES)
@@ -63,7 +63,7 @@ def packet_time_ns(packet: bytes) -> int:
 
 
 def split_packets(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield times [ns] and packets; the first that cannot be one ends it."""
+    """Yield time [ns] and bytes of each packet; stop at the first bytes that are no packet."""
     at = 0
     while at + HEADER_BYTES <= len(data):
         end = at + int.from_bytes(data[at + 4 : at + 6], "big") + HEADER_BYTES + 1
@@ -91,12 +91,12 @@ def read_segment(path: Path) -> tuple[Epoch, bytes]:
 
 
 class PacketStore:
-    """Packets in the order in which they were made.
+    """Stores packets in the order in which they were made.
 
     Parameters
     ----------
-    limit_bytes : of all segments together
-    epoch : the origin of times now
+    limit_bytes : largest size of all segments together [B]
+    epoch : returns the origin of present times
     """
 
     def __init__(self, folder: Path, limit_bytes: int, epoch: Callable[[], Epoch]) -> None:
@@ -104,22 +104,22 @@ class PacketStore:
         self.limit_bytes = limit_bytes
         self._segment_bytes = limit_bytes // SEGMENTS
         self._segments: list[StoreSegment] = []
-        self._is_open = False  # the newest segment is of this run and undamaged
+        self._is_open = False  # whether this run began the newest segment and no write failed
         self._next = 1
         self._find()
 
     @property
     def size_bytes(self) -> int:
-        """Bytes of all segments."""
+        """Return the size of all segments together [B]."""
         return sum(segment.size_bytes for segment in self._segments)
 
     @property
     def newest(self) -> Path | None:
-        """Return the segment that is being written; full ones are on the disk."""
+        """Return the path of the newest segment, the only one that may not be synchronised."""
         return self._segments[-1].path if self._segments else None
 
     def span(self) -> tuple[int, int] | None:
-        """Return the times of the oldest and newest packet [ns]; None of an empty store."""
+        """Return the times of the oldest and newest packet [ns]; None if the store is empty."""
         now = self._epoch()
         times = [
             carried_over(t_ns, segment.epoch, now)
@@ -130,7 +130,7 @@ class PacketStore:
         return (min(times), max(times)) if times else None
 
     def append(self, packet: bytes) -> None:
-        """Store one packet. Raises OSError; then the next one begins a segment."""
+        """Store one packet. Raises OSError; the next packet then begins a new segment."""
         try:
             segment = self._current(len(packet))
             _append(segment.path, packet)
@@ -140,13 +140,13 @@ class PacketStore:
         segment.note(packet_time_ns(packet), len(packet))
 
     def packets(self, from_ns: int | None, to_ns: int) -> Iterator[bytes | None]:
-        """Yield the packets of a time range [ns, both ends included]; None for each other one.
+        """Yield one item per stored packet: the packet if it is wanted, otherwise None.
 
-        A reader may stop between any two. Packets with a wrong CRC are left out.
+        Wanted are packets with a correct CRC from `from_ns` to `to_ns` [ns], both included.
 
         Parameters
         ----------
-        from_ns : None: from the oldest, also those of earlier starts of the machine
+        from_ns : None: from the oldest packet, also of earlier starts of the machine
         """
         now = self._epoch()
         for number in [segment.number for segment in self._segments]:
@@ -163,7 +163,7 @@ class PacketStore:
                 yield packet if wanted and crc16.ibm_3740(packet) == 0 else None
 
     def delete_until(self, t_ns: int) -> int:
-        """Remove segments with no packet after a time; return the bytes. Raises OSError."""
+        """Remove segments without a packet after a time; return their size [B]. Raises OSError."""
         now, removed = self._epoch(), 0
         for segment in list(self._segments):
             newest_ns = segment.newest_ns
@@ -174,7 +174,7 @@ class PacketStore:
         return removed
 
     def _current(self, size_bytes: int) -> StoreSegment:
-        """Return the segment to write into."""
+        """Return the segment to append a packet to; begin a new one when it is full."""
         if self._is_open:
             segment = self._segments[-1]
             if segment.size_bytes + size_bytes <= self._segment_bytes:
@@ -205,7 +205,7 @@ class PacketStore:
         return segment.size_bytes
 
     def _find(self) -> None:
-        """Find the segments of earlier runs; an invalid file is removed with the oldest."""
+        """Find the segments of earlier runs; remove files that cannot be read as segments."""
         if not self._folder.is_dir():
             return
         named = [(_NAME.match(path.name), path) for path in self._folder.iterdir()]
@@ -224,7 +224,7 @@ class PacketStore:
 
 
 def _append(path: Path, data: bytes) -> None:
-    """Write at the end of a file, all of it. Raises OSError."""
+    """Append all of the data to a file. Raises OSError."""
     with path.open("ab", buffering=0) as file:
         if file.write(data) != len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

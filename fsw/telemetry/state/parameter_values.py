@@ -1,4 +1,4 @@
-"""Values of the on-board parameters: commanded, configured or default; kept over a restart."""
+"""Values of the on-board parameters: commanded (kept over a restart), configured or default."""
 
 import json
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from fsw.config import Config
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.state.store import GenerationStore
 
-ESTIMATOR = {  # parameter -> key of the section; forgetting 0 is the configuration's null
+ESTIMATOR = {  # parameter -> key of the section `estimator`; forgetting_time_s 0 is null there
     "gate_probability": "gate_probability",
     "condition_limit": "condition_limit",
     "forgetting_time_s": "forgetting_time_s",
@@ -18,14 +18,14 @@ BY_NAME = {item.name: item for item in DICTIONARY.parameters}
 
 
 class ParameterValues:
-    """Value in use of each parameter.
+    """Returns and stores the value in use of each parameter.
 
-    A telecommand's value comes first, then the configuration's, then the dictionary's default.
+    A telecommand's value has precedence over the configuration's, and that over the default.
 
     Parameters
     ----------
     config : configuration as read from its file
-    store : the commanded values, one generation for each change
+    store : file of the commanded values, one generation for each change
 
     Attributes
     ----------
@@ -43,17 +43,17 @@ class ParameterValues:
         return self.commanded.get(name, self._base[name])
 
     def prepare(self, values: Mapping[str, float]) -> int:
-        """Write new values to the disk without effect; return their generation. Raises OSError."""
+        """Write values to the disk, not yet in use; return their generation. Raises OSError."""
         return self.store.prepare(json.dumps(values, sort_keys=True).encode())
 
     def commit(self, number: int, values: dict[str, float]) -> None:
-        """Put a prepared generation of values in force. Raises OSError."""
+        """Make a prepared generation of values the one in use. Raises OSError."""
         self.store.commit(number)
         self.commanded = values
 
 
 def stored_values(store: GenerationStore) -> tuple[dict[str, float], int]:
-    """Return the newest valid values, and the number of invalid generations."""
+    """Return the newest valid commanded values, and the number of invalid generations."""
     generations, damaged = store.read()
     for generation in generations:
         values = _parse(generation.content)
@@ -64,7 +64,7 @@ def stored_values(store: GenerationStore) -> tuple[dict[str, float], int]:
 
 
 def estimator_changes(values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the keys of the section `estimator` that the parameters change."""
+    """Return the keys of the section `estimator` that the parameters change, with new values."""
     changes: dict[str, Any] = {
         key: values[name] for name, key in ESTIMATOR.items() if name in values
     }

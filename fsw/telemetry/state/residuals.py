@@ -1,6 +1,6 @@
-"""Residual joint torques of the newest window: measured less what the estimate predicts.
+"""Residual joint torques of the newest window: measured torque less predicted torque.
 
-Made here, in the service process, so that the loop has no work with it.
+The service process computes them, so that the loop spends no time on them.
 """
 
 from dataclasses import dataclass
@@ -16,24 +16,24 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block, Estimate
 
-OF_MEASURED_RATE = ("mrnea", "rda")  # methods that use the gyro's rate, not the momentum's
+OF_MEASURED_RATE = ("mrnea", "rda")  # use the gyro's rate, not the rate from the momentum
 
 
 @dataclass(frozen=True, slots=True)
 class TorqueResidual:
-    """Residual torque of one joint over a window's instants."""
+    """Root mean square of one joint's residual torque over the instants of a window."""
 
     rms_nm: float = 0.0
-    ratio: float = 0.0  # rms after whitening with the declared noise: 1 is what noise explains
+    ratio: float = 0.0  # rms after whitening with the declared noise; 1 if noise alone explains it
 
 
 class TorqueResiduals:
-    """Residual torques by the torque channel of the estimator in force.
+    """Computes residual torques with the torque rows of the present estimator.
 
-    The base's motion is predicted from the joints' motion and the momentum; methods that use the
-    measured rate (MRNEA, RDA), and runs in which external moments change the momentum, take the
-    gyro's rate. A measured acceleration enters nowhere: its noise times the arm's inertia would
-    hide the residual.
+    The base's motion is predicted from the joints' motion and the momentum. The gyro's rate
+    replaces the momentum for methods that use the measured rate (MRNEA, RDA), and in runs in which
+    external moments change the momentum. Measured accelerations are not used: their noise times the
+    arm's inertia would hide the residual.
 
     Raises
     ------
@@ -47,9 +47,9 @@ class TorqueResiduals:
         self._places = [model.joint_names.index(name) for name in names]
 
     def of(self, block: Block, estimate: Estimate) -> list[TorqueResidual]:
-        """Return the residuals in the configuration's order; a joint without torque has zeros.
+        """Return the residuals in the configuration's joint order; zeros for one without torque.
 
-        None at all of an estimate of other states, or whose inertia is not positive definite.
+        The list is empty if the estimate has other states or an inertia not positive definite.
         """
         problem = self._problem
         if estimate.names != problem.names or not block.has_joint.any():

@@ -1,7 +1,7 @@
 """Files that a power cut leaves old or new, never a mixture: numbered generations with a CRC.
 
-A generation is written under another name, brought to the disk, and only then given its own name;
-what is read is the highest whose check value is right. The one before it stays for a rollback.
+A generation is written under a temporary name, synchronised to the disk, and only then renamed.
+Readers use the highest generation with a correct CRC. Earlier generations stay for a rollback.
 Layout, big-endian: magic (4), format version u16, generation u32, length u32, CRC-32 of the content
 u32; content.
 """
@@ -16,7 +16,7 @@ from file_delivery.durable import rename_file, write_file
 
 MAGIC = b"FSWG"
 FORMAT_VERSION = 1
-KEPT = 3  # generations
+KEPT = 3  # number of generations
 TEMPORARY = "new.tmp"
 _HEAD = struct.Struct(">4sHIII")
 _NAME = re.compile(r"(\d{8})\.gen$")
@@ -24,25 +24,25 @@ _NAME = re.compile(r"(\d{8})\.gen$")
 
 @dataclass(frozen=True, slots=True)
 class Generation:
-    """One stored content."""
+    """One stored generation: its number and its content."""
 
     number: int
     content: bytes
 
     @property
     def crc32(self) -> int:
-        """CRC-32 of the content."""
+        """Return the CRC-32 of the content."""
         return zlib.crc32(self.content)
 
 
 class GenerationStore:
-    """One thing that is kept, in a directory of its own."""
+    """Generations of one document, in a directory used for nothing else."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
 
     def read(self) -> tuple[list[Generation], int]:
-        """Return the readable documents, newest first, and the number of unreadable files."""
+        """Return the valid generations, newest first, and the number of damaged files."""
         found, damaged = [], 0
         for number, path in self._files():
             generation = _parse(path, number)
@@ -53,7 +53,7 @@ class GenerationStore:
         return found, damaged
 
     def prepare(self, content: bytes) -> int:
-        """Bring the next generation to the disk under another name; return its number.
+        """Write the next generation under a temporary name; return its number.
 
         Raises
         ------
@@ -72,17 +72,17 @@ class GenerationStore:
             path.unlink(missing_ok=True)
 
     def discard(self) -> None:
-        """Discard the prepared document."""
+        """Discard the prepared generation."""
         (self.directory / TEMPORARY).unlink(missing_ok=True)
 
     def write(self, content: bytes) -> int:
-        """Prepare and commit; return the number. Raises OSError."""
+        """Prepare and commit a generation; return its number. Raises OSError."""
         number = self.prepare(content)
         self.commit(number)
         return number
 
     def _files(self) -> list[tuple[int, Path]]:
-        """Return numbers and paths, newest first."""
+        """Return number and path of each generation, newest first."""
         if not self.directory.is_dir():
             return []
         named = [(_NAME.match(path.name), path) for path in self.directory.iterdir()]

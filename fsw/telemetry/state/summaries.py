@@ -1,11 +1,11 @@
-"""Rate summaries: of a burst of equal events the first pass, the rest become one line a period."""
+"""Limits bursts of events of one code: the first pass, one summary a period counts the rest."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 PERIOD_S = 10.0
 LONGEST_PERIOD_S = 600.0
-# events that the other side of the link causes as fast as it sends, and how many pass in a period
+# events that a sender on the link can cause at any rate -> number that pass in a period
 LIMITS: Mapping[str, int] = {
     "TC_REJECTED": 5,
     "TC_AUTH_FAILED": 5,
@@ -34,19 +34,19 @@ class _Burst:
 
 
 class Summaries:
-    """Decides which events pass.
+    """Decides which events pass, and counts the rest for summaries.
 
-    While a burst continues, nothing of its kind passes but one summary a period, and the period
-    doubles up to ten minutes; a period without a held event ends the burst.
+    While a burst continues, only one summary per period passes for its code, and the period doubles
+    up to ten minutes. A period without a held event ends the burst.
     """
 
     def __init__(self, limits: Mapping[str, int] = LIMITS) -> None:
         self._limits = limits
         self._bursts: dict[str, _Burst] = {}
-        self.held = 0  # events in all that became part of a summary
+        self.held = 0  # total of the events counted for a summary
 
     def passes(self, code: str, text: str, now_ns: int) -> bool:
-        """Whether an event passes as it is; otherwise it is counted for the summary."""
+        """Return whether an event passes; count it for the summary if not."""
         limit = self._limits.get(code)
         if limit is None:
             return True
@@ -62,7 +62,7 @@ class Summaries:
         return False
 
     def poll(self, now_ns: int) -> list[tuple[str, str]]:
-        """Return code and text of the summaries that are due."""
+        """Return code and text of each summary that is due."""
         due = [(code, burst) for code, burst in self._bursts.items() if now_ns >= burst.until_ns]
         found = []
         for code, burst in due:
@@ -75,7 +75,7 @@ class Summaries:
         return found
 
     def close(self) -> list[tuple[str, str]]:
-        """Return the summaries of the events still held."""
+        """Return code and text of a last summary of each burst with held events."""
         found = [(code, _summary(burst)) for code, burst in self._bursts.items() if burst.held]
         self._bursts.clear()
         return found

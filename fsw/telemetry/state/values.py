@@ -34,7 +34,7 @@ OTHER = 255
 
 
 def loop_values(status: Mapping[str, Any], age_s: float) -> Values:
-    """Return what the loop's summary says of its timing, windows and ring."""
+    """Return timing, windows and ring of the loop's summary; `age_s` is the summary's age [s]."""
     windows, ring = status.get("windows", {}), status.get("ring", {})
     values: Values = {
         "ticks": status.get("ticks", 0),
@@ -58,7 +58,7 @@ def _times(prefix: str, times: Mapping[str, float]) -> Values:
 
 
 def device_values(status: Mapping[str, Any], buses: Sequence[str], joints: Sequence[str]) -> Values:
-    """Return links and counters of every device, and the motor side of every joint."""
+    """Return link state and counters of every device, and the motor values of every joint."""
     names = {f"bus{k}": "" for k in range(1, BUS_SLOTS + 1)}
     names |= {f"bus{k}": name for k, name in enumerate(buses[:BUS_SLOTS], start=1)}
     names |= {"imu": "imu", "star_tracker": "star_tracker"}
@@ -87,7 +87,7 @@ def _motor_values(motors: Mapping[str, Mapping[str, float]], joints: Sequence[st
 
 
 def body_values(prefix: str, body: BodyEstimate | None) -> Values:
-    """Return a body's parameters and their 1 sigma."""
+    """Return a body's parameters and their 1 sigma; zeros if the body is None."""
     if body is None:
         return plain_body_values(prefix, None, None) | {f"{prefix}_consistent": False}
     mean = {"mass_kg": body.mass_kg, "com_m": body.com_m, "inertia_kg_m2": body.inertia_kg_m2}
@@ -103,7 +103,7 @@ def body_values(prefix: str, body: BodyEstimate | None) -> Values:
 def plain_body_values(
     prefix: str, mean: Mapping[str, Any] | None, sigma: Mapping[str, Any] | None
 ) -> Values:
-    """Return the same for a body in plain values, which are consistent by construction."""
+    """Return the values of `body_values` for plain values; always marked as consistent."""
     values: Values = {f"{prefix}_present": mean is not None, f"{prefix}_consistent": True}
     zero: Mapping[str, Any] = {"mass_kg": 0.0, "com_m": [0.0] * 3, "inertia_kg_m2": [0.0] * 6}
     for start, source in ((prefix, mean or zero), (f"{prefix}_sigma", sigma or zero)):
@@ -116,7 +116,7 @@ def plain_body_values(
 
 
 def unknown_number(bodies: Sequence[str]) -> int:
-    """Return base 1, target 2, both 3."""
+    """Return the number of the unknown bodies: base 1, target 2, both 3, none 0."""
     return sum(1 << BODIES.index(body) for body in set(bodies) if body in BODIES)
 
 
@@ -133,12 +133,12 @@ def estimate_values(
     residuals: Sequence[TorqueResidual],
     joints: Sequence[str],
 ) -> Values:
-    """Return the online estimate; before there is one, zeros with the reason NO_ESTIMATE.
+    """Return the online estimate; before the first one, zeros with the reason NO_ESTIMATE.
 
     Parameters
     ----------
-    residuals : of the joints, in the order of `joints`
-    joints : names, in the order of the configuration
+    residuals : residual torques, in the order of `joints`
+    joints : joint names, in the order of the configuration
     """
     values: Values = {}
     for k in range(JOINT_SLOTS):
@@ -191,7 +191,7 @@ def _no_estimate() -> Values:
 
 
 def covariance_values(estimate: Estimate | None) -> Values:
-    """Return the covariance of the bodies' coordinates; zeros where a body is not unknown."""
+    """Return the covariance of the bodies' coordinates; zeros for a body that is not estimated."""
     bodies = () if estimate is None else tuple(b for b in BODIES if b in estimate.bodies)
     places = {
         f"{body}_{name}": len(COORDINATES) * bodies.index(body) + k
@@ -214,7 +214,7 @@ def covariance_values(estimate: Estimate | None) -> Values:
 
 
 def job_values(job: Mapping[str, Any] | None, method: str, unknown: Sequence[str]) -> Values:
-    """Return the batch job and its result; method and unknown bodies as requested."""
+    """Return the batch job and its result; before a result, method and bodies as requested."""
     job = job or {}
     result: Mapping[str, Any] = job.get("result") or {}
     values: Values = {

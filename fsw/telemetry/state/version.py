@@ -1,4 +1,4 @@
-"""Version of the running software: package, commit if known, interpreter."""
+"""Version of the running software: package, commit (empty if unknown) and Python."""
 
 import platform
 from functools import cache
@@ -22,12 +22,12 @@ def _running() -> dict[str, str]:
 
 
 def version_values() -> dict[str, str]:
-    """Return package and version, commit, Python, as they were at the first call."""
+    """Return package with version, commit and Python version as they were at the first call."""
     return dict(_running())
 
 
 def commit(top: Path) -> str:
-    """Return the commit of a source checkout; empty outside a checkout."""
+    """Return the commit checked out in the folder `top`; empty outside a checkout."""
     git = top / ".git"
     try:
         if git.is_file():  # a linked work tree

@@ -1,1 +1,1 @@
-"""Tables: content, effect and storage of the uplinked tables."""
+"""Tables that the ground uploads: their content, their effect and their storage."""

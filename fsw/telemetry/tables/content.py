@@ -1,4 +1,4 @@
-"""Contents of tables: reading, validation and writing, without any effect on the daemon."""
+"""Reads, validates and writes contents of tables, without any effect on the daemon."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +22,7 @@ S = TypeVar("S", bound=Section)
 
 
 def read_table(model: type[S], content: bytes) -> S:
-    """Return a YAML table. Raises ConfigError with one line per fault."""
+    """Return the table in a YAML text. Raises ConfigError with one line per fault."""
     values = read_yaml(content)
     try:
         return model.model_validate(values)
@@ -31,12 +31,12 @@ def read_table(model: type[S], content: bytes) -> S:
 
 
 def validate_table(config: Config, table: Table, content: bytes) -> None:
-    """Check a table: change a copy of the configuration by it, and run one update with that.
+    """Check a table; a robot or noise table in a copy of the configuration, with one update.
 
     Raises
     ------
-    ConfigError with one line per fault, or with an error nobody foresaw. OSError without room for a
-    robot's file.
+    ConfigError with one line per fault, or with the text of an unforeseen error.
+    OSError if the robot's file cannot be written for the check.
     """
     try:
         _validate(config, table, content)
@@ -50,7 +50,7 @@ def _validate(config: Config, table: Table, content: bytes) -> None:
     from fsw.checks.configuration import validate
 
     if not content:
-        return  # no table: the configuration as it is
+        return  # an empty content stands for the configuration as it was read
     if table is Table.RATES:
         _check_rates(config, read_table(RatesTable, content))
     elif table is Table.MONITORS:
@@ -73,13 +73,13 @@ def _check_rates(config: Config, table: RatesTable) -> None:
 
 
 def noise_changes(content: bytes) -> dict[str, Any]:
-    """Return a noise table as changes to the configuration. Raises ConfigError."""
+    """Return the changes to the configuration that a noise table means. Raises ConfigError."""
     table = read_table(NoiseTable, content) if content else NoiseTable()
     return {"noise": table.model_dump(mode="json", exclude_none=True)}
 
 
 def configured_noise(config: Config) -> bytes:
-    """Return the noise in use as a table."""
+    """Return the noise of a configuration as the YAML of a noise table."""
     return to_yaml(noise_of(config).model_dump(mode="json", exclude_none=True))
 
 

@@ -1,4 +1,4 @@
-"""The effective configuration: the file, changed by uplinked tables and commanded parameters."""
+"""The effective configuration: the file's values changed by uploaded tables and parameters."""
 
 import os
 import zlib
@@ -15,14 +15,14 @@ from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.tables.content import noise_changes, validate_table
 
 TABLES, PARAMETERS, BOOT = "tables", "parameters", "boot"  # folders in the state directory
-ROBOT_FILE = "robot_{:08x}.urdf"  # CRC-32 of its content: another robot never takes its place
+ROBOT_FILE = "robot_{:08x}.urdf"  # with the CRC-32 of the content, so each robot has its own file
 
 
 def effective_config(config: Config) -> Config:
-    """Return the effective configuration at the start, without stored values that are now invalid.
+    """Return the effective configuration at the start; invalid stored tables are left out.
 
     Stored tables and parameters are read only if the configuration has a telemetry link.
-    Raises OSError if an uplinked robot model cannot be written to its file.
+    Raises OSError if an uploaded robot model cannot be written to its file.
     """
     if config.telemetry is None:
         return config
@@ -41,7 +41,7 @@ def effective_config(config: Config) -> Config:
 
 
 def laid_over(config: Config, state: Path, table: Table, content: bytes) -> Config:
-    """Return the configuration with a robot or noise table over it. Raises ConfigError, OSError."""
+    """Return the configuration changed by a robot or noise table. Raises ConfigError, OSError."""
     if not content:
         return config
     changes: dict[str, Any]
@@ -53,18 +53,18 @@ def laid_over(config: Config, state: Path, table: Table, content: bytes) -> Conf
 
 
 def write_robot(state: Path, content: bytes) -> Path:
-    """Write an uplinked robot where model readers find it. Raises OSError."""
+    """Write an uploaded robot model to its file; return the absolute path. Raises OSError."""
     folder = state / TABLES
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / ROBOT_FILE.format(zlib.crc32(content))
-    temporary = path.with_suffix(f".{os.getpid()}")  # loop and service may write at one time
+    temporary = path.with_suffix(f".{os.getpid()}")  # loop and service may write at the same time
     write_file(temporary, content)
     rename_file(temporary, path)
     return path.absolute()
 
 
 def _remove_robots(state: Path, config: Config) -> None:
-    """Remove what was written of robots that are not in force."""
+    """Remove the files of uploaded robot models that the configuration does not use."""
     in_force = config.resolve(config.robot.urdf).absolute()
     for path in (state / TABLES).glob(ROBOT_FILE.replace("{:08x}", "*")):
         if path.absolute() != in_force:

@@ -1,4 +1,4 @@
-"""Puts validated tables in force."""
+"""Puts validated tables into use."""
 
 import hashlib
 from collections import deque
@@ -18,7 +18,7 @@ from fsw.telemetry.services.monitors import Monitoring
 from fsw.telemetry.tables.content import configured_noise, read_table, to_yaml, validate_table
 from fsw.telemetry.tables.effective import laid_over
 
-REMEMBERED = 8  # sound combinations of robot and table
+REMEMBERED = 8  # valid combinations of robot and table, not to be validated again
 
 
 class TableEffects:
@@ -33,13 +33,13 @@ class TableEffects:
         self._sound: deque[bytes] = deque(maxlen=REMEMBERED)
 
     def validate(self, table: Table, content: bytes) -> None:
-        """Raise ConfigError unless the table fits the configuration as it was read."""
+        """Raise ConfigError unless the table is valid together with the configuration file."""
         self._check(self._base, table, content, robot=b"")
 
     def _check(self, config: Config, table: Table, content: bytes, robot: bytes) -> None:
-        """Validate a table above a robot; a combination that was found sound is not tried again.
+        """Validate a table with a robot (empty: the configured one), unless found valid before.
 
-        A dry update takes a tenth of a second, and TBL_ACTIVATE follows TBL_VALIDATE.
+        A validation takes 0.1 s, and TBL_ACTIVATE would repeat that of TBL_VALIDATE.
         """
         below = robot or self._robot_file()
         parts = (table.name.encode(), below, content)
@@ -55,7 +55,7 @@ class TableEffects:
             return b""  # the validation reports it
 
     def recall(self, table: Table, content: bytes) -> None:
-        """Put a stored table in force at the start; robot and noise the loop has by itself."""
+        """Use a stored rates or monitors table; the loop itself reads stored robots and noise."""
         if table is Table.RATES:
             self._rates(content)
         elif table is Table.MONITORS:
@@ -69,13 +69,13 @@ class TableEffects:
         commit: Callable[[], None],
         failed: Callable[[], None],
     ) -> Done:
-        """Put a table in force.
+        """Put a table into use.
 
         Parameters
         ----------
-        contents : of every table, the new content of this one included; empty: as configured
-        commit : called once the table is in force
-        failed : called when the loop refuses it
+        contents : contents of all tables, the new one included; an empty content: as configured
+        commit : called when the table is in use
+        failed : called when the loop rejects the table
 
         Raises
         ------
@@ -109,7 +109,7 @@ class TableEffects:
         return self._context.loop.order(request, [(CommandName.CONFIGURE, changes)], then, failed)
 
     def dump(self, table: Table) -> bytes:
-        """Return the table in force where none was uplinked."""
+        """Return the content in use of a table that was not uploaded. Raises TcError FAILED."""
         if table is Table.NOISE:
             return configured_noise(self._context.latest.config)
         if table is Table.RATES:

@@ -1,4 +1,4 @@
-"""One table: what is active, what is staged, and how far that is."""
+"""One table: its active content, its staged content and the state of that."""
 
 import zlib
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from fsw.telemetry.state.store import GenerationStore
 
 
 class TableState(IntEnum):
-    """State of a table; the names are the labels of the dictionary."""
+    """State of a table; the names are those of the dictionary's labels."""
 
     ACTIVE = 0
     LOADING = 1
@@ -21,7 +21,7 @@ class TableState(IntEnum):
 
 
 class Copy(IntEnum):
-    """Which copy of a table."""
+    """Copy of a table: active, staged or previous."""
 
     ACTIVE = 0
     STAGED = 1
@@ -37,13 +37,13 @@ class Slot:
     staged: bytearray = field(default_factory=bytearray)
     size: int = 0
     crc32: int = 0
-    active: bytes = b""  # empty: the configuration as it is
+    active: bytes = b""  # empty: as in the configuration
     previous: bytes | None = None
     generation: int = 0
     error: Error = Error.NONE
 
     def values(self) -> dict[str, int]:
-        """Return its fields of the housekeeping set."""
+        """Return the fields of the table in housekeeping set 6, without the table's name."""
         return {
             "state": int(self.state),
             "generation": self.generation,
@@ -54,7 +54,7 @@ class Slot:
         }
 
     def drop(self) -> None:
-        """Discard the staged table."""
+        """Discard the staged content and the error."""
         self.state, self.staged, self.size, self.crc32 = TableState.ACTIVE, bytearray(), 0, 0
         self.error = Error.NONE
 
