@@ -1,7 +1,7 @@
-"""What the mean products of residuals say of noise: how large it is and how fast it fades.
+"""Size and fading of noise, found from the mean products of residuals.
 
-A window's polynomial takes part of the noise with the motion, so products are compared with what
-it leaves of white noise, and of noise that fades in each of some times.
+A window's polynomial removes part of the noise with the motion. The products are therefore compared
+with those that it leaves of white noise, and of noise with each of TIMES correlation times.
 """
 
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.messages import FloatArray
 
 LAGS = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40)  # samples between the factors of a mean product
-TIMES = 31  # correlation times that are compared, from one sample to a quarter of the window
-SIGNIFICANT = 50.0  # fall of the misfit, times samples, that white noise makes once in 1e10 sets
-UNLIKE = 6.0  # rise of the misfit with a shared fading, over chance, that speaks against it
-LEAST_INFLATION = 1.1  # of the variance; less is not worth a change
+TIMES = 31  # number of compared correlation times, from one sample to a quarter of the window
+SIGNIFICANT = 50.0  # (fall of misfit) x samples that white noise reaches once in 1e10 sets
+UNLIKE = 6.0  # rise of the misfit over chance at which a sensor does not share the fading
+LEAST_INFLATION = 1.1  # least factor on the variance that is worth a change
 
-Found = tuple[float, float, int]  # variance of the white and of the fading part, number of its time
+Found = tuple[float, float, int]  # variance of white and of fading part, index of correlation time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,10 +31,10 @@ class Shapes:
 
     Attributes
     ----------
-    fading : (T,) correlation from sample to sample
-    white, faded : (L,) and (T, L) expected mean products of what the polynomial leaves
-    at_nodes : (T + 1, 2 m, 2 m) covariance of values and derivatives by the time in half windows at
-        the nodes; white noise first
+    fading : (T,) correlation of successive samples
+    white, faded : (L,) and (T, L) expected mean products of residuals after the polynomial's fit
+    at_nodes : (T + 1, 2 m, 2 m) covariance at the nodes of values and of derivatives by the time in
+        half windows; white noise first
     """
 
     fading: FloatArray
@@ -45,13 +45,13 @@ class Shapes:
 
 @lru_cache(maxsize=8)
 def shapes_of(samples: int, nodes: int) -> Shapes:
-    """Return the shapes for windows of so many samples and blocks of so many nodes."""
+    """Return the shapes for windows of `samples` samples and blocks of `nodes` nodes."""
     removed = np.linalg.qr(legendre.legvander(instants(samples), nodes - 1 + EXTRA_DEGREE))[0]
     place = np.arange(samples)
     fading = np.exp(-1.0 / np.geomspace(1.0, samples / 4.0, TIMES))
     products, at_nodes = [], []
     for a in (0.0, *fading.tolist()):
-        # with R = removed and C the samples' covariance: C - R half^T - half R^T is left of C
+        # R = removed, C the samples' covariance: the residuals' is C - R half^T - half R^T
         half = matmul_toeplitz(a**place, removed)
         half = half - 0.5 * removed @ (removed.T @ half)
         products.append([_trace_left(removed, half, a, lag) / samples for lag in LAGS])
@@ -61,7 +61,7 @@ def shapes_of(samples: int, nodes: int) -> Shapes:
 
 
 def _trace_left(removed: FloatArray, half: FloatArray, fading: float, lag: int) -> float:
-    """Return the sum of a diagonal of what the polynomial leaves of the samples' covariance."""
+    """Return the sum of diagonal `lag` of the residuals' covariance after the polynomial's fit."""
     pairs = max(0, len(removed) - lag)
     across = np.vdot(removed[:pairs], half[lag:]) + np.vdot(half[:pairs], removed[lag:])
     return float(pairs * fading**lag - across)
@@ -77,12 +77,12 @@ def mean_products(residuals: FloatArray) -> FloatArray:
 
 
 def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArray:
-    """Return `mean_products` of samples some of which are lost.
+    """Return `mean_products` of samples some of which are missing.
 
     Parameters
     ----------
     residuals : (k, n)
-    place : (k,) numbers of the samples' periods, ascending
+    place : (k,) period number of each sample, ascending
     """
     k = int(place[-1] - place[0]) + 1
     whole, known = np.zeros((k, residuals.shape[1])), np.zeros(k, np.bool_)
@@ -95,13 +95,13 @@ def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArr
 
 
 def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) -> Found | None:
-    """Return the variances of the white and the fading part and the number of its time.
+    """Return the variances of the white and the fading part and the index of its time.
 
-    None: nothing speaks against white noise.
+    None: the products agree with white noise.
 
     Parameters
     ----------
-    products : (L,) mean products of residuals, over so many windows of so many samples
+    products : (L,) mean products of residuals, over `windows` windows of `samples` samples each
     """
     shapes = shapes_of(samples, nodes)
     y = products / products[0]
@@ -118,9 +118,9 @@ def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) ->
 
 
 def _fits(shapes: Shapes, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return for every time (T,) the white and the fading part of products y (L,), least squares.
+    """Return the white part, the fading part and the gain (T,) of a fit to products y (L,).
 
-    And by how much they lessen the sum of squares of y.
+    The parts fit by least squares and are not negative. The gain is the fall of y's sum of squares.
     """
     a, F = shapes.white, shapes.faded
     aa, ff, af, ay, fy = a @ a, np.sum(F * F, axis=1), F @ a, a @ y, F @ y
@@ -134,22 +134,22 @@ def _fits(shapes: Shapes, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatA
 
 
 def _gain(shape: FloatArray, y: FloatArray) -> float:
-    """Return by how much a shape (L,) of free size lessens the sum of squares of y."""
+    """Return the fall of y's sum of squares if a shape (L,) of free size is fitted to y (L,)."""
     return float((shape @ y) ** 2 / (shape @ shape))
 
 
 def shared_fading(
     products: FloatArray, windows: NDArray[np.int64], samples: int, nodes: int
 ) -> list[Found | None]:
-    """Return the noise of coloured sensors (J) that share a fading; None: its own is another.
+    """Return the noise of coloured sensors (J) that share a fading; None for one that does not.
 
-    A sensor's own fit is better than the shared shape by what chance makes of correlations of such
-    noise (Bartlett, J. R. Statist. Soc. Suppl. 8 (1946) 27), or by more. The worst goes until all
-    that are left are alike.
+    Chance makes a sensor's own fit better than the shared shape, by an amount that follows from the
+    correlations of such noise (Bartlett, J. R. Statist. Soc. Suppl. 8 (1946) 27). The sensor
+    farthest beyond this amount is removed until the rest are alike.
 
     Parameters
     ----------
-    products : (L, J) mean products of residuals, each over `windows` (J,) of so many samples
+    products : (L, J) mean products of residuals, each over `windows` (J,) of `samples` samples
     """
     shapes, y = shapes_of(samples, nodes), products / products[0]
     best = np.array([_fits(shapes, own)[2].max() for own in y.T])
@@ -175,5 +175,5 @@ def shared_fading(
 
 
 def size_at_nodes(covariance: FloatArray, nodes: int) -> float:
-    """Return the sum of the variances of values at the nodes; that of their derivatives is not."""
+    """Return the sum of the variances of values at the nodes, without those of derivatives."""
     return float(np.trace(covariance[:nodes, :nodes]))

@@ -1,4 +1,4 @@
-"""Whether a block can be the motion of a spacecraft's arm at all; whatever sent it."""
+"""Check whether a block can be the motion of a spacecraft with an arm at all."""
 
 import numpy as np
 

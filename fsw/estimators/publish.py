@@ -1,4 +1,4 @@
-"""From estimation coordinates to what operators read: the bodies, and the whole as posed."""
+"""Conversion of states to what operators read: the bodies, and the whole robot in its pose."""
 
 from dataclasses import replace
 
@@ -20,9 +20,9 @@ def body_estimate(
 ) -> tuple[BodyEstimate, float]:
     """Return the published body and the squared whitened distance of its projection.
 
-    The published body is physically consistent: where the state's is not, the nearest one in the
-    covariance's metric stands for it and `physically_consistent` is False. The sigma of a weakly
-    known base is that of its longer side.
+    The published body is physically consistent. If the state's body is not, the nearest one in the
+    covariance's metric replaces it, and `physically_consistent` is False; otherwise the distance is
+    0. The sigma of a weakly known base is that of its longer side.
     """
     k = problem.body(name)
     pi, distance = x[k], 0.0
@@ -48,9 +48,9 @@ def body_estimate(
 def whole_estimate(
     problem: Problem, x: FloatArray, covariance: FloatArray, q_rad: FloatArray
 ) -> BodyEstimate:
-    """Return mass, centre of mass and central inertia of the whole, in B, at joint positions q.
+    """Return mass, centre of mass and central inertia of the whole robot in B, at positions q.
 
-    A de-orbit burn needs them. Their sigma holds the uncertainty of the known bodies.
+    A de-orbit burn needs these. Their sigma includes the uncertainty of the known bodies.
     """
     C = problem.model.composite(q_rad)
     pi = C @ problem.pi(x)

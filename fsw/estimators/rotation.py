@@ -1,4 +1,4 @@
-"""Rotations as the sensors give them."""
+"""Rotation matrices from quaternions of sensors."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Conditioning of thrusters: the states of their valves to a block's edges.
+"""Conditioning of thrusters: conversion of their valves' states to a block's edges.
 
 An edge is a row [thruster, time from the window's centre [s], +1 opened or -1 closed]; unused rows
 are zero. Edges whose force has settled before the window are left out. A valve that has always been
@@ -14,20 +14,20 @@ from fsw.messages import MOST_EDGES, ChannelWindow, FloatArray
 
 SILENT_PERIODS = 5.0  # without a report for longer, a valve's state counts as unknown
 SETTLED_RISES = 40.0  # rise times after which a force has settled in double precision
-MARGIN_SIGMAS = 10.0  # by which delay may be longer than configured
+MARGIN_SIGMAS = 10.0  # sigmas by which a delay may be longer than configured
 
 
 def changes(edges: FloatArray, tail_s: FloatArray, start_s: float) -> bool:
-    """Return whether a force changes after a time: then channels are no polynomials.
+    """Return whether a force changes after start_s; the channels then are no polynomials.
 
-    `tail_s` (K,): after which time a change of a valve is a settled force.
+    `tail_s` (K,): time from a change of a valve to the settled force [s].
     """
     used = edges[edges[:, 2] != 0.0]
     return bool(np.any(used[:, 1] + tail_s[used[:, 0].astype(np.intp)] > start_s))
 
 
 class Valves:
-    """All valves: their newest states and changes."""
+    """Newest states and unsettled changes of all valves."""
 
     def __init__(self, thrusters: Sequence[ThrusterConfig]) -> None:
         count = len(thrusters)
@@ -49,9 +49,10 @@ class Valves:
     def at(
         self, channels: Sequence[ChannelWindow], start_ns: int, stop_ns: int
     ) -> tuple[dict[str, FloatArray] | None, bool]:
-        """Return the edges of the valves in a block, and whether a change was missed.
+        """Return a block's columns `edges` and `opened_s`, and whether a change was missed.
 
-        None: a valve's state is not known all through the window, or too many change.
+        The columns are None if a valve's state is unknown during a part of the window, or if there
+        are more than MOST_EDGES edges.
         """
         opened_s, missed, usable = self._counted_to(start_ns), False, True
         for k, channel in enumerate(channels):
@@ -69,7 +70,7 @@ class Valves:
                 elif before is not None and is_open != before:
                     self._edges.append((k, t_ns, 1.0 if is_open else -1.0))
                     self._open[k] = is_open
-                else:  # a first report: a valve was before as it is, for a report or two
+                else:  # no change; a first report holds for SILENT_PERIODS before it too
                     heard = self._newest_ns[k] is not None
                     fresh = not heard and t_ns - start_ns <= self._silent_ns[k]
                     usable = usable and (before is not None or fresh)
@@ -89,25 +90,25 @@ class Valves:
         return {"edges": edges, "opened_s": opened_s}, missed
 
     def _counted_to(self, start_ns: int) -> FloatArray:
-        """Return how long every valve has been open (K,) up to a window's start."""
+        """Return for how long every valve has been open (K,) up to a window's start [s]."""
         if self._until_ns is not None:
             span_s = (start_ns - self._until_ns) * 1e-9
             for k, state in enumerate(self._open):
                 self._opened_s[k] += span_s * (state or 0.0)
-            for k, t_ns, sign in self._edges:  # changes since then
+            for k, t_ns, sign in self._edges:  # changes since that time
                 if t_ns >= self._until_ns:
                     self._opened_s[k] -= sign * (t_ns - self._until_ns) * 1e-9
         self._until_ns = start_ns
         return self._opened_s.copy()
 
     def _rows(self, start_ns: int, centre_ns: int) -> list[tuple[float, float, float]]:
-        """Return the edges that still matter in a window; forget those that do not."""
+        """Return the edges that still affect a window; discard those that do not."""
         rows, kept = [], []
         level = {k: state or 0.0 for k, state in enumerate(self._open)}
         for k, t_ns, sign in self._edges:
             if (start_ns - t_ns) * 1e-9 > self._settled_s[k]:
                 continue
-            level[k] -= sign  # before the first edge that is kept
+            level[k] -= sign  # state before the first kept edge
             kept.append((k, t_ns, sign))
             rows.append((float(k), (t_ns - centre_ns) * 1e-9, sign))
         self._edges = kept

@@ -1,12 +1,11 @@
 """Conditioning of reaction wheels: momentum and its derivative at a window's nodes.
 
-A wheel may report less often than once a window, so no polynomial is fitted (but for a body without
-joints, see `along`): the torque on the
-rotor is taken as a random walk of known density, and momentum and torque at the nodes are estimated
-from the samples of this window and the newest before it (a Gaussian process; the optimal smoother
-of that walk). The uncertainty between slow samples, and behind the last one, is in the
-covariance. Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2
-and 5.4.2 (residuals of what is left out).
+A wheel may report less often than once a window, so no polynomial is fitted (except for a body
+without joints, see `WheelMotion.along`). The torque on the rotor is modelled as a random walk of
+known density. Momentum and torque at the nodes are estimated from the samples of this window and
+the newest before it, as a Gaussian process: the optimal smoother of that random walk. The
+covariance includes the uncertainty between slow samples and after the last one. Source: Rasmussen
+and Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2 and 5.4.2.
 """
 
 from __future__ import annotations
@@ -20,18 +19,18 @@ from fsw.config import WheelConfig
 from fsw.estimators.window_fit import Instants, Wanted, fit_windows
 from fsw.messages import ChannelWindow, FloatArray, IntArray
 
-BEFORE_PERIODS = 4.0  # samples so many report periods before the window are used too
+BEFORE_PERIODS = 4.0  # report periods before the window whose samples are used too
 SILENT_PERIODS = 5.0  # without a sample for longer, the momentum counts as unknown
-MOST_SAMPLES = 48  # of one kind; more are averaged in groups
+MOST_SAMPLES = 48  # of momentum or of torque; more are averaged in groups
 GATE_SIGMAS = 6.0
-LEAST_PER_NODE = 3  # samples; fewer are no polynomial
+LEAST_PER_NODE = 3  # samples; with fewer no polynomial is fitted
 SPIKE_RATIO, MIN_SPIKES = 0.05, 3
 VAGUE = 1e3  # noise sigmas by which the momentum before the first sample is uncertain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """One wheel at the nodes."""
+    """Momentum and torque of one wheel at the m nodes."""
 
     h_nms: FloatArray  # (m,)
     hd_nm: FloatArray  # (m,)
@@ -47,7 +46,7 @@ class _Samples:
     values: FloatArray
     order: IntArray
     sigma: FloatArray
-    apart_s: FloatArray  # of the mean of a group: it varies like that of two instants t -+ this
+    apart_s: FloatArray  # a group's mean varies like that of the instants t - apart_s, t + apart_s
 
     def without(self, row: int) -> _Samples:
         keep = np.arange(len(self.t_s)) != row
@@ -55,7 +54,7 @@ class _Samples:
         return _Samples(*(column[keep] for column in columns))
 
     def sides_s(self) -> tuple[FloatArray, ...]:
-        """Return the instants whose mean every sample is, in turn."""
+        """Return one or two arrays of instants; every sample is a mean over these arrays."""
         return (
             (self.t_s - self.apart_s, self.t_s + self.apart_s)
             if self.apart_s.any()
@@ -64,7 +63,7 @@ class _Samples:
 
 
 class WheelMotion:
-    """One wheel's conditioning; keeps the newest samples of the windows before."""
+    """Conditioning of one wheel; keeps the newest samples of earlier windows."""
 
     def __init__(self, config: WheelConfig) -> None:
         self.name = config.name
@@ -77,7 +76,7 @@ class WheelMotion:
     def at(self, channel: ChannelWindow, start_ns: int, t_ns: IntArray) -> Turn | None:
         """Return the wheel at the nodes t_ns (m,) of the window that begins at start_ns.
 
-        None: it is silent, or its samples do not agree with one another.
+        None: the wheel is silent, or its samples do not agree with one another.
         """
         times, values = (
             np.concatenate([self._t_ns, channel.t_ns]),
@@ -92,10 +91,10 @@ class WheelMotion:
         return self._estimated(t_ns)
 
     def along(self, channel: ChannelWindow, instants: Instants) -> Turn | None:
-        """Return the wheel at the nodes of a window by the polynomial that a gyro has there.
+        """Return the wheel at a window's nodes by the polynomial fit that the gyro has there.
 
-        What it leaves of a motor's switching it then leaves of the body's answer too, and the two
-        cancel in their balance: no sample is left out as an outlier. None: too few samples.
+        The fit smooths a motor's switching and the body's answer alike, so the two cancel in their
+        balance; therefore no sample is removed as an outlier. None: too few samples.
         """
         J, orders = self._config.inertia_kg_m2, (0, 1)
         if len(channel.t_ns) < LEAST_PER_NODE * instants.nodes:
@@ -138,7 +137,7 @@ class WheelMotion:
         prior = self._prior(samples, sigma)
         sides = samples.sides_s()
         across = _mean([self._kernel(nodes, orders, u, samples.order, prior) for u in sides])
-        # both by the root: products with the inverse would lose the digits of a vague momentum
+        # mean and covariance by the root: the inverse would lose digits of a vague momentum
         whitened = dtrtrs(root, across.T, lower=1)[0]
         covariance = self._kernel(nodes, orders, nodes, orders, prior) - whitened.T @ whitened
         mean = whitened.T @ dtrtrs(root, samples.values, lower=1)[0].ravel()
@@ -146,12 +145,12 @@ class WheelMotion:
         return Turn(h, hd, 0.5 * (covariance + covariance.T), removed)
 
     def _prior(self, samples: _Samples, sigma: float) -> tuple[float, float]:
-        """Return the variances of momentum and torque at the beginning."""
+        """Return the variances of momentum and torque at the time origin."""
         size = np.abs(samples.values[samples.order == 0]).max(initial=0.0)
         return (size + VAGUE * sigma) ** 2, (2.0 * self._config.torque_limit_nm) ** 2
 
     def _root(self, samples: _Samples, sigma: float) -> FloatArray:
-        """Return the lower Cholesky factor of the samples' covariance."""
+        """Return the lower Cholesky factor of the samples' covariance; else raise LinAlgError."""
         prior = self._prior(samples, sigma)
         sides, order = samples.sides_s(), samples.order
         S = _mean([self._kernel(t, order, u, order, prior) for t in sides for u in sides])
@@ -174,7 +173,7 @@ class WheelMotion:
     ) -> FloatArray:
         """Return cov (k, l) of momentum (order 0) or torque (1) at times t and u from the origin.
 
-        Torque T = T0 + walk of density q, momentum h = h0 + integral of T.
+        Torque T = T0 + random walk of density q, momentum h = h0 + integral of T.
         """
         q, (P_h, P_T) = self._config.walk_nm_sqrt_s**2, prior
         t, u = t_s[:, None], u_s[None, :]
@@ -189,7 +188,7 @@ class WheelMotion:
 
 
 def _inverse(root: FloatArray) -> FloatArray:
-    """Return the inverse of root root^T."""
+    """Return the inverse of root @ root.T."""
     inverse = np.tril(dpotri(root, lower=1)[0])
     whole: FloatArray = inverse + np.tril(inverse, -1).T
     return whole
@@ -203,11 +202,11 @@ def _mean(parts: list[FloatArray]) -> FloatArray:
 def _thinned(
     t_s: FloatArray, values: FloatArray, order: int, sigma: float
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
-    """Return the columns of `_Samples`, at most MOST_SAMPLES rows: means of groups.
+    """Return the columns of `_Samples` with at most MOST_SAMPLES rows: means of groups.
 
-    The mean of m readings, s apart, of a random walk (torque) has the variance of the mean of two
-    that are s (m^2 - 1) / (3 m) off the middle; of momentum, which is smooth, of two that are
-    s sqrt((m^2 - 1) / 12) off.
+    The mean of m readings of torque (a random walk), s apart, has the variance of the mean of two
+    readings s (m^2 - 1) / (3 m) before and after the middle. For momentum, which is smooth, the two
+    are s sqrt((m^2 - 1) / 12) before and after it.
     """
     size = -(-len(t_s) // MOST_SAMPLES)
     heads = np.arange(0, len(t_s), size)

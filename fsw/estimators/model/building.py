@@ -23,14 +23,14 @@ from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
 
-SHARED_SCALE = 0.5  # share of the torque scales' variance that all joints have in common: one rig
-SHARED = ("torque_scale", "thrust_scale")  # and of the thrusters' forces: one pressure
+SHARED_SCALE = 0.5  # share of the scale errors' variance that is common to all joints or thrusters
+SHARED = ("torque_scale", "thrust_scale")  # one calibration rig; one supply pressure
 
 
 def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
     """Return prior mean (10,) and covariance (10, 10) of pi from mass, com, inertia and sigmas.
 
-    First-order propagation through the exact map at the mean.
+    The sigmas are propagated to first order at the mean; without sigmas the covariance is zero.
     """
     mean = to_parameters(body.mass_kg, np.array(body.com_m), np.array(body.inertia_kg_m2))
     if body.sigma is None:
@@ -41,10 +41,10 @@ def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
 
 
 def base_freedom(base: BaseConfig) -> FloatArray:
-    """Return (6, k): the motions of the base that are free, in its own axes.
+    """Return (6, k): the free motions [v_b, w_b] of the base in B, orthonormal columns.
 
-    All six in space; on an air-bearing table two along it and one about its normal, which stand
-    still in the base's axes; none on a bench.
+    All six are free in space. On an air-bearing table two along the table and one about its normal
+    are free, and they are fixed in B. On a bench none is free.
     """
     if base.motion == "free":
         return np.eye(6)
@@ -58,11 +58,11 @@ def base_freedom(base: BaseConfig) -> FloatArray:
 
 
 def liquid_root(body: BodyConfig) -> FloatArray:
-    """Return (10, k): by how much liquid may change the apparent body, a column per way.
+    """Return (10, k): changes of a body's apparent pi by its liquid, one column per change.
 
-    A motion faster than the liquid's own leaves it behind, and the body appears without it; a slow
-    one carries it with the body; and it may be anywhere within its stroke. The data do not show
-    which of these is the case until the liquid comes back.
+    A motion faster than the liquid's own leaves the liquid behind, and the body appears without it.
+    A slow motion carries the liquid along. The liquid may also be anywhere within its stroke. The
+    data do not show which of these is the case until the liquid comes back.
     """
     ways = []
     for part in body.liquid:
@@ -78,7 +78,7 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
 
     Raises
     ------
-    ConfigError if the two sets of names differ, or a joint is of another kind than the robot's.
+    ConfigError if the two sets of names differ, or the kind of a joint differs from the URDF's.
     """
     configured = [joint.name for joint in config.joints]
     if sorted(configured) != sorted(model.joint_names):
@@ -97,7 +97,7 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
 
 
 def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:
-    """Return how many samples of each joint (n,) a window has, in the model's order."""
+    """Return the number of samples of each joint (n,) in a window, in the model's order."""
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
     buses = [config.joints[k].bus for k in order]
     samples = [round(config.estimator.window_s * rates_hz[bus]) for bus in buses]
@@ -105,14 +105,14 @@ def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:
 
 
 def imu_samples(config: Config) -> int:
-    """Return how many samples of the inertial unit a window has, one at least."""
+    """Return the number of samples of the inertial unit in a window, at least one."""
     return max(1, round(config.estimator.window_s * config.imu.rate_hz))
 
 
 def torque_model_covariance(config: Config, order: Sequence[int]) -> FloatArray:
-    """Return the covariance (n, m, m) at nodes of what the model leaves out of torques [N^2 m^2].
+    """Return the covariance (n, m, m) at nodes of the torques that the model leaves out [N^2 m^2].
 
-    In the model's order; zero where a joint's torque_model_sigma_nm is.
+    Joints are in the model's order; the covariance is zero where torque_model_sigma_nm is zero.
     """
     window_s, m = config.estimator.window_s, config.estimator.nodes
     covariance = np.zeros((len(order), m, m))
@@ -126,13 +126,13 @@ def torque_model_covariance(config: Config, order: Sequence[int]) -> FloatArray:
 
 
 def ordered(bodies: Sequence[str]) -> tuple[str, ...]:
-    """Return bodies in the order of the state: base, target, then the others as they are."""
+    """Return bodies in the order of the state: base, target, then the others in the given order."""
     first = [name for name in ("base", "target") if name in bodies]
     return (*first, *(name for name in bodies if name not in first))
 
 
 def holds(config: Config, model: RobotModel, unknown: tuple[str, ...]) -> dict[str, Hold]:
-    """Return how each body but the base hangs on the robot.
+    """Return by name how each body but the base hangs on the robot.
 
     Raises
     ------
@@ -156,15 +156,15 @@ def holds(config: Config, model: RobotModel, unknown: tuple[str, ...]) -> dict[s
 
 
 def _zero_sigmas(joints: Sequence[JointConfig], walks: Walks | None) -> list[float]:
-    """Return the sigma of every joint's zero, what had walked before the first knot included."""
+    """Return the sigma of every joint's zero [rad], including the walk before the first knot."""
     variance = np.array([joint.zero_sigma_rad for joint in joints]) ** 2
     if walks is not None:
-        variance[walks.joints] += walks.knots_rad2[:, 0] + LEAST_RAD2  # a state in any case
+        variance[walks.joints] += walks.knots_rad2[:, 0] + LEAST_RAD2  # not 0: a zero is a state
     return list(np.sqrt(variance))
 
 
 def _steps(names: Sequence[str], walks: Walks | None) -> tuple[list[str], list[float]]:
-    """Return a label and the sigma of every step of every walk."""
+    """Return the label and the sigma [rad] of every step of every random walk."""
     if walks is None:
         return [], []
     sigmas = np.sqrt(walks.steps_rad2)
@@ -178,7 +178,7 @@ def build_problem(
     """Lay out the state and its prior for one configuration.
 
     `exact`: known bodies, zeros of the joints and the inertial unit's mounting are as configured.
-    `blocks` : the walk of integrated angles is laid out over these; without any, see `walks_of`.
+    `blocks`: the random walks of integrated angles cover these; for none of them, see `walks_of`.
 
     Raises
     ------

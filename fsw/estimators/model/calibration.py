@@ -1,7 +1,7 @@
-"""Inertial data of the known bodies as they may really be: ways to differ, each of unit variance.
+"""Uncertainty of the known bodies' inertial data, as states of unit prior variance.
 
-A link's data from a drawing are some per cent off. They are made states, not left as they are: what
-a wrong link does to the torques is then taken out of the residuals and counted in every sigma.
+A link's data from a drawing are wrong by some per cent. These errors are states. The estimator
+therefore removes their effect on the torques from the residuals and counts it in every sigma.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,16 +20,16 @@ from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.messages import FloatArray
 
 _PAIRS = [(i, j) for i in range(4) for j in range(i, 4)]
-NEGLIGIBLE = 1e-9  # length of a way over that of the longest: a rod or point has fewer than ten
+NEGLIGIBLE = 1e-9  # of the longest column: shorter ones count as zero (a rod or a point has some)
 
 
 def spread_root(pi: FloatArray, ratio: float) -> FloatArray:
-    """Return (10, k): columns of unit variance whose sum makes the body uncertain by a ratio.
+    """Return R (10, k): pi + R z with z ~ N(0, 1) is a body that is uncertain by a ratio.
 
-    With the pseudo-inertia P = L L^T, P + L S L^T with S symmetric, Gaussian, of variance ratio^2
-    on its diagonal and half of it beside: the mass is uncertain by exactly the ratio, the centre of
-    mass by ratio / sqrt(2) of the body's radii, the inertia accordingly, in any frame alike.
-    Source: the affine-invariant metric of Lee, Park, RA-L 3 (2018).
+    With the pseudo-inertia P = L L^T, the body becomes P + L S L^T. S is symmetric and Gaussian
+    with variance ratio^2 on its diagonal and half of that beside the diagonal. The mass is
+    uncertain by exactly the ratio, the centre of mass by ratio / sqrt(2) of the body's radii; any
+    frame gives the same. Source: the affine-invariant metric of Lee, Park, RA-L 3 (2018).
     """
     values, vectors = np.linalg.eigh(pseudo_inertia(pi))
     L = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -46,7 +46,7 @@ def spread_root(pi: FloatArray, ratio: float) -> FloatArray:
 def known_bodies(
     config: Config, model: RobotModel, unknown: tuple[str, ...], held: Mapping[str, Hold]
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yield name and (10 (n + 1), k) ways of every known body that is not exact."""
+    """Yield name and `spread_root` within pi (10 (n + 1), k) of every uncertain known body."""
     ratio, size = config.robot.links_sigma_ratio, model.pi_links.size
     joints = {joint.name: joint for joint in config.joints}
     for index, name in enumerate(("base", *model.joint_names)):
@@ -66,7 +66,7 @@ def known_bodies(
 
 
 def _body_root(body: BodyConfig | None, pi: FloatArray, ratio: float) -> FloatArray:
-    """Return the ways of a known base or target: by its own sigma where that is given."""
+    """Return the root (10, k) of a known body: from its configured sigma, else from the ratio."""
     if body is None:
         return spread_root(pi, ratio)
     mean = to_parameters(body.mass_kg, np.array(body.com_m), np.array(body.inertia_kg_m2))

@@ -55,7 +55,7 @@ def to_parameters(mass_kg: float, com_m: FloatArray, inertia_kg_m2: FloatArray) 
 
 
 def from_parameters(pi: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Return mass, centre of mass (3,), central inertia (6,) xx xy xz yy yz zz."""
+    """Return mass, centre of mass (3,) and central inertia (6,) xx xy xz yy yz zz of pi (10,)."""
     m = float(pi[0])
     c = pi[1:4] / m
     origin = pi[4:][_SYMMETRIC]
@@ -184,18 +184,18 @@ def log_cholesky_jacobian(theta: FloatArray) -> FloatArray:
 
 
 _UNIT_PSEUDO_INERTIAS = np.stack([pseudo_inertia(e) for e in np.eye(PARAMETERS)])
-ROUNDING = 1e-12  # added to the unit diagonal of a correlation that has no root without
-_GAP = 1e-6  # of the squared distance, and absolutely in squared sigmas, left by the barrier
+ROUNDING = 1e-12  # added to a correlation's diagonal where it has no Cholesky factor otherwise
+_GAP = 1e-6  # accuracy of the squared distance: relative, or absolute where it is below 1
 
 
 def nearest_consistent(pi: FloatArray, covariance: FloatArray, margin: float = 1e-3) -> FloatArray:
     """Return the physically consistent parameters closest to `pi` in the covariance's metric.
 
-    A convex problem, minimise |y|^2 / 2 subject to P(pi + W y) >= 0 with W W^T the covariance,
-    solved from inside by Newton steps with the barrier -mu log det P; `pi` itself is returned when
-    it is consistent already. `margin` is the smallest pseudo-inertia eigenvalue of the start
-    relative to the largest. The result is strictly inside and its squared distance within 1e-6
-    (relative, or sigma squared when below one) of the least.
+    This is a convex problem: minimise |y|^2 / 2 subject to P(pi + W y) >= 0 with W W^T the
+    covariance. Newton steps with the barrier -mu log det P solve it from inside the consistent set.
+    `pi` itself is returned if it is consistent. `margin` is the smallest over the largest
+    pseudo-inertia eigenvalue of the start. The result is strictly consistent; its squared distance
+    exceeds the least one by at most 1e-6 (relative, or in sigma squared when below one).
 
     Source: Boyd, Vandenberghe, Convex Optimization (2004), sec. 11.3 (gap: 4 mu for a 4 x 4 P).
     """
@@ -233,9 +233,9 @@ def consistent_state(
     Parameters
     ----------
     x : (p,) state; returned itself where all bodies are consistent
-    bodies : the states of each body
-    covariance : returns that of the state (p, p)
-    off : (p,) what is a body of its own, and part of the state's
+    bodies : the ten states of each body
+    covariance : returns the covariance of the state (p, p)
+    off : (p,) parameters of modes that the states of a body include; they are not moved
     """
     moved = x
     for k in bodies:
@@ -258,7 +258,7 @@ def _root(covariance: FloatArray) -> FloatArray:
 def _line_search(slope: float, curvature: float, mu: float, rates: FloatArray) -> float:
     """Return the step that minimises slope t + curvature t^2 / 2 - mu sum log(1 + rates t).
 
-    Newton steps kept inside (0, end of the domain); the function is convex.
+    The function is convex; Newton steps are kept inside (0, end of the domain).
     """
     end = 1.0 / max(float(-rates.min()), 1e-300)
     t = min(1.0, 0.5 * end)

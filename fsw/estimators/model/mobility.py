@@ -1,18 +1,18 @@
-"""Covariance of a base that is known to some tens of per cent, by way of its mobility.
+"""Covariance of a weakly known base (sigma of tens of per cent), by way of its mobility.
 
-What the arm feels of a free base, and how the base gives way, is its inverse inertia times a force:
-the likelihood of torque or rate is straight in the ten coordinates [1/m, centre of mass, inverse
-central inertia], and bent in pi, where a sigma of a tenth of the mass already leaves squared
-normalised errors of twice their share. The Gaussian is therefore taken in the base's mobility, the
-other states as they are, and the covariance it has in pi is what is published. (The second moment
-about the estimate, larger by the square of the mapped mean's shift, leaves 4 % too little error.)
+The arm feels a free base, and the base gives way, by its inverse inertia times a force. The
+likelihood of torque or rate is therefore linear in the ten mobility coordinates [1/m, centre of
+mass, inverse central inertia] and nonlinear in pi: there, a sigma of a tenth of the mass already
+doubles the squared normalised error. So the Gaussian is assumed in the base's mobility and in the
+other states as they are, and its covariance in pi is published. (The second moment about the
+estimate is larger by the squared shift of the mean; it makes normalised errors 4 % too small.)
 
 Source: the elimination of the base acceleration, paper eqs. (22)-(23); covariance of a mapped
 Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws. Only the base's
-ten states are drawn: given them, the others are straight, and their share is in closed form.
+ten states are drawn: given these, the others are linear, and their share is in closed form.
 
-Where the force of thrusters is a state too, pi is straight: what their forces move is proportional
-to their scale, and so are its mass and moments. Its Gaussian is left as it is.
+Where the force of thrusters is a state too, the Gaussian in pi is left as it is: mass and moments
+are then proportional to the scale of that force, and the problem is linear in pi.
 """
 
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ from fsw.estimators.model.inertia import PARAMETERS, from_parameters, report_jac
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import FloatArray
 
-DRAWS = 2000  # covariances good to 3 % where the mapping is bent, exact where it is straight
-STRAIGHT = 1.05  # largest ratio of variances at which pi itself is straight enough
-LOPSIDED = 1.25  # longer side of three sigma over what one sigma for both sides says, to be told
-IMPOSSIBLE = 0.01  # share of draws without a body above which this is no description either
-TORQUE = ("mrnea", "rda", "fused")  # whose likelihood may be straight in the base's mobility
+DRAWS = 2000  # covariances within 3 % where the mapping is nonlinear, exact where it is linear
+STRAIGHT = 1.05  # largest ratio of variances at which pi itself is linear enough
+LOPSIDED = 1.25  # ratio of the longer side's sigma to sigma, above which it is published
+IMPOSSIBLE = 0.01  # share of impossible draws above which the mapping is not used
+TORQUE = ("mrnea", "rda", "fused")  # methods whose likelihood may be linear in the base's mobility
 NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
 
 _INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))  # xx xy xz yy yz zz
@@ -39,14 +39,14 @@ _SYMMETRIC = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mapped:
-    """Covariance in pi of a Gaussian whose base part is assumed in the mobility coordinates.
+    """Covariance in pi of a Gaussian that is assumed in the mobility of the base.
 
     `stretch`: largest ratio of a mapped variance to the linearised one; 1 for a linear map.
     """
 
     covariance: FloatArray  # (p, p)
     stretch: float
-    impossible: float  # share of draws that are no body
+    impossible: float  # share of draws that no body can have
 
     @property
     def bent(self) -> bool:
@@ -55,12 +55,12 @@ class Mapped:
 
     @property
     def holds(self) -> bool:
-        """Return whether nearly all of the Gaussian in the mobility are possible bodies."""
+        """Return whether a body can have nearly all of the drawn mobilities."""
         return self.impossible <= IMPOSSIBLE
 
 
 def is_bent(problem: Problem, method: str) -> bool:
-    """Return whether the likelihood of a method is bent in pi and straight in the mobility."""
+    """Return whether the likelihood of a method is nonlinear in pi and linear in the mobility."""
     torque = method in TORQUE and "base" in problem.unknown
     return torque and not present(problem.thrust_scale)
 
@@ -82,7 +82,7 @@ def from_mobility(mobility: FloatArray) -> FloatArray:
 
 
 def mobility_jacobian(pi: FloatArray) -> FloatArray:
-    """Return d(mobility)/d pi, (10, 10)."""
+    """Return d(mobility)/d pi (10, 10) at pi (10,)."""
     report = report_jacobian(pi)
     inverse = to_mobility(pi)[4:][np.array(_SYMMETRIC)]
     J = report.copy()
@@ -93,10 +93,10 @@ def mobility_jacobian(pi: FloatArray) -> FloatArray:
 
 
 def by_mobility(x: FloatArray, covariance: FloatArray, base: slice) -> Mapped:
-    """Return the covariance at x (p,) of the Gaussian in the mobility of the ten `base`.
+    """Return the covariance in pi of a Gaussian at x (p,) in the mobility of the states `base`.
 
-    The draws have exactly the covariance asked for, so what is straight comes back unchanged. The
-    other states are `along` the drawn ones, plus a rest that does not depend on them.
+    The draws have exactly the given covariance (p, p), so a linear map does not change it. The
+    other states are `along` times the drawn ones, plus a rest that does not depend on them.
     """
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale)
@@ -125,12 +125,12 @@ def by_mobility(x: FloatArray, covariance: FloatArray, base: slice) -> Mapped:
 
 
 def longer_sides(pi: FloatArray, covariance: FloatArray, prior_sigma: FloatArray) -> FloatArray:
-    """Return sigma (10,) of mass, centre of mass and central inertia, of the longer side.
+    """Return sigma (10,) of mass, centre of mass and central inertia, on the longer side.
 
-    A base that is known to a tenth may be heavier by more than it may be lighter: 1/m is straight.
-    Where three sigma on one side are more than LOPSIDED times as long as sigma says, a third of
-    them replaces sigma, or the prior's sigma (10,) if that is less. The longer side is measured on
-    the most likely path in the mobility; where no body is at three sigma, at two or at one.
+    A base that is known to a tenth may be heavier by more than it may be lighter: 1/m is Gaussian.
+    Where the longer side has more than LOPSIDED times sigma, its own sigma is returned, at most the
+    prior's sigma (10,). It is a third of the distance to the most likely body at three sigma in the
+    mobility. Where no body is possible at three sigma, two or one sigma are used.
     """
     J, report = mobility_jacobian(pi), report_jacobian(pi)
     slope = np.linalg.solve(J.T, report.T).T  # d(report)/d(mobility)
@@ -141,7 +141,7 @@ def longer_sides(pi: FloatArray, covariance: FloatArray, prior_sigma: FloatArray
     for t in (1.0, 2.0, 3.0):
         sides = np.stack([at[:, None] + t * ways, at[:, None] - t * ways], axis=1)
         bodies = np.all(_bodies(sides), axis=0)
-        with np.errstate(all="ignore"):  # no mobility is no body
+        with np.errstate(all="ignore"):  # a mobility of zero is no body
             there = np.concatenate([1.0 / sides[:1], sides[1:4], _inverse(sides[4:])])
         far = np.abs(np.einsum("isi->si", there) - here).max(axis=0) / t
         longer[bodies] = far[bodies]
@@ -150,20 +150,20 @@ def longer_sides(pi: FloatArray, covariance: FloatArray, prior_sigma: FloatArray
 
 
 def _inverse(six: FloatArray) -> FloatArray:
-    """Return the inverses of symmetric matrices, xx xy xz yy yz zz (6, ...)."""
+    """Return the inverses (6, ...) of symmetric matrices (6, ...), both xx xy xz yy yz zz."""
     a, b, c, d, e, f = six
     xx, xy, xz = d * f - e * e, c * e - b * f, b * e - c * d
     adjugate = np.stack([xx, xy, xz, a * f - c * c, b * c - a * e, a * d - b * b])
-    with np.errstate(divide="ignore", invalid="ignore"):  # a singular one is no body
+    with np.errstate(divide="ignore", invalid="ignore"):  # a singular matrix belongs to no body
         inverse: FloatArray = adjugate / (a * xx + b * xy + c * xz)
     return inverse
 
 
 def _bodies(mobility: FloatArray) -> NDArray[np.bool_]:
-    """Return which mobilities (10, k) are those of a body.
+    """Return which mobilities (10, ...) a body can have.
 
-    Mass positive, and the second moments of mass about its centre, tr(I) / 2 - I, positive
-    definite (Wensing et al., RA-L 2018, sec. III), decided by their leading minors.
+    The mass and the second moments of mass about the centre of mass, tr(I) / 2 - I, must be
+    positive definite (Wensing et al., RA-L 2018, sec. III), decided by leading minors.
     """
     xx, xy, xz, yy, yz, zz = _inverse(mobility[4:])
     a, d, f = 0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz)
@@ -175,7 +175,7 @@ def _bodies(mobility: FloatArray) -> NDArray[np.bool_]:
 
 @lru_cache(maxsize=1)
 def _draws(draws: int) -> FloatArray:
-    """Return fixed draws (10, k) in opposite pairs, with mean zero and covariance one exactly."""
+    """Return fixed draws (10, k) in opposite pairs; their mean is exactly 0, their covariance 1."""
     half = np.random.default_rng(0).standard_normal((PARAMETERS, draws // 2))
     both = np.concatenate([half, -half], axis=1)
     root = np.linalg.cholesky(both @ both.T / draws)

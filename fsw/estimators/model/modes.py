@@ -1,10 +1,10 @@
 """Modes of the base as joints of the robot that springs and dampers drive, and their parameters.
 
-A panel turns about its hinge, liquid slides along one to three axes; both hang on the base. In the
-base's own inertial data they are locked at rest. Released, the rigid rest is the base less every
-mode, and each mode a body of its own. With s, f, d the states of a mode (relative error of its mass
-and modal inertia, logarithms of the factors on frequency and damping ratio), M its inertia about
-the hinge or its mass:
+A panel turns about its hinge; liquid slides along one to three axes. Both hang on the base. The
+base's own inertial data include the modes at rest. In the released robot every mode is a body of
+its own, and the base has only the rigid rest. The states of a mode are s (relative error of its
+mass and modal inertia), f and d (logarithms of the factors on frequency and damping ratio). With M
+the mass of liquid or a panel's inertia about its hinge, w and zeta as configured:
 
     stiffness  K = M (1 + s) w^2 e^(2 f)        damping  C = 2 zeta e^d w e^f M (1 + s)
 """
@@ -27,7 +27,7 @@ from fsw.messages import FloatArray
 if TYPE_CHECKING:
     from fsw.estimators.model.problem import Problem
 
-EXACT = 1e-9  # sigma of what is configured as exact
+EXACT = 1e-9  # least sigma of a mode's state, for one that is configured as exact
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,10 +36,10 @@ class Modes:
 
     Attributes
     ----------
-    released : the problem whose robot has the modes as joints behind those of the arm
-    of : (c,) mode of each coordinate
-    inertia : (c,) as configured [kg or kg m^2]
-    rate_rad_s, damping_ratio : (c,) of each with the base held, as configured
+    released : the problem whose robot has the modes as joints after those of the arm
+    of : (c,) index of the mode of each coordinate
+    inertia : (c,) modal inertia of each coordinate, as configured [kg or kg m^2]
+    rate_rad_s, damping_ratio : (c,) of each coordinate while the base is held, as configured
     amplitude : (c,) 1 sigma of the distance from rest [m or rad]
     """
 
@@ -51,7 +51,7 @@ class Modes:
     amplitude: FloatArray
 
     def springs(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return stiffness and damping (2, c), and their derivatives by the state (2, c, p)."""
+        """Return stiffness and damping (2, c) and their derivatives (2, c, p) by x (p,)."""
         problem, rows = self.released, np.arange(len(self.of))
         s, f, d = (
             x[states][self.of]
@@ -69,19 +69,19 @@ class Modes:
 
 
 def own_parameters(mode: ModeConfig) -> FloatArray:
-    """Return the ten of a mode's body about its point p_B_m, in axes of B."""
+    """Return the ten parameters of a mode's body about its point p_B_m, in axes of B."""
     inertia = np.zeros(6) if mode.inertia_kg_m2 is None else np.array(mode.inertia_kg_m2)
     return to_parameters(mode.mass_kg, np.array(mode.com_m), inertia)
 
 
 def in_base(mode: ModeConfig) -> FloatArray:
-    """Return the same about the base's origin: what is part of the base's own data at rest."""
+    """Return the ten parameters of a mode's body at rest about the base's origin, in axes of B."""
     seen: FloatArray = frame_change(np.eye(3), np.array(mode.p_B_m)) @ own_parameters(mode)
     return seen
 
 
 def modal_inertia(mode: ModeConfig) -> float:
-    """Return the mass of liquid, a panel's inertia about its hinge."""
+    """Return the mass of liquid [kg], or a panel's inertia about its hinge [kg m^2]."""
     if mode.kind == "slosh":
         return mode.mass_kg
     xx, xy, yy, xz, yz, zz = own_parameters(mode)[4:]
@@ -90,7 +90,7 @@ def modal_inertia(mode: ModeConfig) -> float:
 
 
 def with_modes(problem: Problem, modes: Sequence[ModeConfig]) -> Problem:
-    """Return the problem with the modes' states at its end, and with what they do."""
+    """Return the problem with the modes' states appended, and with its `modes` set."""
     each = [mode for mode in modes for _ in mode.axes_B]
     amplitude = np.array([mode.amplitude for mode in each])
     rate_rad_s = 2.0 * np.pi * np.array([mode.frequency_hz for mode in each])
@@ -136,7 +136,7 @@ def with_modes(problem: Problem, modes: Sequence[ModeConfig]) -> Problem:
 
 
 def _released(locked: Problem, modes: Sequence[ModeConfig]) -> Problem:
-    """Return the problem of the robot with the modes as joints, and the base without them."""
+    """Return the problem whose robot has the modes as joints and whose base excludes them."""
     joints: list[Appended] = []
     pi, columns = [locked.pi_known], []
     for mode in modes:

@@ -37,14 +37,14 @@ class CircularOrbit:
         )
 
     def field(self, block: Block, window_s: float) -> FloatArray:
-        """Return G (m, 3, 3) at the nodes, in B: acceleration G s of an element at s [1/s^2].
+        """Return G (m, 3, 3) in B at a block's nodes: acceleration G s of an element at s [1/s^2].
 
-        G = mu/R^3 (3 r r^T - 1). Without attitude in the block the field is taken as zero.
+        G = mu/R^3 (3 r r^T - 1). G is zero if the block has no attitude.
         """
         if not block.has_attitude:
             return np.zeros((len(block.t_ns), 3, 3))
         epoch_ns = self.epoch_ns
-        if epoch_ns is None:  # windows are counted from the first SYNC
+        if epoch_ns is None:  # window 0 starts at the epoch: the first SYNC
             centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
             epoch_ns = centre_ns - round((block.index + 0.5) * window_s * 1e9)
         angle = self.gradient_1_s2**0.5 * 1e-9 * (block.t_ns - epoch_ns).astype(np.float64)

@@ -1,11 +1,11 @@
-"""What is known of the state before the data, of bodies in the quantities it is given in.
+"""The prior of the state, which is Gaussian in the quantities that the configuration gives.
 
 The prior of an unknown body is a Gaussian of its mass, centre of mass and central inertia. The
-state holds first and second moments, which are products of these, so that the same knowledge is no
-Gaussian of the state, and its linearisation at the prior's mean holds near it only. Where the data
-leave a direction to the prior, as mass and inertia by one common factor when nothing but thrusters
-gives a scale, the linearisation at a mean 40 % off acts as if it knew that factor. So the prior is
-linearised where the estimate is, as the rows of the data are.
+state holds first and second moments, which are products of these. The same prior is therefore not
+Gaussian in the state, and its linearisation at the prior's mean holds only near that mean. Where
+only thrusters give a scale, the data leave one direction to the prior: a common factor on mass and
+inertia. A linearisation at a mean 40 % off then acts as if that factor were known. So the prior is
+linearised at the estimate, as the rows of the data are.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from fsw.estimators.model.inertia import from_parameters, report_jacobian
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import FloatArray
 
-FAR = 4.0  # times the prior's mass or a part of it: too far off to be where the body is
+FAR = 4.0  # largest factor between a mass and the prior's at which the prior is re-linearised
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """A Gaussian of y(x), which moves as the state x does at the mean: y(mean) = mean, y' = 1.
+    """A Gaussian of y(x), scaled so that y(mean) = mean and dy/dx = 1 at the mean.
 
-    Of a body y is an affine function of its mass, centre of mass and central inertia; of all other
-    states, and of a body whose mass is off by more than a factor FAR, it is the state itself: the
-    centre of a body of no mass is a quotient of nothing, and a step too far is no estimate.
+    For a body, y is an affine function of its mass, centre of mass and central inertia. For all
+    other states y = x; also for a body whose mass is off by more than a factor FAR, because its
+    centre of mass is not defined near zero mass, and such a step is too long to be an estimate.
     """
 
     mean: FloatArray  # (p,)
     covariance: FloatArray  # (p, p) of the state at the mean
-    bodies: tuple[slice, ...]  # ten states each
+    bodies: tuple[slice, ...]  # the ten states of each unknown body
 
     def at(self, x: FloatArray) -> SquareRootInformation:
-        """Return the information, linearised at a state (p,).
+        """Return the information of the prior, linearised at a state x (p,).
 
         Raises
         ------
@@ -50,7 +50,7 @@ class Prior:
         return empty.update(R, R @ x - known.R @ (moved - self.mean))
 
     def cost(self, x: FloatArray) -> float:
-        """Return the squared distance of a state (p,) from the mean, in sigmas of y."""
+        """Return the squared distance of y(x) from the mean, in sigmas of y, at a state x (p,)."""
         off = self._known.R @ (self._moved(x)[0] - self.mean)
         return float(off @ off)
 
@@ -59,7 +59,7 @@ class Prior:
         return SquareRootInformation.from_prior(self.mean, self.covariance)
 
     def _moved(self, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """Return y(x) and its Jacobian (p, p); None: the identity."""
+        """Return y(x) (p,) and its Jacobian (p, p); None for the Jacobian: the identity."""
         y, Y = x, None
         for k in self.bodies:
             mean = self.mean[k]

@@ -3,9 +3,9 @@
 Joints are revolute or prismatic. Of a prismatic one, position, rate and torque are in m, m/s and N
 wherever a name says rad, rad/s and N m.
 
-The base is a free-flyer joint with zero gravity; generalised velocity nu = [v_b, w_b, qd] and
-acceleration in base axes, spatial. With v_b = 0 spatial and classical acceleration coincide and,
-without gravity, nothing depends on v_b (a constant velocity of the whole system changes no torque),
+The base is a free-flyer joint without gravity. The generalised velocity nu = [v_b, w_b, qd] and the
+acceleration are spatial, in base axes. With v_b = 0, spatial and classical acceleration coincide.
+Without gravity nothing depends on v_b (a constant velocity of the whole system changes no torque),
 so all functions of (q, w, qd) here set v_b = 0.
 """
 
@@ -41,9 +41,9 @@ class Hold:
 
     Attributes
     ----------
-    body : of the robot that holds it: 0 the base, k + 1 the link of joint k
-    places : that body's ten in pi (10 (n + 1),)
-    map : (10, 10), takes the held body's parameters in its own frame to that body's
+    body : index of the robot's body that holds it: 0 the base, k + 1 the link of joint k
+    places : the ten parameters of the holding body within pi (10 (n + 1),)
+    map : (10, 10), from the held body's parameters in its own frame to the holding body's
     """
 
     body: int
@@ -53,12 +53,12 @@ class Hold:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Appended:
-    """A joint on the base, or on the one appended before it: revolute or prismatic."""
+    """A revolute or prismatic joint on the base, or on the joint appended before it."""
 
     is_revolute: bool
     is_on_last: bool
     axis: FloatArray  # (3,) unit vector
-    place_m: FloatArray  # (3,) of its frame, whose axes are those of what carries it
+    place_m: FloatArray  # (3,) of its frame's origin; the frame has the axes of the carrying body
 
 
 class RobotModel:
@@ -67,14 +67,14 @@ class RobotModel:
     Attributes
     ----------
     n : number of joints of all arms
-    joint_names : their names, every joint after the one that carries it
+    joint_names : names of the joints; a joint comes after the one that carries it
     pi_links : (10 (n + 1),) parameters of base and links as the URDF has them
     parents : (n,) body that carries each joint: 0 the base, k + 1 the link of joint k
-    tool : how the target hangs on the robot, in the tool frame E
+    tool : how the target, in the tool frame E, hangs on the robot
     """
 
     def __init__(self, urdf: Path, tool_frame: str, text: str | None = None) -> None:
-        """Read the file, or the text given in its place."""
+        """Read the URDF file, or `text` in its place; raise ConfigError if either is not usable."""
         try:
             if text is None:
                 self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
@@ -103,7 +103,7 @@ class RobotModel:
         self.set_up()
 
     def set_up(self) -> None:
-        """Prepare what depends on the joints alone."""
+        """Set everything that follows from the joints of `model`."""
         self.data = self.model.createData()
         self.pi_links = np.concatenate(
             [inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]]
@@ -116,7 +116,7 @@ class RobotModel:
         self._carries = self._support()
 
     def with_joints(self, joints: Sequence[Appended]) -> RobotModel:
-        """Return the robot with more joints behind its own; they carry nothing yet."""
+        """Return a robot with more joints behind its own; their bodies have no mass yet."""
         other = copy(self)
         other.model, last = self.model.copy(), 1
         for joint in joints:
@@ -131,7 +131,7 @@ class RobotModel:
         return other
 
     def hold(self, frame_name: str, key: str) -> Hold:
-        """Return how a body in a frame of the robot hangs on it.
+        """Return how a body that is fixed to a frame of the robot hangs on it.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class RobotModel:
         return Hold(body, places, frame_change(placement.rotation, placement.translation))
 
     def _support(self) -> NDArray[np.bool_]:
-        """Return (n + 1, n): whether a body is carried by a joint."""
+        """Return (n + 1, n): whether a joint (column) carries a body (row)."""
         carries = np.zeros((self.n + 1, self.n), np.bool_)
         for joint, parent in enumerate(self.parents):
             carries[joint + 1] = carries[parent]
@@ -155,16 +155,16 @@ class RobotModel:
         return carries
 
     def kinds(self) -> tuple[str, ...]:
-        """Return of every joint whether it is revolute or prismatic."""
+        """Return for every joint "revolute" or "prismatic"."""
         names = [self.model.joints[index].shortname() for index in range(2, self.model.njoints)]
         return tuple("prismatic" if name.startswith(PRISMATIC) else "revolute" for name in names)
 
     def steps_m(self) -> list[float]:
-        """Return how far every joint is from the one that carries it, or from the base [m]."""
+        """Return the distance of every joint from the joint, or base, that carries it [m]."""
         return [float(np.linalg.norm(X.translation)) for X in list(self.model.jointPlacements)[2:]]
 
     def total_parameters(self, base: FloatArray, target: FloatArray | None) -> FloatArray:
-        """Return (10 (n + 1),) with `base`, and `target` (in E) joined to its link."""
+        """Return pi (10 (n + 1),) with `base` (in B), and `target` (in E) added to its link."""
         pi = self.pi_links.copy()
         pi[:PARAMETERS] = base
         if target is not None:
@@ -172,7 +172,7 @@ class RobotModel:
         return pi
 
     def set_parameters(self, pi: FloatArray) -> None:
-        """Make `pi` (10 (n + 1),) the inertias that `mass_matrix` and `bias_derivative` use."""
+        """Set the inertias that all functions but the regressors use to `pi` (10 (n + 1),)."""
         if np.array_equal(pi, self._set):
             return
         for index in range(1, self.model.njoints):
@@ -189,9 +189,9 @@ class RobotModel:
     def regressor(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
         """Return Y (6+n, 10 (n+1)): generalised force = Y pi; rows base force, moment, joints.
 
-        Parameters: q, qd (n,), w = w_NB_B (3,), a (6+n,) with the classical acceleration of the
-        base origin in base axes first. Source: eqs. (3)-(7) of the paper, as Pinocchio evaluates
-        them.
+        Parameters: q, qd (n,), w = w_NB_B (3,), a (6+n,). The first three of `a` are the classical
+        acceleration of the base's origin in base axes. Source: eqs. (3)-(7) of the paper, as
+        Pinocchio evaluates them.
         """
         self._move(q, w, qd)
         Y: FloatArray = pin.computeJointTorqueRegressor(self.model, self.data, self._q, self._v, a)
@@ -200,13 +200,13 @@ class RobotModel:
     def generalised_force(
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
     ) -> FloatArray:
-        """Return `regressor` times the parameters set, (6+n,)."""
+        """Return Y pi (6+n,) with Y of `regressor` and pi of `set_parameters`."""
         self._move(q, w, qd)
         force: FloatArray = pin.rnea(self.model, self.data, self._q, self._v, a)
         return force
 
     def momentum_regressor(self, q: FloatArray, nu: FloatArray) -> FloatArray:
-        """Return Y(q, 0, nu) (6+n, 10 (n+1)), H nu = Y pi; base rows: momentum regressor."""
+        """Return Y(q, 0, nu) (6+n, 10 (n+1)) with H nu = Y pi; base rows: the momentum."""
         self._q[7:] = q
         Y: FloatArray = pin.computeJointTorqueRegressor(
             self.model, self.data, self._q, self._zero, nu
@@ -214,7 +214,7 @@ class RobotModel:
         return Y
 
     def mass_matrix(self, q: FloatArray) -> FloatArray:
-        """Return H(q) (6+n, 6+n) of the parameters set, full and symmetric."""
+        """Return H(q) (6+n, 6+n), full and symmetric, with pi of `set_parameters`."""
         self._q[7:] = q
         H: FloatArray = pin.crba(self.model, self.data, self._q).copy()
         H[self._lower] = H.T[self._lower]  # crba fills the upper triangle
@@ -232,20 +232,20 @@ class RobotModel:
     def angle_derivative(
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
     ) -> FloatArray:
-        """Return d(generalised force)/dq of the joints at fixed velocity and acceleration."""
+        """Return d(generalised force)/dq (6+n, n) at fixed velocity and acceleration."""
         self.bias_derivative(q, w, qd, a)
         derivative: FloatArray = self.data.dtau_dq[:, 6:]
         return derivative
 
     def momentum_derivative(self, q: FloatArray, nu: FloatArray) -> FloatArray:
-        """Return d(base momentum)/dq (6, n) of the joints at fixed velocity nu (6+n,)."""
+        """Return d(base momentum)/dq (6, n) at fixed velocity nu (6+n,)."""
         self._q[7:] = q
         pin.computeRNEADerivatives(self.model, self.data, self._q, self._zero, nu)
         derivative: FloatArray = self.data.dtau_dq[:6, 6:]
         return derivative
 
     def regressors(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
-        """Return `regressor` at N states, (N, 6+n, 10 (n+1)); arguments with N in front."""
+        """Return `regressor` at N states, (N, 6+n, 10 (n+1)); arguments have N rows."""
         Q, V = self._states(q, w, qd)
         out = np.empty((len(q), self.model.nv, self.pi_links.size))
         model, data, evaluate = self.model, self.data, pin.computeJointTorqueRegressor
@@ -282,7 +282,7 @@ class RobotModel:
     def forces_and_derivatives(
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return `bias_derivative` and `generalised_force` at N states, by one recursion each."""
+        """Return `bias_derivative` and `generalised_force` at N states, in one recursion each."""
         Q, V = self._states(q, w, qd)
         out, forces = np.empty((len(q), self.model.nv, self.model.nv)), np.empty(V.shape)
         model, data, evaluate = self.model, self.data, pin.computeRNEADerivatives
@@ -304,11 +304,11 @@ class RobotModel:
         return self._angles(q), V
 
     def composite(self, q: FloatArray) -> FloatArray:
-        """Return (10, 10 (n+1)): parameters of the whole in the base frame = composite @ pi."""
+        """Return C (10, 10 (n+1)): parameters of the whole robot in B = C @ pi."""
         return np.hstack(list(self._maps_to_base(q)))
 
     def point_jacobian(self, q: FloatArray, p_E_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (6, 6+n), velocity in B of a point (3,) of E and E's rate by nu; and R_BE."""
+        """Return J (6, 6+n) and R_BE: J nu is the velocity of a point of E and E's rate, in B."""
         self._q[7:] = q
         J: FloatArray = pin.computeFrameJacobian(
             self.model, self.data, self._q, self._tool, pin.LOCAL_WORLD_ALIGNED
@@ -318,7 +318,7 @@ class RobotModel:
         return J, R_BE
 
     def field_regressor(self, q: FloatArray, G: FloatArray) -> FloatArray:
-        """Return (6+n, 10 (n+1)): generalised force = regressor @ pi of the field G s, G (3, 3).
+        """Return Y (6+n, 10 (n+1)): the field G s, G (3, 3), makes the generalised force Y pi.
 
         Every mass element at s from the base's origin feels the acceleration G s, in base axes. The
         uniform part by which this differs from the field about the centre of mass moves no joint.
@@ -334,7 +334,7 @@ class RobotModel:
         return regressor
 
     def _maps_to_base(self, q: FloatArray) -> FloatArray:
-        """Return (n+1, 10, 10): parameters of base and links as seen in the base frame."""
+        """Return (n+1, 10, 10): maps of parameters of base and links from their frames to B."""
         self._q[7:] = q
         pin.forwardKinematics(self.model, self.data, self._q)
         X = np.stack([np.array(placement) for placement in list(self.data.oMi)[1:]])
@@ -342,7 +342,7 @@ class RobotModel:
 
 
 def _kind(shortname: str) -> str:
-    """Return words for Pinocchio's name of a joint."""
+    """Return what a joint is, in words, from Pinocchio's short name."""
     return "continuous" if shortname.startswith("JointModelRUB") else "of a kind not supported"
 
 
@@ -354,7 +354,7 @@ def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
 
 
 def _field_wrench(G: FloatArray) -> FloatArray:
-    """Return (6, 10): force and moment about the origin of the field G s on a body pi."""
+    """Return W (6, 10): W pi is force and moment about the origin of the field G s on a body."""
     W = np.zeros((6, PARAMETERS))
     W[:3, 1:4] = G
     for k, P in enumerate(parameter_basis()):
