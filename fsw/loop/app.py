@@ -20,14 +20,14 @@ from fsw.messages.errors import PortError
 from fsw.scheduler import realtime
 from fsw.scheduler.tasks import is_due
 
-RESTART_EXIT = 75  # the caller is to start again
-SERVICE_WAIT_S = 20.0  # for the service to write what is left
-SETTLE_WAIT_S = 20.0  # for the estimation to work off what is left
+RESTART_EXIT = 75  # exit code: the caller must start the daemon again
+SERVICE_WAIT_S = 20.0  # for the service to write its remaining data
+SETTLE_WAIT_S = 20.0  # for the estimation to process its remaining traffic
 P = TypeVar("P", FramePort, BytePort)
 
 
 class StopSignal:
-    """Remembers SIGTERM and SIGINT."""
+    """Records whether SIGTERM or SIGINT was received."""
 
     def __init__(self) -> None:
         self.received = False
@@ -39,7 +39,7 @@ class StopSignal:
 
 
 def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
-    """Open every configured port; one that fails counts as lost and is tried again later."""
+    """Open every configured port; a port that fails counts as lost and is reported as an event."""
     from fsw.drivers.ports.can_bus import open_can
     from fsw.drivers.ports.serial_line import open_serial
 
@@ -74,9 +74,9 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
 
 
 def run_live(config: Config, *, cold: bool = False) -> int:
-    """Run until it is stopped; return the exit code. `cold` ignores checkpoints.
+    """Run the daemon until it is stopped; return its exit code. `cold` ignores checkpoints.
 
-    Returns RESTART_EXIT when a restart was commanded.
+    The code is RESTART_EXIT after a RESTART command; otherwise 0, or 1 if the service did not end.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     lock_state(config.resolve(config.service.state_directory), clock)
     if config.telemetry is not None:
         from fsw.telemetry.tables.effective import (
-            effective_config,  # only where something can come up
+            effective_config,  # only telemetry can change the configuration
         )
 
         config = effective_config(config)
@@ -135,11 +135,11 @@ def drive(
     ticks_per_s: int,
     ended: Callable[[], bool],
 ) -> None:
-    """Turn until the end; once a second of the grid do what is due, whichever ticks were missed.
+    """Run ticks until the end; call `each_second` once per second of the grid, also after slips.
 
     Parameters
     ----------
-    turn : runs a tick and returns its index on the grid
+    turn : runs one tick and returns the tick's index on the grid
     """
     index = 0
     while not ended():

@@ -1,8 +1,8 @@
-"""A bus as an input of the loop: link, what was drained but not handed over yet, SYNC out.
+"""A CAN bus as an input of the loop: SYNC out, frames in, handed over in batches.
 
-Every tick drains the ports; what they gave is handed over in batches. Per bus, frames are ordered
-as they were on the wire around a SYNC of ours, and stamps never run backwards; recording and
-estimation get this order.
+Every tick drains the ports. In a batch, the frames of a bus stand in the order of the wire, with
+the frames that this computer sent (SYNC) at their place, and stamps never decrease. The recording
+and the estimation get the same order.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,10 +34,10 @@ COB_HEARTBEAT = 0x700
 NODE_MASK = 0x07F
 _NO_NODE = np.uint32(0xFFFFFFFF & ~NODE_MASK)
 NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
-QUIET_NS = 1_000_000_000  # between two events of one kind
-BACK_TOLERANCE_NS = 1_000_000  # of two clocks read at different moments; less than a period
-HELD_NS = 1_000_000  # a send takes some 40 us; in one that takes so long the kernel did other work
-LATE_NS = 2_000_000_000  # what was sent and has not come back by then never will
+QUIET_NS = 1_000_000_000  # shortest time between two reports of lost frames
+BACK_TOLERANCE_NS = 1_000_000  # error between stamps of two clocks; less than a SYNC period
+HELD_NS = 1_000_000  # a send takes some 40 us; if it takes this long, the kernel did other work
+LATE_NS = 2_000_000_000  # longest wait for the echo of a sent frame
 
 
 class Selector(Protocol):
@@ -52,11 +52,11 @@ class Selector(Protocol):
         ...
 
     def hear(self) -> None:
-        """Note a frame of a configured node, read from the active bus just now."""
+        """Note that a frame of a configured node was just read from the active bus."""
         ...
 
     def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:
-        """Switch when that is due; return why, or nothing."""
+        """Switch buses if due; return the reason, else "". `up`: which buses have an open port."""
         ...
 
 
@@ -73,46 +73,46 @@ class BusInput:
         heartbeat: tuple[int, bytes],
         selector: Selector | None = None,
     ) -> None:
-        """Nothing is opened.
+        """Store the links; open nothing.
 
         Parameters
         ----------
-        nodes : NMT start frame of each configured node; empty: nothing is sent
-        links : the bus, or nominal and redundant bus with a `selector` between them
+        nodes : identifier and data of the NMT start frame of each configured node, by node number
+        links : one bus; or the nominal and the redundant bus, between which `selector` chooses
         """
         self.name = name
         self.links = tuple(links)
         self.selector = selector
         self._sync_counter, self._sync_counter_max = 0, sync_counter_max  # of the last SYNC sent
         self._heartbeat = heartbeat
-        self._talking_since_ns: int | None = None  # on the active bus
+        self._talking_since_ns: int | None = None  # first frame sent on the active bus
         self._nodes = nodes
         self._clock = clock
         self._sent: list[tuple[int, CanFrame]] = []
-        self._awaited: list[tuple[int, CanFrame]] = []  # recorded already, may still come back
-        self._hands_back = False  # the port that what was sent went to; it may be lost by now
+        self._awaited: list[tuple[int, CanFrame]] = []  # handed over, without an echo so far
+        self._hands_back = False  # of the port that sent the newest frame; it may be lost by now
         self._newest_ns = -(1 << 62)
         self.overflowed = 0  # received frames the port had no room for
-        self._held_ns = 0  # in sends that took far too long
-        self.unsent = 0  # frames its transmit queue had no room for
-        self._trouble = (0, 0)  # of both, as last reported
+        self._held_ns = 0  # time in sends of HELD_NS or longer, since the last query
+        self.unsent = 0  # frames the port's transmit queue had no room for
+        self._trouble = (0, 0)  # (overflowed, unsent) at the last report
         self._reported_ns = self._newest_ns
-        self._places = np.zeros(SFF_MASK + 1, np.bool_)  # identifiers of configured nodes
+        self._places = np.zeros(SFF_MASK + 1, np.bool_)  # by identifier: of a configured node?
         for node in nodes:
             self._places[node :: NODE_MASK + 1] = True
         self._drained: list[Callable[[], FrameArray]] = []
-        self._unread: list[Callable[[], FrameArray]] = []  # for a batch
-        self._taken = NO_FRAMES  # that was read, and what was sent until then
+        self._unread: list[Callable[[], FrameArray]] = []  # the batch, not read yet
+        self._taken = NO_FRAMES  # the batch as read, before the merge with the frames sent
         self._taken_sent: list[tuple[int, CanFrame]] = []
         self._ordered = NO_FRAMES
 
     @property
     def link(self) -> Link[FramePort]:
-        """The active bus."""
+        """Link of the active bus."""
         return self.links[0 if self.selector is None else self.selector.active]
 
     def summary(self) -> dict[str, int | str]:
-        """Return the bus's own health as plain values."""
+        """Return the counts of lost frames and the state of the redundant pair as plain values."""
         values: dict[str, int | str] = {"overflow": self.overflowed, "unsent": self.unsent}
         if self.selector is not None:
             values |= {"active": self.selector.name, "switches": self.selector.switches}
@@ -134,24 +134,24 @@ class BusInput:
         self._send(*self._heartbeat)
 
     def take_held_ns(self) -> int:
-        """Return and forget how long the kernel held the loop in sends that took far too long."""
+        """Return the total time [ns] of sends of HELD_NS or longer since the last call."""
         held_ns, self._held_ns = self._held_ns, 0
         return held_ns
 
     @property
     def idle_links(self) -> tuple[Link[FramePort], ...]:
-        """The bus of the pair that is not active, if any."""
+        """Links that are not active: one of a redundant pair, none of a single bus."""
         return tuple(link for link in self.links if link is not self.link)
 
     @staticmethod
     def drain_idle(link: Link[FramePort]) -> None:
-        """Forget what a bus that is not active holds. Raises PortError."""
+        """Drain and discard the frames of an idle bus. Raises PortError."""
         if link.port is not None:
             link.port.drain()
             link.port.take()
 
     def select(self, sink: Sink) -> bool:
-        """Change to the other bus when the active one is lost; True when that was done."""
+        """Switch to the other bus if the active one is lost; return whether it was switched."""
         if self.selector is None:
             return False
         now_ns = self._clock.now_ns()
@@ -165,12 +165,12 @@ class BusInput:
         return bool(reason)
 
     def drain(self) -> None:
-        """Drain the frames of the port. Raises PortError."""
+        """Drain the waiting frames of the active bus. Raises PortError."""
         if self.link.port is not None:
             self.link.port.drain()
 
     def keep(self) -> None:
-        """Keep the frames drained by a port that is about to close or to be handed over."""
+        """Keep the frames that the active port has drained: it closes, or a batch ends."""
         self._keep(self.link)
 
     def _keep(self, link: Link[FramePort]) -> None:
@@ -178,7 +178,7 @@ class BusInput:
             self._drained.append(link.port.take())
 
     def take(self) -> None:
-        """End a batch: what was drained and sent until now belongs to it."""
+        """End a batch: the frames drained and sent so far belong to it."""
         self.keep()
         self._unread, self._drained = self._drained, []
         self._taken_sent, self._sent = self._sent, []
@@ -189,12 +189,12 @@ class BusInput:
         self._taken = joined([read() for read in unread])
 
     def order(self) -> None:
-        """Put the batch in order."""
+        """Merge the frames read and sent of the batch in the order of the wire."""
         self._ordered = self._in_order(self._taken)
         self._taken_sent = []
 
     def hand_over(self, sink: Sink) -> None:
-        """Hand over the batch; start nodes that wait for it.
+        """Put the batch into the sink; start the nodes whose heartbeat shows that they wait.
 
         Raises PortError when a node cannot be started.
         """
@@ -208,7 +208,7 @@ class BusInput:
         sink.put(CanTraffic(self.name, frames))
         words = read["word"]
         if self.selector is not None and self._talking_since_ns is not None:
-            # older frames have waited in the port; their nodes may have toggled away since
+            # older frames waited in the port: their nodes may have left this bus since
             heard = words[read["t_ns"] >= self._talking_since_ns]
             if self._places[heard[heard <= SFF_MASK]].any():
                 self.selector.hear()
@@ -219,7 +219,7 @@ class BusInput:
                 self._send(*self._nodes[node])
 
     def _send(self, can_id: int, data: bytes) -> bool:
-        """Send one frame; False when it is not out."""
+        """Send one frame; return False if it was not sent. Raises PortError."""
         port = self.link.port
         if port is None:
             return False
@@ -237,7 +237,7 @@ class BusInput:
         return True
 
     def _report_trouble(self, sink: Sink) -> None:
-        """Raise an event for frames lost in the port, at most one a second and kind."""
+        """Report frames lost in the port since the last report as events, at most once a second."""
         trouble = (self.overflowed, self.unsent)
         now_ns = self._clock.now_ns()
         if trouble == self._trouble or now_ns - self._reported_ns < QUIET_NS:
@@ -253,7 +253,7 @@ class BusInput:
         self._trouble, self._reported_ns = trouble, now_ns
 
     def _in_order(self, read: FrameArray) -> FrameArray:
-        """Merge sent and read frames; stamps never run backwards."""
+        """Return the frames sent and read in one order, with stamps that never decrease."""
         frames = self._with_sent(read) if self._taken_sent or self._awaited else read
         if len(frames):
             t_ns = np.maximum.accumulate(np.maximum(frames["t_ns"], self._newest_ns))
@@ -262,12 +262,12 @@ class BusInput:
         return frames
 
     def _with_sent(self, read: FrameArray) -> FrameArray:
-        """Place sent frames where the bus returned them, with the stamp of that return.
+        """Return the frames read, with every frame sent at the place that its echo's stamp gives.
 
-        That stamp is the kernel's: ours, taken after sending, is late by whatever came between. A
-        frame may come back after the answers to it, but its stamp gives its place. A frame that has
-        not come back is placed before everything stamped after its sending began; if it comes back
-        later, it is not added again.
+        The kernel stamps the echo. The stamp of `write` is taken after sending and is late. An echo
+        may be read after the answers to its frame; its stamp still gives the right place. A frame
+        without an echo is placed before all frames stamped after its sending began; if its echo is
+        read later, the echo is left out.
         """
         back_at = self._all_back(read)
         if back_at is not None:
@@ -306,7 +306,7 @@ class BusInput:
         return _inserted(read[foreign], frame_array(own), after_ns)
 
     def _all_back(self, read: FrameArray) -> NDArray[np.intp] | None:
-        """Return the places of all sent frames among those read; None if any is missing."""
+        """Return the rows of `read` that echo all sent frames in order; None if that fails."""
         if self._awaited or not self._hands_back:
             return None
         before_ns, sent = zip(*self._taken_sent, strict=True)
@@ -325,21 +325,21 @@ class BusInput:
 
 @lru_cache(maxsize=1024)
 def _sent_row(can_id: int, data: bytes) -> bytes:
-    """Return a classic frame without its stamp as the bytes of a `FRAME`."""
+    """Return a classic frame as the bytes of a `FRAME` row with stamp 0."""
     return row_of(0, can_id, data)
 
 
 def _inserted(
     others: FrameArray, own: FrameArray, after_ns: Sequence[int] | NDArray[np.int64]
 ) -> FrameArray:
-    """Put each of our own frames before all that is stamped after its time."""
+    """Return all frames: each own frame stands before the others stamped at its time or later."""
     places = np.searchsorted(np.maximum.accumulate(others["t_ns"]), np.maximum.accumulate(after_ns))
     merged: FrameArray = np.insert(others, places, own)
     return merged
 
 
 def _take_back(read: dict[int, CanFrame], item: tuple[int, CanFrame]) -> CanFrame | None:
-    """Remove and return a frame as it has come back, if it has; with when its sending began."""
+    """Remove and return the echo of `item` (send time [ns], frame) in `read`; None: no echo."""
     before_ns, sent = item
     for row, frame in read.items():
         if (frame.can_id, frame.data) == (sent.can_id, sent.data) and not (

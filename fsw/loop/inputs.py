@@ -1,6 +1,6 @@
-"""All of a daemon's links: started, drained, lost and opened again.
+"""All links of a daemon: devices are started, ports are drained, lost ports are opened again.
 
-A link's failure never reaches the loop.
+A PortError of one link is handled here and never reaches the loop.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,17 +18,17 @@ from fsw.loop.ports import CAN
 from fsw.messages import Event
 from fsw.messages.errors import PortError
 
-BATCHES_TO_LOSE = 4  # a bus of a pair is lost after no fewer batches without a frame
+BATCHES_TO_LOSE = 4  # least number of batches in the time after which a silent bus is lost
 
 
 def batch_s(config: Config) -> float:
-    """Return how long a batch is [s]: shorter where a bus is lost after so little."""
+    """Return the length of a batch [s]: `BATCHES_TO_LOSE` batches fit into each `lost_after_s`."""
     lost_s = [bus.redundant.lost_after_s for bus in config.buses if bus.redundant is not None]
     return min([config.scheduler.batch_s, *(s / BATCHES_TO_LOSE for s in lost_s)])
 
 
 class Inputs:
-    """Buses and serial lines; what they give goes into the sink."""
+    """The buses and serial lines of a daemon; their traffic goes into the sink."""
 
     def __init__(
         self, buses: Sequence[BusInput], lines: Sequence[LineInput], clock: Clock, sink: Sink
@@ -42,7 +42,7 @@ class Inputs:
         yield from self.lines
 
     def start(self) -> None:
-        """Start every device, once."""
+        """Start every device at the first call; later calls do nothing."""
         if self._started:
             return
         self._started = True
@@ -52,17 +52,17 @@ class Inputs:
             self._guard(line.link, line.start)
 
     def sync(self, bus: BusInput) -> None:
-        """Send a bus its SYNC."""
+        """Send the next SYNC on a bus."""
         self._guard(bus.link, bus.send_sync)
 
     def beat(self, bus: BusInput) -> None:
-        """Send a bus the heartbeat."""
+        """Send the computer's heartbeat on a bus."""
         self._guard(bus.link, bus.send_heartbeat)
 
     def drain(self) -> None:
-        """Drain the buses; change to the other bus of a pair where it must be.
+        """Drain the buses; switch a redundant pair to its other bus if the active one is lost.
 
-        The bytes of lines are read when they come.
+        `stamp_lines` reads the serial lines.
         """
         for bus in self.buses:
             self._guard(bus.link, bus.drain)
@@ -71,7 +71,7 @@ class Inputs:
                 self._guard(bus.link, bus.send_heartbeat)
 
     def hand_over(self) -> Iterator[None]:
-        """Hand over what has come until the first of four steps, in order."""
+        """Hand over a batch in four steps; the first step ends the batch."""
         self.stamp_lines()
         for line in self.lines:
             line.take()
@@ -92,11 +92,11 @@ class Inputs:
             line.hand_over(self._sink)
 
     def take_held_ns(self) -> int:
-        """Return and forget how long the kernel held the loop in sends that took far too long."""
+        """Return the time that the kernel held the loop in long sends since the last call [ns]."""
         return sum(bus.take_held_ns() for bus in self.buses)
 
     def lost(self) -> tuple[str, ...]:
-        """Return the names of the inputs that have no port."""
+        """Return the names of the inputs whose active link has no open port."""
         return tuple(member.name for member in self if not member.link.up)
 
     def status(self) -> dict[str, Any]:
@@ -108,7 +108,7 @@ class Inputs:
         }
 
     def retry(self) -> None:
-        """Open lost links again as soon as they can be, and start their devices."""
+        """Try to open lost links; start the devices of a link that is open again."""
         for member in self:
             for link in member.links:
                 if link.up or not link.retry(self._clock.now_ns()):
@@ -121,11 +121,11 @@ class Inputs:
                     self._guard(link, member.start_nodes)
 
     def wake_fds(self) -> list[int]:
-        """Return the descriptors whose bytes end the wait for a tick."""
+        """Return the descriptors of the serial lines: their bytes interrupt the wait for a tick."""
         return [fd for line in self.lines for fd in line.link.wake_fds()]
 
     def stamp_lines(self) -> None:
-        """Read the serial lines between two ticks, so that their bytes have a time of their own."""
+        """Read the serial lines between two ticks, so that bytes are stamped when they arrive."""
         for line in self.lines:
             self._guard(line.link, line.drain)
 
@@ -136,7 +136,7 @@ class Inputs:
                 link.close()
 
     def _guard(self, link: Link[FramePort] | Link[BytePort], action: Callable[[], None]) -> None:
-        """Run one action on a port; on PortError close the link and plan to open it again."""
+        """Run one action on a port; on PortError close the link and report PORT_LOST."""
         try:
             action()
         except PortError as error:

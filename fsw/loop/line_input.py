@@ -1,4 +1,4 @@
-"""A serial device as an input of the loop: link, and what was read but not handed over yet."""
+"""A serial device as an input of the loop: its link, and the bytes not handed over yet."""
 
 from fsw.drivers.wire import ByteChunk, BytePort
 from fsw.exchange.sinks import SerialTraffic, Sink
@@ -6,7 +6,7 @@ from fsw.loop.link import Link
 
 
 class LineInput:
-    """One serial device: bytes in, and the bytes that ask it to talk."""
+    """Reads one serial device, and sends the bytes that request its data (`start_bytes`)."""
 
     def __init__(self, name: str, link: Link[BytePort], start_bytes: bytes = b"") -> None:
         self.name = name
@@ -14,23 +14,23 @@ class LineInput:
         self.links = (link,)
         self._start_bytes = start_bytes
         self._read: list[ByteChunk] = []
-        self._taken: list[ByteChunk] = []  # for a batch
+        self._taken: list[ByteChunk] = []  # the batch that is handed over next
 
     def start(self) -> None:
-        """Ask the device for its data. Raises PortError."""
+        """Send the bytes that request the device's data, if any. Raises PortError."""
         if self._start_bytes and self.link.port is not None:
             self.link.port.write(self._start_bytes)
 
     def drain(self) -> None:
-        """Read and stamp the bytes that are there. Raises PortError."""
+        """Read and stamp the waiting bytes. Raises PortError."""
         if self.link.port is not None:
             self._read += self.link.port.read()
 
     def take(self) -> None:
-        """End a batch: what was drained until now belongs to it."""
+        """End a batch: the bytes drained so far belong to it."""
         self._taken, self._read = self._read, []
 
     def hand_over(self, sink: Sink) -> None:
-        """Hand over the batch."""
+        """Put the bytes of the batch into the sink, if there are any."""
         if self._taken:
             sink.put(SerialTraffic(self.name, self._taken))

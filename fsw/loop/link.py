@@ -1,4 +1,4 @@
-"""One device link of the loop: a port that may be lost and is tried again until it is back."""
+"""One device link of the loop: a port that may be lost, and the attempts to open it again."""
 
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -6,19 +6,19 @@ from typing import Generic, TypeVar
 from fsw.drivers.wire import BytePort, FramePort
 from fsw.messages.errors import PortError
 
-RETRY_NS = 500_000_000  # opening a port costs little, and a device that is back is wanted in 1 s
+RETRY_NS = 500_000_000  # an attempt is cheap, and a returned device must be in use within 1 s
 
 P = TypeVar("P", FramePort, BytePort)
 
 
 class Link(Generic[P]):
-    """A port that may be lost, and is opened again from time to time.
+    """A port that may be lost and can be opened again.
 
     Parameters
     ----------
-    name : what events and telemetry call it
+    name : name of the link in events and telemetry
     port : the open port; None when it could not be opened yet
-    opener : opens it again; None: a lost port stays lost
+    opener : opens the port again; None: a lost port stays lost
     """
 
     def __init__(self, name: str, port: P | None, opener: Callable[[], P] | None) -> None:
@@ -34,21 +34,21 @@ class Link(Generic[P]):
         return self.port is not None
 
     def summary(self) -> dict[str, int]:
-        """Return its state as plain values."""
+        """Return whether the port is open (`up`) and how often it was lost (`losses`)."""
         return {"up": self.up, "losses": self.losses}
 
     def wake_fds(self) -> tuple[int, ...]:
-        """Descriptors of the open port; none while it is lost."""
+        """Return the descriptors of the open port; none while the port is lost."""
         return self.port.wake_fds() if self.port is not None else ()
 
     def lose(self, now_ns: int) -> None:
-        """Close after a failure and plan the next attempt."""
+        """Close the port after a failure and count the loss; `retry` waits for `RETRY_NS`."""
         self.close()
         self.losses += 1
         self._next_try_ns = now_ns + RETRY_NS
 
     def retry(self, now_ns: int) -> bool:
-        """Try to open again, twice a second; True when it has come back."""
+        """Try to open a lost port, at most twice a second; return True if this opened the port."""
         if self.port is not None or self._opener is None or now_ns < self._next_try_ns:
             return False
         try:
@@ -59,7 +59,7 @@ class Link(Generic[P]):
         return True
 
     def close(self) -> None:
-        """Release the port; a failure to do so changes nothing."""
+        """Release the port; ignore a PortError."""
         port, self.port = self.port, None
         if port is not None:
             try:

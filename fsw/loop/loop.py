@@ -1,6 +1,6 @@
-"""The loop: SYNC out, everything in, handed over in batches; what it means is decided elsewhere.
+"""The loop: send SYNC, read all devices and hand their traffic over in batches, undecoded.
 
-`wiring.build` makes it.
+`wiring.build` builds a loop.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,22 +18,22 @@ from fsw.messages.commands import Command, CommandName
 from fsw.scheduler.executive import Executive
 from fsw.scheduler.tasks import Task, Tick
 
-SPREAD_TICKS = 16  # a batch of so many is handed over in steps, one a tick
-STATUS_PHASE = 8  # ticks behind those steps
+SPREAD_TICKS = 16  # a batch of at least this length is handed over in steps, one per tick
+STATUS_PHASE = 8  # phase of the status task [ticks]: after these steps
 
 
 def nothing_due() -> int:
-    """Return 0: nobody waits for a window's end."""
+    """Return 0: the end of the next window is not known."""
     return 0
 
 
 class Loop:
-    """SYNC, heartbeats, drain, hand over, ports that are lost and come back, status.
+    """Sends SYNC and heartbeats, drains ports, hands batches over, reopens ports, reports status.
 
     Parameters
     ----------
-    inputs : they hand over to the same sink
-    deadline_ns : when the next window closes [ns]: a batch ends then; 0 when that is not known
+    inputs : buses and lines that hand their traffic over to the same `sink`
+    deadline_ns : returns the time at which the next window closes and the batch ends [ns], or 0
     """
 
     def __init__(
@@ -48,9 +48,9 @@ class Loop:
         self._deadline_ns = deadline_ns
         rate_hz, budget_s = config.scheduler.tick_rate_hz, config.scheduler.work_budget_s
         self._batch_ticks = max(1, round(rate_hz * batch_s(config)))
-        self._next_batch = 0  # tick at which one ends
-        self._handing: Iterator[None] = iter(())  # the steps of a batch that are left
-        self._handed_ns = -1  # when the newest ended
+        self._next_batch = 0  # tick at which the next batch ends
+        self._handing: Iterator[None] = iter(())  # remaining steps of the newest batch
+        self._handed_ns = -1  # end of the newest batch [ns]
         self.stop_requested = self.restart_requested = False
         period_ns = round(1e9 / rate_hz)
         self.executive = Executive(
@@ -70,23 +70,23 @@ class Loop:
         return self.executive.step()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Tick until stopped by `stop` or by a command."""
+        """Run ticks until `stop` returns True or a command ends the run."""
         while not (stop() or self.stop_requested):
             self.step()
 
     def submit(self, command: Command) -> None:
-        """Pass a command on; one that ends the run ends it here too."""
+        """Pass a command to the sink; STOP and RESTART also end this loop."""
         self.stop_requested |= command.name in (CommandName.STOP, CommandName.RESTART)
         self.restart_requested |= command.name is CommandName.RESTART
         self._sink.put(command)
 
     def finish(self) -> None:
-        """Hand over what is left, so that the recording ends when the run does."""
+        """Hand over the remaining traffic, so that the recording lasts to the end of the run."""
         self._inputs.drain()
         self._hand_over_whole(self._clock.now_ns(), self.executive.slips.ticks)
 
     def close(self) -> None:
-        """Report the end and release the ports: after the estimation has ended."""
+        """Report the end and release the ports; called after the estimation has ended."""
         now_ns = self._clock.now_ns()
         text = f"stopped after {self.executive.slips.ticks} ticks"
         self._sink.put(Event(now_ns, "info", "STOPPED", text))
@@ -137,9 +137,9 @@ class Loop:
         self._inputs.beat(bus)
 
     def _hand_over_if_due(self, tick: Tick) -> None:
-        """End a batch when it is long enough, and when a window closes.
+        """End the batch when it is long enough or when a window closes.
 
-        The work for a long one is spread over ticks; a window that closes waits for nothing.
+        A long batch is handed over in steps over several ticks; at the end of a window, at once.
         """
         is_closing = self._handed_ns < self._deadline_ns() <= tick.now_ns
         if not is_closing and tick.index < self._next_batch:
@@ -163,7 +163,7 @@ class Loop:
             pass
 
     def _hand_over(self, now_ns: int, index: int) -> Iterator[None]:
-        """End a batch; what arrives meanwhile belongs to the next."""
+        """End a batch and hand it over in steps; later traffic belongs to the next batch."""
         self._handed_ns = now_ns
         yield from self._inputs.hand_over()
         self._sink.put(

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 
 class Notifier:
-    """Sends datagrams to NOTIFY_SOCKET; does nothing where there is none, and never waits."""
+    """Sends datagrams to NOTIFY_SOCKET, never waits, does nothing if the variable is not set."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         address = environment.get("NOTIFY_SOCKET", "")
@@ -16,7 +16,7 @@ class Notifier:
             self._socket.setblocking(False)
 
     def send(self, *lines: str) -> bool:
-        """Send assignments such as READY=1; False when nobody takes them."""
+        """Send assignments such as READY=1; return False if they could not be sent."""
         if self._socket is None:
             return False
         try:

@@ -1,17 +1,17 @@
-"""Open ports by name, as a daemon is given them."""
+"""The open ports of a daemon, by name."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from fsw.drivers.wire import BytePort, FramePort
 
-CAN = "can/"  # before the name of a bus's link
-SECOND = ".redundant"  # behind a bus's name: the other one of the pair
+CAN = "can/"  # prefix of the name of a CAN link
+SECOND = ".redundant"  # suffix of the name of the redundant bus of a pair
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ports:
-    """Open ports by name, and how to open a lost one again.
+    """Open ports by name, and the functions that open a lost port again.
 
     A port that is None counts as lost.
     """

@@ -1,4 +1,4 @@
-"""The loop's end of the other processes: starts them, watches them, starts again what dies."""
+"""The two other processes as the loop sees them: it starts, watches and restarts them."""
 
 import fcntl
 import os
@@ -26,21 +26,21 @@ from fsw.messages.commands import Code, Command, Reply
 from fsw.messages.errors import MEMORY_EXIT, PortError
 
 LOCK_NAME = "loop.lock"
-LOCK_WAIT_NS = 1_000_000_000  # for the kernel to be done with a loop that was killed
+LOCK_WAIT_NS = 1_000_000_000  # for the kernel to finish the end of a killed loop
 LOCK_POLL_NS = 20_000_000
 MOST_RESTARTS = 5  # within RESTARTS_NS
 RESTARTS_NS = 60_000_000_000
-STALL_NS = 5_000_000_000  # who leaves its ring alone for so long is not healthy
+STALL_NS = 5_000_000_000  # a process that reads nothing of its ring for this long is not healthy
 
 
 def lock_state(directory: Path, clock: Clock) -> int:
-    """Return the descriptor that holds a state directory for this loop.
+    """Lock a state directory for this loop; return the descriptor that holds the lock.
 
-    The kernel releases it when the loop has ended, however it ends.
+    The kernel releases the lock when the loop ends, also when it is killed.
 
     Raises
     ------
-    PortError when another daemon keeps it.
+    PortError when another daemon holds the lock, or the directory cannot be used.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -61,17 +61,17 @@ def lock_state(directory: Path, clock: Clock) -> int:
 
 
 class Child:
-    """A process at the other end of a ring, and what becomes of it.
+    """A process at the other end of a ring: started, watched and started again when it has ended.
 
     Parameters
     ----------
     name : `service` or `estimation`, as in the names of its events
-    without : what is not done when it has died too often
-    module : what is run
-    arguments : of the module
-    fds : descriptors it inherits
-    inbox : the ring that it reads
-    sink : takes the events of its end
+    without : words for the event after too many ends: the work that is no longer done
+    module : Python module that the process runs
+    arguments : command line arguments of the module
+    fds : descriptors that the process inherits
+    inbox : the ring that the process reads
+    sink : receives an event whenever the process has ended
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Child:
     ) -> None:
         self._name, self._module, self._without, self._sink = name, module, without, sink
         self._arguments, self._fds, self._inbox, self._clock = arguments, fds, inbox, clock
-        self._cpus = os.sched_getaffinity(0)  # before the loop is pinned to one
+        self._cpus = os.sched_getaffinity(0)  # all CPUs of the loop before it is pinned to one
         self._deaths_ns: list[int] = []
         self.gave_up = False
         self._consumed, self._consumed_ns = -1, clock.now_ns()
@@ -99,7 +99,7 @@ class Child:
         return self._process.pid
 
     def watch(self) -> bool:
-        """Start it again if it has died; return whether it is alive and at work."""
+        """Start the process again if it has ended; return whether it runs and reads its ring."""
         now_ns = self._clock.now_ns()
         if self.gave_up:
             return False
@@ -112,7 +112,7 @@ class Child:
         return now_ns - self._consumed_ns < STALL_NS
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for its end; False when it does not end."""
+        """Wait for the end of the process; return False if it is still running after that time."""
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -120,7 +120,7 @@ class Child:
         return True
 
     def kill(self) -> None:
-        """End it."""
+        """Kill the process and wait for its end."""
         self._process.kill()
         self._process.wait()
 
@@ -150,11 +150,11 @@ class Child:
 
 
 class Processes:
-    """Service and estimation, and the rings between the three.
+    """The service and estimation processes, and the rings between them and the loop.
 
     Parameters
     ----------
-    since_ns : the estimation continues from no older checkpoint; 0: from any
+    since_ns : the estimation ignores checkpoints older than this time [ns]; 0: it uses all
     """
 
     def __init__(self, config: Config, clock: Clock, since_ns: int) -> None:
@@ -191,15 +191,15 @@ class Processes:
         )
 
     def deadline_ns(self) -> int:
-        """Return when the estimation's next window closes [ns]; 0 before it has said so."""
+        """Return when the next window closes [ns]; 0 until the estimation has reported the time."""
         return self._stream.notes[0]
 
     def commands(self) -> list[Command]:
-        """Return the commands that have come from the service since the last call."""
+        """Return the commands received from the service since the last call."""
         return commands_of(self._commands)
 
     def submit(self, command: Command, loop: Loop) -> None:
-        """Give the loop a command; one that does not reach the estimation is answered here."""
+        """Pass a command to the loop; reply QUEUE_FULL if it does not reach the estimation."""
         dropped = self._stream.dropped
         loop.submit(command)
         if self.estimation.gave_up or self._stream.dropped > dropped:
@@ -210,7 +210,7 @@ class Processes:
             )
 
     def watch(self) -> bool:
-        """Start again what has died, report lost traffic; return whether both are at work."""
+        """Start ended processes again, report lost traffic; return whether both are healthy."""
         lost = self._to_estimation.lost
         if lost > self._told_lost and not self.estimation.gave_up:
             text = f"{lost - self._told_lost} frames and chunks lost between loop and estimation"
@@ -220,7 +220,7 @@ class Processes:
         return all(watched)
 
     def settle(self, timeout_s: float) -> None:
-        """Have the estimation work off what is left, and end."""
+        """Let the estimation process its remaining traffic and end; kill it after `timeout_s`."""
         self._to_estimation.close()
         if not self.estimation.gave_up and not self.estimation.wait(timeout_s):
             self.estimation.kill()

@@ -1,6 +1,6 @@
-"""Wiring: a loop from its configuration, on whatever clock, ports and sink it is given.
+"""Wiring: build the loop of a configuration on a given clock, given ports and a given sink.
 
-`app.run_live` gives it the machine's, the bench simulated ones.
+`app.run_live` passes the clock and ports of the machine, the bench passes simulated ones.
 """
 
 from collections.abc import Callable
@@ -27,9 +27,9 @@ def build(
     sink: Sink,
     deadline_ns: Callable[[], int] = nothing_due,
 ) -> Loop:
-    """Wire one loop; opens and sends nothing.
+    """Return the loop of a configuration; open no port and send nothing.
 
-    `deadline_ns` returns when the next window closes [ns]; 0 when that is not known.
+    `deadline_ns` returns the time at which the next window closes [ns]; 0 while it is unknown.
     """
     buses = [_bus_input(config, bus, clock, ports) for bus in config.buses]
     openers, lines = ports.line_openers, []
@@ -43,7 +43,7 @@ def build(
 
 
 def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
-    """Return the input of one bus, with its redundant one."""
+    """Return the input of one bus; it has two links if the bus is a redundant pair."""
     names, selector = [bus.name], None
     if bus.redundant is not None:
         names.append(bus.name + SECOND)

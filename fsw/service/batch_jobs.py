@@ -1,4 +1,4 @@
-"""Batch jobs: the commands that start, end and adopt one, and the worker process that runs it."""
+"""Batch jobs: the commands that start, abort and adopt a job, and the worker process."""
 
 import json
 import os
@@ -32,13 +32,13 @@ Report = Callable[[str, str, str], None]  # severity, code, text
 
 
 class BatchJobs:
-    """At most one batch job, in a process of its own.
+    """Runs at most one batch job, in a separate process.
 
     Parameters
     ----------
-    config : configuration of the next job; may be replaced by the effective one
-    blocks : file of the stored blocks
-    report : called with severity, code and text of an event when a job ends
+    config : configuration of the next job; the owner may replace the attribute
+    blocks : path of the block store
+    report : receives severity, code and text of events when a job ends
     """
 
     def __init__(self, config: Config, blocks: Path, report: Report) -> None:
@@ -48,7 +48,7 @@ class BatchJobs:
         self._buffer = b""
         self._newest: JobReport | None = None
         self._result: Mapping[str, Any] | None = None
-        self.estimate: Estimate | None = None  # the newest published one, where a plan begins
+        self.estimate: Estimate | None = None  # newest published estimate, the start of a plan
 
     @property
     def is_running(self) -> bool:
@@ -60,12 +60,12 @@ class BatchJobs:
         return None if self._newest is None else asdict(self._newest)
 
     def carry_out(self, command: Command) -> Command | None:
-        """Carry out a command of batch jobs.
+        """Execute a command of batch jobs.
 
         Returns
         -------
-        The command that the loop must carry out: any other one as it came, ADOPT with the newest
-        result; None when nothing is left to do.
+        The command that the loop must execute: ADOPT with the newest result, any command of
+        another kind unchanged; None when the command is done.
 
         Raises
         ------
@@ -84,11 +84,11 @@ class BatchJobs:
         return command
 
     def poll(self) -> list[JobReport]:
-        """Return the reports of the worker; its death without a result is a failure."""
+        """Return the worker's new reports; its end without a result is reported as a failure."""
         process = self._process
         if process is None or process.stdout is None:
             return []
-        code = process.poll()  # before the read: what it wrote last is still read
+        code = process.poll()  # before the read, so that its last lines are read too
         self._buffer += process.stdout.read() or b""
         *lines, self._buffer = self._buffer.split(b"\n")
         reports = [self._follow(json.loads(line)) for line in lines]
@@ -101,7 +101,7 @@ class BatchJobs:
         return reports
 
     def close(self) -> None:
-        """Make sure that no worker is left."""
+        """Terminate the worker, if any, and wait for its end."""
         process, self._process = self._process, None
         if process is not None:
             process.terminate()
@@ -137,7 +137,7 @@ class BatchJobs:
         )
 
     def _plan(self, command: Command) -> PlanRequest:
-        """Return the request of a motion from the newest estimate; its file has a name of its own.
+        """Return the request of a motion from the newest estimate, with a new name for its file.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class BatchJobs:
 
     @property
     def _plans(self) -> Path:
-        """Folder of the planned motions, from where file delivery takes them."""
+        """Folder of the planned motions, from which file delivery sends them."""
         config = self.config
         files = "files" if config.telemetry is None else config.telemetry.file_directory
         return config.resolve(config.service.state_directory) / files / PLANS
@@ -197,7 +197,7 @@ class BatchJobs:
 
 
 def _worker(job: Job) -> subprocess.Popen[bytes]:
-    """Start a worker on a job. Raises OSError."""
+    """Start a worker process and send it the job. Raises OSError."""
     process = subprocess.Popen(
         [sys.executable, "-m", "fsw.service.worker", str(os.getpid())],
         stdin=subprocess.PIPE,
@@ -211,5 +211,5 @@ def _worker(job: Job) -> subprocess.Popen[bytes]:
         process.stdin.write(pickle.dumps(job))
         process.stdin.close()
     except BrokenPipeError:
-        pass  # it died at once; the next poll reports that
+        pass  # the worker ended at once; the next poll reports it
     return process

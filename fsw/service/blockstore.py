@@ -1,9 +1,9 @@
 """The newest blocks in a memory-mapped file: the service writes, the batch worker reads.
 
-Layout: 4096 bytes of header (JSON: name, type and room of the fields of a row), then a ring of
-fixed-size rows. Each row begins with its 1-based position in the stream; 0: not written. An array
-has room for the largest form a block of so many joints and nodes can have, whatever noise is
-configured, and stands beside its own shape.
+Layout: 4096 bytes of header (JSON: name, type and largest shape of the fields of a row), then a
+ring of fixed-size rows. Each row begins with its 1-based position in the stream; 0: not written.
+The room of an array is the largest shape for this number of joints and nodes, whatever noise is
+configured; the actual shape is stored beside it.
 """
 
 import json
@@ -30,11 +30,11 @@ _SHAPE = ".shape"  # of the array whose name stands before it
 
 
 class BlockStoreError(FswError):
-    """A file that is no store of blocks."""
+    """A file is not a block store, or a block does not fit into its row."""
 
 
 def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
-    """Return name, type and room of every field of a stored row."""
+    """Return name, type and largest shape of every field of a stored row."""
     rows: list[tuple[str, str, list[int]]] = [("serial", "<i8", [])]
     n, m = len(block.cov_joint), len(block.t_ns)
     for name in block.stored:
@@ -47,7 +47,7 @@ def row_fields(block: Block) -> list[tuple[str, str, list[int]]]:
 
 
 def _pack(row: np.void, block: Block) -> None:
-    """Write a block into its row. Raises BlockStoreError, the row untouched: it has no room."""
+    """Write a block into a row. Raises BlockStoreError if it does not fit; the row is unchanged."""
     values = {name: np.asarray(getattr(block, name)) for name in block.stored}
     for name, value in values.items():
         room = row[name].shape
@@ -68,7 +68,7 @@ def _unpack(row: np.void) -> Block:
     values: dict[str, Any] = {}
     for name in _NAMES:
         if name not in (row.dtype.names or ()):
-            continue  # of wheels, thrusters or walks, in the store of a robot without
+            continue  # wheels, thrusters or speeds, which this robot does not have
         value = np.array(row[name])
         if value.ndim:
             value = value[tuple(map(slice, row[name + _SHAPE]))].copy()
@@ -78,9 +78,9 @@ def _unpack(row: np.void) -> Block:
 
 
 class BlockWriter:
-    """The writing end; the file is made when the first block comes.
+    """Writes blocks into the store; the first block creates the file.
 
-    `keep` continues the file of a writer that has died.
+    `keep` continues the file of a writer that has ended without closing.
 
     Raises
     ------
@@ -100,7 +100,7 @@ class BlockWriter:
             path.unlink(missing_ok=True)
 
     def append(self, block: Block) -> None:
-        """Store a block over the oldest one. Raises OSError, BlockStoreError: it has no room."""
+        """Store a block, over the oldest if full. Raises OSError; BlockStoreError: does not fit."""
         if self._rows is None:
             self._rows = self._create(block)
         row = self._rows[self.count % self._capacity]
@@ -111,7 +111,7 @@ class BlockWriter:
     def _create(self, block: Block) -> NDArray[np.void]:
         layout = row_fields(block)
         dtype = _dtype(layout)
-        new = self.path.with_suffix(".new")  # whole before anybody finds it
+        new = self.path.with_suffix(".new")  # complete before a reader finds it
         with new.open("wb") as file:
             file.write(json.dumps(layout).encode().ljust(HEADER_BYTES))
             file.flush()
@@ -122,11 +122,11 @@ class BlockWriter:
 
 
 def read_blocks(path: Path, *, last_s: float | None = None) -> list[Block]:
-    """Return the stored blocks in order; only those of the newest `last_s` seconds when given.
+    """Return the stored blocks in order; only those of the newest `last_s` [s] if it is given.
 
     Raises
     ------
-    BlockStoreError when the file is no store of blocks.
+    BlockStoreError when the file is not a block store.
     """
     if not path.exists():
         return []
@@ -140,7 +140,7 @@ def read_blocks(path: Path, *, last_s: float | None = None) -> list[Block]:
 
 
 def newest(blocks: list[Block], last_s: float | None) -> list[Block]:
-    """Return the blocks of the newest `last_s` seconds; all when it is None."""
+    """Return the blocks of the newest `last_s` [s]; all blocks if it is None."""
     if last_s is None or not blocks:
         return blocks
     since_ns = int(blocks[-1].t_ns[-1]) - round(last_s * 1e9)

@@ -1,4 +1,4 @@
-"""The service's part in checkpoints: joins a state and the blocks it refers to, and writes them."""
+"""The service's part in checkpoints: joins a state with the blocks it refers to and writes both."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -9,15 +9,15 @@ from fsw.config import Config
 from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.messages import Block, Snapshot
 
-MOST_LATER = 1024  # blocks newer than a state's newest: gated, or still worked on
+MOST_LATER = 1024  # kept blocks newer than those of the newest state: gated, or not used yet
 
 
 class CheckpointKeeper:
-    """Keeps the blocks a state may refer to, and writes every state that comes.
+    """Keeps the blocks that a state may refer to, and writes every received state.
 
     Parameters
     ----------
-    report : called once when writing fails, until it succeeds again: severity, code, text
+    report : receives severity, code and text of an event at the first of successive failures
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class CheckpointKeeper:
             self._blocks[block.index] = block
 
     def adopt(self, sequence: int) -> bytes | None:
-        """Adopt the blocks of the checkpoint this run continues from; return its bytes."""
+        """Keep the blocks of the checkpoint from which this run continues; return its bytes."""
         if self._store is None:
             return None
         data, checkpoint = self._store.find(sequence)

@@ -1,4 +1,4 @@
-"""Events that somebody must act on, as lines of standard error: a terminal's, or the journal's."""
+"""Prints events of severity high to standard error: a terminal, or the systemd journal."""
 
 import os
 import sys
@@ -7,18 +7,18 @@ from threading import Thread
 
 from fsw.messages import Event
 
-WAITING = 100  # lines that a terminal at rest may keep waiting; more are left out
+WAITING = 100  # most lines that wait while a terminal is stopped; further lines are left out
 
 
 class Console:
-    """Prints events of severity high in a thread of its own: a stopped terminal delays nothing."""
+    """Prints events in a separate thread, so that a stopped terminal does not delay the service."""
 
     def __init__(self) -> None:
         self._lines: Queue[str] = Queue(WAITING)
         Thread(target=self._print, daemon=True).start()
 
     def event(self, event: Event) -> None:
-        """Print an event, if somebody must act on it."""
+        """Queue an event of severity high for printing; ignore any other."""
         if event.severity != "high":
             return
         try:

@@ -1,4 +1,4 @@
-"""The local control socket: one JSON line in, one JSON line out. Server for the service, client."""
+"""The local control socket: one JSON line per command and per reply. Server and client."""
 
 import json
 import os
@@ -24,13 +24,13 @@ class _Client:
 
 
 class ControlServer:
-    """Accepts clients on a UNIX socket, never blocks.
+    """Serves clients on a UNIX socket without blocking.
 
     Parameters
     ----------
     path : socket file; an old one is replaced
-    status : newest status, what the command `status` returns
-    forward : takes every other command to the loop; False when it cannot
+    status : returns the newest status, the answer to the command `status`
+    forward : passes every other command on; returns False if there is no room for it
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class ControlServer:
         self._next_id = 1
 
     def serve(self, timeout_s: float, now_ns: int) -> None:
-        """Wait for clients at most so long and answer them; time out replies that never came."""
+        """Wait at most `timeout_s` [s] for clients and serve them; time out missing replies."""
         for key, _ in self._selector.select(timeout_s):
             if key.data is None:
                 self._accept()
@@ -71,13 +71,13 @@ class ControlServer:
             self.reply(Reply(id=number, command="", accepted=False, code=Code.TIMEOUT, text=text))
 
     def reply(self, reply: Reply) -> None:
-        """Pass the loop's answer to the client that asked."""
+        """Send a reply to the client that waits for it, if there is one."""
         _, client = self._waiting.pop(reply.id, (0, None))
         if client is not None:
             self._send(client, reply_values(reply))
 
     def close(self) -> None:
-        """Drop all clients, remove the socket."""
+        """Disconnect all clients and remove the socket file."""
         for key in list(self._selector.get_map().values()):
             if key.data is not None:
                 self._drop(key.data)

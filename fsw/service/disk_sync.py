@@ -1,7 +1,7 @@
-"""Brings files that grow to the disk in bounded time, so that a power cut loses little of them.
+"""Syncs growing files to the disk in bounded time, so that a power cut loses little of them.
 
-A write is with the system, not yet on the disk: the process may die, the machine may not. Waiting
-for the disk takes milliseconds to seconds, so it is done in a thread of its own.
+Written data are in the system's cache at first: they survive the end of the process, but not a
+power cut. Syncing takes milliseconds to seconds, so a separate thread does it.
 """
 
 import os
@@ -14,14 +14,14 @@ PERIOD_NS = 2_000_000_000
 
 
 class DiskSync:
-    """Brings files to the disk every two seconds.
+    """Syncs files to the disk every two seconds.
 
-    A power cut loses what was written since the last time: two seconds, and the time the disk took.
+    A power cut loses at most the data of the last two seconds and of the duration of one sync.
 
     Parameters
     ----------
-    files : returns the files that grow, among them those that may be missing
-    failed : called once per failure with the system's words; the next period tries again
+    files : returns the paths of the growing files; some may be missing
+    failed : receives the error text at the first of successive failures; the next period retries
     """
 
     def __init__(self, files: Callable[[], Iterable[Path]], failed: Callable[[str], None]) -> None:
@@ -32,7 +32,7 @@ class DiskSync:
         self._has_failed = False
 
     def poll(self, now_ns: int) -> None:
-        """Begin the next round when it is time and the last one is over; report its failure."""
+        """Start the next sync if it is due and the last one has ended; report a failed last one."""
         if self._running is not None:
             if not self._running.done():
                 return
@@ -43,9 +43,9 @@ class DiskSync:
             self._running = self._thread.submit(sync_files, tuple(self._files()))
 
     def close(self) -> None:
-        """Bring everything to the disk."""
+        """Wait for the running sync and sync all files once more."""
         self._thread.shutdown()
-        with suppress(OSError):  # nobody is there any more to read a report
+        with suppress(OSError):  # no process is left to receive a report
             sync_files(self._files())
 
     def _end(self, round_: Future[None]) -> None:
@@ -56,11 +56,11 @@ class DiskSync:
 
 
 def sync_files(paths: Iterable[Path]) -> None:
-    """Wait until files and their names are on the disk; leave out those that are missing.
+    """Sync files and their directories to the disk; skip those that cannot be opened.
 
     Raises
     ------
-    OSError of the first that failed, after the others.
+    OSError of the first failed sync, after all others have been tried.
     """
     found = list(paths)
     failure: OSError | None = None

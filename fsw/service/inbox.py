@@ -1,4 +1,4 @@
-"""What comes to the service: messages of the loop and of the estimation, in an order that holds."""
+"""The service's inbox: messages of loop and estimation, those of the estimation before a status."""
 
 from collections.abc import Callable
 
@@ -6,16 +6,16 @@ from fsw.exchange.ring import RingReader
 from fsw.exchange.ringlink import Kind, message_of
 from fsw.exchange.sinks import JoinedStatus, Sink, StatusReport
 
-AT_ONCE = 2000  # records taken before clients are looked at again
+AT_ONCE = 2000  # records read before clients are served again
 
 
 class Inbox:
-    """The rings of loop and estimation.
+    """Reads the rings of loop and estimation.
 
     Parameters
     ----------
-    sink : takes the messages
-    report : takes events about lost ones: severity, code, text
+    sink : receives the messages
+    report : receives severity, code and text of an event about lost records
     """
 
     def __init__(
@@ -28,26 +28,26 @@ class Inbox:
         self._loop, self._estimation = loop, estimation
         self._sink, self._report = JoinedStatus(sink), report
         self._told = 0
-        self.is_open = True  # until the loop has said that nothing follows
+        self.is_open = True  # until the loop's record of the end
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing waits."""
+        """Whether no record waits in the rings."""
         return not (self._loop.used_bytes or self._estimation.used_bytes)
 
     @property
     def dropped(self) -> int:
-        """Records that found no room."""
+        """Number of records lost because a ring was full."""
         return self._loop.dropped + self._estimation.dropped
 
     def take(self) -> bool:
-        """Pass on the waiting messages; return whether more may wait."""
+        """Pass the waiting messages to the sink; return whether more may wait."""
         taken = self._take_found()
         for record in self._loop.read(AT_ONCE):
             taken += 1
             message = message_of(record)
             if record.kind == Kind.END or isinstance(message, StatusReport):
-                self._take_found()  # what the estimation said before
+                self._take_found()  # the estimation's earlier messages first
             self.is_open &= record.kind != Kind.END
             if message is not None:
                 self._sink.put(message)

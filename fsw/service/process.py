@@ -1,8 +1,8 @@
 """The service process: recorder, status file, event log, control socket, batch worker.
 
-The loop process starts `python -m fsw.service.process` on inherited rings: from the loop, from the
-estimation, and one back. When the loop ends, however it ends, what is left in the rings is written
-and the recording closed.
+The loop process starts `python -m fsw.service.process` with three inherited rings: from the loop,
+from the estimation, and back to the loop. When the loop ends, also when it is killed, the service
+records the messages left in the rings and closes the recording.
 """
 
 import argparse
@@ -60,7 +60,7 @@ LOCK_NAME = "service.lock"
 
 
 class Service:
-    """Everything that touches files and sockets."""
+    """Receives all messages of loop and estimation; owns the files, sockets and batch jobs."""
 
     def __init__(
         self,
@@ -72,12 +72,12 @@ class Service:
         *,
         resume: bool,
     ) -> None:
-        """Nothing is opened.
+        """Create the state directory; recording and sockets are opened by `open`.
 
         Parameters
         ----------
-        down, found : what comes from the loop, and from the estimation
-        resume : continue the files of a service process of the same loop that has died
+        down, found, up : rings from the loop, from the estimation, and to the loop
+        resume : continue the files of a crashed service of the same loop
         """
         self._config, self._clock, self._resume = config, clock, resume
         self.inbox, self._up = Inbox(down, found, self, self._report), up
@@ -94,12 +94,12 @@ class Service:
         self._blocks = self._resumed(blocks) if resume else BlockWriter(blocks)
         self._control: ControlServer | None = None
         self._jobs = BatchJobs(config, self._directory / BLOCKS_NAME, self._report)
-        self._answers: list[Reply] = []  # of commands carried out here
+        self._answers: list[Reply] = []  # to commands executed here
         self._console = Console()
         self._disk = DiskSync(self._files, partial(self._report, "high", "DISK_SYNC_FAILED"))
 
     def _files(self) -> list[Path]:
-        """Return the files that grow."""
+        """Return the paths of the growing files, for `DiskSync`."""
         files = [*self._events.files]
         if self._switch.path is not None:
             files.append(self._switch.path)
@@ -118,7 +118,7 @@ class Service:
             return BlockWriter(path)
 
     def open(self) -> None:
-        """Open files and socket; report as an event what cannot be opened."""
+        """Open recording, telemetry and control socket; report each failure as an event."""
         self._switch.open(resume=self._resume)
         if self._config.telemetry is not None:
             self._open_telemetry()
@@ -148,7 +148,7 @@ class Service:
             self._telemetry.open()
 
     def cycle(self) -> bool:
-        """Empty the rings, serve clients, follow the worker; False when the loop has ended."""
+        """Read the rings, serve clients, poll the worker; return False when the loop has ended."""
         more = self.inbox.take()
         answers, self._answers = self._answers, []
         for answer in answers:
@@ -167,7 +167,7 @@ class Service:
         return self.inbox.is_open
 
     def close(self) -> None:
-        """Write the rest and close everything."""
+        """Stop the worker; close telemetry, recording and socket; write the last status."""
         self._jobs.close()
         if self._telemetry is not None:
             self._telemetry.close()
@@ -178,7 +178,7 @@ class Service:
         self._disk.close()
 
     def put(self, message: Message) -> None:
-        """Record one message and act on it; traffic and commands are for the recorder alone."""
+        """Record one message and act on it; traffic is only recorded."""
         if isinstance(message, StatusReport):
             message = replace(message, values={**message.values, "job": self._jobs.summary()})
         if self._switch.sink is not None:
@@ -220,13 +220,13 @@ class Service:
             self._blocks_failed = False
 
     def _restored(self, sequence: int) -> None:
-        """Attach the checkpoint this run continues from to its recording."""
+        """Attach checkpoint `sequence`, from which this run continues, to the recording."""
         data = self._keeper.adopt(sequence)
         if data is not None and self._switch.sink is not None:
             self._switch.sink.attach(CHECKPOINT, data)
 
     def event(self, event: Event) -> None:
-        """Append to the event log, and telemeter."""
+        """Count an event and pass it to telemetry, event log and console."""
         self._event_counts[event.code] += 1
         if self._telemetry is not None:
             self._telemetry.event(event)
@@ -234,7 +234,7 @@ class Service:
         self._console.event(event)
 
     def _publish_status(self, status: Record) -> None:
-        """Keep and publish the newest summary."""
+        """Keep the newest status and publish it in telemetry and in the status file."""
         self._status = status
         if self._switch.sink is not None:
             self._switch.sink.dropped = self.inbox.dropped
@@ -244,7 +244,7 @@ class Service:
         self._write_status(running=True)
 
     def _reply(self, reply: Reply) -> None:
-        """Answer the client that asked."""
+        """Pass a reply to telemetry and to the control socket, where the client may wait."""
         if self._telemetry is not None:
             self._telemetry.reply(reply)
         if self._control is not None:
@@ -258,7 +258,7 @@ class Service:
         self._jobs.config = config
 
     def _counted_before(self) -> Mapping[str, int]:
-        """Return the event counts in the status file of the service that died."""
+        """Return the event counts in the crashed service's status file; empty if unreadable."""
         try:
             status = json.loads((self._directory / STATUS_NAME).read_text())
         except (OSError, ValueError):
@@ -291,7 +291,7 @@ class Service:
             return
 
     def _forward_local(self, command: Command) -> bool:
-        """Forward a command of the local control socket, and note it and its end."""
+        """Report and forward a command of the control socket; return False if the ring is full."""
         if self._telemetry is None:
             self._report("info", "TC_ACCEPTED", f"{command.name} (local socket)")
             return self._forward(command)
@@ -302,7 +302,7 @@ class Service:
         return passed
 
     def _forward(self, command: Command) -> bool:
-        """Carry out a command of batch jobs here, pass any other to the loop; False: no room."""
+        """Execute a batch command here, pass any other to the loop; return False: ring full."""
         name, number = str(command.name), command.id
         try:
             passed = self._jobs.carry_out(command)
@@ -325,7 +325,7 @@ class Service:
 
 
 def _epoch(clock_id: str) -> Epoch:
-    """Return the origin of the monotonic clock."""
+    """Return the relation of the monotonic clock to UTC."""
     known = utc_correlation()
     return Epoch(
         clock_id=clock_id,
@@ -336,19 +336,19 @@ def _epoch(clock_id: str) -> Epoch:
 
 
 def wait_for_turn(directory: Path) -> None:
-    """Wait until the service of a loop that was killed has written what was left.
+    """Wait until the service of a killed loop has written its remaining messages and ended.
 
-    The lock is held to the end of the process; what the loop produces waits in the ring meanwhile.
+    This process then holds the lock until it ends. Meanwhile the loop's messages wait in the ring.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
         fcntl.flock(os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT), fcntl.LOCK_EX)
     except OSError:
-        return  # whatever is to be written there reports the directory
+        return  # the first write to this directory reports the error
 
 
 def serve(service: Service, parent: int, clock: Clock) -> int:
-    """Serve one loop process to its end; return the exit code."""
+    """Serve one loop process until it ends; return the exit code."""
     while service.cycle():
         if os.getppid() != parent and service.inbox.is_idle:
             service.event(Event(clock.now_ns(), "high", "LOOP_LOST", "the loop process has died"))

@@ -1,4 +1,4 @@
-"""The recorder: a sink that writes MCAP files, and what every recording carries with it."""
+"""The recorder: a sink that writes MCAP files with configuration and robot model attached."""
 
 import errno
 import os
@@ -34,12 +34,12 @@ from fsw.messages.errors import ConfigError
 
 CONFIGURATION = "configuration.yaml"
 ROBOT = "robot.urdf"
-CHECKPOINT = "checkpoint.bin"  # what the recorded run continued from
+CHECKPOINT = "checkpoint.bin"  # the checkpoint that the recorded run continued from
 CHUNK_PERIOD_NS = 1_000_000_000  # a chunk is finished at least this often
-RETRY_NS = 500_000_000  # after a failure, a new part is tried this often
-SOON = -1  # failed, and the time of the next attempt not set yet
+RETRY_NS = 500_000_000  # time between attempts to open a new part after a failure
+SOON = -1  # writing has failed, and the time of the next attempt is not set yet
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-LEAST_FREE_BYTES = 4 << 20  # a new part is not begun on a disk that is as good as full
+LEAST_FREE_BYTES = 4 << 20  # free space on the disk that a new part needs
 
 
 def open_recording(
@@ -52,7 +52,7 @@ def open_recording(
     part : content of the metadata record `part`
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")  # a file of the final name always says whose it is
+    temporary = path.with_suffix(".tmp")  # so a file of the final name has its attachments
     writer = RecordingWriter(temporary, config.recorder.compression, config.recorder.chunk_bytes)
     values = config.model_dump(mode="json")
     values["robot"]["urdf"] = ROBOT
@@ -72,14 +72,14 @@ def open_recording(
 
 
 class Parts:
-    """Opens the files of one recording, each when the one before is full or has failed.
+    """Opens the files (parts) of one recording, each when the previous one is full or has failed.
 
-    Every part carries the identity of its recording. The number of a recording is used once,
-    also after the recording was deleted.
+    Every part carries the identity of its recording. The number of a recording is never used
+    again, even if the recording has been deleted.
 
     Parameters
     ----------
-    resume : continue the newest recording of the directory, whose writer has died
+    resume : continue the newest recording of the directory, whose writer has crashed
     """
 
     def __init__(self, config: Config, directory: Path, *, resume: bool = False) -> None:
@@ -92,7 +92,7 @@ class Parts:
             (self._first, self._number), self._identity = newest, identity
 
     def open(self) -> RecordingWriter:
-        """Open the next part. Raises OSError; the part is tried again then."""
+        """Open the next part. Raises OSError; the next call then tries the same part number."""
         self._directory.mkdir(parents=True, exist_ok=True)
         room = os.statvfs(self._directory)
         if room.f_bavail * room.f_frsize < LEAST_FREE_BYTES:
@@ -109,7 +109,7 @@ class Parts:
 def _known_identity(path: Path) -> str | None:
     try:
         return identity_of(path)
-    except ConfigError:  # damaged: what follows is a recording of its own
+    except ConfigError:  # damaged: a new recording begins
         return None
 
 
@@ -118,7 +118,7 @@ def recorded_config(path: Path, folder: Path) -> Config:
 
     Raises
     ------
-    ConfigError when the recording carries none.
+    ConfigError when the recording lacks one of them.
     """
     held = contents(path)
     attachments = held.attachments
@@ -132,14 +132,14 @@ def recorded_config(path: Path, folder: Path) -> Config:
 
 
 class RecorderSink:
-    """Writes everything but blocks and replies; a failure ends a file, never the run.
+    """Writes messages to recording files; a failure ends the file, never the run.
 
     Parameters
     ----------
-    writer : the open recording; None: `parts` is to be tried
-    report : called when writing fails (disk full) and when it continues: severity, code, text
+    writer : the open recording; None: the first attempt failed and `parts` is tried again
+    report : receives severity, code and text when writing fails and when it continues
     parts : opens the next file when one is full or has failed; None: the first file is the only one
-    part_bytes, part_s : when a file is full; None: never
+    part_bytes, part_s : size [bytes] and duration [s] of a full file; None: no limit
     """
 
     def __init__(
@@ -156,19 +156,19 @@ class RecorderSink:
         self._parts = parts
         self._part_bytes, self._part_s = part_bytes, part_s
         self._chunk_ns: int | None = None
-        self._began_ns: int | None = None  # of the file
+        self._began_ns: int | None = None  # start of the file [ns]
         self._retry_ns = 0 if writer is not None else SOON  # 0: all is well
         self._last_path = writer.path if writer is not None else None
-        self.lost = 0  # messages that came while nothing could be written
-        self.dropped = 0  # messages the rings lost before they came here
+        self.lost = 0  # messages received while no file could be written
+        self.dropped = 0  # messages lost in the rings
 
     @property
     def path(self) -> Path | None:
-        """The file in progress, or the last one."""
+        """Path of the file being written, or of the last one; None before the first."""
         return self._last_path
 
     def put(self, message: Message) -> None:
-        """Write one message; blocks, replies, states and science records are not recorded."""
+        """Write one message; skip blocks, replies, snapshots and science records."""
         match message:
             case CanTraffic() | SerialTraffic():
                 items = message.frames if isinstance(message, CanTraffic) else message.chunks
@@ -188,7 +188,7 @@ class RecorderSink:
         self._write(1, lambda writer: writer.json(topic, t_ns, values))
 
     def _status(self, status: StatusReport) -> None:
-        """Write a summary; finish the chunk or the file when it has been open for long."""
+        """Write a status; end the chunk or the file if it is due."""
         t_ns = status.t_ns
         self._follow(t_ns)
         self._json("/tm", t_ns, status.values)
@@ -197,11 +197,11 @@ class RecorderSink:
             self._write(0, lambda writer: writer.end_chunk())
 
     def sync(self) -> None:
-        """Hand finished chunks to the system."""
+        """Hand finished chunks to the operating system."""
         self._write(0, lambda writer: writer.sync())
 
     def attach(self, name: str, data: bytes) -> None:
-        """Add a file."""
+        """Attach a file with the given name and content to the recording."""
         self._write(0, lambda writer: writer.attach(name, "application/octet-stream", data))
 
     def close(self) -> None:
@@ -215,7 +215,7 @@ class RecorderSink:
         writer.close()
 
     def _follow(self, t_ns: int) -> None:
-        """Begin the next part when this one is full; after a failure, when it can be had."""
+        """Begin the next part when this one is full; after a failure, retry every `RETRY_NS`."""
         writer = self._writer
         if self._parts is None:
             return
@@ -262,12 +262,12 @@ class RecorderSink:
             writer.abandon()
             text = f"{writer.path}: {error.strerror or error}"
             self._report("high", failure_code(error), text)
-        except ZstdError as error:  # whatever the data: it got no memory
+        except ZstdError as error:  # data cannot cause this: memory ran out
             raise MemoryError(str(error)) from error
 
 
 def failure_code(error: OSError) -> str:
-    """Return the event of a recording that cannot be written."""
+    """Return the code of the event for a recording that cannot be written."""
     return "DISK_FULL" if error.errno in NO_SPACE else "RECORDER_FAILED"
 
 

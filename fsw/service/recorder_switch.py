@@ -1,4 +1,4 @@
-"""The recorder, begun and closed by command."""
+"""Starts and stops recordings, at start-up, at the end and by command."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,26 +17,26 @@ class RecorderSwitch:
     def __init__(self, config: Config, report: Report) -> None:
         self._config, self._report = config, report
         self._last: Path | None = None
-        self._lost = self._dropped = 0  # of recordings that are closed
+        self._lost = self._dropped = 0  # of closed recordings
         self._recordings = 0
         self.sink: RecorderSink | None = None
 
     @property
     def path(self) -> Path | None:
-        """Return the file in progress, or the last one."""
+        """Return the file being written, or the last one; None before the first."""
         return self._last if self.sink is None else self.sink.path
 
     @property
     def lost(self) -> int:
-        """Return messages that could not be written."""
+        """Return the number of messages that could not be written."""
         return self._lost + (0 if self.sink is None else self.sink.lost)
 
     def configured(self, config: Config) -> None:
-        """Adopt the configuration that the next recording carries."""
+        """Set the effective configuration, which the next recording carries."""
         self._config = config
 
     def open(self, *, resume: bool) -> None:
-        """Begin recording if a directory is configured; report a failure and retry later."""
+        """Begin a recording if a directory is configured; report a failure, to be tried again."""
         directory = self._config.recorder.directory
         if directory is None:
             return
@@ -57,7 +57,7 @@ class RecorderSwitch:
         )
 
     def close(self, dropped: int) -> None:
-        """Write index and footer; `dropped`: messages that the ring has lost."""
+        """Close the recording, if any; `dropped`: number of messages lost in the rings."""
         if self.sink is not None:
             self.sink.dropped = dropped
             self.sink.close()
@@ -65,7 +65,7 @@ class RecorderSwitch:
             self.sink = None
 
     def values(self) -> Mapping[str, Any]:
-        """Return recording, failed_messages, dropped_messages, recordings."""
+        """Return the state of the recorder and its counts of messages as plain values."""
         return {
             "recording": self.sink is not None,
             "failed_messages": self.lost,
@@ -78,7 +78,7 @@ class RecorderSwitch:
 
         Raises
         ------
-        CommandError BUSY or NOT_SUPPORTED.
+        CommandError BUSY during a recording, NOT_SUPPORTED without a configured directory.
         """
         if self.sink is not None:
             raise CommandError("BUSY", f"{self.path} is being written")
@@ -92,7 +92,7 @@ class RecorderSwitch:
 
         Raises
         ------
-        CommandError NOT_STAGED without one.
+        CommandError NOT_STAGED when nothing is being recorded.
         """
         if self.sink is None:
             raise CommandError("NOT_STAGED", "nothing is being recorded")

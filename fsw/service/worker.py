@@ -1,7 +1,7 @@
-"""The batch worker: one job in a process of its own at nice 19.
+"""The batch worker: one job in a separate process at nice 19.
 
-`python -m fsw.service.worker PID` reads one pickled `Job` from standard input, writes JSON lines:
-progress, then the result or the failure. SIGTERM ends it, and so does the end of process PID.
+`python -m fsw.service.worker PID` reads one pickled `Job` from standard input and writes JSON
+lines: progress, then the result or the failure. It ends at SIGTERM or when process PID ends.
 """
 
 import json
@@ -24,13 +24,13 @@ from fsw.messages.errors import ConfigError, EstimatorError, FswError
 from fsw.service.blockstore import BlockStoreError, read_blocks
 
 NICE = 19
-Progress = Callable[[float, str], bool]  # done ratio, what is being done; False: stop
+Progress = Callable[[float, str], bool]  # ratio done, current step; False: stop
 RunBatch = Callable[[Config, Sequence[Block], str, tuple[str, ...], Progress], Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """Input of the worker."""
+    """Input of the worker; `blocks` is the path of the block store."""
 
     config: Config
     request: BatchRequest | PlanRequest
@@ -44,7 +44,7 @@ def default_batch(
     unknown: tuple[str, ...],
     progress: Progress,
 ) -> Mapping[str, Any]:
-    """Run a batch method of the estimators."""
+    """Run a batch method of `fsw.estimators`; return its result as plain values."""
     from fsw.estimators.batch.run import run_batch
 
     return run_batch(config, blocks, method, unknown, progress)
@@ -57,7 +57,7 @@ def run_job(
     progress: Progress,
     run: RunBatch,
 ) -> JobReport:
-    """Run one job to its end; what data or configuration cannot give is a failed job."""
+    """Run one batch job; report it as failed if data or configuration do not allow a result."""
     unknown = request.unknown or tuple(config.unknown)
     try:
         if not blocks:
@@ -69,7 +69,7 @@ def run_job(
 
 
 def run_plan(config: Config, request: PlanRequest, progress: Progress) -> JobReport:
-    """Plan a motion and write its file; what cannot be planned is a failed job."""
+    """Plan a motion and write its file; report the job as failed if that is not possible."""
     progress(0.0, "laying out")
     try:
         result = _planned(config, request, progress)
@@ -152,7 +152,7 @@ def main(source: IO[bytes], target: IO[str]) -> int:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # which the service ignores, and so its children
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # children inherit the service's SIG_IGN
     end_with(int(sys.argv[1]))
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.nice(NICE)

@@ -1,1 +1,1 @@
-"""Estimation: from batches of traffic to published estimates, in a process of its own."""
+"""Estimation: from batches of traffic to published estimates, in a separate process."""

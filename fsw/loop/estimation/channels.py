@@ -1,4 +1,4 @@
-"""What decodes the traffic of each bus and line: batches of frames and chunks to samples."""
+"""Channels: decode the batches of frames and chunks of each bus and line into samples."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Protocol
@@ -27,7 +27,7 @@ from fsw.scheduler.align import Aligner
 
 
 class BusChannel:
-    """Joints, wheels and thrusters of one bus."""
+    """Decodes the frames of the joints, wheels and thrusters of one bus."""
 
     def __init__(self, config: Config, bus: BusConfig) -> None:
         joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
@@ -42,7 +42,7 @@ class BusChannel:
 
     @property
     def waiting(self) -> int:
-        """Frames not decoded yet."""
+        """Number of frames not decoded yet."""
         return sum(map(len, self._waiting))
 
     def put(self, traffic: CanTraffic | SerialTraffic) -> None:
@@ -51,12 +51,12 @@ class BusChannel:
             self._waiting.append(traffic.frames)
 
     def first_ns(self) -> int | None:
-        """Stamp of the first SYNC among what waits [ns]."""
+        """Return the stamp of the first SYNC among the waiting frames [ns]; None: no SYNC."""
         syncs = [part["t_ns"][part["word"] == COB_SYNC] for part in self._waiting]
         return next((int(t_ns[0]) for t_ns in syncs if t_ns.size), None)
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
-        """Yield the samples of the waiting items, and whether their steps are known."""
+        """Decode all that waits; yield samples, and whether they are checked for stuck values."""
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
@@ -67,16 +67,16 @@ class BusChannel:
         yield self.source.feed(frames), True
 
     def findings(self) -> list[Finding]:
-        """Return and forget what was found wrong."""
+        """Return the faults found since the last call."""
         return [found for part in (self.source, *self.others) for found in part.findings()]
 
     def events(self) -> Sequence[tuple[str, str, str]]:
-        """Return and forget what an operator should know: severity, code, text."""
+        """Return the events since the last call: severity, code, text."""
         return self.source.events()
 
 
 class ChunkSource(Protocol):
-    """Codec and counters of one serial device."""
+    """The codec of one serial device, with counters."""
 
     @property
     def counters(self) -> dict[str, int]:
@@ -88,18 +88,18 @@ class ChunkSource(Protocol):
         ...
 
     def findings(self) -> Sequence[Finding]:
-        """Return and forget what was found wrong."""
+        """Return the faults found since the last call."""
         ...
 
     def watch(self, now_ns: int, *, up: bool) -> None:
-        """Look whether the device has fallen silent; `up`: whether it has its port."""
+        """Check whether the device has become silent; `up`: whether its port is open."""
         ...
 
 
 class LineChannel:
-    """One serial device; or samples of one sensor that another program decoded (`is_sampled`).
+    """Decodes one serial device, or accepts samples decoded by another program (`is_sampled`).
 
-    `starts`: the grid of windows begins at its first sample.
+    `starts`: the grid of windows begins at the first sample of this channel.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class LineChannel:
 
     @property
     def waiting(self) -> int:
-        """Chunks not decoded yet."""
+        """Number of chunks not decoded yet."""
         return len(self._waiting)
 
     def put(self, traffic: CanTraffic | SerialTraffic) -> None:
@@ -120,21 +120,21 @@ class LineChannel:
             self._waiting += traffic.chunks
 
     def first_ns(self) -> int | None:
-        """Stamp of the first waiting sample, where the grid begins at it [ns]."""
+        """Return the stamp of the first waiting chunk [ns]; None: none waits, or not `starts`."""
         return self._waiting[0].t_ns if self._waiting and self._starts else None
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
-        """Yield the samples of the waiting items, and whether their steps are known."""
+        """Decode all that waits; yield samples, and whether they are checked for stuck values."""
         waiting, self._waiting = self._waiting, []
         if waiting:
             yield self.source.feed(waiting), not self._is_sampled
 
     def findings(self) -> Sequence[Finding]:
-        """Return and forget what was found wrong."""
+        """Return the faults found since the last call."""
         return self.source.findings()
 
     def events(self) -> Sequence[tuple[str, str, str]]:
-        """Return nothing."""
+        """Return no events: a serial device raises none here."""
         return ()
 
 
@@ -144,7 +144,7 @@ Channel = BusChannel | LineChannel
 def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
     """Return the channels of a configuration by name, in the order in which they are decoded.
 
-    `sampled`: sensors whose samples come decoded.
+    `sampled`: names of the sensors whose samples another program has decoded.
     """
     found: list[Channel] = []
     if JOINTS in sampled:

@@ -1,4 +1,4 @@
-"""Commands, applied between two windows."""
+"""Applies commands between two windows."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -24,9 +24,9 @@ KEPT_AFTER = (
     CommandName.SAVE_STATE,
     CommandName.RESTORE_STATE,
 )
-# the estimator restarts at its prior after these: windows that began earlier are left out
+# after these, the estimator restarts at its prior and ignores windows that began before them
 ANEW = (CommandName.RESET, CommandName.RESUME, CommandName.CONFIGURE)
-# that may leave the estimator neither as it was nor as it is to be, when they fail
+# if one of these fails, the estimator may be left between its old and its new state
 UNFINISHED = (CommandName.FINISH, CommandName.ADOPT, CommandName.RESTORE_STATE)
 
 
@@ -34,7 +34,7 @@ class Resettable(Protocol):
     """The part of an estimator that commands use."""
 
     def finish(self) -> Estimate:
-        """Settle completely; return the estimate."""
+        """Re-linearise until the estimate has converged; return the estimate."""
         ...
 
     def reset(self) -> None:
@@ -47,7 +47,7 @@ class Reporting(Protocol):
     """An estimator that can diagnose its estimate."""
 
     def report(self) -> Mapping[str, Any]:
-        """Return plain values. Raises EstimatorError when there is no proper estimate."""
+        """Return the diagnosis as plain values. Raises EstimatorError: no valid covariance."""
         ...
 
 
@@ -55,10 +55,10 @@ Reconfigure = Callable[[Mapping[str, Any]], Resettable]
 
 
 class Dispatcher:
-    """Applies commands, each whole, between two windows.
+    """Applies each command completely between two windows.
 
-    Every applied command is handed to the sink with the index of the window it came before, and
-    with what it needs to be applied again: so a replay applies it at the same place.
+    The sink receives every applied command with the index of the next window and with the values
+    that are needed to apply the command again. A replay applies it before the same window.
     """
 
     def __init__(
@@ -72,26 +72,26 @@ class Dispatcher:
         self._estimator, self._sink = estimator, sink
         self._reconfigure = reconfigure
         self.identifying = identifying  # whether windows reach the estimator
-        self.first_window = 0  # that reaches it
-        self.changes: list[Mapping[str, Any]] = []  # other unknowns, in order: for checkpoints
+        self.first_window = 0  # index of the first window that reaches the estimator
+        self.changes: list[Mapping[str, Any]] = []  # changes of the unknowns, for checkpoints
         self._planned: deque[tuple[int, int, Command]] = deque()
-        self.saved: Snapshot | None = None  # what restore_state goes back to
-        self.checkpoint_due = False  # a command has changed the state, or wants it kept
+        self.saved: Snapshot | None = None  # the state that RESTORE_STATE restores
+        self.checkpoint_due = False  # a command has changed the state or requested a checkpoint
 
     @property
     def is_idle(self) -> bool:
-        """Whether windows do not reach the estimator, and no recorded command may change that."""
+        """Whether no window reaches the estimator and no planned command can change that."""
         return not (self.identifying or self._planned)
 
     def plan(self, window: int, command: Command, clean_window: int = 0) -> None:
-        """Apply a recorded command right before the given window; call in order.
+        """Plan a recorded command to be applied before window `window`; call in recorded order.
 
-        `clean_window` is the first that began after the command.
+        `clean_window` is the index of the first window that began after the command.
         """
         self._planned.append((window, clean_window, command))
 
     def before_window(self, index: int, now_ns: int) -> list[Estimate]:
-        """Apply recorded commands that came before this window; return the estimates they gave."""
+        """Apply the planned commands up to window `index`; return the estimates they gave."""
         estimates = []
         while self._planned and self._planned[0][0] <= index:
             window, clean_window, command = self._planned.popleft()
@@ -103,12 +103,12 @@ class Dispatcher:
     def apply(
         self, command: Command, now_ns: int, next_window: int, clean_window: int = 0
     ) -> Estimate | None:
-        """Apply one command; return the estimate it gives, if any.
+        """Apply one command and send its reply; return the estimate it gives, or None.
 
         Parameters
         ----------
         next_window : index of the window that closes next
-        clean_window : of the first that begins from now on
+        clean_window : index of the first window that begins from now on
         """
         data: Mapping[str, Any] = {}
         try:
@@ -135,7 +135,7 @@ class Dispatcher:
         return estimate
 
     def _fail(self, command: Command, error: Exception, now_ns: int) -> None:
-        """Answer a command that met an error nobody foresaw; what holds is as it was before."""
+        """Reply to a command with an unforeseen error; reset an estimator left unfinished."""
         text = unforeseen(error)
         if command.name in UNFINISHED:
             self._estimator.reset()
@@ -145,11 +145,11 @@ class Dispatcher:
         self._answer(command, Code.FAILED, text)
 
     def diagnose(self) -> Mapping[str, Any]:
-        """Return the estimator's report on itself.
+        """Return the estimator's diagnosis of its estimate as plain values.
 
         Raises
         ------
-        CommandError if it gives none; EstimatorError without a proper estimate.
+        CommandError if this estimator has no report; EstimatorError without a valid covariance.
         """
         if not isinstance(self._estimator, Reporting):
             raise CommandError(Code.NOT_SUPPORTED, "this estimator gives no report")
@@ -183,11 +183,11 @@ class Dispatcher:
         return args, estimate
 
     def configure(self, changes: Mapping[str, Any]) -> None:
-        """Begin at the prior with a changed configuration. Raises CommandError.
+        """Restart at the prior with a changed configuration. Raises CommandError.
 
-        Noise, robot and settings are kept on the disk by who changed them and are there at the next
-        start; a checkpoint carries the choice of unknowns only, so that it never brings back a
-        table that has been replaced since.
+        Changed tables of noise, robot and settings are stored on disk and hold at the next start.
+        A checkpoint carries only the choice of unknowns: it must not restore a table that has been
+        replaced since.
         """
         if self._reconfigure is None:
             raise CommandError(Code.NOT_SUPPORTED, "no configuration can be changed here")

@@ -1,8 +1,8 @@
 """From batches of traffic to published estimates: decode, watch, align, condition, estimate.
 
-Live, the batches come through a ring, in a replay from a recording, in virtual time from the loop
-in the same process: nothing here knows which. A window is worked off as soon as it closes; commands
-come between two windows.
+The batches come through a ring (live), from a recording (replay) or from a loop in the same process
+(virtual time); this module does not distinguish them. A window is processed as soon as it closes;
+commands are applied between two windows.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -50,14 +50,14 @@ FOREVER_NS = 1 << 62
 
 
 class Estimation(NullSink):
-    """The sink of a loop's traffic.
+    """Receives a loop's traffic as a sink and puts estimates, events and replies into `sink`.
 
     Parameters
     ----------
     now_ns : returns the time [ns]
-    pipeline : conditioning and estimation; None: as the configuration says
-    sampled : sensors whose samples come decoded
-    replays : nothing of this run is kept for the next, and nobody looks at it
+    pipeline : conditioning and estimation; None: the configured ones
+    sampled : names of the sensors whose samples another program has decoded
+    replays : whether this run is a replay, without checkpoints and science records
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Estimation(NullSink):
     ) -> None:
         self._config, self._now_ns, self._sink = config, now_ns, sink
         self._pipeline = pipeline or default_pipeline(config)
-        self._urdf_text: str | None = None  # of a robot that was uplinked
+        self._urdf_text: str | None = None  # of an uplinked robot; None: as configured
         self.channels = channels_of(config, sampled)
         self.aligner = Aligner(config, len(config.joints))
         self.health = Health(config)
@@ -88,13 +88,13 @@ class Estimation(NullSink):
         self._science_ns, self._science_next = round(1e9 / rate_hz), 0
         period_s = None if replays else config.service.checkpoint_period_s
         self._keep_ns = None if period_s is None else round(period_s * 1e9)
-        self.counts_from_ns = now_ns()  # delays of before it are those of a start
+        self.counts_from_ns = now_ns()  # delays before this time count as start-up
         self._kept_ns = self.counts_from_ns  # when the newest checkpoint was handed out
         self.window_limit = FOREVER_NS  # no window is closed from this index on
         self.latest: Estimate | None = None
         self.unusable_windows = 0
         self._sampled, self._published = TaskTimes(), TaskTimes()
-        self._end_ns: int | None = None  # of the newest batch
+        self._end_ns: int | None = None  # end of the newest batch [ns]
 
     @property
     def estimator(self) -> Estimator:
@@ -102,7 +102,7 @@ class Estimation(NullSink):
         return self._pipeline.estimator
 
     def put(self, message: Message) -> None:
-        """Accept traffic, work off what the end of a batch makes due, apply a command."""
+        """Accept one message: keep traffic, process a batch at its end, apply a command."""
         match message:
             case CanTraffic(bus=name) | SerialTraffic(device=name) if name in self.channels:
                 self.channels[name].put(message)
@@ -116,9 +116,9 @@ class Estimation(NullSink):
                 return
 
     def restart(self, found: Restart, *, recorded: bool = True) -> bool:
-        """Continue from a checkpoint, before the first batch, and publish; False: a cold start.
+        """Continue from a checkpoint and publish its estimate; return False if it is refused.
 
-        `recorded`: the recording begins here, so that its replay begins with the same checkpoint.
+        Call before the first batch. `recorded`: record the checkpoint's number for a replay.
         """
         now_ns, snapshot = self._now_ns(), found.checkpoint.snapshot
         try:
@@ -142,12 +142,12 @@ class Estimation(NullSink):
         return True
 
     def apply_planned(self, window: int) -> None:
-        """Apply the recorded commands that came before this window."""
+        """Apply the planned commands up to this window and publish the estimates they give."""
         for estimate in self.dispatcher.before_window(window, self._now_ns()):
             self._publish(estimate)
 
     def shutdown(self) -> Estimate | None:
-        """Settle the estimator, publish the last estimate and status."""
+        """Finish the estimator; publish status and the last estimate, and return it (or None)."""
         now_ns = self._now_ns()
         stop = {"command": "end", "next_window": self.aligner.next_index}
         self._sink.put(AppliedCommand(now_ns, stop))
@@ -158,7 +158,7 @@ class Estimation(NullSink):
         return self.latest
 
     def diagnosis(self) -> Mapping[str, Any] | None:
-        """Return the diagnosis of the estimate; None where there is no proper one."""
+        """Return the estimator's diagnosis as plain values; None if it cannot give one."""
         try:
             return self.dispatcher.diagnose()
         except (CommandError, EstimatorError):
@@ -186,7 +186,7 @@ class Estimation(NullSink):
         }
 
     def _batch(self, end: BatchEnd) -> None:
-        """Decode what has come, work off the windows due by its end, look at the findings."""
+        """Decode the batch, process the windows that close by its end, evaluate the findings."""
         align, channels = self.aligner, self.channels.values()
         if not align.started:
             first = [t_ns for channel in channels if (t_ns := channel.first_ns()) is not None]
@@ -214,7 +214,7 @@ class Estimation(NullSink):
             self._keep()
 
     def _pass_on(self, windows: Sequence[Window]) -> None:
-        """Make the blocks of windows that do not reach the estimator, all at once."""
+        """Put the blocks of windows that do not reach the estimator into the sink."""
         judged = [self.health.judge(window) for window in windows]
         for block in self._pipeline.conditioner.blocks(judged):
             if block is None:
@@ -235,11 +235,11 @@ class Estimation(NullSink):
         try:
             estimate = estimator.push(block)
         finally:
-            # without what was found not to fit: batch jobs and checkpoints are to have the same
+            # without channels that screening rejected: batch jobs and checkpoints use the same data
             self._sink.put(estimator.screened(block) if isinstance(estimator, Screening) else block)
         self._publish(estimate)
         closed_ns = window.stop_ns + round(self._config.estimator.lag_s * 1e9)
-        if closed_ns >= self.counts_from_ns:  # not what has waited for the start
+        if closed_ns >= self.counts_from_ns:  # windows of the start-up do not count
             self._published.add(self._now_ns() - closed_ns)
         estimator.work()
 
@@ -253,7 +253,7 @@ class Estimation(NullSink):
             for words in channel.events():
                 self._report(*words)
             health.take(channel.findings(), now_ns)
-        # the estimator first: what does not fit the model explains what does not fit its window
+        # estimator first: a misfit to the model explains a misfit to the fit of a window
         for part in (self._pipeline.estimator, self._pipeline.conditioner):
             if isinstance(part, Finder):
                 health.take(part.findings(), now_ns)
@@ -262,7 +262,7 @@ class Estimation(NullSink):
             self._sink.put(event)
 
     def _hand_over(self, now_ns: int) -> None:
-        """Hand the newest samples to telemetry, at most once a period."""
+        """Hand the newest samples to telemetry, at most once per science period."""
         if self._science is not None and now_ns // self._science_ns >= self._science_next:
             self._science_next = now_ns // self._science_ns + 1
             nis = self.latest.nis if self.latest is not None else 0.0
@@ -278,11 +278,11 @@ class Estimation(NullSink):
             self._keep()
 
     def _reconfigure(self, changes: Mapping[str, Any]) -> Estimator:
-        """Begin at the prior with other unknowns, noise, robot or settings.
+        """Return a new estimator at the prior, with changed unknowns, noise, robot or settings.
 
         Raises
         ------
-        ConfigError when they do not fit; then nothing has changed.
+        ConfigError when the changes are invalid; the old estimator then stays in use.
         """
         changed = overlay(self._config, changes)
         text = changes.get("urdf_text", self._urdf_text)
@@ -294,7 +294,7 @@ class Estimation(NullSink):
         return self._pipeline.estimator
 
     def work_off(self, window: Window) -> None:
-        """Work off a window whole; where arithmetic fails the estimate begins at the prior."""
+        """Process one window; if the arithmetic fails, reset the estimator to its prior."""
         with self._begun_again():
             self._use(window)
 
@@ -314,7 +314,7 @@ class Estimation(NullSink):
                 self._report(severity, code, text)
 
     def _keep(self) -> None:
-        """Hand out the estimator's state; kept by the service."""
+        """Put a snapshot of the estimator into the sink; the service stores it as a checkpoint."""
         self.dispatcher.checkpoint_due = False
         if self._keep_ns is None:
             return

@@ -1,8 +1,8 @@
-"""The estimation process: reads from a ring what a replay reads from a recording.
+"""The estimation process: reads the loop's traffic from a ring and publishes estimates.
 
-The loop process starts `python -m fsw.loop.estimation.process` on two inherited rings. It ends
-when the loop ends, also when the loop is killed. After an estimation has died, the next one
-continues from the newest checkpoint and reads what waits in the ring.
+The loop process starts `python -m fsw.loop.estimation.process` with two inherited rings. The
+process ends when the loop ends, also when the loop is killed. After a crash, the next estimation
+process continues from the newest checkpoint and reads the records that wait in the ring.
 """
 
 import argparse
@@ -24,18 +24,18 @@ from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
 from fsw.scheduler import realtime
 
-LOOK_MS = 500  # without a call of the loop
+LOOK_MS = 500  # longest wait for the loop's wake-up call
 
 
 def go_on(
     estimation: Estimation, config: Config, clock: Clock, sink: Sink, since_ns: int, *, again: bool
 ) -> bool:
-    """Continue from the newest good checkpoint; why others were refused are events.
+    """Continue from the newest usable checkpoint, if any; report refused ones as events.
 
     Parameters
     ----------
-    since_ns : checkpoints of this boot from before it do not count; 0: all do
-    again : after an estimation of the same loop
+    since_ns : use only checkpoints of this boot that are not older [ns]; 0: use all
+    again : whether an earlier estimation process of the same loop has ended
     """
     directory = config.resolve(config.service.state_directory)
     try:
@@ -58,7 +58,7 @@ def go_on(
 
 
 def work_off(estimation: Estimation, ring: RingReader) -> bool:
-    """Work off what waits in the ring; False when nothing follows."""
+    """Process the records that wait in the ring; return False after the record of the end."""
     for record in ring.read(once=True):
         if record.kind == Kind.END:
             return False
@@ -71,10 +71,10 @@ def work_off(estimation: Estimation, ring: RingReader) -> bool:
 
 
 def serve(estimation: Estimation, ring: RingReader, wake: int, parent: int, clock: Clock) -> bool:
-    """Work off what the loop hands over until it ends; False when it has died."""
+    """Process the loop's traffic until its end; return False if the loop has died."""
     poll = select.poll()
     poll.register(wake, select.POLLIN)
-    going = work_off(estimation, ring)  # what has come during the start
+    going = work_off(estimation, ring)  # traffic of the start-up
     estimation.counts_from_ns = clock.now_ns()
     while os.getppid() == parent:
         if not (going and work_off(estimation, ring)):

@@ -1,7 +1,7 @@
-"""The newest sample of every channel as one record, laid out as the science packet has it.
+"""The newest sample of every channel as one record, in the layout of the science packet.
 
-The estimation packs it; the service only puts headers around it. Order and types are those of
-`fsw.telemetry.dictionary.housekeeping.SCIENCE_FIELDS` (a test compares), big-endian.
+The estimation packs the record; the service only adds headers. Order and types are those of
+`fsw.telemetry.dictionary.housekeeping.SCIENCE_FIELDS` (a test compares them), big-endian.
 """
 
 import math
@@ -18,7 +18,7 @@ _GYRO, _ACC, _ATTITUDE, _FIRST_JOINT = 0, 1, 2, 8
 
 
 class Science:
-    """Keeps the newest samples, and which of them came since the last record."""
+    """Keeps the newest samples, and marks those that came since the last record."""
 
     def __init__(self) -> None:
         self._joints = [0.0] * (2 * JOINT_SLOTS)
@@ -29,7 +29,7 @@ class Science:
         self._fresh = 0
 
     def keep(self, samples: Samples) -> None:
-        """Remember the newest of what one source just gave."""
+        """Keep the newest usable values of the samples of one source."""
         if isinstance(samples, JointSamples):
             for joint, position, torque in zip(
                 samples.joint.tolist(),
@@ -64,7 +64,7 @@ class Science:
         return newest
 
     def record(self, nis: float) -> bytes:
-        """Return the record; `nis` of the newest window."""
+        """Return the packed record and clear the marks; `nis`: NIS of the newest window."""
         fresh, self._fresh = self._fresh, 0
         return _RECORD.pack(
             *(t_ns * 1e-9 for t_ns in self._times_ns),
