@@ -107,6 +107,13 @@ def joint_delay_s(bus: BusConfig, scheduler: SchedulerConfig) -> float:
     return abs(bus.latch_offset_s) + 1.0 / bus.rate_hz + waits_s
 
 
+def wheel_delay_s(wheel: WheelConfig, bus: BusConfig | None, scheduler: SchedulerConfig) -> float:
+    """Return the longest time [s] from validity to reading; without a bus, its delay and a tick."""
+    if bus is None:
+        return wheel.delay_s + 1.0 / scheduler.tick_rate_hz
+    return wheel.delay_s + joint_delay_s(bus, scheduler)
+
+
 def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:
     """Return the time [s] from validity to reading: group delay, one sample, the line, a tick."""
     group_s = max(imu.gyro_group_delay_s, imu.acc_group_delay_s)

@@ -12,7 +12,7 @@ from pathlib import Path
 from fsw.checks import budget
 from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
-from fsw.checks.windows import lag_faults, window_faults
+from fsw.checks.windows import lag_faults, mode_warnings, window_faults
 from fsw.config import BusConfig, Config
 from fsw.config.devices import SAMPLES, minute_walk
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
@@ -140,6 +140,7 @@ def _warnings(config: Config) -> list[str]:
         if joint.kind == "revolute" and joint.speed_limit_rad_s > FAST_RAD_S
     ]
     found += _mounting_warnings(config)
+    found += mode_warnings(config)
     estimator = config.estimator
     if estimator.method != "mrnea" and estimator.weighting != "eiv":
         found.append(

@@ -1,4 +1,4 @@
-"""Windows of a configuration: samples of every channel in one, and when they have come."""
+"""Windows of a configuration: samples in one, when they have come, and modes that it can hold."""
 
 from operator import itemgetter
 
@@ -8,6 +8,7 @@ from fsw.estimators.polynomial import EXTRA_DEGREE
 
 MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
 MAX_WINDOW_SAMPLES = 20_000  # of the fastest: a window is one polynomial
+NODES_PER_PERIOD = 4.0  # fewer, and a window's polynomial misses a tenth of a swing, or more
 
 
 def window_faults(config: Config) -> list[str]:
@@ -68,9 +69,31 @@ def lag_faults(config: Config) -> list[str]:
         delays["star_tracker (latency, the line, one tick)"] = budget.star_tracker_delay_s(
             config.star_tracker, scheduler
         )
+    buses = {bus.name: bus for bus in config.buses}
+    delays |= {
+        f"wheels.{i} with its delay_s {wheel.delay_s:g}": budget.wheel_delay_s(
+            wheel, buses.get(wheel.bus or ""), scheduler
+        )
+        for i, wheel in enumerate(config.wheels)
+        if wheel.delay_s
+    }
     return [
         f"estimator.lag_s: {lag_s:g} is shorter than the delay of {source}; must be at least "
         f"{delay_s:.6f}"
         for source, delay_s in delays.items()
         if lag_s < delay_s
+    ]
+
+
+def mode_warnings(config: Config) -> list[str]:
+    """Return a line per mode that swings faster than the nodes of a window follow."""
+    estimator = config.estimator
+    most_hz = estimator.nodes / (NODES_PER_PERIOD * estimator.window_s)
+    return [
+        f"modes.{i}.frequency_hz: {mode.frequency_hz:g} ({mode.name}) is above {most_hz:.3g}, the "
+        f"most that estimator.nodes {estimator.nodes} in estimator.window_s {estimator.window_s:g} "
+        f"follow ({NODES_PER_PERIOD:g} nodes a period); take more nodes or a shorter window, or "
+        "leave the mode out"
+        for i, mode in enumerate(config.modes)
+        if mode.frequency_hz > most_hz
     ]

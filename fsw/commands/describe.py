@@ -196,6 +196,12 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
     lags["imu"] = budget.imu_delay_s(config.imu, config.scheduler)
     if config.star_tracker is not None:
         lags["star_tracker"] = budget.star_tracker_delay_s(config.star_tracker, config.scheduler)
+    buses = {bus.name: bus for bus in config.buses}
+    lags |= {
+        wheel.name: budget.wheel_delay_s(wheel, buses.get(wheel.bus or ""), config.scheduler)
+        for wheel in config.wheels
+        if wheel.delay_s
+    }
     slowest = max(lags, key=lambda name: lags[name])
     sigmas = problem.prior_covariance.diagonal() ** 0.5
     shown = [k for k in problem.published if k >= problem.bodies.stop]
