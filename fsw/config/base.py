@@ -1,6 +1,6 @@
 """Base of all sections of the configuration: strictness, and types with bounds."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -69,3 +69,23 @@ class Section(BaseModel):
     """Strictness shared by every section: no unknown keys, nothing changes after reading."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def null_is_left_out(model: type[BaseModel], data: object) -> object:
+    """Return data without the sections that are null, of those that may be left out."""
+    if not isinstance(data, dict):
+        return data
+    fields = model.model_fields
+    return {
+        key: value
+        for key, value in data.items()
+        if value is not None or key not in fields or fields[key].is_required()
+    }
+
+
+def allow_null(schema: dict[str, Any]) -> None:
+    """State in a JSON schema that every key that is not required may be null."""
+    for key, value in schema["properties"].items():
+        if key not in schema["required"] and "anyOf" not in value:
+            inner = {name: value.pop(name) for name in list(value) if name != "default"}
+            value["anyOf"] = [inner, {"type": "null"}]

@@ -245,7 +245,7 @@ def _in_its_words(fault: ErrorDetails) -> InitErrorDetails:
     place = tuple(linear(part) if isinstance(part, str) else part for part in fault["loc"])
     kind, message = fault["type"], fault["msg"].replace("{", "{{").replace("}", "}}")
     return InitErrorDetails(
-        type=PydanticCustomError(kind, message), loc=place, input=fault["input"]
+        type=PydanticCustomError(kind, message, fault.get("ctx")), loc=place, input=fault["input"]
     )
 
 

@@ -41,25 +41,42 @@ class ModeConfig(Section):
 
         is_panel, axes = self.kind == "panel", np.array(self.axes_B)
         if is_panel and len(axes) != 1:
-            raise ValueError("axes_B: a panel has one, its hinge")
+            raise ValueError(f"axes_B: {len(axes)} axes; a panel has one, its hinge")
         if np.abs(axes @ axes.T - np.eye(len(axes))).max() > TOLERANCE:
-            raise ValueError("axes_B: must have length 1 and stand at right angles")
+            raise ValueError(
+                f"axes_B: {axes.tolist()}; must each have length 1 and stand at right angles"
+            )
         needed, other = ("rad", "m") if is_panel else ("m", "rad")
         if getattr(self, f"amplitude_{needed}") is None:
-            raise ValueError(f"amplitude_{needed}: missing; a {self.kind} needs it")
-        if getattr(self, f"amplitude_{other}") is not None:
-            raise ValueError(f"amplitude_{other}: not of a {self.kind}; amplitude_{needed} is")
-        if is_panel != (self.inertia_kg_m2 is not None):
-            raise ValueError(f"inertia_kg_m2: {'missing' if is_panel else 'liquid has none'}")
+            raise ValueError(f"amplitude_{needed}: missing; kind: {self.kind} needs it")
+        if (value := getattr(self, f"amplitude_{other}")) is not None:
+            raise ValueError(
+                f"amplitude_{other}: {value:g} is not of kind: {self.kind}, amplitude_{needed} is; "
+                "leave it out"
+            )
+        if is_panel and self.inertia_kg_m2 is None:
+            raise ValueError("inertia_kg_m2: missing; kind: panel needs it")
+        if not is_panel and self.inertia_kg_m2 is not None:
+            raise ValueError(
+                f"inertia_kg_m2: {list(self.inertia_kg_m2)}; liquid is a point and has none; leave "
+                "it out"
+            )
         if not is_panel and any(self.com_m):
-            raise ValueError("com_m: liquid is a point at p_B_m; leave it out")
+            raise ValueError(f"com_m: {list(self.com_m)}; liquid is a point at p_B_m; leave it out")
         if self.inertia_kg_m2 is not None:
             xx, xy, xz, yy, yz, zz = self.inertia_kg_m2
             moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             if moments[0] < 0 or moments[0] + moments[1] < moments[2] * (1.0 - TOLERANCE):
-                raise ValueError(f"inertia_kg_m2: moments {moments.round(6).tolist()} of no body")
+                raise ValueError(
+                    f"inertia_kg_m2: {list(self.inertia_kg_m2)} is of no body: its principal "
+                    f"moments {moments.round(6).tolist()} must be at least 0, each at most the sum "
+                    "of the other two"
+                )
             if np.linalg.norm(np.cross(self.com_m, axes[0])) ** 2 * self.mass_kg + moments[0] <= 0:
-                raise ValueError("inertia_kg_m2: nothing turns about the hinge")
+                raise ValueError(
+                    f"inertia_kg_m2: {list(self.inertia_kg_m2)}; nothing turns about the hinge, "
+                    "the inertia about it must be above 0"
+                )
         return self
 
     @property
@@ -79,7 +96,7 @@ def modes_go_with(
     if estimator.method not in METHODS_MODES:
         raise ValueError(
             f"estimator.method: {estimator.method!r} has no modes; must be "
-            f"{' or '.join(METHODS_MODES)}"
+            f"{', '.join(METHODS_MODES[:-1])} or {METHODS_MODES[-1]}"
         )
     if estimator.outside_wrench == "watch":
         raise ValueError("estimator.outside_wrench: 'watch' knows no modes; must be ignore")

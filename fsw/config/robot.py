@@ -96,4 +96,10 @@ class BodyConfig(Section):
                 f"principal moments {moments.round(6).tolist()} must be positive and each at most "
                 "the sum of the other two"
             )
+        liquid_kg = sum(part.mass_kg for part in self.liquid)
+        if liquid_kg >= self.mass_kg:
+            raise ValueError(
+                f"liquid: {liquid_kg:g} kg in all must be below mass_kg {self.mass_kg:g}, which "
+                "includes it"
+            )
         return self

@@ -3,6 +3,7 @@
 A fault names the key, the value found and the bound or the choices, one line each.
 """
 
+import re
 from collections.abc import Hashable
 from difflib import get_close_matches
 from types import NoneType, UnionType
@@ -12,6 +13,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from fsw.config.fault_words import COUNTED, bound_words, found_words
 from fsw.messages.errors import ConfigError, brief, cut
 
 MAX_TEXT_BYTES = 1 << 16
@@ -142,21 +144,22 @@ def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
 def _line(model: type[BaseModel], fault: ErrorDetails) -> str:
     key = ".".join(cut(str(part), 100) for part in fault["loc"])
     kind, value = fault["type"], fault["input"]
+    shown = f"(value: {found_words(value)})"
     if kind == "extra_forbidden":
         allowed = sorted(_section(model, fault["loc"][:-1]))
         close = get_close_matches(str(fault["loc"][-1])[:100], allowed, n=1)
         hint = f"did you mean {close[0]!r}? " if close else ""
-        return (
-            f"{key}: unknown key (value: {brief(value)}); {hint}allowed here: {', '.join(allowed)}"
-        )
+        return f"{key}: unknown key {shown}; {hint}allowed here: {', '.join(allowed)}"
+    if kind == "missing" and isinstance(fault["loc"][-1], int):
+        whole = key.rpartition(".")[0]
+        return f"{whole}: entry {fault['loc'][-1] + 1} is missing {shown}"
     if kind == "missing":
         return f"{key}: missing; this key is required"
-    text = fault["msg"].removeprefix("Value error, ")
-    text = text[:1].lower() + text[1:] if text.startswith("Input ") else text
-    prefix = f"{key}: " if key else ""
-    return (
-        prefix + text + ("" if isinstance(value, dict | BaseModel) else f" (value: {brief(value)})")
-    )
+    text, is_section = bound_words(fault), isinstance(value, dict | BaseModel)
+    begins_with = re.match(r"\w*", text)
+    names_key = is_section and begins_with and begins_with[0] in _section(model, fault["loc"])
+    prefix = key + ("." if names_key else ": ") if key else ""
+    return prefix + text + f" {shown}" * (not is_section and kind not in COUNTED)
 
 
 def _section(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:

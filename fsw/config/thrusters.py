@@ -36,9 +36,11 @@ class ThrusterConfig(Section):
     def _consistent(self) -> Self:
         length = sum(x * x for x in self.direction_B) ** 0.5
         if not abs(length - 1.0) <= UNIT_TOLERANCE:
-            raise ValueError(f"direction_B {list(self.direction_B)}: must have length 1")
+            raise ValueError(
+                f"direction_B: {list(self.direction_B)} has length {length:.4g}; must have length 1"
+            )
         if self.rate_hz < SLOWEST_HZ:
-            raise ValueError(f"rate_hz {self.rate_hz:g}: must be at least {SLOWEST_HZ:g}")
+            raise ValueError(f"rate_hz: {self.rate_hz:g} must be at least {SLOWEST_HZ:g}")
         return self
 
 
@@ -57,7 +59,8 @@ def thrusters_go_with(
     if method == "mrnea" and weighting == "bc":
         raise ValueError("thrusters: estimator.weighting bc cannot take them; must be another")
     if not attitude or base_motion != "free":
-        raise ValueError("thrusters: need a star_tracker and base.motion: free")
+        found = "without a star_tracker" if not attitude else f"with base.motion: {base_motion}"
+        raise ValueError(f"thrusters: {found}; they need a star_tracker and base.motion: free")
     nodes: dict[str, float] = {}
     for i, thruster in enumerate(thrusters):
         at = f"thrusters.{i}"
@@ -71,5 +74,9 @@ def thrusters_go_with(
                 f"{rates_hz[thruster.bus]:g}"
             )
         node = f"{thruster.bus}:{thruster.node_id}"
-        if nodes.setdefault(node, thruster.rate_hz) != thruster.rate_hz:
-            raise ValueError(f"{at}.rate_hz: {thruster.rate_hz:g} differs from its node's other")
+        rate_hz = nodes.setdefault(node, thruster.rate_hz)
+        if rate_hz != thruster.rate_hz:
+            raise ValueError(
+                f"{at}.rate_hz: {thruster.rate_hz:g} must be {rate_hz:g}, as of the other "
+                f"thrusters on node 0x{thruster.node_id:02x}"
+            )

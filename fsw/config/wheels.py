@@ -50,11 +50,28 @@ class WheelConfig(Section):
     def _consistent(self) -> Self:
         length = sum(x * x for x in self.axis_B) ** 0.5
         if not abs(length - 1.0) <= UNIT_TOLERANCE:
-            raise ValueError(f"axis_B {list(self.axis_B)}: must have length 1")
+            raise ValueError(
+                f"axis_B: {list(self.axis_B)} has length {length:.4g}; must have length 1"
+            )
         if (self.bus is None) != (self.node_id is None):
-            raise ValueError("bus and node_id: a wheel on a bus has both, any other neither")
+            given, missing = ("bus", "node_id") if self.node_id is None else ("node_id", "bus")
+            value = getattr(self, given)
+            raise ValueError(
+                f"{given}: {value!r} without {missing}; a wheel on a bus has both, any other "
+                "neither"
+            )
         if self.rate_hz < SLOWEST_HZ:
-            raise ValueError(f"rate_hz {self.rate_hz:g}: must be at least {SLOWEST_HZ:g}")
+            raise ValueError(f"rate_hz: {self.rate_hz:g} must be at least {SLOWEST_HZ:g}")
+        if self.speed_noise_rad_s >= self.speed_limit_rad_s:
+            raise ValueError(
+                f"speed_noise_rad_s: {self.speed_noise_rad_s:g} must be below speed_limit_rad_s "
+                f"{self.speed_limit_rad_s:g}"
+            )
+        if self.torque_noise_nm is not None and self.torque_noise_nm >= self.torque_limit_nm:
+            raise ValueError(
+                f"torque_noise_nm: {self.torque_noise_nm:g} must be below torque_limit_nm "
+                f"{self.torque_limit_nm:g}"
+            )
         if self.torque == "measured" and self.torque_noise_nm is None:
             raise ValueError("torque_noise_nm: missing; torque: measured needs it")
         return self

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from fsw.config.base import BodyName, Section
+from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
 from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig, no_imu
 from fsw.config.health import HealthConfig
 from fsw.config.modes import ModeConfig, modes_go_with
@@ -28,6 +28,8 @@ SYNCS_UNANSWERED = 5  # fewer may be chance
 
 class Config(Section):
     """The whole configuration of one daemon."""
+
+    model_config = ConfigDict(json_schema_extra=allow_null)
 
     robot: RobotConfig
     base: BaseConfig = BaseConfig()
@@ -134,17 +136,19 @@ class Config(Section):
             raise ConfigError("\n".join(explain(type(self), error))) from error
         return changed.read_from(self._source, self._folder, self._name)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _without_null(cls, data: object) -> object:
+        return null_is_left_out(cls, data)
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         _something_turns(self)
         _unique([b.name for b in self.buses], "buses.name")
         _unique([j.name for j in self.joints], "joints.name")
-        _unique([f"{j.bus}:0x{j.node_id:02x}" for j in self.joints], "joints.node_id")
         _unique([wheel.name for wheel in self.wheels], "wheels.name")
         _unique([thruster.name for thruster in self.thrusters], "thrusters.name")
-        _unique([f"{t.bus}:{t.node_id}:{t.valve}" for t in self.thrusters], "thrusters.valve")
-        key = "thrusters.node_id" if self.thrusters else "wheels.node_id"
-        _unique([f"{node.bus}:0x{node.node_id:02x}" for node in self.can_nodes], key)
+        _nodes_are_unique(self)
         ports = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker:
             ports["star_tracker.port"] = self.star_tracker.port
@@ -183,7 +187,8 @@ class Config(Section):
             if not free or self.estimator.method != "fused":
                 raise ValueError(
                     "estimator.outside_wrench: 'watch' needs method fused, base.motion: free and a "
-                    "star_tracker"
+                    f"star_tracker; found method {self.estimator.method}, base.motion: "
+                    f"{self.base.motion}, {'a' if self.star_tracker else 'no'} star_tracker"
                 )
         _method_has_its_torques(self.estimator.method, self.joints)
         _speeds_are_enough(self)
@@ -201,6 +206,17 @@ class Config(Section):
                     f"{self.scheduler.tick_rate_hz}"
                 )
         return self
+
+
+def _nodes_are_unique(config: Config) -> None:
+    """Refuse two devices of one node, and two thrusters of one valve; a node has many valves."""
+    nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in config.can_nodes]
+    joints, wheels = len(config.joints), sum(wheel.bus is not None for wheel in config.wheels)
+    _unique(nodes[:joints], "joints.node_id")
+    _unique(nodes[: joints + wheels], "wheels.node_id")
+    _unique(nodes, "thrusters.node_id")
+    valves = [f"{t.bus}:0x{t.node_id:02x} valve {t.valve}" for t in config.thrusters]
+    _unique(valves, "thrusters.valve")
 
 
 def _something_turns(config: Config) -> None:
@@ -255,7 +271,10 @@ def _base_goes_with(
     if orbit:
         raise ValueError(f"orbit: base.motion is {base.motion}; leave it out")
     if base.motion == "clamped" and estimator.momentum_sigma_nms:
-        raise ValueError("estimator.momentum_sigma_nms: a clamped base has no momentum; must be 0")
+        raise ValueError(
+            f"estimator.momentum_sigma_nms: {estimator.momentum_sigma_nms:g}; a clamped base has "
+            "no momentum; must be 0"
+        )
 
 
 def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:

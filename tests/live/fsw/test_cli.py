@@ -78,7 +78,7 @@ def wrong_joint_count(arm):
 
 def negative_noise(arm):
     arm.data["joints"][0]["torque_noise_nm"] = -0.1
-    return "joints.0.torque_noise_nm", "-0.1", "greater than or equal to"
+    return "joints.0.torque_noise_nm", "-0.1", "must be at least"
 
 
 def shared_port(arm):

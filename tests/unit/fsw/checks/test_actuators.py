@@ -1,10 +1,12 @@
 """Wheels and thrusters: described, rehearsed, and one line for every fault."""
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from fsw.checks.configuration import validate
 from fsw.commands.describe import describe
 from fsw.config import load
+from fsw.config.whole import json_schema
 from fsw.messages.errors import ConfigError
 from tests.support.check_cases import assert_named
 
@@ -56,7 +58,13 @@ def test_wheels_with_no_momentum_to_hold_are_warned_of(arm):
         ({"bus": "other"}, ("wheels.0.bus: 'other'", "'arm'")),
         ({"rate_hz": 1e4}, ("wheels.0.rate_hz: 10000 must be at most",)),
         ({"node_id": 0x11}, ("wheels.node_id: 'arm:0x11' is used 2 times",)),
-        ({"axis_B": [1.0, 1.0, 0.0]}, ("axis_B", "must have length 1")),
+        ({"axis_B": [1.0, 1.0, 0.0]}, ("wheels.0.axis_B: [1.0, 1.0, 0.0] has length 1.414; must",)),
+        ({"axis_B": [1.0, 0.0]}, ("wheels.0.axis_B: entry 3 is missing (value: [1.0, 0.0])",)),
+        ({"axis_B": None}, ("wheels.0.axis_B: must be a list (value: null)",)),
+        ({"node_id": None}, ("wheels.0.bus: 'arm' without node_id", "has both")),
+        ({"rate_hz": 0.5}, ("wheels.0.rate_hz: 0.5 must be at least 1",)),
+        ({"speed_noise_rad_s": 600.0}, ("wheels.0.speed_noise_rad_s: 600 must be below", "600")),
+        ({"torque_noise_nm": 0.5}, ("wheels.0.torque_noise_nm: 0.5 must be below", "limit_nm 0.4")),
     ],
 )
 def test_a_wrong_wheel_is_one_line(arm, changes, words):
@@ -65,6 +73,22 @@ def test_a_wrong_wheel_is_one_line(arm, changes, words):
         load(arm.write())
     assert len(str(caught.value).splitlines()) == 1
     assert_named(str(caught.value), *words)
+
+
+@pytest.mark.parametrize("section", ["wheels", "thrusters", "modes", "estimator", "recorder"])
+def test_a_section_that_is_null_is_left_out(arm, section):
+    arm.data.pop(section, None)
+    values = load(arm.write()).model_dump()
+    arm.data[section] = None
+    assert load(arm.write()).model_dump() == values
+    assert Draft202012Validator(json_schema()).is_valid(arm.data)
+
+
+def test_a_section_that_is_required_may_not_be_null(arm):
+    arm.data["robot"] = None
+    assert not Draft202012Validator(json_schema()).is_valid(arm.data)
+    with pytest.raises(ConfigError, match="robot: must be a section of keys and values"):
+        load(arm.write())
 
 
 def thruster(k=0, **changes):
@@ -112,9 +136,14 @@ def test_thrusters_are_described_and_pass_the_dry_update(arm):
         ({"bus": "other"}, {}, ("thrusters.0.bus: 'other'", "'arm'")),
         ({"rate_hz": 1e4}, {}, ("thrusters.0.rate_hz: 10000 must be at most",)),
         ({"node_id": 0x11}, {}, ("thrusters.node_id: 'arm:0x11' is used 2 times",)),
-        ({"direction_B": [1.0, 1.0, 0.0]}, {}, ("direction_B", "must have length 1")),
+        ({"direction_B": [1.0, 1.0, 0.0]}, {}, ("thrusters.0.direction_B: [1.0, 1.0, 0.0] has",)),
+        ({"valve": 16}, {}, ("thrusters.0.valve: must be at most 15 (value: 16)",)),
         ({}, {"method": "mrnea", "weighting": "bc"}, ("weighting bc cannot take them",)),
-        ({}, {"method": "rda", "outside_wrench": "watch"}, ("'watch' needs method fused",)),
+        (
+            {},
+            {"method": "rda", "outside_wrench": "watch"},
+            ("'watch' needs method fused", "method rda"),
+        ),
     ],
 )
 def test_a_wrong_thruster_is_one_line(arm, changes, estimator, words):
@@ -123,3 +152,29 @@ def test_a_wrong_thruster_is_one_line(arm, changes, estimator, words):
         load(arm.write())
     assert len(str(caught.value).splitlines()) == 1
     assert_named(str(caught.value), *words)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "thrusters", "words"),
+    [
+        ([{}, {"node_id": 0x21}], [{}], "wheels.node_id: 'arm:0x21' is used 2 times"),
+        ([{}], [{"node_id": 0x21}], "thrusters.node_id: 'arm:0x21' is used 2 times"),
+        ([], [{}, {"valve": 0}], "thrusters.valve: 'arm:0x31 valve 0' is used 2 times"),
+        ([], [{}, {"rate_hz": 25.0}], "thrusters.1.rate_hz: 25 must be 50, as of the other"),
+    ],
+)
+def test_a_node_or_valve_of_two_devices_is_named_by_its_own_key(arm, wheels, thrusters, words):
+    arm.data["wheels"] = [wheel(k, **changes) for k, changes in enumerate(wheels)]
+    arm.data["thrusters"] = [thruster(k, **changes) for k, changes in enumerate(thrusters)]
+    with pytest.raises(ConfigError) as caught:
+        load(arm.write())
+    assert_named(str(caught.value), words)
+
+
+def test_liquid_as_heavy_as_its_body_is_one_line(arm):
+    part = {"mass_kg": 39.9, "place_m": [0.0, 0.0, 0.0]}
+    arm.data["bodies"]["target"]["liquid"] = [part, part]
+    load(arm.write())
+    part["mass_kg"] = 40.0
+    with pytest.raises(ConfigError, match=r"target\.liquid: 80 kg in all must be below mass_kg 80"):
+        load(arm.write())

@@ -44,7 +44,7 @@ def test_what_is_named_changes_and_nothing_else(config):
         ({"noise": {"imu": {"rate_hz": 100.0}}}, "rate_hz"),
         ({"noise": {"joint": {}}}, "did you mean 'joints'"),
         ({"estimator": {"gate_probability": 0.5}}, "gate_probability"),
-        ({"noise": [1]}, "valid dictionary"),
+        ({"noise": [1]}, "must be a section"),
         (
             {
                 "noise": {

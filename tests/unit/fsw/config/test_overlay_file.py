@@ -43,7 +43,7 @@ def test_only_what_is_named_changes_and_the_text_holds_it(arm):
     [
         ({"joints": [{"name": "nobody", "torque_gain": 1.0}]}, "joints.name: 'nobody' must be one"),
         ({"imu": {"gyro_delay_s": 0.1}}, "did you mean 'gyro_group_delay_s'?"),
-        ({"imu": {"gyro_group_delay_s": -1.0}}, "imu.gyro_group_delay_s: input should be greater"),
+        ({"imu": {"gyro_group_delay_s": -1.0}}, "imu.gyro_group_delay_s: must be at least 0"),
         ([1, 2], "must be a mapping of sections; found list"),
     ],
 )

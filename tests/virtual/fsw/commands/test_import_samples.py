@@ -217,7 +217,7 @@ WRONG_MAPPINGS = {
     "too few": ({"position": ANGLES | {"columns": ["q_joint1"]}}, "1 columns; must be 7"),
     "unit": (
         {"position": ANGLES | {"unit": "grad"}},
-        "joints.position.unit: input should be 'rad'",
+        "joints.position.unit: must be 'rad'",
     ),
     "order": ({"order": [*NAMES[:6], "wrist"]}, "the mapping of another robot"),
     "key": ({"positions": ANGLES}, "joints.positions: unknown key"),

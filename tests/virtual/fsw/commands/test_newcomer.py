@@ -105,6 +105,7 @@ DESCRIPTIONS = {
     "thruster that reports faster than SYNC": added("thrusters", THRUSTER | {"rate_hz": 400.0}),
     "liquid without an amplitude": added("modes", TANK | {"amplitude_m": None}),
     "liquid with the amplitude of a panel": added("modes", TANK | {"amplitude_rad": 0.01}),
+    "mode too fast for the windows": added("modes", TANK | {"frequency_hz": 10.0}),
     "modes with a method that has none": added("modes", TANK, method="mrnea"),
     "contact watched beside modes": added("modes", TANK, outside_wrench="watch"),
     "contact watched without a star tracker": watched,

@@ -211,10 +211,10 @@ def test_a_stack_is_its_blocks_one_after_another() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"axes_B": [[1, 0, 0], [0, 1, 0]]}, "a panel has one"),
-        ({"axes_B": [[1, 1, 0]]}, "length 1"),
+        ({"axes_B": [[1, 0, 0], [0, 1, 0]]}, "2 axes; a panel has one"),
+        ({"axes_B": [[1, 1, 0]]}, r"\[\[1.0, 1.0, 0.0\]\]; must each have length 1"),
         ({"amplitude_rad": None}, "amplitude_rad: missing"),
-        ({"amplitude_m": 0.1}, "amplitude_m: not of a panel"),
+        ({"amplitude_m": 0.1}, "amplitude_m: 0.1 is not of kind: panel, amplitude_rad is"),
         ({"inertia_kg_m2": None}, "inertia_kg_m2: missing"),
         ({"inertia_kg_m2": [1, 0, 0, 1, 0, 9]}, "of no body"),
     ],
@@ -225,7 +225,7 @@ def test_a_wrong_mode_is_refused(change: dict[str, Any], words: str) -> None:
 
 
 def test_methods_without_modes_are_refused() -> None:
-    with pytest.raises(ValueError, match="must be fused or rda or cm"):
+    with pytest.raises(ValueError, match="must be fused, rda or cm"):
         config_with_modes(method="mrnea")
     with pytest.raises(EstimatorError, match="modes"):
         run_batch(config_with_modes(), true_blocks(40)[:3], "ce", ("target",))

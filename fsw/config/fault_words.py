@@ -1,0 +1,44 @@
+"""Faults of a schema in the words of a configuration: lists, sections, numbers and their bounds."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic_core import ErrorDetails
+
+from fsw.messages.errors import brief
+
+WORDS = {  # by pydantic's kind of fault, whose context fills the bounds in
+    "greater_than": "must be above {gt:.12g}",
+    "greater_than_equal": "must be at least {ge:.12g}",
+    "less_than": "must be below {lt:.12g}",
+    "less_than_equal": "must be at most {le:.12g}",
+    "finite_number": "must be a finite number",
+    "literal_error": "must be {expected}",
+    "string_pattern_mismatch": "must match the pattern {pattern}",
+    "too_long": "has {actual_length} entries; must have at most {max_length}",
+    "too_short": "has {actual_length} entries; must have at least {min_length}",
+    **dict.fromkeys(("float_type", "float_parsing"), "must be a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "must be a whole number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "must be true or false"),
+    **dict.fromkeys(("tuple_type", "list_type"), "must be a list"),
+    **dict.fromkeys(("model_type", "dict_type"), "must be a section of keys and values"),
+    **dict.fromkeys(("string_type", "path_type"), "must be text"),
+}
+COUNTED = ("too_long", "too_short")  # say what was found
+YAML = {None: "null", True: "true", False: "false"}
+
+
+def bound_words(fault: ErrorDetails) -> str:
+    """Return what is allowed in the place of what was found."""
+    context: Mapping[str, Any] = fault.get("ctx", {})
+    text = fault["msg"].removeprefix("Value error, ")
+    try:
+        return WORDS.get(fault["type"], "{text}").format(text=text, **context)
+    except (KeyError, ValueError):  # a bound of another form than that of pydantic's own types
+        return text
+
+
+def found_words(value: object) -> str:
+    """Return a value as a configuration has it, cut to a line's worth."""
+    is_word = value is None or isinstance(value, bool)
+    return YAML[value] if is_word else brief(value)  # type: ignore[index]
