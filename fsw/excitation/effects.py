@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fsw.config import Config, OrbitConfig
+from fsw.config import Config, OrbitConfig, Section
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
 from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.inertia import PARAMETERS
@@ -62,7 +62,7 @@ STATES = {  # by kind of state: words, key, unit
     "mode_mass": ("mass of modes", "modes[].mass_sigma_ratio", ""),
     "mode_frequency": ("frequency of modes", "modes[].frequency_sigma_ratio", ""),
     "mode_damping": ("damping of modes", "modes[].damping_sigma_ratio", ""),
-    "mode_start": ("swinging of modes before", "modes[].amplitude_*", "m or rad"),
+    "mode_start": ("modes that swing already when the motion begins", "modes[].amplitude_*", ""),
 }
 
 
@@ -167,9 +167,11 @@ class _Flight:
         """Return the cost of channels (m, n + 6) that the model does not explain."""
         return self.information.shift(measured(self.blocks, values))
 
-    def without(self, section: str, values: Sequence[FloatArray]) -> tuple[Problem, Shift]:
-        """Return the problem without a section, and what channels with it cost there."""
-        config = self.config.model_copy(update={section: ()})
+    def without(
+        self, section: str, values: Sequence[FloatArray], rest: tuple[Section, ...] = ()
+    ) -> tuple[Problem, Shift]:
+        """Return the problem with only the rest of a section, and what channels with all cost."""
+        config = self.config.model_copy(update={section: rest})
         problem = problem_of(config, self.problem.model)
         blocks = measured(blocks_along(config, problem, self.trajectory), values)
         return problem, Information(problem, _method(config), blocks).shift(blocks)
@@ -200,8 +202,18 @@ def _of_states(flight: _Flight) -> Iterator[Cost]:
                 continue
             apart = np.flatnonzero(~used & (kinds != kind))
             size = config.robot.links_sigma_ratio if kind == "known" else sizes[states].max()
-            told = f"{words}, {size:.3g} {unit}".rstrip()
+            amount = _amplitudes(config) if kind == "mode_start" else f"{size:.3g} {unit}".rstrip()
+            told = f"{words}, {amount}"
             yield _cost(full, own.without(states, apart), told, key, is_modelled=is_modelled)
+
+
+def _amplitudes(config: Config) -> str:
+    """Return by how much modes may be from rest, in words: the most of liquid, and of panels."""
+    found = []
+    for kind, words, unit in (("slosh", "liquid", "m"), ("panel", "panels", "rad")):
+        own = [mode.amplitude for mode in config.modes if mode.kind == kind]
+        found += [f"{words} by {max(own):.3g} {unit}"] if own else []
+    return ", ".join(found)
 
 
 def with_sizes(config: Config, model: RobotModel) -> Config:
@@ -255,10 +267,12 @@ def _of_thrusters(flight: _Flight) -> Iterator[Cost]:
 
 
 def _of_modes(flight: _Flight) -> Iterator[Cost]:
-    if flight.config.modes:
-        left = flight.without("modes", channels(flight.blocks, flight.problem))
-        mass_kg = sum(mode.mass_kg for mode in flight.config.modes)
-        words = f"modes that the motion drives, {mass_kg:.3g} kg"
+    """Yield the cost of each mode while the others are modelled."""
+    modes = flight.config.modes
+    values = channels(flight.blocks, flight.problem) if modes else []
+    for k, mode in enumerate(modes):
+        left = flight.without("modes", values, (*modes[:k], *modes[k + 1 :]))
+        words = f"mode {mode.name} ({mode.kind}) as the motion drives it, {mode.mass_kg:.3g} kg"
         yield _cost(*left, words, "modes", is_modelled=True)
 
 

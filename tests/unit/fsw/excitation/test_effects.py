@@ -1,5 +1,6 @@
 """Which effects have a cost, where their size is declared, and what they do in closed form."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from fsw.excitation.nominal import nominal_motion
 from fsw.excitation.spline import Trajectory
 from tests.support.estimator_cases import URDF, make_config, robot_model
 from tests.support.excitation_cases import subject
+from tests.support.mode_cases import PANEL, TANK, config_with_modes, mode_settings
 
 WHEEL = {
     "bus": "arm",
@@ -141,3 +143,22 @@ def test_a_motion_in_which_nothing_moves_tells_no_mass_and_so_no_cost():
     lines = told(config, problem, still)
     assert lines[1] == "none: this motion does not tell the mass of target"
     assert not any("would cost" in line or "may cost" in line for line in lines)
+
+
+def test_every_mode_has_a_cost_of_its_own_and_the_amplitudes_their_units():
+    modes = [mode_settings(PANEL), mode_settings(TANK), mode_settings(TANK, name="small")]
+    modes[2] |= {"mass_kg": 5.0, "amplitude_m": 2e-3}
+    config = config_with_modes(modes=modes)
+    problem = build_problem(config, robot_model())
+    motion = replace(nominal_motion(config, problem.model), duration_s=4.0)
+    found = {cost.effect: cost for cost in costs(config, problem, motion)}
+    told_of = "modes that swing already when the motion begins, liquid by 0.005 m, panels by 0.001"
+    assert f"{told_of} rad" in found
+    own = {effect: cost for effect, cost in found.items() if cost.key == "modes"}
+    assert sorted(own) == [
+        "mode panel (panel) as the motion drives it, 25 kg",
+        "mode small (slosh) as the motion drives it, 5 kg",
+        "mode tank (slosh) as the motion drives it, 25 kg",
+    ]
+    by_name = {effect.split()[1]: cost.mass_kg[0] for effect, cost in own.items()}
+    assert 0.0 < by_name["small"] < by_name["tank"]
