@@ -25,7 +25,7 @@ from fsw.commands.importing.mapping import (
 )
 from fsw.commands.importing.stamps import judged
 from fsw.commands.importing.tables import Table
-from fsw.commands.importing.usable import Part, usable
+from fsw.commands.importing.usable import Part, jumps, usable
 from fsw.config import Config
 from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.joint_track import SLACK_SIGMAS, Calibration
@@ -40,7 +40,7 @@ from fsw.drivers.sources.samples import (
 )
 from fsw.exchange.recording import END_NS, SAMPLES
 from fsw.exchange.recording_writer import RecordingWriter
-from fsw.messages import FloatArray
+from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
 
 UNITS = {
@@ -63,6 +63,7 @@ class _Found:
     words: Callable[[FloatArray], Any]  # values (width,) of a part as they stand in a message
     rates_hz: dict[str, float]  # declared, by key
     troubles: list[str]  # values that were rejected, in words
+    steps: Callable[[FloatArray, IntArray], list[str]] = lambda *_: []  # of `needed`, in order
 
 
 def sampled_channels(
@@ -133,8 +134,9 @@ def _joints(config: Config, section: Joints, table: Table, stamps: FloatArray) -
     known_s = stamps[np.isfinite(stamps)]
     stamped_s = float(np.ptp(known_s)) if known_s.size else 0.0
     lasted_s = max(len(angles) / min(rates_hz.values()), stamped_s)
-    reach = np.array([joint.speed_limit_rad_s for joint in joints]) * lasted_s
-    reach += SLACK_SIGMAS * np.array([joint.position_noise_rad for joint in joints])
+    limits = np.array([joint.speed_limit_rad_s for joint in joints])
+    noise = SLACK_SIGMAS * np.array([joint.position_noise_rad for joint in joints])
+    reach = limits * lasted_s + noise
     is_far = np.abs(angles - _middle(angles)) > reach
     bounds = [f"out of reach at {joint.speed_limit_rad_s:g} rad/s" for joint in joints]
     values, troubles = usable(table.path, position, is_far, bounds)
@@ -147,8 +149,16 @@ def _joints(config: Config, section: Joints, table: Table, stamps: FloatArray) -
         bounds = [f"beyond {joint.torque_limit_nm:g} N m" for joint in joints]
         parts[TORQUE], more = usable(table.path, torque, is_far, bounds)
         troubles += more
-    words = _by_name(order)
-    return _Found(parts=parts, needed=POSITION, words=words, rates_hz=rates_hz, troubles=troubles)
+    periods_s = {bus.name: 1.0 / bus.rate_hz for _, bus in buses}
+    slack = noise + limits * np.array([periods_s[joint.bus] for joint in joints])
+    return _Found(
+        parts=parts,
+        needed=POSITION,
+        words=_by_name(order),
+        rates_hz=rates_hz,
+        troubles=troubles,
+        steps=lambda values, t_ns: jumps(position.columns, values, t_ns, limits, slack),
+    )
 
 
 def _wheels(config: Config, section: Wheels, table: Table) -> _Found:
@@ -293,6 +303,7 @@ def _channel(
         table.path, name, t_ns, values[rows], found.rates_hz, may_repeat=found.needed == SPEED
     )
     rows, t_ns = rows[kept], t_ns[kept]
+    troubles += found.steps(needed[rows], t_ns)
     sizes = [
         f"{key} up to {np.nanmax(np.abs(part[rows])):.3g} {UNITS[key]}".rstrip()
         for key, part in found.parts.items()

@@ -1,4 +1,4 @@
-"""Values of mapped columns that cannot be used: counted by column, and left out."""
+"""Values of mapped columns that no sensor gives: counted by column; single ones are left out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.messages import FloatArray
+from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
 
 
@@ -61,3 +61,32 @@ def usable(
         if said:
             words.append(f"rejected of {column}: {said}")
     return kept, words
+
+
+def jumps(
+    columns: Sequence[str],
+    values: FloatArray,
+    t_ns: IntArray,
+    limits: FloatArray,
+    slack: FloatArray,
+) -> list[str]:
+    """Return a line per column with steps that no joint within its speed limit makes.
+
+    Parameters
+    ----------
+    columns : (width,) names
+    values : (k, width) positions in order of time [rad]
+    t_ns : (k,) their stamps [ns]
+    limits : (width,) [rad/s]
+    slack : (width,) what a step may have beside the joint's motion [rad]
+    """
+    steps = np.abs(np.diff(values, axis=0))
+    allowed = slack + limits * np.diff(t_ns)[:, None] * 1e-9
+    return [
+        f"jumps of {column} that {limit:g} rad/s do not allow: {count}, the largest "
+        f"{step[is_jump].max():.3g} rad"
+        for column, limit, step, is_jump in zip(
+            columns, limits, steps.T, (steps > allowed).T, strict=True
+        )
+        if (count := int(is_jump.sum()))
+    ]

@@ -132,3 +132,20 @@ def test_a_source_that_the_configuration_lacks_is_named_by_its_key(tmp_path: Pat
     assert not config.wheels
     with pytest.raises(ConfigError, match=r"wheels\.speed: mapped, and the conf.* has no wheels$"):
         channel(config, tmp_path, "wheels", table)
+
+
+def test_jumps_of_a_position_are_counted_and_stay(tmp_path: Path) -> None:
+    """A joint goes 2 speed_limit_rad_s period in a period at most; a spike is two jumps."""
+    config, table = case("joints")
+    joint = config.joints[1]
+    allowed_rad = 2.0 * joint.speed_limit_rad_s / config.buses[0].rate_hz
+    names = [name for name in table if name.startswith("q_")]
+    for place, name in enumerate(names):
+        table[name] = [repr(1e-6 * (row + place)) for row in range(ROWS)]
+    table["q_joint2"][20] = repr(1e-6 * 21 + 0.95 * allowed_rad)
+    assert "jumps" not in channel(config, tmp_path, "joints", table).text
+    table["q_joint2"][40] = repr(1e-6 * 41 + 1.2 * allowed_rad)
+    found = channel(config, tmp_path, "joints", table)
+    words = f"jumps of q_joint2 that {joint.speed_limit_rad_s:g} rad/s do not allow: 2, the largest"
+    assert words in found.text
+    assert len(found.t_ns) == ROWS
