@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from hil.basilisk import command as vs_basilisk
 from hil.evidence import commands as evidence
 from hil.examples import EXAMPLES, STUDIES
-from hil.options import call, count, seed
+from hil.options import call, count, count_or_none, seed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -167,7 +167,9 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "--out", type=Path, metavar="DIR", help="keep results and resume from them"
     )
     methods.add_argument("--seeds", type=count, metavar="N", help="of the sample level, 200")
-    methods.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 30")
+    methods.add_argument(
+        "--device-seeds", type=count_or_none, metavar="N", help="of the device bytes, 30"
+    )
     methods.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
     methods.add_argument(
         "--redo", action="append", default=[], metavar="METHOD", help="drop its stored results"
@@ -183,7 +185,9 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     paper.add_argument("--quick", action="store_true", help="one seed, 100 Hz, no device bytes")
     paper.add_argument("--out", type=Path, metavar="DIR", help="keep results and resume from them")
     paper.add_argument("--seeds", type=count, metavar="N", help="per cell of Tables 4-7, 20")
-    paper.add_argument("--device-seeds", type=int, metavar="N", help="of the device bytes, 20")
+    paper.add_argument(
+        "--device-seeds", type=count_or_none, metavar="N", help="of the device bytes, 20"
+    )
     paper.set_defaults(function="hil.evidence.paper.command:paper")
     energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
     energy.set_defaults(function="hil.evidence.methods.command:energy")

@@ -15,6 +15,11 @@ def count(text: str) -> int:
 
 def seed(text: str) -> int:
     """Return a seed; argparse names the option of an invalid one."""
+    return count_or_none(text)
+
+
+def count_or_none(text: str) -> int:
+    """Return a count that may be 0; argparse names the option of an invalid one."""
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 0")
     return int(text)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.options import count
+from hil.options import count, count_or_none
 
 if TYPE_CHECKING:
     from hil.world.history import FloatArray, TruthHistory
@@ -73,7 +73,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "scenario", nargs="*", metavar="SCENARIO", help=f"{', '.join(SCENARIOS)} if none is named"
     )
-    parser.add_argument("--seeds", type=int, default=3, metavar="N", help="of each, 3; 0: no runs")
+    parser.add_argument(
+        "--seeds", type=count_or_none, default=3, metavar="N", help="of each, 3; 0: no runs"
+    )
     parser.add_argument("--jobs", type=count, default=1, metavar="N", help="runs at a time, 1")
     parser.add_argument("--out", type=Path, metavar="DIR", help="keep truths and outcomes; resume")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -18,6 +18,7 @@ from hil.evidence.excitation.gradients import criterion_error, limits_error, rac
 from hil.evidence.excitation.replanned import Second, seconds
 from hil.evidence.excitation.requests import INFEASIBLE, refusal, robust
 from hil.evidence.excitation.scatter import scatter
+from hil.options import count
 
 PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown", "replanned")
 CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")
@@ -28,8 +29,8 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m hil.evidence.excitation", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--systems", nargs="+", choices=list(cases.SYSTEMS), default=cases.SYSTEMS)
-    parser.add_argument("--runs", type=int, default=50)
-    parser.add_argument("--seeds", type=int, default=4, help="of the part replanned")
+    parser.add_argument("--runs", type=count, default=50)
+    parser.add_argument("--seeds", type=count, default=4, help="of the part replanned")
     parser.add_argument(
         "--outcomes",
         nargs="+",

@@ -62,3 +62,26 @@ def test_a_negative_first_seed_ends_with_2_and_the_name_of_the_option(capsys):
             parser_of("hil").parse_args([*command, "--first", "-1"])
         assert left.value.code == 2
         assert "--first: -1: must be a whole number of at least 0" in capsys.readouterr().err
+
+
+COUNTED = {
+    (leaf.prog, option): leaf
+    for leaf in leaves(parser_of("hil"))
+    for option in ("--seeds", "--device-seeds", "--count", "--jobs")
+    if option in leaf._option_string_actions
+}
+MAY_BE_NONE = {("hil study methods", "--device-seeds"), ("hil study paper", "--device-seeds")}
+MAY_BE_NONE |= {("hil vs-basilisk", "--seeds")}
+
+
+@pytest.mark.parametrize("given", COUNTED, ids=" ".join)
+def test_a_count_is_checked_by_every_command_that_takes_one(given, capsys):
+    parser, option = COUNTED[given], given[1]
+    action = parser._option_string_actions[option]
+    wrong = ["-1", "1.5", "x", ""] if given in MAY_BE_NONE else ["-1", "0", "1.5", "x", ""]
+    for text in wrong:
+        with pytest.raises(SystemExit) as left:
+            parser.parse_args([option, text])
+        assert left.value.code == 2
+        assert f"{option}: {text}: must be a whole number of at least" in capsys.readouterr().err
+    assert action.type("7") == 7
