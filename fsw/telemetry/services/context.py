@@ -20,7 +20,7 @@ from fsw.telemetry.state.parameter_values import ParameterValues
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TelemetryContext:
-    """The application as a service sees it.
+    """Holds the parts of the application that every service may use.
 
     Parameters
     ----------
@@ -28,16 +28,16 @@ class TelemetryContext:
     config : configuration as read from its file, without tables and parameters
     config_crc32 : CRC-32 of the effective configuration at the start
     telemetry : its section `telemetry`
-    state : directory of everything that survives a restart
+    state : directory of all files that must survive a restart
     boot : number and cause of this start
     reporter : reports events
     down : sends packets
-    modes : the current mode
-    latest : newest values from the loop; the effective configuration
+    modes : returns and changes the mode
+    latest : newest values from the loop, and the effective configuration
     parameters : on-board parameters
-    log : history of commands
+    log : log of commands
     executor : checks, executes and completes telecommands
-    loop : commands to the loop process
+    loop : sends commands to the loop process
     long_work : sends long answers and works on files, in pieces
     """
 
@@ -66,7 +66,7 @@ class TelemetryContext:
         return self.host.epoch()
 
     def report(self, code: str, text: str) -> None:
-        """Report an event."""
+        """Report an event of the application; a burst may be reduced to summaries."""
         self.reporter.report(code, text)
 
     def parameter(self, name: str) -> float:

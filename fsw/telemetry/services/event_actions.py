@@ -1,8 +1,8 @@
 """Service 19: telecommands that events release.
 
-An event queues its action; `poll` releases it, so that an event which an action causes never calls
-the next one directly. A loop of events and actions ends by itself: a definition that acts more than
-`MOST_RELEASES` times within `WINDOW_NS` is disabled, and stays so over a restart.
+An event queues its action, and `poll` releases the action later. So an event that an action causes
+never releases the next action directly. A loop of events and actions ends: a definition that would
+act more than `MOST_RELEASES` times within `WINDOW_NS` is disabled, also after a restart.
 """
 
 from collections import deque
@@ -25,14 +25,14 @@ OWN_SERVICE = 19
 CAPACITY = 32
 MOST_QUEUED = 32
 RELEASED_PER_POLL = 4
-MOST_RELEASES = 10  # of one definition within the window
+MOST_RELEASES = 10  # of one definition within `WINDOW_NS`
 WINDOW_NS = 60_000_000_000
 NAMES = {event.id: event.code for event in DICTIONARY.events}
 
 
 @dataclass(slots=True)
 class Definition:
-    """The action of one event."""
+    """The action of one event: a telecommand, its switch and its releases."""
 
     packet: bytes
     enabled: bool = False
@@ -52,7 +52,7 @@ class EventActions:
         self._recall()
 
     def event(self, number: int) -> None:
-        """Queue the action of an event that was reported."""
+        """Queue the action of a reported event; disable a definition that acts too often."""
         definition = self._definitions.get(number)
         if not self.enabled or definition is None or not definition.enabled:
             return
@@ -67,7 +67,7 @@ class EventActions:
             self._queue.append(number)
 
     def poll(self) -> None:
-        """Release actions that wait, a few at a time."""
+        """Release the queued actions, at most `RELEASED_PER_POLL` per call."""
         for _ in range(min(RELEASED_PER_POLL, len(self._queue))):
             number = self._queue.popleft()
             definition = self._definitions.get(number)
@@ -78,7 +78,7 @@ class EventActions:
             self._context.executor.receive(definition.packet, f"event {NAMES[number]}")
 
     def digest(self) -> list[object]:
-        """Return everything a telecommand can change, as plain values."""
+        """Return all state that telecommands can change, as plain values."""
         return [self._document(self._definitions, enabled=self.enabled)]
 
     def handlers(self) -> dict[str, Handler]:
@@ -136,7 +136,7 @@ class EventActions:
         return number, definition
 
     def _change(self, changes: dict[int, Definition | None]) -> Done:
-        """Keep other definitions, then let them hold. Raises TcError; then nothing has changed."""
+        """Store changed definitions, then use them. Raises TcError; then nothing has changed."""
         merged = {**self._definitions, **changes}
         definitions = {number: item for number, item in merged.items() if item is not None}
         keep_document(self._store, self._document(definitions, enabled=self.enabled))
@@ -144,7 +144,7 @@ class EventActions:
         return Done.NOW
 
     def _limit(self, number: int, definition: Definition) -> None:
-        """Disable an action that comes too often."""
+        """Disable an action that is released too often, and report that."""
         definition.enabled = False
         text = f"{NAMES[number]}: {MOST_RELEASES} actions within {WINDOW_NS / 1e9:.0f} s; disabled"
         self._context.report("EVENT_ACTION_LIMITED", text)
@@ -162,7 +162,7 @@ class EventActions:
         return {"enabled": enabled, "definitions": entries}
 
     def _recall(self) -> None:
-        """Read the definitions of the last run; leave out what the dictionary no longer has."""
+        """Read the definitions of the last run; leave out telecommands that are no longer valid."""
         found, damaged = read_document(self._store, _parse)
         faults = [f"{damaged} generations cannot be read"] if damaged else []
         if found is not None:
@@ -208,7 +208,7 @@ class EventActions:
 
 
 def _parse(document: Any) -> tuple[bool, list[tuple[int, Definition]]]:  # noqa: ANN401
-    """Return the switch of the function, and events with their actions."""
+    """Return the switch of the service, and each event's number with its action."""
     found = []
     for entry in document["definitions"]:
         number = entry["event"]

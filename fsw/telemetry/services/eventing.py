@@ -1,4 +1,4 @@
-"""Service 5: events, their ring log, per-event throttle and switch."""
+"""Service 5: logs events, and reports them with a throttle and a switch for each event."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -19,10 +19,10 @@ from fsw.telemetry.state.fair_log import FairLog
 from fsw.telemetry.state.journal import Journal
 
 LOG_ENTRIES = 1000
-VERIFIED = ("TC_ACCEPTED", "TC_COMPLETED")  # go down as verification reports, not as events
+VERIFIED = ("TC_ACCEPTED", "TC_COMPLETED")  # sent as verification reports, not as events
 SECURITY_NAME = "security.jsonl"
 SECURITY_BYTES = 1 << 20
-Logged = tuple[int, Event]  # start of the daemon, event
+Logged = tuple[int, Event]  # number of the daemon's start, event
 
 
 @dataclass(slots=True)
@@ -30,14 +30,14 @@ class _Track:
     """Counters and switch of one event."""
 
     count: int = 0
-    since_ns: int = 0  # when the throttle's period began
-    sent: int = 0  # in this period
-    suppressed: int = 0  # since the last that went out
+    since_ns: int = 0  # start of the throttle's present period
+    sent: int = 0  # reports in this period
+    suppressed: int = 0  # events not reported since the last report
     enabled: bool = True
 
 
 class Eventing:
-    """Logs every event and sends down those that are enabled, at a limited rate."""
+    """Logs every event, and reports the enabled events at a limited rate."""
 
     def __init__(self, context: TelemetryContext) -> None:
         self._context = context
@@ -53,11 +53,11 @@ class Eventing:
 
     @property
     def disabled(self) -> list[int]:
-        """Return events that are not reported."""
+        """Return the numbers of the events that are not reported."""
         return sorted(number for number, track in self._tracks.items() if not track.enabled)
 
     def record(self, event: Event) -> None:
-        """Log an event; report it."""
+        """Log an event; report it if it is enabled and within its throttle."""
         self._log.add(event.code, (self._boot_count, event))
         if event.code in SECURITY_CODES:
             self._security.add(event.code, (self._boot_count, event))
@@ -87,13 +87,13 @@ class Eventing:
         self._context.down.send(f"event_{event.severity}", values, event.t_ns)
 
     def reset_counters(self) -> None:
-        """Set counts to zero; the log stays."""
+        """Set the counts of all events to zero; the logs stay."""
         self.total = self.suppressed = 0
         for track in self._tracks.values():
             track.count = 0
 
     def files(self) -> tuple[Path, Path]:
-        """Return the files of the security log."""
+        """Return the paths of the files of the security log."""
         return self._journal.files
 
     def values(self) -> dict[str, int]:
@@ -142,7 +142,7 @@ class Eventing:
 
 
 def _kept(lines: list[dict[str, Any]]) -> Iterator[Logged]:
-    """Yield the security events of earlier runs; a damaged line is left out."""
+    """Yield the security events in the lines of earlier runs; leave out damaged lines."""
     for line in lines[-LOG_ENTRIES:]:
         try:
             event = Event(

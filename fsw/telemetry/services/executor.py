@@ -1,7 +1,7 @@
 """Executes telecommands: checks, verification reports of service 1, counters.
 
-A handler checks a request and returns the action to execute; it raises `TcError` to reject the
-request, without any effect. The action may raise it too: the telecommand was accepted and fails.
+A handler checks a request and returns the action to execute. It raises `TcError` to reject the
+request without any effect. If the action raises `TcError`, an accepted telecommand has failed.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,10 +35,10 @@ SECURITY_EVENTS = {
 
 
 class Done(Enum):
-    """How an action left things."""
+    """Whether an action has completed the telecommand."""
 
     NOW = "now"
-    LATER = "later"  # `finish` will be called
+    LATER = "later"  # `finish` will complete it
 
 
 Action = Callable[[], Done]
@@ -51,7 +51,7 @@ def for_each(request: Request, prepare: Callable[[Request], _Made]) -> list[_Mad
 
     Raises
     ------
-    TcError of the first element that is rejected; its argument counts from the telecommand's first.
+    TcError of the first rejected element; `argument` counts from the telecommand's first argument.
     """
     found = []
     width = len(request.telecommand.arguments) - 1
@@ -66,7 +66,7 @@ def for_each(request: Request, prepare: Callable[[Request], _Made]) -> list[_Mad
 
 
 def each(handler: Handler) -> Handler:
-    """Return the handler of a telecommand with a repeated group: all elements, or none."""
+    """Return a handler that checks all elements of a repeated group, then executes all of them."""
 
     def prepare(request: Request) -> Action:
         actions = for_each(request, handler)
@@ -116,11 +116,11 @@ class TelecommandExecutor:
         return self._reader.read(packet)
 
     def receive(self, packet: bytes, who: str = "") -> bool:
-        """Check and do one telecommand; return whether it was accepted.
+        """Check and execute one telecommand; return whether it was accepted.
 
         Parameters
         ----------
-        who : client and key, or the part of the daemon that releases it
+        who : client and key, or the part of the daemon that releases the telecommand
         """
         self.counters.tc_packets += 1
         request = None
@@ -152,7 +152,7 @@ class TelecommandExecutor:
         return True
 
     def open_record(self, who: str, name: str, arguments: str) -> CommandRecord:
-        """Log and report a command that is no telecommand; `close_record` ends it."""
+        """Log and report the start of a command that is no telecommand; `close_record` ends it."""
         record = self._log.begin(who, name, arguments)
         self._accepted(record)
         return record
@@ -167,7 +167,7 @@ class TelecommandExecutor:
         self._reporter.report("TC_FAILED", f"{record.name}: {error} ({record.who})")
 
     def refuse(self, packet: bytes, error: Error, text: str, value: float = 0.0) -> None:
-        """Reject what did not get through the uplink."""
+        """Count and report a packet that the uplink rejected."""
         self.counters.tc_packets += 1
         reason = TcError(error, value=value, text=text)
         self._reject(RequestId.of(packet), reason, known=len(packet) >= 4)
@@ -178,7 +178,7 @@ class TelecommandExecutor:
             self._down.send("progress_success", _names(request.id) | {"step": percent})
 
     def finish(self, request: Request, error: TcError | None = None) -> None:
-        """End a request."""
+        """Complete a request, as failed if `error` is given; ignore one that is not waiting."""
         record = self._waiting.pop(request.id, None)
         if record is None:
             return
@@ -192,13 +192,13 @@ class TelecommandExecutor:
         self.close_record(record, error)
 
     def values(self) -> dict[str, int]:
-        """Return the counters of housekeeping set 1."""
+        """Return the telecommand counters of housekeeping set 1."""
         counters = asdict(self.counters)
         del counters["tc_packets"], counters["tc_not_authorised"]
         return counters
 
     def link_values(self) -> dict[str, int]:
-        """Return the counters of housekeeping set 8."""
+        """Return the telecommand counters of housekeeping set 8."""
         counters = self.counters
         return {
             "tc_packets": counters.tc_packets,
@@ -206,7 +206,7 @@ class TelecommandExecutor:
         }
 
     def reset_counters(self) -> None:
-        """Set all to zero."""
+        """Set all counters to zero."""
         self.counters = TcCounters()
 
     def _prepare(self, request: Request) -> Action:
@@ -228,7 +228,7 @@ class TelecommandExecutor:
     def _reject(
         self, request_id: RequestId, error: TcError, *, known: bool = True, who: str = ""
     ) -> bool:
-        """Report a rejection; return whether its event passed as it is."""
+        """Report a rejection; return whether its event was reported, not left to a summary."""
         self.counters.tc_rejected += 1
         self.counters.last_error = error.error
         if known:

@@ -1,7 +1,7 @@
 """Work on files a piece at a time: checksums, copies and appending, as generators.
 
-Each yields None after a piece, so that the caller decides when to do the next. A generator that is
-closed before its end leaves nothing half made.
+Each generator yields None after a piece, so that the caller decides when to do the next piece. A
+generator that is closed before its end leaves no partial result.
 """
 
 import zlib
@@ -14,15 +14,15 @@ from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import TcError
 
 PIECE_BYTES = 1 << 16
-COPYING = f"{HIDDEN}copying"  # name of a copy that is not yet whole, in the folder of its target
+COPYING = f"{HIDDEN}copying"  # name of an incomplete copy, in the folder of its target
 
 
 def checksum(path: Path, offset: int, length: int) -> Generator[None, None, int]:
-    """Compute the CRC-32 of a part of a file [bytes].
+    """Return the CRC-32 of `length` bytes of a file from `offset` on [B].
 
     Raises
     ------
-    OSError, and TcError FAILED if the file ends before the part.
+    OSError, and TcError FAILED if the file ends within this part.
     """
     crc32 = 0
     with path.open("rb") as file:
@@ -38,7 +38,7 @@ def checksum(path: Path, offset: int, length: int) -> Generator[None, None, int]
 
 
 def copy(source: Path, target: Path) -> Iterator[None]:
-    """Copy a file; the target appears when it is whole.
+    """Copy a file; the target appears when the copy is complete.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def copy(source: Path, target: Path) -> Iterator[None]:
 
 
 def append(source: Path, target: Path, offset: int) -> Iterator[None]:
-    """Add a file to the end of a target of `offset` bytes, then remove it. Raises OSError."""
+    """Append a source to a target of `offset` bytes, then remove the source. Raises OSError."""
     if not offset:  # nothing to append to
         source.replace(target)
         return
@@ -66,14 +66,14 @@ def append(source: Path, target: Path, offset: int) -> Iterator[None]:
         try:
             yield from _pour(reader, writer, source.stat().st_size)
             writer.flush()
-        except BaseException:  # also one that closes the generator
+        except BaseException:  # GeneratorExit too, when the generator is closed
             writer.truncate(offset)
             raise
     source.unlink()
 
 
 def _pour(reader: BinaryIO, writer: BinaryIO, length: int) -> Iterator[None]:
-    """Copy so many bytes, or fewer if the reader ends: a log that grows is not chased."""
+    """Copy `length` bytes, or fewer if the reader ends; bytes that a log gains are left out."""
     while length and (piece := reader.read(min(PIECE_BYTES, length))):
         writer.write(piece)
         length -= len(piece)

@@ -17,16 +17,16 @@ from fsw.telemetry.services.file_pieces import append, checksum, copy
 from fsw.telemetry.services.long_work import Pieces
 from fsw.telemetry.state.command_log import COMMANDS_NAME
 
-MAX_DEPTH = 8  # folders in one another
-# of the state directory, that may go down
+MAX_DEPTH = 8  # most parts of a folder's name
+# files of the state directory that the ground may read
 LOGS = ("events.jsonl", COMMANDS_NAME, SECURITY_NAME, "status.json")
 
 
 class Filing:
-    """Files of the daemon by the names the ground knows: FOLDER/NAME, and a few single ones.
+    """Works on the daemon's files by the names that the ground uses: FOLDER/NAME, or NAME of a log.
 
-    The folders are `files`, in which file delivery works, and `recordings`. The single files are
-    logs of the state directory, which can be read only.
+    The folders are `files`, in which file delivery works, and `recordings`. The logs lie in the
+    state directory and can only be read.
     """
 
     def __init__(self, context: TelemetryContext) -> None:
@@ -34,11 +34,11 @@ class Filing:
         self._folders = {"files": context.state / context.telemetry.file_directory}
         if config.recorder.directory is not None:
             self._folders["recordings"] = config.resolve(config.recorder.directory)
-        self._in_work: set[Path] = set()  # that are being copied or appended
+        self._in_work: set[Path] = set()  # files that are being copied or appended
         self._single = {name: context.state / name for name in LOGS}
 
     def find(self, name: str, argument: int = 1) -> Path:
-        """Return the path a name stands for. Raises TcError when it leads outside."""
+        """Return the path for a name. Raises TcError BAD_ARG for a path outside of the folders."""
         if name in self._single:
             return self._single[name]
         parts = PurePosixPath(name).parts
@@ -56,11 +56,11 @@ class Filing:
         return path
 
     def existing(self, name: str) -> Path:
-        """Return the path of an existing file of the file store.
+        """Return the path of an existing file for a name.
 
         Raises
         ------
-        TcError FILE_NOT_FOUND; BAD_ARG for a name that leads outside of the store.
+        TcError FILE_NOT_FOUND; BAD_ARG for a path outside of the folders.
         """
         path = self.find(name)
         if not path.is_file():
@@ -68,7 +68,7 @@ class Filing:
         return path
 
     def free(self, path: Path) -> Path:
-        """Return a path that nobody writes to. Raises TcError."""
+        """Return the path itself. Raises TcError BUSY while the daemon uses or writes this file."""
         recording = self._context.host.recording
         if recording.values()["recording"] and path == recording.path:
             raise TcError(Error.BUSY, 1, text="it is being written")
@@ -77,7 +77,7 @@ class Filing:
         return path
 
     def writable(self, name: str, argument: int = 1) -> Path:
-        """Return the path of an entry that may be made or removed. Raises TcError."""
+        """Return the path of an entry that may be created or removed. Raises TcError."""
         path = self.find(name, argument)
         if name in self._single or len(PurePosixPath(name).parts) < 2:
             raise TcError(Error.BAD_ARG, argument, text=f"{name!r} cannot be written")
@@ -154,7 +154,7 @@ class Filing:
         return self._work(request, append(source, target, offset), source, target)
 
     def _work(self, request: Request, pieces: Iterator[None], *paths: Path) -> Action:
-        """Return an action that begins work on files and keeps them locked until it is over."""
+        """Return an action that begins work on files, which are locked until the work ends."""
 
         def guarded_pieces() -> Pieces:
             self._in_work.update(paths)
@@ -200,7 +200,7 @@ class Filing:
 
 
 def _page(path: Path, name: str, first: int) -> list[tuple[str, Mapping[str, object]]]:
-    """Return a page of a folder's entries as packets. Raises OSError."""
+    """Return at most `PAGE_ENTRIES` entries of a folder as packets. Raises OSError."""
     with os.scandir(path) as found:
         entries = sorted(
             (item for item in found if not item.name.startswith(HIDDEN)),
@@ -236,7 +236,7 @@ def _kind(item: os.DirEntry[str]) -> str:
 
 
 def guarded(act: Callable[[], object]) -> Done:
-    """Do it; a system error fails the telecommand with the system's words. Raises TcError."""
+    """Call `act`. Raises TcError FAILED with the text of a system error."""
     try:
         act()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Service 8, the functions that are the loop's, the recorder's or the application's own."""
+"""Service 8: functions that the loop, the recorder or the application carries out."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -15,7 +15,7 @@ from fsw.telemetry.services.loop_commands import Order
 
 BODIES = {0: [], 1: ["base"], 2: ["target"], 3: ["base", "target"]}
 
-# of a monitor: the telecommand of the same effect, its arguments, the loop's command
+# action of a monitor -> telecommand of the same effect, its arguments, the loop's command
 ACTIONS: dict[str, tuple[str, str, CommandName | None]] = {
     "safe": ("SET_MODE", "mode=SAFE", None),
     "standby": ("STOP_IDENTIFICATION", "", CommandName.REST),
@@ -25,7 +25,7 @@ ACTIONS: dict[str, tuple[str, str, CommandName | None]] = {
 
 
 class Functions:
-    """Handlers of identification, batch jobs, state, recorder and modes."""
+    """Handles the functions of identification, batch jobs, state, recorder and modes."""
 
     def __init__(self, context: TelemetryContext) -> None:
         self._context = context
@@ -58,7 +58,7 @@ class Functions:
         }
 
     def go_safe(self) -> None:
-        """Enter SAFE: nothing is identified, no job runs."""
+        """Enter SAFE: pause the estimator and abort the batch job."""
         self._modes.latch_safe()
         orders: list[tuple[Order]] = [((CommandName.REST, {}),), ((CommandName.ABORT_BATCH, {}),)]
         for order in orders:
@@ -68,12 +68,12 @@ class Functions:
                 continue  # the ring is full because the loop reads no commands
 
     def act(self, action: str, who: str) -> None:
-        """Carry out an action of a monitor or of a timer; it is logged as a command.
+        """Carry out an action of a monitor or of a timer, and log it as a command.
 
         Parameters
         ----------
-        action : a label of MONITOR_ACTION in small letters
-        who : what triggered it
+        action : a label of MONITOR_ACTION in lower case
+        who : name of the monitor or timer
         """
         name, arguments, command = ACTIONS[action]
         executor = self._context.executor

@@ -1,4 +1,4 @@
-"""The link to the ground as the application sees it, also when its port could not be opened."""
+"""The application's interface to the ground link, usable even if no port could be opened."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -21,9 +21,9 @@ from fsw.telemetry.link.uplink import (
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state.event_reporter import EventReporter
 
-MAX_ITEMS = 64  # received packets that one poll processes,
-MAX_WORK_NS = 20_000_000  # for no longer than this, except for a single longer command
-NO_SERVER_ROOM_BYTES = 1 << 16  # without a server nothing is queued
+MAX_ITEMS = 64  # most received packets that one poll processes
+MAX_WORK_NS = 20_000_000  # time after which a poll begins no further packet
+NO_SERVER_ROOM_BYTES = 1 << 16  # value of `room_bytes` without a server, which queues nothing
 
 
 class GroundLink:
@@ -31,11 +31,11 @@ class GroundLink:
 
     Parameters
     ----------
-    security : of the authenticated link; None: telecommands and telemetry in clear
+    security : keys and numbers of the authenticated link; None: all packets are sent in clear
 
     Attributes
     ----------
-    server : None until `open` has succeeded
+    server : the opened link; None until `open` has succeeded
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class GroundLink:
     ) -> None:
         self._config, self._host, self._down = config, host, down
         self._reporter, self.security = reporter, security
-        self._refusals = Packetizer()  # counts of its own: these packets go to one client only
+        self._refusals = Packetizer()  # has separate counters: only one client receives its packets
         self.server: LinkServer | None = None
 
     def open(self) -> None:
@@ -67,7 +67,7 @@ class GroundLink:
             self._down.out = self.server.send
 
     def received(self, now_ns: int) -> Iterator[Uplinked]:
-        """Serve the clients; yield received packets, as many as one poll has time for."""
+        """Serve the clients; yield received packets within `MAX_ITEMS` and `MAX_WORK_NS`."""
         if self.server is None:
             return
         self.server.serve(now_ns)
@@ -80,7 +80,7 @@ class GroundLink:
                 return
 
     def flush(self, now_ns: int) -> None:
-        """Send the queued packets."""
+        """Send the queued packets as far as the clients accept them."""
         if self.security is not None:
             self.security.poll(now_ns)
         if self.server is not None:
@@ -93,12 +93,12 @@ class GroundLink:
 
     @property
     def room_bytes(self) -> int:
-        """Bytes of a long answer that can be queued now."""
+        """Return how much of a long answer can be queued now [B]."""
         return self.server.room_bytes if self.server is not None else NO_SERVER_ROOM_BYTES
 
     @property
     def has_receiver(self) -> bool:
-        """Whether files may be sent: somebody receives them, or there is no server at all."""
+        """Return whether files may be sent: a receiver exists, or there is no server at all."""
         return self.server is None or self.server.has_receiver
 
     def reset_counters(self) -> None:
@@ -107,7 +107,7 @@ class GroundLink:
             self.server.counters = LinkCounters()
 
     def values(self) -> dict[str, object]:
-        """Return the link's part of housekeeping set 8."""
+        """Return the link's fields of housekeeping set 8."""
         server, security = self.server, self.security
         counters = asdict(server.counters if server is not None else LinkCounters())
         return {

@@ -1,4 +1,4 @@
-"""Service 3: housekeeping sets, each at its own rate, once, or not at all; science packets."""
+"""Service 3: housekeeping sets, sent periodically or once, and science packets."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from fsw.telemetry.services.housekeeping_values import HousekeepingValues
 
 SLOW_SETS = (3, 6, 7)
 SLOW_FACTOR = 5
-FALLBACK_S = 1.0  # of a set that was never given an interval
+FALLBACK_S = 1.0  # interval of a set that is disabled by the configured interval 0
 MS = 1_000_000
 _SID_BYTES = SCIENCE_SID.to_bytes(2, "big")
 
@@ -42,7 +42,7 @@ class Housekeeping:
         self._science: tuple[int, bytes] | None = None
 
     def poll(self, now_ns: int) -> None:
-        """Send every set whose time has come; what was missed is not made up for."""
+        """Send every set that is due; sets missed before are not sent."""
         for sid in SET_NAMES:
             rate = self._rates[sid]
             if rate.enabled and now_ns >= rate.due_ns:
@@ -53,13 +53,13 @@ class Housekeeping:
         """Record the newest samples; send them if the science packet is due."""
         self._science = (t_ns, record)
         rate = self._rates[SCIENCE_SID]
-        # half a millisecond early is in time: records come on the loop's grid, which jitters
+        # half a millisecond early counts as due, because the loop's grid jitters
         if rate.enabled and t_ns + MS // 2 >= rate.due_ns:
             rate.due_ns = _next(rate, t_ns)
             self.report(SCIENCE_SID)
 
     def report(self, sid: int) -> None:
-        """Send one set now; the science set as it came last."""
+        """Send one set now; the science set with its newest samples, if there are any."""
         if sid != SCIENCE_SID:
             self._context.down.send(SET_NAMES[sid], self._values.of(sid))
         elif self._science is not None:
@@ -67,12 +67,12 @@ class Housekeeping:
             self._context.down.wrap(SCIENCE, t_ns, _SID_BYTES + record)
 
     def apply(self, table: RatesTable) -> None:
-        """Adopt the rates of a table."""
+        """Use the rates of a table from now on."""
         for sid, item in table.sets.items():
             self._rates[sid] = _Rate(round(item.interval_s * 1e9), item.enabled)
 
     def rates(self) -> dict[int, dict[str, Any]]:
-        """Return the rates as a table has them."""
+        """Return the rates in the form of a rates table, by set number."""
         return {
             sid: {"interval_s": rate.interval_ns * 1e-9, "enabled": rate.enabled}
             for sid, rate in self._rates.items()
@@ -121,7 +121,7 @@ class Housekeeping:
 
 
 def science_fault(intervals_s: Mapping[int, float], rate_hz: float) -> str:
-    """Return why a science packet cannot come at its interval; empty when it can."""
+    """Return why a science packet cannot be sent at its interval; empty if it can."""
     interval_s = intervals_s.get(SCIENCE_SID)
     if interval_s is None or interval_s >= (1.0 - 1e-9) / rate_hz:
         return ""
@@ -133,7 +133,7 @@ def _rate(interval_s: float) -> _Rate:
 
 
 def _next(rate: _Rate, now_ns: int) -> int:
-    """Return the next point of the set's own grid after now."""
+    """Return the next time of the set's grid after now; begin a new grid if it is too old."""
     if rate.due_ns == 0 or now_ns - rate.due_ns > 10 * rate.interval_ns:
         return now_ns + rate.interval_ns
     missed = (now_ns - rate.due_ns) // rate.interval_ns

@@ -1,4 +1,4 @@
-"""The values of every housekeeping set, put together from the parts that know them."""
+"""Collects the values of every housekeeping set from the parts of the application."""
 
 import shutil
 from collections.abc import Callable, Mapping
@@ -20,15 +20,15 @@ class HousekeepingValues:
         self._sources: dict[int, tuple[Source, ...]] = {}
 
     def add(self, sid: int, *sources: Source) -> None:
-        """Add functions that each return some of the values of the set with this number."""
+        """Add functions that each return some of the values of the set `sid`."""
         self._sources[sid] = self._sources.get(sid, ()) + sources
 
     def of(self, sid: int) -> dict[str, Any]:
-        """Return the values of a set by its number."""
+        """Return all values of the set `sid` by field name."""
         return {name: value for source in self._sources[sid] for name, value in source().items()}
 
     def watched(self, packet: str) -> tuple[Mapping[str, Any], float]:
-        """Return the values of a set by its name, and their age [s]."""
+        """Return the values of the set named `packet`, and their age [s]."""
         sid = next(number for number, name in SET_NAMES.items() if name == packet)
         from_estimate = packet in ("estimate", "covariance")
         age_s = self._latest.estimate_age_s() if from_estimate else self._latest.summary_age_s
@@ -48,7 +48,7 @@ def run_values(context: TelemetryContext) -> dict[str, Any]:
 
 
 def recorder_values(context: TelemetryContext) -> dict[str, Any]:
-    """Return set 7. An unreadable disk gives sizes of 0: the recorder reports that fault."""
+    """Return set 7. The sizes are 0 if the disk cannot be read; the recorder reports that."""
     recording = context.host.recording
     path = recording.path
     size = free = 0
@@ -64,5 +64,5 @@ def recorder_values(context: TelemetryContext) -> dict[str, Any]:
 
 
 def time_values(context: TelemetryContext) -> dict[str, Any]:
-    """Return the fields of set 8 that date it."""
+    """Return the time and the start count of set 8."""
     return {"met_s": context.now_ns() * 1e-9, "boot_count": context.boot.count}

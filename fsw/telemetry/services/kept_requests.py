@@ -1,4 +1,4 @@
-"""Telecommands that are kept on board: what may be kept, and how they lie in a document."""
+"""Telecommands that are stored on board: their checks and their form in a document."""
 
 import struct
 from collections.abc import Collection
@@ -17,12 +17,12 @@ UNSEGMENTED = 0xC000
 def checked_request(
     executor: TelecommandExecutor, packet: bytes, argument: int, barred: Collection[int] = ()
 ) -> Request:
-    """Return the request in a packet that is to be kept.
+    """Return the request in a packet that is to be stored on board.
 
     Parameters
     ----------
     argument : number of the argument that holds the packet
-    barred : services whose telecommands cannot be kept there
+    barred : services whose telecommands cannot be stored there
 
     Raises
     ------
@@ -44,14 +44,14 @@ def request_id_of(source: int, apid: int, sequence_count: int, packet: bytes) ->
 
 
 def source_of(packet: bytes) -> int:
-    """Return the source id of a telecommand packet; 0 of one that is too short."""
+    """Return the source id of a telecommand packet; 0 if the packet is too short."""
     if len(packet) < TC_HEADER_BYTES:
         return 0
     return int(struct.unpack_from(">H", packet, TC_HEADER_BYTES - 2)[0])
 
 
 def split_first(data: bytes) -> bytes:
-    """Return the packet that data begin with. Raises TcError BAD_LENGTH when they hold none."""
+    """Return the first packet in the data. Raises TcError BAD_LENGTH if it is incomplete."""
     if len(data) >= HEADER_BYTES:
         length = int.from_bytes(data[4:6], "big") + HEADER_BYTES + 1
         if length <= len(data):
@@ -60,7 +60,7 @@ def split_first(data: bytes) -> bytes:
 
 
 def packet_of(value: Any) -> bytes:  # noqa: ANN401
-    """Return the packet of a document's value. Raises TypeError or ValueError."""
+    """Return the packet in a document's hexadecimal value. Raises TypeError or ValueError."""
     if not isinstance(value, str):
         raise TypeError("a kept telecommand must be hexadecimal text")
     return bytes.fromhex(value)

@@ -1,4 +1,4 @@
-"""Commands of the local control socket, noted in the same history as telecommands."""
+"""Commands of the local control socket, recorded in the same log as telecommands."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ class LocalCommands:
         self._waiting: dict[int, _Waiting] = {}  # by the command's id
 
     def begin(self, command: Command) -> None:
-        """Record a command; its reply ends it."""
+        """Record the start of a command; the loop's reply ends the command."""
         arguments = " ".join(f"{name}={value}" for name, value in command.args.items())
         name = str(command.name).upper()
         record = self._context.executor.open_record("local socket", name, arguments)
@@ -36,7 +36,7 @@ class LocalCommands:
         self._end(reply.id, error)
 
     def poll(self, now_ns: int) -> None:
-        """Fail what the loop does not answer."""
+        """Record commands without an answer of the loop as failed after `TIMEOUT_NS`."""
         late = [n for n, item in self._waiting.items() if now_ns - item.since_ns > TIMEOUT_NS]
         for number in late:
             self._end(number, TcError(Error.TIMEOUT, text="the loop did not answer"))

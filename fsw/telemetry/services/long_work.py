@@ -1,4 +1,4 @@
-"""Long answers and long work on files: piece by piece, so that nothing else has to wait."""
+"""Long answers and long work on files, done in pieces so that no other work has to wait."""
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from functools import partial
@@ -8,16 +8,16 @@ from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.executor import Action, Done, TelecommandExecutor
 
-PIECES_PER_POLL = 32  # of everything under way together
+PIECES_PER_POLL = 32  # of all running work together
 
 Packet = tuple[str, Mapping[str, object]]  # name, values
-Pieces = Iterable[Packet | None]  # a packet to send, or None: work that sends nothing
+Pieces = Iterable[Packet | None]  # a packet to send, or None: a piece that sends no packet
 
 
 class LongWork:
-    """Does the work of telecommands that take long, at most so many pieces in one poll.
+    """Does the work of long telecommands, at most `PIECES_PER_POLL` pieces in one poll.
 
-    One of a kind is under way at a time: further requests for it are BUSY.
+    Of each telecommand name only one runs at a time; another one is rejected as BUSY.
     """
 
     def __init__(self, down: Downlink, executor: TelecommandExecutor) -> None:
@@ -26,19 +26,19 @@ class LongWork:
         self._left = PIECES_PER_POLL
 
     def action(self, request: Request, make: Callable[[], Pieces]) -> Action:
-        """Return the action that begins the work. Raises TcError BUSY while one of its kind runs.
+        """Return the action that begins the work. Raises TcError BUSY while the same one runs.
 
         Parameters
         ----------
-        make : returns the pieces; it and they may raise TcError or OSError, which ends the
-            telecommand as failed
+        make : returns the pieces; `make` and the pieces may raise TcError or OSError, and the
+            telecommand then fails
         """
         if request.telecommand.name in self._running:
             raise TcError(Error.BUSY, text="one is under way")
         return partial(self._begin, request, make)
 
     def poll(self) -> None:
-        """Do the next pieces, one of everything under way in turn."""
+        """Do the next pieces, one of each running work in turn."""
         self._left = PIECES_PER_POLL
         while self._left > 0 and self._running:
             name = next(iter(self._running))
@@ -50,17 +50,17 @@ class LongWork:
             if is_over:
                 self._executor.finish(request, error)
             else:
-                self._running[name] = request, pieces  # at the end: its turn comes last
+                self._running[name] = request, pieces  # at the end, to be the last in turn
 
     def close(self) -> None:
-        """End what is under way; work on files leaves nothing half made."""
+        """End all running work; work on files leaves no partial results."""
         for _, pieces in self._running.values():
             if isinstance(pieces, Generator):
                 pieces.close()
         self._running.clear()
 
     def _begin(self, request: Request, make: Callable[[], Pieces]) -> Done:
-        """Do as many pieces as this poll has left. Raises TcError."""
+        """Do the pieces that this poll has left; return LATER if work remains. Raises TcError."""
         try:
             pieces = iter(make())
             while self._left > 0:
@@ -72,7 +72,7 @@ class LongWork:
         return Done.LATER
 
     def _is_over(self, pieces: Iterator[Packet | None]) -> bool:
-        """Do one piece; return whether there was none."""
+        """Do one piece; return True if no piece was left."""
         try:
             packet = next(pieces)
         except StopIteration:
@@ -84,7 +84,7 @@ class LongWork:
 
 
 def _reason(error: Exception) -> TcError:
-    """Return why a telecommand failed; the system's own words of a system error."""
+    """Return the TcError for an error of a telecommand; a system error keeps its text."""
     if isinstance(error, OSError):
         return TcError(Error.FAILED, text=f"{error.filename or 'file'}: {error.strerror or error}")
     return TcError.of(error)

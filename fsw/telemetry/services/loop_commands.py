@@ -1,4 +1,4 @@
-"""Telecommands that the loop carries out: through the one queue, and back as completion."""
+"""Forwards telecommands to the loop, and completes them by the loop's replies."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from fsw.telemetry.services.executor import Done, TelecommandExecutor
 from fsw.telemetry.state.command_log import CommandRecord
 from fsw.telemetry.state.modes import ModeMachine
 
-FIRST_ID = 1 << 20  # numbers below are the control socket's
+FIRST_ID = 1 << 20  # the control socket uses the numbers below
 TIMEOUT_NS = 5_000_000_000
 STEP_PERCENT = 10  # between progress reports
 ERRORS = {
@@ -24,7 +24,7 @@ ERRORS = {
     Code.NOT_SUPPORTED: Error.NOT_SUPPORTED,
     Code.TIMEOUT: Error.TIMEOUT,
 }
-OUTCOMES = ("NOT_CONVERGED", "INSUFFICIENT_EXCITATION")  # of an identification, reported in words
+OUTCOMES = ("NOT_CONVERGED", "INSUFFICIENT_EXCITATION")  # errors named only in a reply's text
 
 Then = Callable[[Reply], None]
 Order = tuple[CommandName, dict[str, object]]
@@ -34,7 +34,7 @@ Order = tuple[CommandName, dict[str, object]]
 class _Waiting:
     request: Request | CommandRecord | None
     since_ns: int
-    rest: list[Order]  # what follows when this was accepted
+    rest: list[Order]  # commands to forward after this one is accepted
     then: Then | None = None
     failed: Callable[[], None] | None = None
 
@@ -46,12 +46,12 @@ class _Job:
 
 
 class LoopCommands:
-    """Forwards commands and waits for what became of them.
+    """Forwards commands to the loop and waits for their replies.
 
     Parameters
     ----------
     host : forwards commands to the loop
-    modes : follow the commands that the loop has applied
+    modes : records the effect of commands that the loop has applied
 
     Attributes
     ----------
@@ -72,24 +72,24 @@ class LoopCommands:
         then: Then | None = None,
         failed: Callable[[], None] | None = None,
     ) -> Done:
-        """Forward commands one after the other, each when the one before was accepted.
+        """Forward commands in order, each after the command before was accepted.
 
         Parameters
         ----------
-        request : a telecommand, a logged command of the daemon itself, or None: an order of neither
+        request : the telecommand or logged command to complete at the end; None: neither
         then : called with the last reply, before the request is finished; may raise TcError
-        failed : called when one was refused
+        failed : called when a command was rejected or failed
 
         Raises
         ------
-        TcError when the first cannot be forwarded.
+        TcError BUSY when the first command cannot be forwarded.
         """
         waiting = _Waiting(request, self._host.now_ns(), list(orders), then, failed)
         self._send_next(waiting)
         return Done.LATER
 
     def reply(self, reply: Reply) -> None:
-        """Complete, continue or fail the telecommand that a reply belongs to."""
+        """Complete, continue or fail the request of a reply; ignore replies to other commands."""
         if reply.accepted and reply.command:
             self._applied(CommandName(reply.command))
         waiting = self._waiting.pop(reply.id, None)
@@ -114,7 +114,7 @@ class LoopCommands:
         self._finish(waiting.request, None)
 
     def job(self, report: JobReport) -> None:
-        """Report progress or end of a batch job to the ground."""
+        """Report the progress of a batch job [%], or complete its telecommand at the end."""
         job = self._jobs.get(report.id)
         if job is None:
             return
@@ -132,7 +132,7 @@ class LoopCommands:
             self._finish(job.request, error_of(Code.ESTIMATOR, f"{report.state} {status}"))
 
     def poll(self) -> None:
-        """Fail the telecommands that the loop has not answered in time."""
+        """Fail the requests that the loop has not answered within `TIMEOUT_NS`."""
         now_ns = self._host.now_ns()
         late = [n for n, item in self._waiting.items() if now_ns - item.since_ns > TIMEOUT_NS]
         for number in late:
@@ -140,7 +140,7 @@ class LoopCommands:
             self._fail(waiting, TcError(Error.TIMEOUT, text="the loop did not answer"))
 
     def _applied(self, name: CommandName) -> None:
-        """Record the effect of a command that the loop has applied; any client may have sent it."""
+        """Record the effect of a command that the loop has applied, whichever client sent it."""
         if name in (CommandName.REST, CommandName.RESUME):
             self._modes.identifying(name is CommandName.RESUME)
         elif name in JOBS:
@@ -172,7 +172,7 @@ class LoopCommands:
 
 
 def error_of(code: Code, text: str) -> TcError:
-    """Return the error of a telecommand for a reply of the loop."""
+    """Return the TcError for code and text of a rejecting reply of the loop."""
     for outcome in OUTCOMES:
         if outcome in text:
             return TcError(Error[outcome], text=text)

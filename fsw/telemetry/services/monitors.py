@@ -1,4 +1,4 @@
-"""Service 12: limits of telemetered values; stale, so many times in a row, and once."""
+"""Service 12: monitors check telemetered values against limits and may act once."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ NUMBERS = {label: number for number, label in VALUE.labels.items()}
 
 
 class Check(IntEnum):
-    """Result of a check; the names are the dictionary's labels."""
+    """Result of a check; the names are those of the dictionary's labels."""
 
     UNCHECKED = 0
     WITHIN = 1
@@ -44,7 +44,7 @@ class _Monitor:
 
     @property
     def enabled(self) -> bool:
-        """Whether it is checked."""
+        """Return whether the monitor is checked."""
         return self.config.enabled
 
 
@@ -60,12 +60,12 @@ class Monitoring:
 
     Parameters
     ----------
-    values : the telemetered values
-    functions : carry out the action of a monitor
+    values : source of the telemetered values
+    functions : carries out the action of a monitor
 
     Attributes
     ----------
-    keep : writes another table to the disk; if it raises TcError, the table before stays in force
+    keep : writes a table to the disk; if it raises TcError, the table before stays in use
     """
 
     def __init__(
@@ -78,15 +78,15 @@ class Monitoring:
         self.keep: Callable[[MonitorsTable], None] = lambda _: None
 
     def apply(self, table: MonitorsTable) -> None:
-        """Adopt another table; every status restarts as UNCHECKED."""
+        """Use another table; every status begins again as UNCHECKED."""
         self._monitors = {m.id: _Monitor(m) for m in table.monitors}
 
     def table(self) -> list[dict[str, Any]]:
-        """Return the monitors as a table has them."""
+        """Return the monitors in the form of a monitors table."""
         return [m.config.model_dump(mode="json") for m in self._monitors.values()]
 
     def poll(self, now_ns: int) -> None:
-        """Check what is enabled, when it is time."""
+        """Check all enabled monitors, if `PERIOD_NS` has passed since the last check."""
         if not self.enabled or now_ns < self._due_ns:
             return
         self._due_ns = now_ns + PERIOD_NS
@@ -178,7 +178,7 @@ class Monitoring:
         return partial(self._change, monitor.config.id, None)
 
     def _change(self, number: int, config: MonitorConfig | None) -> Done:
-        """Keep a table with one monitor changed, then let it hold; its status begins again."""
+        """Store a table with one monitor changed or removed (None), then use the table."""
         monitors = {key: m for key, m in self._monitors.items() if key != number or config}
         if config is not None:
             monitors[number] = _Monitor(config)
@@ -220,7 +220,7 @@ class Monitoring:
 
 
 def _requested(request: Request, *, enabled: bool) -> MonitorConfig:
-    """Return the definition in a telecommand. Raises TcError."""
+    """Return the monitor's definition in a telecommand. Raises TcError."""
     low, high = request.number("low"), request.number("high")
     action = request.whole("action")
     try:

@@ -1,8 +1,8 @@
-"""Service 6: check-sums of objects on board, which are tables and files (6,7 and 6,8).
+"""Service 6: checksums of objects on board, which are tables and files (6,7 and 6,8).
 
-The standard has two forms: raw memory by address (6,9), and objects by a base and offsets into
-it (6,7). Tables and files are objects. The check-sum is the CRC-32 that tables and file delivery
-use, where the standard's annex B proposes 16 bits. A file is read a piece at a time.
+The standard has two forms: raw memory by address (6,9), and objects by base and offset (6,7).
+Tables and files are objects. The checksum is the CRC-32 that tables and file delivery use; annex B
+of the standard proposes 16 bits instead. A file is read a piece at a time.
 """
 
 import zlib
@@ -19,12 +19,12 @@ from fsw.telemetry.tables.slot import Copy
 
 
 class ObjectChecksums:
-    """Computes checksums, one file at a time.
+    """Computes checksums, of one file at a time.
 
     Parameters
     ----------
     filing : finds files by the names that the ground uses
-    tables : the contents of tables
+    tables : returns the contents of tables
     """
 
     def __init__(self, context: TelemetryContext, filing: Filing, tables: Tables) -> None:
@@ -80,7 +80,7 @@ class ObjectChecksums:
 
 
 def _table_copy(base: str) -> tuple[Table, Copy]:
-    """Return the table and the copy that NAME/COPY names. Raises TcError."""
+    """Return the table and the copy for a text NAME/COPY. Raises TcError."""
     name, _, copy = base.upper().partition("/")
     if name not in Table.__members__ or copy not in Copy.__members__:
         text = (
@@ -91,7 +91,7 @@ def _table_copy(base: str) -> tuple[Table, Copy]:
 
 
 def _part(request: Request, size: int) -> tuple[int, int]:
-    """Return offset and length within an object of a size [B]. Raises TcError."""
+    """Return offset and length of a part of an object of `size` bytes [B]. Raises TcError."""
     offset, length = request.whole("offset"), request.whole("length")
     if offset > size:
         raise TcError(Error.OUT_OF_RANGE, 4, offset, f"{size} bytes")

@@ -1,4 +1,4 @@
-"""The services that work without the ground, put together: one context for all of them."""
+"""Combines the services that work without the ground."""
 
 from fsw.telemetry.dictionary.events import IDS, OTHER_ID
 from fsw.telemetry.services.context import TelemetryContext
@@ -14,12 +14,12 @@ from fsw.telemetry.services.tables import Tables
 
 
 class OnBoardServices:
-    """Schedule, actions of events, sequences, check-sums, packet stores.
+    """Holds the schedule, the actions of events, sequences, checksums and packet stores.
 
     Parameters
     ----------
     filing : finds files by the names that the ground uses
-    tables : contents whose checksum can be requested
+    tables : returns the contents of tables for checksums
     link : limits the rate of retrieved packets
     """
 
@@ -33,18 +33,18 @@ class OnBoardServices:
         self.playback = Playback(context, link)
 
     def poll(self, now_ns: int) -> None:
-        """Release what is due."""
+        """Release the telecommands that are due, and send retrieved packets."""
         self.schedule.poll(now_ns)
         self.actions.poll()
         self.sequences.poll(now_ns)
         self.playback.poll()
 
     def event(self, code: str) -> None:
-        """Let an event release its action."""
+        """Queue the action of the event with this code, if it has one."""
         self.actions.event(IDS.get(code, OTHER_ID))
 
     def digest(self) -> list[object]:
-        """Return everything a telecommand can change, as plain values."""
+        """Return the state that telecommands can change, as plain values."""
         schedule = [self.schedule.entries, self.schedule.enabled]
         parts = (self.actions, self.sequences, self.playback)
         return [schedule, *(part.digest() for part in parts)]

@@ -16,7 +16,7 @@ from fsw.telemetry.state.version import version_values
 
 
 class OwnCommands:
-    """Handlers of telecommands that belong to no other service."""
+    """Handles the telecommands that belong to no other service."""
 
     def __init__(
         self,

@@ -1,10 +1,10 @@
 """Service 15: packet stores and their retrieval by time range.
 
-There are three circular stores, and the standard's storage-control configuration (15,3 to 15,6) is
-fixed: events with transitions of monitors, housekeeping, science. Answers, logs and files are in
-none, they can be requested again; nor are verification reports, which sent again would be taken for
-those of a newer telecommand. A retrieval sends the packets as they were, after everything
-else, and at most as fast as the client that reads fastest takes them.
+Three circular stores hold events with monitor transitions, housekeeping, and science. This
+storage-control configuration (15,3 to 15,6) is fixed. Answers, logs and files are not stored, for
+they can be requested again; nor are verification reports, for a repeated one could be mistaken for
+that of a newer telecommand. A retrieval sends the stored packets unchanged, at low priority, and at
+most as fast as the fastest client reads them.
 """
 
 import struct
@@ -25,9 +25,9 @@ from fsw.telemetry.state.packet_store import PacketStore
 from fsw.telemetry.state.store import GenerationStore
 
 FOLDER, SWITCHES = "packet_stores", "packet_store_switches"
-LOOKED_AT_PER_POLL = 500  # stored packets, of all retrievals together
+LOOKED_AT_PER_POLL = 500  # stored packets read, of all retrievals together
 SENT_PER_POLL = 64
-RETRY_NS = 10_000_000_000  # after packets could not be stored
+RETRY_NS = 10_000_000_000  # time without writing after a packet could not be stored
 EVENT_SERVICE = 5
 TRANSITION = (12, 12)
 HOUSEKEEPING = (3, 25)
@@ -38,11 +38,11 @@ class _Retrieval:
     request: Request
     packets: Iterator[bytes | None]
     sent: int = 0
-    held: bytes = b""  # found no room yet
+    held: bytes = b""  # the next packet to send; empty: none
 
 
 def store_of(packet: bytes) -> Store | None:
-    """Return the store a packet belongs to; None: it is not stored."""
+    """Return the store a packet belongs to; None if the packet is not stored."""
     apid = int.from_bytes(packet[:2], "big") & 0x7FF
     if len(packet) < TM_HEADER_BYTES or not packet[0] & 0x08:
         return None
@@ -80,7 +80,7 @@ class Playback:
         self._retry_ns: dict[Store, int] = {}
 
     def keep(self, packet: bytes) -> None:
-        """Store a packet that goes down, if it belongs to a store."""
+        """Store a sent packet, if it belongs to an enabled store."""
         store = store_of(packet)
         if store is None or store in self._disabled:
             return
@@ -101,12 +101,12 @@ class Playback:
             self._context.report("PACKET_STORE_BACK", store.name)
 
     def files(self) -> list[Path]:
-        """Return the files that grow."""
+        """Return the paths of the files that grow: the newest segment of each store."""
         newest = (store.newest for store in self._stores.values())
         return [path for path in newest if path is not None]
 
     def poll(self) -> None:
-        """Send the next packets of every retrieval, as far as there is room."""
+        """Send the next packets of every retrieval, as far as the link has room."""
         looks, sends = LOOKED_AT_PER_POLL, SENT_PER_POLL
         room_bytes = self._link.room_bytes if self._retrievals else 0
         for store, retrieval in list(self._retrievals.items()):
@@ -125,7 +125,7 @@ class Playback:
                     break
 
     def digest(self) -> list[object]:
-        """Return everything a telecommand can change, as plain values."""
+        """Return all state that telecommands can change, as plain values."""
         return [sorted(self._disabled), sorted(self._retrievals)]
 
     def handlers(self) -> dict[str, Handler]:
@@ -232,12 +232,12 @@ class Playback:
 
 
 def _time_ns(request: Request, name: str) -> int:
-    """Return a time of a telecommand [ns]."""
+    """Return the mission elapsed time in the arguments `name`_* of a telecommand [ns]."""
     fine = request.whole(f"{name}_fine")
     coarse_s, p_field = request.whole(f"{name}_coarse_s"), request.whole(f"{name}_p_field")
     return from_cuc(struct.pack(">BIBH", p_field, coarse_s, fine >> 16, fine & 0xFFFF))
 
 
 def _parse(document: Any) -> frozenset[Store]:  # noqa: ANN401
-    """Return the stores that are disabled."""
+    """Return the disabled stores in a document."""
     return frozenset(Store[name] for name in document["disabled"])

@@ -1,10 +1,10 @@
-"""A telecommand in words, for events and the command log."""
+"""Text of a telecommand's arguments, for events and the command log."""
 
 from fsw.telemetry.link.telecommands import Request
 
 
 def argument_words(request: Request) -> str:
-    """Return the arguments of a request as NAME=VALUE; free bytes by their number."""
+    """Return the arguments of a request as NAME=VALUE; of a BYTES argument only its size."""
     if request.elements:  # of a repeated group
         return "; ".join(argument_words(element) for element in request.elements)
     fixed = dict(request.telecommand.match)

@@ -1,8 +1,8 @@
-"""Service 11: telecommands that wait for their time, also over a restart.
+"""Service 11: telecommands that are released at a given time, even after a restart.
 
-Whatever changes the schedule is on the disk before it has an effect. A telecommand is taken from
-the disk before it is released, so that no crash releases it twice. Times are kept with the origin
-of their clock: after a restart of the machine the time of day connects the two.
+A change of the schedule is stored on the disk before it has an effect. A telecommand is removed
+from the disk before its release, so that no crash releases it twice; if the disk cannot be written,
+it is released all the same. Times are stored with their epoch, to convert them after a restart.
 """
 
 import struct
@@ -31,13 +31,13 @@ FOLDER = "schedule"
 CAPACITY = 64
 OWN_SERVICE = 11
 APID_MASK, COUNT_MASK = 0x7FF, 0x3FFF
-LATE_NS = 5_000_000_000  # what is later than this after a restart is discarded
-LATEST_NS = (1 << 32) * 1_000_000_000  # that a CUC of 4 bytes of seconds can name
+LATE_NS = 5_000_000_000  # after a restart, later telecommands are discarded
+LATEST_NS = (1 << 32) * 1_000_000_000  # end of the range of a CUC with 4 bytes of seconds
 
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """One telecommand and its time of release [ns, mission elapsed time]."""
+    """One telecommand; `release_ns` is mission elapsed time [ns]."""
 
     release_ns: int
     request: Request
@@ -58,11 +58,11 @@ class Schedule:
 
     @property
     def entries(self) -> int:
-        """Telecommands that wait."""
+        """Return the number of waiting telecommands."""
         return len(self._waiting)
 
     def poll(self, now_ns: int) -> None:
-        """Release what is due; discard it while the schedule is disabled."""
+        """Release the telecommands that are due; discard them while the schedule is disabled."""
         due = [activity for activity in self._waiting if activity.release_ns <= now_ns]
         if not due:
             return
@@ -80,7 +80,7 @@ class Schedule:
             self._context.executor.receive(activity.packet, "schedule")
 
     def values(self) -> dict[str, object]:
-        """Return the schedule's part of housekeeping set 8."""
+        """Return the schedule's fields of housekeeping set 8."""
         return {
             "schedule_enabled": self.enabled,
             "schedule_entries": self.entries,
@@ -120,7 +120,7 @@ class Schedule:
         return partial(self._change_done, lambda: [*self._waiting, *new])
 
     def _activity(self, request: Request, before: list[Activity]) -> Activity:
-        """Return one activity; `before` are those before it in the same telecommand."""
+        """Return the activity in one element; `before`: activities of the elements before."""
         release_ns = _release_ns(request)
         inner = checked_request(self._context.executor, request.data, 4, (OWN_SERVICE,))
         if release_ns < self._earliest_ns():
@@ -144,7 +144,7 @@ class Schedule:
         return act
 
     def _named(self, request: Request) -> list[Activity]:
-        """Return the waiting entry with the request identifier of a telecommand. Raises TcError."""
+        """Return the waiting activities that a request identifier names. Raises TcError."""
         source, apid = request.whole("source_id"), request.whole("apid")
         count = request.whole("sequence_count")
         found = [a for a in self._waiting if request_id_of(source, apid, count, a.packet)]
@@ -164,7 +164,7 @@ class Schedule:
         return self._shift(request, list(self._waiting))
 
     def _shift(self, request: Request, chosen: list[Activity]) -> Action:
-        """Return the shift of some activities; all or none of them."""
+        """Return the action that shifts all chosen activities. Raises TcError OUT_OF_RANGE."""
         offset_ns = _offset_ns(request)
         moved = {id(a): replace(a, release_ns=a.release_ns + offset_ns) for a in chosen}
         for activity in moved.values():
@@ -182,7 +182,7 @@ class Schedule:
         return Done.NOW
 
     def _change(self, waiting: list[Activity]) -> None:
-        """Keep other activities, then let them hold. Raises TcError; then nothing has changed."""
+        """Store other activities, then use them. Raises TcError; then nothing has changed."""
         ordered = sorted(waiting, key=lambda item: item.release_ns)
         self._keep(ordered, enabled=self.enabled)
         self._waiting = ordered
@@ -193,7 +193,7 @@ class Schedule:
         keep_document(self._store, {"enabled": enabled, "epoch": epoch, "entries": entries})
 
     def _recall(self) -> None:
-        """Read the entries that waited when the last run ended; discard those that are too late."""
+        """Read the activities that waited when the last run ended; discard those too late."""
         found, damaged = read_document(self._store, _parse)
         if damaged:
             text = f"schedule: {damaged} generations cannot be read"
@@ -231,7 +231,7 @@ class Schedule:
             request = activity.request
             values = {
                 "n": 1,
-                "release_time_s": activity.release_ns / 1e9,  # a whole second stays one
+                "release_time_s": activity.release_ns / 1e9,  # a whole second stays whole
                 "source_id": source_of(activity.packet),
                 "apid": request.id.packet_id & APID_MASK,
                 "sequence_count": request.id.sequence & COUNT_MASK,
@@ -249,7 +249,7 @@ class Schedule:
 
 
 def _release_ns(request: Request) -> int:
-    """Return the time of release in a telecommand [ns]."""
+    """Return the release time in a telecommand [ns, mission elapsed time]."""
     fine = request.whole("release_fine")
     time = struct.pack(
         ">BIBH",
@@ -262,13 +262,13 @@ def _release_ns(request: Request) -> int:
 
 
 def _offset_ns(request: Request) -> int:
-    """Return a relative time of 56 bits in two's complement [ns], as bounded as the argument is."""
+    """Return the offset in a telecommand [ns]: relative CUC of 56 bits, two's complement."""
     fractions = request.whole("offset_coarse_s") * FRACTIONS_PER_S + request.whole("offset_fine")
     return round(fractions * 1_000_000_000 / FRACTIONS_PER_S)
 
 
 def _parse(document: Any) -> tuple[bool, Epoch, list[tuple[int, bytes]]]:  # noqa: ANN401
-    """Return the switch, the epoch of the times, and times with packets."""
+    """Return the switch, the epoch of the times, and release times [ns] with packets."""
     entries = []
     for entry in document["entries"]:
         if not isinstance(entry["release_ns"], int):

@@ -1,7 +1,7 @@
 """Service 21: sequences of telecommands, each with the delay after it.
 
-Loaded sequences survive a restart; their execution does not: what had run is not known then, so it
-is aborted and reported. A sequence starts no sequence, so that none runs for ever.
+Loaded sequences survive a restart. Their execution does not: it is reported as aborted, because the
+place reached is not stored. A sequence cannot start a sequence, so that none runs forever.
 """
 
 import struct
@@ -40,18 +40,18 @@ class Entry:
 
 @dataclass(slots=True)
 class SequenceRun:
-    """How far one execution is."""
+    """Progress of one execution."""
 
     due_ns: int
-    place: int = 0  # of the next entry
+    place: int = 0  # index of the next entry
 
 
 def parse_entries(data: bytes) -> tuple[Entry, ...]:
-    """Return the entries of a sequence: packet, delay u32 [ms], and so on.
+    """Return the entries in the bytes of a sequence, each a packet and its delay (u32) [ms].
 
     Raises
     ------
-    TcError BAD_LENGTH or OUT_OF_RANGE, by the bounds on bytes, entries and delays.
+    TcError BAD_LENGTH or OUT_OF_RANGE, if bytes, entries or delays are out of bounds.
     """
     if not 0 < len(data) <= MAX_BYTES:
         raise TcError(Error.BAD_LENGTH, 2, len(data), f"1 to {MAX_BYTES} bytes of entries")
@@ -73,7 +73,7 @@ def parse_entries(data: bytes) -> tuple[Entry, ...]:
 
 
 class Sequences:
-    """Keeps sequences and executes them.
+    """Stores sequences and executes them.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Sequences:
         self._recall()
 
     def poll(self, now_ns: int) -> None:
-        """Release what is due, one telecommand of each sequence."""
+        """Release at most one telecommand of each sequence, if it is due."""
         for number, run in list(self._runs.items()):
             if now_ns < run.due_ns or self._runs.get(number) is not run:
                 continue
@@ -108,7 +108,7 @@ class Sequences:
             self._context.executor.receive(entry.packet, f"sequence {number}")
 
     def digest(self) -> list[object]:
-        """Return everything a telecommand can change, as plain values."""
+        """Return all state that telecommands can change, as plain values."""
         crcs = {number: zlib.crc32(data) for number, data in self._loaded.items()}
         return [crcs, {number: run.place for number, run in self._runs.items()}]
 
@@ -268,11 +268,11 @@ class Sequences:
             self._context.report("TC_FAILED", f"sequences: {error}")
 
     def _note(self, numbers: set[int]) -> None:
-        """Keep which sequences execute, for the report after a restart."""
+        """Store which sequences execute, for the report after a restart."""
         keep_document(self._executing, sorted(numbers))
 
     def _recall(self) -> None:
-        """Read the sequences of the last run; report those it was executing."""
+        """Read the sequences of the last run; report those that were executing then."""
         damaged = 0
         for number, store in self._stores.items():
             generations, bad = store.read()
@@ -301,7 +301,7 @@ class Sequences:
 
 
 def _numbers(document: Any) -> list[int]:  # noqa: ANN401
-    """Return the numbers of sequences."""
+    """Return the sequence numbers in a document. Raises TypeError."""
     if not isinstance(document, list) or any(not isinstance(item, int) for item in document):
         raise TypeError("must be a list of whole numbers")
     return document

@@ -1,4 +1,4 @@
-"""Health word, mode, command-loss timer and the loop's silence."""
+"""Supervises health word, mode, command-loss timer and the loop's silence."""
 
 from fsw.messages.findings import Fault, severity
 from fsw.telemetry.dictionary.codes import Health, Mode
@@ -8,9 +8,9 @@ from fsw.telemetry.services.functions import Functions
 from fsw.telemetry.state.health import HealthWord
 
 SILENT_PERIODS = 10.0
-FRESH_NS = 10_000_000_000  # a slip or a rejected sample stands for so long
+FRESH_NS = 10_000_000_000  # time for which a slip or a rejected sample counts as present
 OF_THE_LOOP = {Fault.LOOP_OVERRUN, Fault.LOOP_STALLED, Fault.LOOP_OVER_BUDGET}
-OF_A_BUS = ("SYNC_", "BUS_", "NODE_UNKNOWN")  # faults that are not one sensor's
+OF_A_BUS = ("SYNC_", "BUS_", "NODE_UNKNOWN")  # prefixes of faults of a whole bus
 
 
 class Supervision:
@@ -18,7 +18,7 @@ class Supervision:
 
     Parameters
     ----------
-    functions : enter SAFE when the ground has been silent for too long
+    functions : enters SAFE when the ground has been silent for too long
     """
 
     def __init__(self, context: TelemetryContext, functions: Functions) -> None:
@@ -33,14 +33,14 @@ class Supervision:
 
     @property
     def command_loss_left_s(self) -> float:
-        """Return the time until the reaction; -1 when the timer is off."""
+        """Return the time until the command-loss reaction [s]; -1 if the timer is off."""
         limit_s = self._context.parameter("command_loss_time_s")
         if limit_s <= 0:
             return -1.0
         return max(0.0, limit_s - (self._context.now_ns() - self._commanded_ns) * 1e-9)
 
     def commanded(self) -> None:
-        """Restart the command-loss timer: a telecommand was accepted."""
+        """Restart the command-loss timer, because a telecommand was accepted."""
         self._commanded_ns = self._context.now_ns()
         if self._lost:
             self._lost = False
@@ -55,7 +55,7 @@ class Supervision:
         }
 
     def status(self) -> None:
-        """Set the bits of the health word that the loop's newest summary decides."""
+        """Set mode and health bits by the loop's newest summary."""
         status = self._context.latest.status
         job = status.get("job") or {}
         self._context.modes.summary(
@@ -80,7 +80,7 @@ class Supervision:
         self._report_bits(self.health.event(code))
 
     def poll(self, now_ns: int) -> None:
-        """Check the timers."""
+        """Check the age of counted faults, the loop's silence and the command-loss timer."""
         for bit, counted_ns in self._counted_ns.items():
             self._stands(bit, now_ns - counted_ns < FRESH_NS)
         if not self._silent and self._context.modes.mode is not Mode.BOOT:
@@ -98,7 +98,7 @@ class Supervision:
             self._functions.act("safe", "command-loss timer")
 
     def _count(self, bit: Health, count: int) -> None:
-        """Remember when a counter was last seen to grow."""
+        """Record a counter, and the time at which it was last seen to grow."""
         if count > self._counted[bit]:
             self._counted_ns[bit] = self._context.now_ns()
         self._counted[bit] = count

@@ -1,7 +1,7 @@
-"""Tables: load, validate, activate between two ticks, dump, abort, roll back.
+"""Loads, validates, activates (between two ticks), dumps, aborts and rolls back tables.
 
-An active table is a generation on the disk; a staged one is in memory only. After a power cut the
-old table or the new one is active.
+An active table is a generation on the disk; a staged one is in memory only. After a power cut
+either the old table or the new one is active.
 """
 
 import zlib
@@ -25,11 +25,11 @@ MAX_BYTES = 1 << 20
 
 
 class Tables:
-    """The tables: what is staged, what is active, and the way from one to the other.
+    """Holds the staged and active tables, and handles the telecommands on tables.
 
     Parameters
     ----------
-    effects : validates contents and puts them in force
+    effects : validates contents and puts them into use
     filing : finds files by the names that the ground uses
     """
 
@@ -48,11 +48,11 @@ class Tables:
                 effects.recall(table, self.active(table))
 
     def active(self, table: Table) -> bytes:
-        """Return the uplinked table in force; empty when the configuration holds."""
+        """Return the uploaded table in use; empty if the configuration's values are in use."""
         return self._slots[table].active
 
     def values(self) -> dict[str, Any]:
-        """Return the fields of the housekeeping set."""
+        """Return the fields of housekeeping set 6."""
         return {
             f"{table.name.lower()}_{key}": value
             for table, slot in self._slots.items()
@@ -60,11 +60,11 @@ class Tables:
         }
 
     def content(self, table: Table, copy: Copy) -> bytes:
-        """Return a copy of a table; the active one as the configuration has it if none came up.
+        """Return a copy of a table; without an uploaded one, the active copy is as configured.
 
         Raises
         ------
-        TcError NOT_STAGED when there is no such copy.
+        TcError NOT_STAGED if the copy does not exist.
         """
         slot = self._slots[table]
         if copy is Copy.ACTIVE:
@@ -75,11 +75,11 @@ class Tables:
         return content
 
     def replace(self, table: Table, content: bytes) -> None:
-        """Keep a content that is in force already as the newest generation.
+        """Store a content, which the caller puts into use, as the newest generation.
 
         Raises
         ------
-        TcError when the table is being activated, or cannot be kept; then nothing has changed.
+        TcError if the table is being activated or cannot be stored; then nothing has changed.
         """
         slot = self._slots[table]
         if slot.state is TableState.ACTIVATING:
@@ -207,12 +207,12 @@ class Tables:
         return partial(self._put_in_force, request, table, slot, slot.previous)
 
     def _one_at_a_time(self, table: Table) -> None:
-        """Raise TcError while a table is being activated: each is put in force with the others."""
+        """Raise TcError BUSY while any table is being activated: an activation uses all tables."""
         if any(slot.state is TableState.ACTIVATING for slot in self._slots.values()):
             raise TcError(Error.BUSY, 1, table, "another one is being activated")
 
     def _put_in_force(self, request: Request, table: Table, slot: Slot, content: bytes) -> Done:
-        """Bring to the disk, apply, and only then let it be the newest generation."""
+        """Write a content to the disk, apply it, and only then make it the newest generation."""
         try:
             number = slot.store.prepare(content)
         except OSError as error:
@@ -256,7 +256,7 @@ class Tables:
                 raise TcError(Error.FAILED, text=f"{path}: {error.strerror}") from error
             values = {"table": int(table), "crc32": zlib.crc32(content)}
             values |= {"size_bytes": len(content)}
-            name = f"files/{self._dumps.name}/{path.name}"  # as the ground calls it
+            name = f"files/{self._dumps.name}/{path.name}"  # the name that the ground uses
             self._context.down.send("table_dumped", {**values, "path": name})
             self._context.report("TABLE_DUMPED", f"{table.name} {copy.name}")
             return Done.NOW

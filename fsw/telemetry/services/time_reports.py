@@ -1,7 +1,7 @@
-"""Service 9: time packets, every power of two of seconds, and with each the UTC correlation.
+"""Service 9: time packets every 2^exponent seconds, each followed by the UTC correlation.
 
-The time code of packets is mission elapsed time, which no source of UTC moves. Ground tools date
-packets by the correlation.
+The time code of packets is mission elapsed time, which no source of UTC adjusts. Ground tools
+convert it to UTC by the correlation.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -12,7 +12,7 @@ from fsw.telemetry.services.executor import Action, Done, Handler
 from fsw.telemetry.state.epoch import Epoch
 
 SECOND_NS = 1_000_000_000
-STAMP_NS = 60  # 2^-24 s, the last bit of a packet's time stamp
+STAMP_NS = 60  # 2^-24 s, the resolution of a packet's time stamp
 UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -26,13 +26,13 @@ class TimeReports:
 
     @property
     def exponent(self) -> int:
-        """Return the exponent in force."""
+        """Return the exponent in use: the commanded one, or else the parameter's."""
         if self._commanded is not None:
             return self._commanded
         return int(self._context.parameter("time_report_exponent"))
 
     def poll(self, now_ns: int) -> None:
-        """Send one if its time has come."""
+        """Send a time packet and its correlation if they are due."""
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + (SECOND_NS << self.exponent)
             self._context.down.time(self.exponent)
@@ -52,7 +52,7 @@ class TimeReports:
 
 
 def correlation_values(epoch: Epoch, t_ns: int) -> dict[str, object]:
-    """Return UTC at a mission elapsed time [ns], as the packet time_correlation has it."""
+    """Return the fields of the packet time_correlation at a mission elapsed time [ns]."""
     origin = UNIX + timedelta(microseconds=epoch.utc_less_met_ns // 1000)
     return {
         "utc_unix_ns": t_ns + epoch.utc_less_met_ns,

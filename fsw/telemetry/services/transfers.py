@@ -1,4 +1,4 @@
-"""Files on their way over the link: begun, reported, suspended, resumed and cancelled."""
+"""Telecommands that begin, report, suspend, resume and cancel file transfers."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -17,14 +17,14 @@ FILE_COUNTERS = ("files_sent", "files_received", "files_failed", "pdus_sent", "p
 
 
 class Transfers:
-    """The telecommands of file transfer; `delivery` implements the protocol."""
+    """Handles the telecommands of file transfer; `delivery` implements the protocol."""
 
     def __init__(self, context: TelemetryContext, filing: Filing, delivery: FileDelivery) -> None:
         self._context, self._filing, self.delivery = context, filing, delivery
         self._sending: dict[int, Request] = {}
 
     def poll(self, now_ns: int, *, sending: bool) -> None:
-        """Report transfers that ended; send the next units down if `sending`."""
+        """Report the transfers that ended; send the next units down if `sending` is true."""
         for number, success, text in self.delivery.finished():
             request = self._sending.pop(number, None)
             good = "FILE_RECEIVED" if request is None else "FILE_SENT"
@@ -65,7 +65,7 @@ class Transfers:
     def _begin(
         self, request: Request, name: str, piece: tuple[int, int] | None, *, remove: bool
     ) -> Action:
-        # a file that is being written would grow on its way, and have another checksum
+        # a file that is being written would grow during the transfer, and its checksum would change
         path = self._filing.free(self._filing.existing(request.text("path")))
         size = path.stat().st_size
         if piece is not None and sum(piece) > size:
