@@ -1,6 +1,6 @@
 """Flight software: the onboard inertial-parameter estimator of a free-floating space robot.
 
-In a notebook: `from fsw import Robot, load, identify, replay, plan, report`; docs/api.md.
+In a notebook, use `from fsw import Robot, load, identify, replay, plan, report`; see docs/api.md.
 """
 
 from importlib import import_module
@@ -14,7 +14,7 @@ __all__ = ["Identification", "Recording", "Robot", "identify", "load", "plan", "
 
 
 def __getattr__(name: str) -> object:
-    """Load the API at its first use: a flight process imports `fsw` and needs none of it."""
+    """Import an API name at its first use, so that flight processes do not load the API."""
     if name not in __all__:
         raise AttributeError(f"module 'fsw' has no attribute {name!r}")
     return getattr(import_module("fsw.commands.api"), name)

@@ -48,14 +48,14 @@ INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # set before numpy loads: one thread
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         if new := getattr(arguments, "new", ""):
             refuse_existing(arguments, new)
         return command(arguments)
-    except BrokenPipeError:  # who read has enough
+    except BrokenPipeError:  # the reader closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
@@ -67,14 +67,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except FswError as error:
         print(f"fsw: {error}", file=sys.stderr)
         return FAILED_EXIT
-    except OSError as error:  # of a file that a command reads or writes
+    except OSError as error:  # a file cannot be read or written
         where = f"{error.filename}: " if error.filename else ""
         print(f"fsw: {where}{error.strerror or error}", file=sys.stderr)
         return FAILED_EXIT
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of every command, for completion and documentation too."""
+    """Return the parser of all commands; completion and documentation use it too."""
     program = argparse.ArgumentParser(prog="fsw", description=__doc__)
     release = f"%(prog)s {version('inertia-daemon')}"
     program.add_argument("--version", action="version", version=release)
@@ -143,14 +143,14 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
 
 
 def _warned(robot: Robot) -> Robot:
-    """Print the warnings of a configuration to stderr."""
+    """Print the warnings of a robot's configuration to stderr and return the robot."""
     for warning in robot.warnings:
         print(f"fsw: warning: {robot.config.name}: {warning}", file=sys.stderr)
     return robot
 
 
 def _config(arguments: argparse.Namespace) -> Config:
-    """Read a configuration with its overlays."""
+    """Return the effective configuration: the file with its overlays."""
     from fsw.config import load
     from fsw.config.overlay_file import with_overlays
 
@@ -158,7 +158,7 @@ def _config(arguments: argparse.Namespace) -> Config:
 
 
 def _checked(config: Config) -> Config:
-    """Validate all of a configuration; warnings go to stderr."""
+    """Validate a whole configuration, print its warnings to stderr and return it."""
     from fsw.commands.robot import Robot
 
     return _warned(Robot(config)).config
@@ -174,7 +174,7 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"fsw: run: warning: {text}; it is opened once it is there", file=sys.stderr)
     words = "until SIGTERM; events that somebody must act on follow, all are in events.jsonl"
     print(f"fsw: run: {words}", file=sys.stderr)
-    from fsw.loop.app import RESTART_EXIT, run_live  # only now anything that can open a device
+    from fsw.loop.app import RESTART_EXIT, run_live  # imported late: it can open devices
 
     code = run_live(config, cold=arguments.cold)
     if code == RESTART_EXIT:
@@ -186,7 +186,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     from fsw.commands.robot import Robot
 
     given = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import load, replay  # only now anything that can open a recording
+    from fsw.commands.api import load, replay  # imported late: it can open recordings
 
     recording = load(arguments.recording)
     robot = (recording.robot if given is None else given).with_overlays(*arguments.overlay)
@@ -208,7 +208,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from fsw.commands.robot import Robot
 
     given = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import load, report  # only now anything that can open a recording
+    from fsw.commands.api import load, report  # imported late: it can open recordings
     from fsw.commands.report import LIVE
 
     recording = str(arguments.recording)
@@ -242,7 +242,7 @@ def _view(arguments: argparse.Namespace) -> int:
     from fsw.commands.robot import Robot
 
     robot = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import load  # only now anything that can open a recording
+    from fsw.commands.api import load  # imported late: it can open recordings
     from fsw.commands.view import PLANS, view
 
     source: Path = arguments.source
@@ -261,7 +261,7 @@ def _identify(arguments: argparse.Namespace) -> int:
 
     method, weighting, unknown = arguments.method, arguments.weighting, arguments.unknown
     given = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import identify, load  # only now anything that can open a recording
+    from fsw.commands.api import identify, load  # imported late: it can open recordings
 
     robot = (given or load(arguments.recording).robot).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))

@@ -1,4 +1,4 @@
-"""Time as a port: the only module of the flight software that reads a clock."""
+"""Clocks: no other module of the flight software reads the time of the system."""
 
 import ctypes
 import select
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-CLOCK_READINGS = 4  # attempts at reading two clocks together
-TOGETHER_NS = 5_000  # apart at most, so that no attempt is made again
-TIME_ERROR = 5  # of adjtimex(2): not synchronised
-UNKNOWN_ERROR_NS = 16_000_000_000  # as the kernel has it when nothing steers its clock
+CLOCK_READINGS = 4  # most attempts to read two clocks together
+TOGETHER_NS = 5_000  # two readings this close need no further attempt
+TIME_ERROR = 5  # returned by adjtimex(2): not synchronised
+UNKNOWN_ERROR_NS = 16_000_000_000  # the kernel's bound when nothing steers its clock
 
 
 class Clock(Protocol):
-    """Monotonic time and the one wait of the loop."""
+    """Monotonic time, and the only wait of the loop."""
 
     def now_ns(self) -> int:
         """Return monotonic time [ns]."""
@@ -29,14 +29,14 @@ class Clock(Protocol):
 
         Returns
         -------
-        True when the deadline has come, False when a descriptor woke the caller early. Waking on
-        serial descriptors is what gives a datagram an arrival stamp much finer than the tick.
+        True when the deadline has passed, False when a descriptor was readable before. A wake by a
+        serial descriptor gives a datagram an arrival stamp much finer than the tick.
         """
         ...
 
 
 class MonotonicClock:
-    """The machine's CLOCK_MONOTONIC."""
+    """Clock of this machine: CLOCK_MONOTONIC."""
 
     def now_ns(self) -> int:
         """Return CLOCK_MONOTONIC [ns]."""
@@ -51,7 +51,7 @@ class MonotonicClock:
         return time.process_time()
 
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
-        """Sleep with one ppoll (descriptors) or one absolute nanosleep."""
+        """Sleep by `time.sleep` for the remaining time, or by `select` if descriptors are given."""
         remaining_ns = deadline_ns - time.monotonic_ns()
         if remaining_ns <= 0:
             return True
@@ -69,12 +69,12 @@ def monotonic_less_realtime_ns() -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UtcCorrelation:
-    """UTC against CLOCK_MONOTONIC, as far as the machine knows it.
+    """Offset of UTC from CLOCK_MONOTONIC, as the machine knows it.
 
     Parameters
     ----------
-    uncertainty_ns : largest error: the kernel's own bound, and half of the time between readings
-    synchronised : whether the kernel's clock is steered by a source of UTC (NTP, PPS, PTP)
+    uncertainty_ns : largest error: the kernel's bound plus half of the time between the readings
+    synchronised : whether a source of UTC (NTP, PPS, PTP) steers the kernel's clock
     """
 
     utc_less_monotonic_ns: int
@@ -83,7 +83,7 @@ class UtcCorrelation:
 
 
 def utc_correlation() -> UtcCorrelation:
-    """Return UTC minus CLOCK_MONOTONIC now, with its largest error."""
+    """Return UTC minus CLOCK_MONOTONIC as it is now, with its largest error."""
     offset_ns, apart_ns = _read_together()
     error_ns, synchronised = _kernel_clock_error()
     return UtcCorrelation(
@@ -94,9 +94,9 @@ def utc_correlation() -> UtcCorrelation:
 
 
 def _read_together() -> tuple[int, int]:
-    """Return CLOCK_MONOTONIC less CLOCK_REALTIME and the time the two readings took [ns].
+    """Return CLOCK_MONOTONIC minus CLOCK_REALTIME and the time that the readings took [ns].
 
-    The clocks are read again, a few times, when something came between the readings.
+    The clocks are read up to `CLOCK_READINGS` times; the quickest reading is used.
     """
     least_ns, offset_ns = 1 << 62, 0
     for _ in range(CLOCK_READINGS):
@@ -111,7 +111,7 @@ def _read_together() -> tuple[int, int]:
 
 
 class _Timex(ctypes.Structure):
-    """The head of `struct timex` of adjtimex(2), and room for the rest."""
+    """The first fields of `struct timex` of adjtimex(2), and room for the others."""
 
     _fields_ = (
         ("modes", ctypes.c_uint),
@@ -125,11 +125,11 @@ class _Timex(ctypes.Structure):
 
 
 def _kernel_clock_error() -> tuple[int, bool]:
-    """Return the kernel's bound of the error of CLOCK_REALTIME [ns], and whether it is steered.
+    """Return the kernel's error bound of CLOCK_REALTIME [ns], and whether UTC steers the clock.
 
-    Never synchronised, the kernel's bound is 16 s, the largest it knows: the true error has none.
+    For a clock that was never synchronised the bound is 16 s; the true error may be larger.
     """
-    timex = _Timex()  # modes 0: nothing is set
+    timex = _Timex()  # modes 0: only read
     state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(timex))
     if state < 0:
         return UNKNOWN_ERROR_NS, False

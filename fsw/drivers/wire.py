@@ -1,7 +1,7 @@
 """Stamped bytes and frames between ports and codecs, and the protocols of ports.
 
-Frames travel as arrays of `FRAME`: the stamp, then the Linux structure of a CAN FD frame, of which
-a classic frame uses the first 16 bytes. `CanFrame` is one of them as plain values.
+Frames are passed as arrays of `FRAME`: a stamp, then the Linux structure of a CAN FD frame. Of it,
+a classic frame uses the first 16 bytes. `CanFrame` holds one frame as plain values.
 """
 
 import struct
@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-# of linux/can.h
+# from linux/can.h
 EFF_FLAG, RTR_FLAG, ERR_FLAG = 0x80000000, 0x40000000, 0x20000000
 EFF_MASK, SFF_MASK = 0x1FFFFFFF, 0x7FF
 FD_BRS, FD_FDF = 0x01, 0x04
@@ -28,15 +28,15 @@ FRAME = np.dtype(
         "itemsize": _ROW.size,
     }
 )
-_WORD = 8  # where the Linux structure begins in a row
-CLASSIC_ROW_BYTES = _WORD + CLASSIC_BYTES  # of a row that a classic frame uses
+_WORD = 8  # byte of a row at which the Linux structure begins
+CLASSIC_ROW_BYTES = _WORD + CLASSIC_BYTES  # bytes of a row that a classic frame uses
 FrameArray = NDArray[np.void]  # (k,) of FRAME; `word` is the identifier with its flag bits
 NO_FRAMES: FrameArray = np.empty(0, FRAME)
 
 
 @dataclass(frozen=True, slots=True)
 class CanFrame:
-    """One CAN frame as a port saw it, sent or received.
+    """One CAN frame, sent or received by a port.
 
     `t_ns` is the receive (or send) stamp on the daemon's monotonic clock. `can_id` is the bare
     identifier, without flag bits.
@@ -54,50 +54,50 @@ class CanFrame:
 
 @dataclass(frozen=True, slots=True)
 class ByteChunk:
-    """Bytes of a serial line; `t_ns` is when the last of them was read."""
+    """Bytes of a serial line; `t_ns` is the time at which the last byte was read."""
 
     t_ns: int
     data: bytes
 
 
 class Reject(StrEnum):
-    """Why wire bytes were not turned into a sample; each has its own counter."""
+    """Reasons why wire bytes give no sample; every reason has its own counter."""
 
-    SYNC = "sync"  # no sync byte/ID here, bytes skipped while resynchronising
+    SYNC = "sync"  # no frame begins here; bytes were skipped to find the next one
     LENGTH = "length"  # wrong frame length
     CRC = "crc"  # check value failed
     SEQUENCE = "sequence"  # duplicate, or counter out of its window
     RANGE = "range"  # decoded value physically impossible for the device
     STATUS = "status"  # the device itself says the value is not usable
-    NODE = "node"  # a sensor frame from a node that is not configured
-    STALE = "stale"  # no matching SYNC, or one too old
+    NODE = "node"  # a frame of a node that is not configured
+    STALE = "stale"  # the time of validity is not known (no matching SYNC), or too old
 
 
 class FramePort(Protocol):
     """Non-blocking CAN port."""
 
-    hands_back: bool  # whether what is written is read again, stamped when it was on the bus
+    hands_back: bool  # whether written frames are read back, stamped at their time on the bus
 
     def drain(self) -> None:
-        """Take every waiting frame from the system, and do nothing else. Raises PortError."""
+        """Receive every waiting frame and keep it for `take`. Raises PortError."""
         ...
 
     def take(self) -> Callable[[], FrameArray]:
-        """Return a reader of every frame drained since the last call.
+        """Return a function that gives every frame drained since the last call.
 
-        Reading is most of the work, and may be done later.
+        The function does most of the work, so the caller may call it later.
         """
         ...
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
-        """Send a classic frame; the returned frame carries the stamp taken right after sending.
+        """Send a classic frame and return it with the stamp made right after sending.
 
-        None: there is no room for it, and it is not sent. Raises PortError.
+        Returns None, and sends nothing, when there is no room for it. Raises PortError.
         """
         ...
 
     def take_dropped(self) -> int:
-        """Return and forget how many received frames were lost for want of room."""
+        """Return how many received frames found no room since the last call."""
         ...
 
     def wake_fds(self) -> tuple[int, ...]:
@@ -113,7 +113,7 @@ class BytePort(Protocol):
     """Non-blocking serial port."""
 
     def read(self) -> list[ByteChunk]:
-        """Return what has come since the last call, in order, with stamps. Raises PortError."""
+        """Return the stamped chunks received since the last call, in order. Raises PortError."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -160,15 +160,15 @@ def rows_of(data: bytes | bytearray | memoryview) -> FrameArray:
 
 
 def joined(parts: Sequence[FrameArray]) -> FrameArray:
-    """Return arrays of frames as one."""
+    """Return arrays of frames as one array, in order."""
     if len(parts) == 1:
         return parts[0]
-    whole = f"V{FRAME.itemsize}"  # as rows: a structure is copied field by field, at ten times that
+    whole = f"V{FRAME.itemsize}"  # as raw rows: a copy field by field takes ten times as long
     return np.concatenate([part.view(whole) for part in (NO_FRAMES, *parts)]).view(FRAME)
 
 
 def picked(frames: FrameArray, is_wanted: NDArray[np.bool_]) -> FrameArray:
-    """Return those of (k,) frames; `take` copies rows, where an index copies field by field."""
+    """Return the wanted ones of (k,) frames; `take` copies rows, an index field by field."""
     return frames.take(np.flatnonzero(is_wanted))
 
 
@@ -188,14 +188,14 @@ def frame_at(frames: FrameArray, row: int) -> CanFrame:
 
 
 def recorded_bytes(frames: FrameArray) -> list[bytes]:
-    """Return the Linux structure of every frame: 16 bytes, 72 of a CAN FD frame."""
+    """Return the Linux structure of every frame: 16 bytes if classic, 72 bytes if CAN FD."""
     data, size, head = frames.tobytes(), FRAME.itemsize, _WORD
     ends = np.where(frames["flags"] & FD_FDF, head + FD_BYTES, head + CLASSIC_BYTES).tolist()
     return [data[k * size + head : k * size + end] for k, end in enumerate(ends)]
 
 
 def recorded_columns(frames: FrameArray) -> NDArray[np.uint8] | None:
-    """Return the Linux structures as rows of bytes; None where they differ in length."""
+    """Return the Linux structures as rows, (k, 16) or (k, 72); None if both lengths occur."""
     is_fd = (frames["flags"] & FD_FDF) > 0
     if is_fd.any() and not is_fd.all():
         return None
@@ -206,7 +206,7 @@ def recorded_columns(frames: FrameArray) -> NDArray[np.uint8] | None:
 def frames_from(
     stamps_ns: NDArray[np.int64], records: NDArray[np.uint8], sizes: NDArray[np.integer]
 ) -> FrameArray:
-    """Return the frames of Linux structures; what is neither of the two is left out.
+    """Return the frames of Linux structures; structures of an invalid length are left out.
 
     Parameters
     ----------
@@ -231,14 +231,14 @@ def frame_list(frames: FrameArray) -> list[CanFrame]:
 
 
 def pack_frame(frame: CanFrame) -> bytes:
-    """Return the Linux structure of a frame, flag bits in `can_id`."""
+    """Return the Linux structure of a frame, with the flag bits in its identifier."""
     return recorded_bytes(frame_array([frame]))[0]
 
 
 def unpack_frame(t_ns: int, data: bytes) -> CanFrame | None:
-    """Return the frame of a Linux structure; None when it is neither of the two.
+    """Return the frame of a Linux structure; None if the structure has an invalid length.
 
-    The identifier of an error frame is its error classes, of 29 bits.
+    The `can_id` of an error frame holds its error classes (29 bits).
     """
     if len(data) not in (CLASSIC_BYTES, FD_BYTES):
         return None

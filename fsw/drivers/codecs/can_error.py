@@ -1,7 +1,7 @@
-"""Error frames of a CAN controller: what the bus and the controller have to say.
+"""Error frames of a CAN controller: conditions of the bus and of the controller.
 
 Source: Linux include/uapi/linux/can/error.h. An error frame's identifier holds error classes as
-bits, its eight bytes the details.
+bits; its eight data bytes hold the details.
 """
 
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ _CONTROLLER = {
 
 @dataclass(frozen=True, slots=True)
 class BusErrorReport:
-    """Conditions one error frame reports; error counters where the controller gives them."""
+    """Conditions in one error frame; error counters are None if the controller gives none."""
 
     conditions: tuple[BusCondition, ...]
     transmit_errors: int | None

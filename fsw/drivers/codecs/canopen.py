@@ -1,7 +1,7 @@
 """CANopen joint nodes: CiA 301/402 objects over ECSS-E-ST-50-15C services, little-endian.
 
-Pure functions between bytes and values, of many frames at once for TPDO1; identifiers are bare
-11-bit COB-IDs.
+Pure functions convert between bytes and values, for TPDO1 of many frames at once. Identifiers are
+bare 11-bit COB-IDs.
 """
 
 import math
@@ -40,7 +40,7 @@ STATUS_BRAKE_ENGAGED = 0x20
 STATUS_SYNC_LOST = 0x40
 STATUS_TEST_DATA = 0x80
 STATUS_OF_TORQUE = STATUS_TORQUE_VALID | STATUS_TORQUE_OVERLOAD | STATUS_TORQUE_FAULT
-# a braked joint is held, its readings are real
+# without the brake bit: the readings of a braked joint are valid
 STATUS_OF_POSITION = 0xFF & ~STATUS_OF_TORQUE & ~STATUS_BRAKE_ENGAGED
 
 TPDO1_BYTES, FD_TPDO1_BYTES, TPDO2_BYTES = 8, 20, 8
@@ -68,9 +68,9 @@ class NmtState(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tpdo1:
-    """Latched link-side values of joints, uncalibrated; arrays of one length.
+    """Latched link-side values of joints, uncalibrated; all arrays (k,).
 
-    A node without an angle maps its velocity [rad/s] in the place of the position.
+    A node without an angle sends its velocity [rad/s] in place of the position.
     """
 
     position_rad: FloatArray
@@ -81,7 +81,7 @@ class Tpdo1:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FdTpdo1(Tpdo1):
-    """CAN FD tailoring of TPDO1."""
+    """TPDO1 in its CAN FD tailoring, with three more values."""
 
     velocity_rad_s: FloatArray
     temperature_c: FloatArray
@@ -90,7 +90,7 @@ class FdTpdo1(Tpdo1):
 
 @dataclass(frozen=True, slots=True)
 class Tpdo2:
-    """Slow channel of one joint; motor torque as a ratio of the rated torque."""
+    """Slow values of one joint (TPDO2); the motor torque is a ratio of the rated torque."""
 
     velocity_rad_s: float
     motor_torque_ratio: float
@@ -107,12 +107,12 @@ class Emergency:
 
 
 def position_usable(status: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return whether positions are valid and real; the brake does not matter."""
+    """Return (k,) whether positions are valid and no test data; the brake bit is ignored."""
     return np.asarray(status & STATUS_OF_POSITION == STATUS_ENCODER_VALID)
 
 
 def torque_usable(status: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return whether torques are valid and no fault of their sensors is flagged."""
+    """Return (k,) whether torques are valid and their sensors flag no fault or overload."""
     return np.asarray(status & STATUS_OF_TORQUE == STATUS_TORQUE_VALID)
 
 
@@ -154,7 +154,7 @@ def decode_tpdo2(data: bytes) -> Tpdo2 | Reject:
 
 
 def decode_heartbeat(data: bytes) -> int | Reject:
-    """Return the node's state (an `NmtState` where it is a known one); 0 is the boot-up message."""
+    """Return the node's state (an `NmtState` if it is a known one); 0 is the boot-up message."""
     if len(data) != 1:
         return Reject.LENGTH
     return data[0] & 0x7F
@@ -168,7 +168,7 @@ def decode_emcy(data: bytes) -> Emergency | Reject:
 
 
 def decode_sync(data: bytes, counter_max: int) -> int | Reject:
-    """Return the counter of a SYNC."""
+    """Return the counter of a SYNC, 1 to `counter_max`, or the reason for its rejection."""
     if len(data) != 1:
         return Reject.LENGTH
     return data[0] if 1 <= data[0] <= counter_max else Reject.SEQUENCE

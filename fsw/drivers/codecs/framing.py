@@ -1,8 +1,8 @@
-"""Resynchronising frame finder shared by the serial codecs: bounded, and no byte unaccounted for.
+"""Resynchronising frame finder of the serial codecs: bounded memory, and every byte is counted.
 
-A frame is found by a device's `Matcher`; every byte that is in no frame is skipped. Once a first
-frame was seen the next one is expected right behind it: something else standing there counts as one
-reject, `CRC` where it looked like a frame and `SYNC` where it did not.
+A device's `Matcher` finds frames; bytes in no frame are skipped. After the first frame, each next
+frame is expected directly behind the last one. Other bytes there count as one reject per length of
+a frame: `CRC` if they looked like a frame, `SYNC` if they did not.
 """
 
 from collections import deque
@@ -21,30 +21,30 @@ class Matcher(Protocol):
         ...
 
     def match(self, data: bytearray, start: int) -> int:
-        """Return the length of the frame beginning at `start`, 0: incomplete, -1: no frame."""
+        """Return the length of the frame at `start`; 0 if it is incomplete, -1 if none is there."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """The part of a frame that came in one chunk."""
+    """The part of a frame that arrived in one chunk."""
 
     chunk: int  # running index of the chunk
-    t_ns: int  # its stamp
+    t_ns: int  # stamp of the chunk
     length: int  # bytes of the frame in it
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A whole frame and the chunks it came in; the last piece holds its last byte."""
+    """A whole frame and the pieces in which it arrived; the last piece holds the last byte."""
 
     data: bytes
     pieces: tuple[Piece, ...]
-    skipped: int = 0  # bytes in no frame since the frame before
+    skipped: int = 0  # bytes of no frame between the frame before and this one
 
 
 class Framer:
-    """Turn chunks into frames; what is held back is never longer than the longest frame."""
+    """Finds frames in chunks; it keeps no more bytes than one incomplete frame has."""
 
     def __init__(self, matcher: Matcher) -> None:
         self._matcher = matcher
@@ -61,7 +61,7 @@ class Framer:
 
     @property
     def pending_bytes(self) -> int:
-        """Bytes received but not yet decided upon."""
+        """Bytes received that are neither in a frame nor skipped yet."""
         return len(self._buffer)
 
     def feed(self, chunk: ByteChunk) -> list[Frame]:
@@ -104,12 +104,12 @@ class Framer:
         return frames
 
     def peek(self, chunks: Sequence[ByteChunk]) -> tuple[int, int]:
-        """Return how many of the next chunks may hold nothing but frames like the last one.
+        """Return how many of the next chunks may consist of frames as long as the last one.
 
         Returns
         -------
-        chunks : the first so many have the length of whole frames; 0 where a frame is incomplete
-        length : of one frame [bytes]
+        count : leading chunks with the length of whole frames; 0 if a frame or junk is pending
+        length : length of the last frame [bytes]
         """
         length = self._last_length
         if self._buffer or self._expected != self._base:
@@ -119,7 +119,7 @@ class Framer:
         return count, length
 
     def pass_over(self, chunks: Sequence[ByteChunk]) -> int:
-        """Count chunks as fed that hold whole frames only; return the index of the first one."""
+        """Count chunks of whole frames as fed; return the running index of the first chunk."""
         first, size = self._chunks, sum(len(chunk.data) for chunk in chunks)
         self._chunks += len(chunks)
         self.received_bytes += size

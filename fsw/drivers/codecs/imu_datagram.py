@@ -16,7 +16,7 @@ Vector3 = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class ImuDatagram:
-    """One datagram in SI units and sensor axes; None: cluster absent or flagged unusable."""
+    """One datagram in SI units and sensor axes; None: a cluster is absent or unusable."""
 
     counter: int  # device time [ticks], modulo the codec's modulus
     latency_s: float  # from validity to the first byte on the wire, group delay not included
@@ -28,10 +28,10 @@ class ImuDatagram:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuRun:
-    """Datagrams of one kind, one behind the other, in chunks that hold nothing else."""
+    """Consecutive datagrams of one kind, in chunks that hold nothing else."""
 
     chunks: Sequence[ByteChunk]
-    length: int  # of a datagram [bytes]
+    length: int  # length of a datagram [bytes]
     counter: NDArray[np.int64]  # (k,) device time [ticks], modulo the codec's modulus
     latency_s: FloatArray  # (k,) as in `ImuDatagram`
     w_NS_S_rad_s: FloatArray  # (k, 3)
@@ -46,9 +46,9 @@ class ImuCodec(Protocol):
     modulus: int  # the counter wraps here
 
     def decode(self, frame: Frame) -> ImuDatagram | Reject | None:
-        """Decode a whole frame; None: a valid frame that is no measurement."""
+        """Decode a whole frame; return None for a valid frame without a measurement."""
         ...
 
     def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
-        """Decode the leading chunks that are a run whose readings are all usable; feed nothing."""
+        """Decode the leading chunks if all readings are usable, without feeding; else None."""
         ...

@@ -1,7 +1,7 @@
 """MicroStrain 3DM inertial units, MIP protocol: sensor data set 0x80 with a reference time.
 
-`75 65 | descriptor set | payload length | fields | Fletcher-16`, big-endian. A field
-begins with its length (length and descriptor bytes included), then its descriptor and data.
+`75 65 | descriptor set | payload length | fields | Fletcher-16`, big-endian. A field consists of
+its length (which counts the length and descriptor bytes too), its descriptor and its data.
 """
 
 import math
@@ -18,7 +18,7 @@ FIELD_ACCELERATION = 0x04  # [g], 3 floats
 FIELD_RATE = 0x05  # [rad/s], 3 floats
 FIELD_REFERENCE_TIME = 0xD5  # u64 [ns]
 STANDARD_GRAVITY_M_S2 = 9.80665
-MAX_PAYLOAD_BYTES = 128  # longer packets are configuration replies this driver never asks for
+MAX_PAYLOAD_BYTES = 128  # longer packets are configuration replies, never requested here
 _OVERHEAD = 6
 _FLOATS = struct.Struct(">3f")
 _TIME = struct.Struct(">Q")
@@ -37,14 +37,14 @@ class MipMatcher:
     """Finds packets by sync bytes, length and checksum."""
 
     def search(self, data: bytearray, start: int) -> int:
-        """Return where the next sync bytes (or the first of them, at the end) stand."""
+        """Return the place of the next sync bytes, or of a first sync byte at the end."""
         at = data.find(SYNC, start)
         if at >= 0:
             return at
         return len(data) - 1 if data[-1] == SYNC[0] else len(data)
 
     def match(self, data: bytearray, start: int) -> int:
-        """Return the length of the packet at `start`: 0 if it is incomplete, -1 if none."""
+        """Return the length of the packet at `start`; 0 if it is incomplete, -1 if none."""
         if len(data) - start < 4:
             return 0
         if data[start + 3] > MAX_PAYLOAD_BYTES:
@@ -58,7 +58,7 @@ class MipMatcher:
 
 
 class MipCodec:
-    """Stream codec: framing by `framer`, whole packets to `ImuDatagram`."""
+    """Stream codec: `framer` finds packets, `decode` turns one into an `ImuDatagram`."""
 
     tick_s = 1e-9
     modulus = 2**64
@@ -67,7 +67,7 @@ class MipCodec:
         self.framer = Framer(MipMatcher())
 
     def decode(self, frame: Frame) -> ImuDatagram | Reject | None:
-        """Decode a sensor data packet; one without reference time has no time of validity."""
+        """Decode sensor data; reject a packet without reference time; None for other packets."""
         data = frame.data
         if data[2] != SET_SENSOR_DATA:
             return None

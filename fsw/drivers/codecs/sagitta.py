@@ -27,7 +27,7 @@ _END, _ESCAPE, _ESCAPED_END, _ESCAPED_ESCAPE = 0xC0, 0xDB, 0xDC, 0xDD
 _HEADER = struct.Struct("<BBBBIQ")
 # attitude, confidence, tracking q, 3 counts, lost-in-space q, f32, u8, mode, valid, count, strategy
 _SOLUTION = struct.Struct("<4f f 4f 3B 4f f B B B I B")
-PLAIN_SOLUTION_BYTES = 2 + _HEADER.size + _SOLUTION.size + 4  # on the wire, nothing escaped
+PLAIN_SOLUTION_BYTES = 2 + _HEADER.size + _SOLUTION.size + 4  # bytes on the wire without escapes
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Solution:
 
 
 def encode(payload: bytes) -> bytes:
-    """Return the SLIP frame of a payload, hash appended."""
+    """Return the SLIP frame of a payload with its hash."""
     body = payload + xxh32_intdigest(payload, HASH_SEED).to_bytes(4, "little")
     body = body.replace(b"\xdb", b"\xdb\xdd").replace(b"\xc0", b"\xdb\xdc")
     return b"\xc0" + body + b"\xc0"
@@ -82,7 +82,7 @@ def encode_request(identifier: int) -> bytes:
 
 
 def encode_subscribe(identifiers: tuple[int, ...]) -> bytes:
-    """Return the frame after which the unit sends these telemetry frames by itself."""
+    """Return the command that makes the unit send up to 16 kinds of telemetry unasked."""
     if len(identifiers) > SUBSCRIPTION_SLOTS:
         raise ValueError(f"{len(identifiers)} subscriptions; at most {SUBSCRIPTION_SLOTS}")
     slots = bytes(identifiers).ljust(SUBSCRIPTION_SLOTS, b"\0")
@@ -90,7 +90,7 @@ def encode_subscribe(identifiers: tuple[int, ...]) -> bytes:
 
 
 def unescape(body: bytes) -> bytes | None:
-    """Undo SLIP escapes; None where an escape is followed by anything it may not be."""
+    """Return the bytes without SLIP escapes; None if an escape is invalid."""
     if _ESCAPE not in body:
         return body
     parts = body.split(b"\xdb")
@@ -104,7 +104,7 @@ def unescape(body: bytes) -> bytes | None:
 
 
 def decode_payload(frame: bytes) -> bytes | Reject:
-    """Return the payload of a SLIP frame (delimiters included), hash checked and removed."""
+    """Check the hash of a SLIP frame (with delimiters); return the payload without the hash."""
     body = unescape(frame[1:-1])
     if body is None:
         return Reject.SYNC
@@ -126,7 +126,7 @@ def decode_telemetry(payload: bytes) -> Telemetry | Reject:
 
 
 def decode_solution(telemetry: Telemetry) -> Solution | Reject:
-    """Decode a solution; a quaternion that is no rotation is out of range."""
+    """Decode a solution; reject one that is flagged invalid or has no unit quaternion."""
     if len(telemetry.body) != _SOLUTION.size:
         return Reject.LENGTH
     f = _SOLUTION.unpack(telemetry.body)
@@ -158,15 +158,15 @@ def decode_solution(telemetry: Telemetry) -> Solution | Reject:
 
 
 class SlipMatcher:
-    """Finds frames between delimiters whose hash holds."""
+    """Finds frames with a correct hash between delimiters."""
 
     def search(self, data: bytearray, start: int) -> int:
-        """Return where the next delimiter stands."""
+        """Return the place of the next delimiter, else len(data)."""
         at = data.find(_END, start)
         return len(data) if at < 0 else at
 
     def match(self, data: bytearray, start: int) -> int:
-        """Return the length of the frame at `start`, 0: incomplete, -1: none."""
+        """Return the length of the frame at `start`; 0 if it is incomplete, -1 if none."""
         end = data.find(_END, start + 1)
         if end < 0:
             return 0 if len(data) - start < MAX_FRAME_BYTES else -1
@@ -177,13 +177,13 @@ class SlipMatcher:
 
 
 class SagittaCodec:
-    """Stream codec: framing by `framer`, whole frames to `Solution` or other telemetry."""
+    """Stream codec: `framer` finds frames, `decode` gives a `Solution` or other telemetry."""
 
     def __init__(self) -> None:
         self.framer = Framer(SlipMatcher())
 
     def decode(self, frame: bytes) -> Solution | Telemetry | Reject:
-        """Decode a frame the framer has checked; frames other than solutions come undecoded."""
+        """Decode a frame that the framer has checked; only solutions are decoded in full."""
         payload = decode_payload(frame)
         if isinstance(payload, Reject):
             return payload

@@ -1,8 +1,8 @@
 """Safran/Sensonor STIM300 inertial unit, normal-mode datagrams (data sheet TS1524 rev. 31).
 
-Big-endian, no length field and no escapes: a frame is a known identifier, the length that belongs
-to it and a CRC-32 that holds. After the first datagram only its identifier is looked for (a unit
-sends one kind), until 1024 bytes passed without one.
+Big-endian, without length field or escapes: a frame has a known identifier, the length of this
+identifier and a correct CRC-32. After the first datagram only its identifier is searched for (a
+unit sends one kind), until 1024 bytes held none.
 """
 
 import math
@@ -56,7 +56,7 @@ class Layout:
     extra: int  # PPS or AUX word
     counter: int
     crc: int
-    dummies: bytes  # zeros the CRC is taken over but that are not sent
+    dummies: bytes  # zeros that the CRC covers but the unit does not send
 
 
 def _layout(clusters: str, temperatures: bool, extra: bool) -> Layout:
@@ -124,13 +124,13 @@ class StimDatagram:
 
 
 def check_crc(frame: bytes, layout: Layout) -> bool:
-    """Return whether the datagram's CRC-32/MPEG-2 holds, dummy zeros included."""
+    """Return whether the datagram's CRC-32/MPEG-2, which covers dummy zeros, is correct."""
     crc = layout.crc
     return crc32.mpeg_2(frame[:crc] + layout.dummies) == int.from_bytes(frame[crc : crc + 4], "big")
 
 
 def decode_datagram(frame: bytes, acc_range_g: int) -> StimDatagram | Reject:
-    """Decode every field of one datagram, with or without CR LF behind it."""
+    """Decode every field of one datagram, with or without CR LF at its end."""
     layout = LAYOUTS.get(frame[0]) if frame else None
     if layout is None:
         return Reject.SYNC
@@ -178,10 +178,10 @@ class StimMatcher:
     def __init__(self, crlf: bool) -> None:
         self._tail = len(CR_LF) if crlf else 0
         self._locked: bytes | None = None
-        self._misses = 0  # bytes passed since the last datagram
+        self._misses = 0  # bytes searched since the last datagram
 
     def search(self, data: bytearray, start: int) -> int:
-        """Return where the next identifier stands."""
+        """Return the place of the next identifier, or from which to search again."""
         if self._locked is not None:
             limit = min(len(data), start + UNLOCK_BYTES - self._misses)
             at = data.find(self._locked, start, limit)
@@ -194,7 +194,7 @@ class StimMatcher:
         return found.start() if found else len(data)
 
     def match(self, data: bytearray, start: int) -> int:
-        """Return the length of the datagram at `start`, 0: incomplete, -1: none."""
+        """Return the length of the datagram at `start`; 0 if it is incomplete, -1 if none."""
         layout = LAYOUTS.get(data[start])
         if layout is None:
             return -1
@@ -215,7 +215,7 @@ class StimMatcher:
 
 
 class Stim300Codec:
-    """Stream codec: framing by `framer`, whole frames to `ImuDatagram`."""
+    """Stream codec: `framer` finds datagrams, `decode` turns one into an `ImuDatagram`."""
 
     tick_s = TICK_S
     modulus = COUNTER_MODULUS
@@ -226,7 +226,7 @@ class Stim300Codec:
         self._acc_scale = ACC_SCALE_M_S2[acc_range_g]
 
     def decode(self, frame: Frame) -> ImuDatagram | Reject:
-        """Decode what navigation needs of a frame the framer has checked."""
+        """Decode counter, latency, rate and force of a frame that the framer has checked."""
         data = frame.data
         layout = LAYOUTS[data[0]]
         acc, end = layout.acc, layout.counter
@@ -244,7 +244,7 @@ class Stim300Codec:
         )
 
     def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
-        """Decode the leading chunks that are datagrams of one kind, intact and without a status."""
+        """Decode the leading chunks of intact datagrams of one kind with status 0; else None."""
         count, length = self.framer.peek(chunks)
         layout = LAYOUTS.get(chunks[0].data[0]) if count else None
         if layout is None or not layout.acc or length != layout.length + self._tail:

@@ -1,6 +1,6 @@
-"""Thruster nodes: valve drivers and their TPDO1, little-endian; other services are the joints'.
+"""Thruster nodes: TPDO1 of valve drivers, little-endian; other services are as for joint nodes.
 
-Pure functions between bytes and values.
+Pure functions convert between bytes and values.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fsw.messages import IntArray
 
 AGE_SCALE_NS = 10_000
-OLD = 0xFFFF  # the newest change is this old, or older, or there was none
+OLD = 0xFFFF  # age on the wire: the newest change is this old or older, or there was none
 STATUS_OF_VALVES = 0xD8  # valves valid, driver fault, SYNC lost, test data
 STATUS_VALVES_VALID = 0x08
 TPDO1_BYTES = 8
@@ -20,17 +20,17 @@ _TPDO1 = np.dtype("<u2, <u2, u1, u1, u1, u1")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThrusterTpdo1:
-    """Latched states of valve drivers, arrays of one length."""
+    """Latched states of valve drivers; all arrays (k,)."""
 
-    valves: IntArray  # a bit for each, 1: open
-    age_ns: IntArray  # of the newest change at the latch; below 0: OLD
-    changes: IntArray  # instants at which any valve changed, modulo 256
+    valves: IntArray  # one bit for each valve, 1: open
+    age_ns: IntArray  # age of the newest change at the latch; -1: OLD
+    changes: IntArray  # number of instants at which any valve changed, modulo 256
     status: IntArray
     sync_counter: IntArray
 
 
 def valves_usable(status: IntArray) -> NDArray[np.bool_]:
-    """Return whether valve states are valid and real."""
+    """Return (k,) whether valve states are valid and no fault or test data is flagged."""
     return np.asarray(status & STATUS_OF_VALVES == STATUS_VALVES_VALID)
 
 

@@ -1,6 +1,6 @@
-"""Reaction wheel nodes: their PDOs, little-endian; the other services are those of the joints.
+"""Reaction wheel nodes: TPDO1 and TPDO2, little-endian; other services are as for joint nodes.
 
-Pure functions between bytes and values.
+Pure functions convert between bytes and values.
 """
 
 import struct
@@ -24,7 +24,7 @@ _TPDO2 = struct.Struct("<h")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelTpdo1:
-    """Latched values of wheels, arrays of one length."""
+    """Latched values of wheels; all arrays (k,)."""
 
     speed_rad_s: FloatArray
     torque_nm: FloatArray
@@ -33,7 +33,7 @@ class WheelTpdo1:
 
 
 def speed_usable(status: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return whether speeds are valid and real."""
+    """Return (k,) whether speeds are valid and no fault or test data is flagged."""
     return np.asarray(status & STATUS_OF_SPEED == STATUS_SPEED_VALID)
 
 
@@ -49,7 +49,7 @@ def decode_tpdo1(data: NDArray[np.uint8]) -> WheelTpdo1:
 
 
 def decode_tpdo2(data: bytes) -> float | Reject:
-    """Return the temperature [degC] of the slow TPDO2."""
+    """Return the temperature [degC] in a TPDO2."""
     if len(data) != TPDO2_BYTES:
         return Reject.LENGTH
     return float(_TPDO2.unpack(data)[0]) * TEMPERATURE_SCALE_K
