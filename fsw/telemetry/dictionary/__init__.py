@@ -1,7 +1,7 @@
-"""The dictionary: everything that crosses the link, and from which everything else is made.
+"""The dictionary: defines all packets, telecommands, parameters and events of the link.
 
-Pack and unpack (`fsw.telemetry.link.packets`), the exports and the human page read these values and
-nothing else; there is no second list.
+It is the only such definition: packing and unpacking (`fsw.telemetry.link.packets`), the exports
+and the page to read are all derived from it.
 """
 
 import zlib
@@ -60,5 +60,5 @@ DICTIONARY = Dictionary(
 
 @cache
 def dictionary_crc32() -> int:
-    """Return the CRC-32 of all names, types and numbers; it goes down in housekeeping."""
+    """Return the CRC-32 of the whole dictionary with its texts; housekeeping reports it."""
     return zlib.crc32(repr(DICTIONARY).encode())

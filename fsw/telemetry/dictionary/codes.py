@@ -1,4 +1,4 @@
-"""Enumerations: why a telecommand failed, modes, methods, states."""
+"""Enumerations of the link: errors of telecommands, modes, functions, methods, states."""
 
 from enum import IntEnum
 
@@ -11,7 +11,7 @@ APID_SCIENCE = 102
 
 
 class Error(IntEnum):
-    """Why a telecommand was rejected or failed."""
+    """Reason for which a telecommand was rejected or failed."""
 
     NONE = 0
     BAD_CRC = 1
@@ -33,8 +33,8 @@ class Error(IntEnum):
     NOT_CONVERGED = 17
     INSUFFICIENT_EXCITATION = 18
     NOT_SUPPORTED = 19  # this daemon was not configured for it
-    FAILED = 20  # accepted and tried; the event that goes with it says why
-    NOT_AUTHORISED = 21  # this key or port may look, not command
+    FAILED = 20  # it was accepted and tried; an event with it reports the reason
+    NOT_AUTHORISED = 21  # this key or port may only observe, not command
 
 
 class Mode(IntEnum):
@@ -115,7 +115,7 @@ class Store(IntEnum):
 
 
 class Memory(IntEnum):
-    """Memories of service 6: objects that a check-sum can be taken of."""
+    """Memories of service 6: kinds of objects whose checksum can be requested."""
 
     TABLES = 1
     FILES = 2

@@ -1,4 +1,4 @@
-"""Telecommands and their arguments."""
+"""Telecommands of services 3, 5, 9, 11, 12, 17 and 20, and most functions of service 8."""
 
 from fsw.messages.commands import PLAN_BOUNDS
 from fsw.telemetry.dictionary.codes import (
@@ -16,7 +16,7 @@ from fsw.telemetry.dictionary.parameters import PARAMETER
 from fsw.telemetry.dictionary.types import Enumeration, Field, Telecommand, Type
 
 MAX_INTERVAL_MS = 3_600_000
-MAX_REPEATS = 32  # elements of a repeated group
+MAX_REPEATS = 32  # most elements of a repeated group
 _SID = Field(name="sid", type=Type.U16, enumeration=SID)
 _EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
 _MONITOR = Field(name="monitor", type=Type.U16, minimum=1)
@@ -27,7 +27,7 @@ _UNKNOWN = Field(name="unknown", type=Type.U8, enumeration=UNKNOWN)
 _COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=MAX_REPEATS)
 _N = Field(name="n", type=Type.U8, minimum=1, maximum=MAX_REPEATS, doc="elements that follow")
 _ID = Field(name="parameter", type=Type.U16, enumeration=PARAMETER)
-# what a mode can be commanded to; BOOT ends by itself and BATCH is entered by a job
+# modes that can be commanded; BOOT ends by itself, and a batch job gives BATCH
 _COMMANDED_MODE = Enumeration(
     name="commanded_mode",
     labels={n: label for n, label in MODE.labels.items() if label not in ("BOOT", "BATCH")},
@@ -50,7 +50,7 @@ def _tc(
 
 
 def _each(service: int, subtype: int, name: str, doc: str, *element: Field) -> Telecommand:
-    """Return a telecommand with the standard's N and that many elements."""
+    """Return a telecommand with the count N of the standard, followed by N elements."""
     return _tc(service, subtype, name, doc, _N, *element, repeats=True)
 
 
@@ -207,7 +207,7 @@ _FUNCTIONS = (
             doc="newest so many seconds; 0: the parameter batch_last_s",
         ),
         modes=_RUNNING,
-    ),  # while one runs: BUSY
+    ),  # rejected as BUSY while a job runs
     _function(
         Function.RUN_PLAN,
         "Plan the next motion from the present estimate, within excitation.limits",
@@ -215,7 +215,7 @@ _FUNCTIONS = (
         _bounded("starts", Type.U8, "", "of the search; the best is taken"),
         _bounded("seed", Type.U16, "", "of the search; the same seed gives the same motion"),
         modes=_RUNNING,
-    ),  # while a job runs: BUSY
+    ),  # rejected as BUSY while a job runs
     _function(Function.ABORT_BATCH, "End the batch job"),
     _function(
         Function.ADOPT_RESULT, "Make the batch result the online estimator's prior", modes=_RUNNING

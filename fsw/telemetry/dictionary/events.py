@@ -1,4 +1,4 @@
-"""Events of service 5; one without a number of its own goes out as OTHER, its code in the text."""
+"""Events of service 5; an event without a number is sent as OTHER with its code in the text."""
 
 from fsw.messages.findings import Fault, severity
 from fsw.telemetry.dictionary.types import Enumeration, EventDefinition, Severity
@@ -120,7 +120,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (OTHER_ID, "OTHER", _LOW, "an event without a number; its code is in the text"),
 )
 
-# who connects, who is refused, what authenticates: kept in a store of their own
+# events of connections, refusals and authentication, which also have a separate log
 SECURITY_CODES = frozenset(
     {
         "TC_GARBAGE",
@@ -135,7 +135,7 @@ SECURITY_CODES = frozenset(
 )
 
 FINDINGS_FROM = 200
-# what the health monitor finds on devices and buses (`messages/findings.py`); append only
+# faults that the health monitor finds (`messages/findings.py`); append only
 FINDINGS = (
     "SYNC_LOST",
     "SYNC_DOUBLED",

@@ -1,10 +1,10 @@
-"""Short forms for the fields of the tables: numbers, labels, texts, counters."""
+"""Functions that make the fields of packets: numbers, labels, texts, counters."""
 
 from fsw.telemetry.dictionary.codes import ERROR
 from fsw.telemetry.dictionary.types import Concern, Enumeration, Field, Limits, Type
 
 YELLOW, RED = Concern.YELLOW, Concern.RED
-ZERO = Limits(yellow_high=0)  # of what counts or marks faults
+ZERO = Limits(yellow_high=0)  # for values that count or mark faults
 
 
 def number(
@@ -15,14 +15,14 @@ def number(
 
 
 def choice(name: str, enumeration: Enumeration, doc: str = "", **concerns: Concern) -> Field:
-    """Return an enumerated field of one byte; labels that ask for attention go by keyword."""
+    """Return an enumerated field of one byte; a keyword per label that needs attention."""
     return Field(
         name=name, type=Type.U8, enumeration=enumeration, doc=doc, alarms=tuple(concerns.items())
     )
 
 
 def error(name: str, doc: str = "") -> Field:
-    """Return a field of an error code; every error is yellow."""
+    """Return a field with an error code; every error is yellow."""
     alarms = tuple((label, YELLOW) for number, label in ERROR.labels.items() if number)
     return Field(name=name, type=Type.U16, enumeration=ERROR, doc=doc, alarms=alarms)
 
@@ -33,5 +33,5 @@ def text(name: str, size: int, doc: str = "") -> Field:
 
 
 def counters(*names: str, limits: Limits | None = None) -> tuple[Field, ...]:
-    """Return counters of 32 bits."""
+    """Return one 32-bit counter field per name."""
     return tuple(number(name, Type.U32, limits=limits) for name in names)

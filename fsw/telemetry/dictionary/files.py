@@ -1,4 +1,4 @@
-"""Service 23, and the functions and reports of file transfer that the standard does not have."""
+"""Service 23, with functions and reports of file transfer that are not in the standard."""
 
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,
@@ -12,7 +12,7 @@ from fsw.telemetry.dictionary.fields import choice, number, text
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
 from fsw.telemetry.dictionary.types import Field, Packet, Telecommand, Type
 
-PAGE_ENTRIES = 64  # reports of one LIST_FILES
+PAGE_ENTRIES = 64  # most reports for one LIST_FILES
 NAME_BYTES = 40
 MAX_PIECE_BYTES = 1 << 30
 MAX_U64 = (1 << 63) - 1  # XTCE writes bounds as signed numbers of 64 bits

@@ -1,4 +1,4 @@
-"""Housekeeping sets 1 to 8 and the science set: what service 3 reports, field by field."""
+"""Fields of the housekeeping sets 1 to 8 and of the science set, which service 3 reports."""
 
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.telemetry.dictionary.codes import (
@@ -32,17 +32,17 @@ from fsw.telemetry.dictionary.types import Enumeration, Field, Limits, Packet, T
 SCIENCE_SID = 20
 AXES = ("x", "y", "z")
 INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
-TASKS = ("drain", "hand_over")  # of the loop
+TASKS = ("drain", "hand_over")  # tasks of the loop
 DELAYS = {"sampled": "frame to sample", "published": "window closed to estimate published"}
 REASONS = ("sync", "length", "crc", "sequence", "range", "status", "node", "stale")
-# the estimation coordinates of one body: mass, mass x centre of mass, inertia about its origin
+# estimation coordinates of one body: mass, mass x centre of mass, inertia about the frame's origin
 COORDINATES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 COORDINATE_UNITS = ("kg", "kg.m", "kg.m", "kg.m") + ("kg.m2",) * 6
 STATES = tuple(f"{body}_{name}" for body in ("base", "target") for name in COORDINATES)
 STATE_UNITS = COORDINATE_UNITS * 2
 PATH_BYTES = 96
 TEXT_BYTES = 120
-SILENT_LEAST_S = 2.0  # after so long at the earliest the loop counts as silent
+SILENT_LEAST_S = 2.0  # least time without a summary after which the loop counts as silent
 
 
 def _times(prefix: str, doc: str) -> tuple[Field, ...]:
@@ -53,7 +53,7 @@ def _times(prefix: str, doc: str) -> tuple[Field, ...]:
 
 
 def _body(prefix: str, doc: str) -> tuple[Field, ...]:
-    """Return the reported parameters of a body and their 1 sigma; inertia about its own centre."""
+    """Return a body's parameters and 1 sigma; the inertia is about the centre of mass."""
     values, sigmas = [], []
     for name, unit in (
         ("mass_kg", "kg"),

@@ -1,7 +1,7 @@
 """Telecommands of the services that work without the ground: 6, 15, 19, 21 and parts of 11, 12.
 
-The standard repeats a group N times in most of them. Here N is 1: one object per telecommand, so
-that each has an acceptance and a completion of its own. N stays on the wire.
+In most of them the standard repeats a group N times. Here N is on the wire but always 1: each
+telecommand names one object, so that each object has its own acceptance and completion report.
 """
 
 from dataclasses import replace
@@ -12,9 +12,9 @@ from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
 from fsw.telemetry.dictionary.parameters import VALUE
 from fsw.telemetry.dictionary.types import Field, Significance, Telecommand, Type
 
-MAX_REQUEST_BYTES = 256  # of a telecommand that is kept on board
+MAX_REQUEST_BYTES = 256  # most bytes of a telecommand that is stored on board
 MAX_SEQUENCES = 16
-LARGEST = 1.7976931348623157e308  # as a limit: none
+LARGEST = 1.7976931348623157e308  # a limit of this size stands for no limit
 DAY_S = 86_400
 
 N = Field(name="n", type=Type.U8, minimum=1, maximum=1, doc="number of objects: 1")
@@ -64,7 +64,7 @@ _MONITOR_DEFINITION = (
 
 
 def _time(name: str) -> tuple[Field, ...]:
-    """Return a mission elapsed time as CUC 4+3 with its P-field."""
+    """Return the argument fields of a mission elapsed time, as CUC 4+3 with P-field."""
     return (
         Field(name=f"{name}_p_field", type=Type.U8, minimum=0x2F, maximum=0x2F),
         Field(name=f"{name}_coarse_s", type=Type.U32, unit="s"),
@@ -73,7 +73,7 @@ def _time(name: str) -> tuple[Field, ...]:
 
 
 def _tc(service: int, subtype: int, name: str, doc: str, *arguments: Field) -> Telecommand:
-    """Return a telecommand; an N has its value by itself."""
+    """Return a telecommand; its argument N, if it has one, is fixed to 1."""
     match = (("n", 1),) if N in arguments else ()
     return Telecommand(
         name=name, service=service, subtype=subtype, doc=doc, arguments=arguments, match=match
@@ -204,7 +204,7 @@ _SEQUENCES = (
     _tc(21, 13, "ABORT_SEQUENCES", "Release no more of any sequence, and report which"),
 )
 
-_VITAL = {  # what each may cost
+_VITAL = {  # telecommand -> its hazard
     "SHIFT_ACTIVITY": "a time-tagged command is released at another time",
     "SHIFT_SCHEDULE": "all time-tagged commands are released at other times",
     "DELETE_MONITOR": "its limit is not checked and its reaction not taken on board",
@@ -226,7 +226,7 @@ _SLOW_S = 3600.0
 
 
 def _annotated(item: Telecommand) -> Telecommand:
-    """Return a telecommand with its significance or the longest time it may take."""
+    """Return a telecommand with its significance or its timeout, if not the default ones."""
     if item.name in _SLOW:
         return replace(item, timeout_s=_SLOW_S)
     if item.name in _VITAL:

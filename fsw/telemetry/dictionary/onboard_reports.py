@@ -1,7 +1,7 @@
 """Telemetry packets of the services that work without the ground: 6, 15, 19, 21, and 11,10.
 
-A packet reports one object, with the standard's N = 1; N = 0: there is none. Telecommands in them
-are hexadecimal text, because a packet has one size and readers have no other form for its bytes.
+A packet reports one object: N is 1, or 0 if there is none (sequence_entry: the number of entries).
+Stored telecommands are hexadecimal text: packets have a fixed size, and readers no type for bytes.
 """
 
 from fsw.telemetry.dictionary.codes import (

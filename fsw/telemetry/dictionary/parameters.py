@@ -1,9 +1,9 @@
-"""On-board parameters of service 20, and the number every telemetered value has for monitoring."""
+"""On-board parameters of service 20, and the numbers of telemetered values for monitors."""
 
 from fsw.telemetry.dictionary.housekeeping import HOUSEKEEPING
 from fsw.telemetry.dictionary.types import Enumeration, Parameter, Type
 
-QUIET = ("SAFE", "STANDBY")  # modes in which the online estimator rests
+QUIET = ("SAFE", "STANDBY")  # modes in which the online estimator is paused
 
 PARAMETERS = (
     Parameter(
@@ -112,12 +112,12 @@ _NUMERIC = frozenset(Type) - {Type.TEXT, Type.BYTES}
 
 
 def value_ids() -> dict[int, tuple[str, str]]:
-    """Return packet and field of every number a monitor may watch: 1000 x set + place in it."""
+    """Return number -> (packet, field) of values for monitors: 1000 x set + place in the set."""
     found = {}
     for packet in HOUSEKEEPING:
         sid = dict(packet.match)["sid"]
         if packet.name == "covariance":
-            continue  # 210 matrix elements are nothing to watch one by one
+            continue  # there is no use in monitors of single matrix elements
         for place, item in enumerate(packet.fields):
             if place and item.type in _NUMERIC:
                 found[1000 * sid + place] = (packet.name, item.name)

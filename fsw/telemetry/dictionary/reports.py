@@ -1,4 +1,4 @@
-"""Every telemetry packet that is no housekeeping set."""
+"""Telemetry packets except housekeeping sets, file reports and onboard_reports."""
 
 from fsw.telemetry.dictionary.codes import (
     APID_ESTIMATOR,

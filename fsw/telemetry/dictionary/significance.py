@@ -1,7 +1,7 @@
-"""Telecommands that cost something, and those whose verification differs from the usual one.
+"""Hazards of telecommands, and verification that differs from the default.
 
-One table beside that of the telecommands: name, level, and the words a ground display shows before
-it sends one. Every other telecommand is NORMAL.
+A table gives name, level, and the text that a ground display shows before it sends the telecommand.
+A telecommand that is not in the table is NORMAL.
 """
 
 from collections.abc import Iterable
@@ -40,7 +40,7 @@ HAZARDS: dict[str, tuple[Significance, str]] = {
     "DISABLE_MONITOR": (_VITAL, "this limit is not checked and its reaction not taken on board"),
 }
 WITH_PROGRESS = (1, 3, 5, 7)
-SLOW: dict[str, tuple[tuple[int, ...], float]] = {  # reports, time until the last [s]
+SLOW: dict[str, tuple[tuple[int, ...], float]] = {  # reports, longest time until the last [s]
     "RUN_BATCH": (WITH_PROGRESS, 3600.0),
     "RUN_PLAN": (WITH_PROGRESS, 3600.0),
     "DOWNLINK_FILE": ((1, 3, 7), 3600.0),
@@ -53,7 +53,7 @@ SLOW: dict[str, tuple[tuple[int, ...], float]] = {  # reports, time until the la
 
 
 def annotated(telecommands: Iterable[Telecommand]) -> tuple[Telecommand, ...]:
-    """Return the telecommands with level, warning and verification. Raises KeyError."""
+    """Return the telecommands with level, hazard and verification added. Raises KeyError."""
     found = {item.name: item for item in telecommands}
     for name, (level, words) in HAZARDS.items():
         found[name] = replace(found[name], significance=level, hazard=words)

@@ -1,11 +1,11 @@
-"""Types of the dictionary: fields, packets, telecommands; frozen values only."""
+"""Types of the dictionary: fields, packets, telecommands, parameters, events."""
 
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 
 
 class Type(StrEnum):
-    """How a field lies on the wire, big-endian."""
+    """Type of a field on the wire, big-endian."""
 
     U8 = "u8"
     U16 = "u16"
@@ -18,8 +18,8 @@ class Type(StrEnum):
     I64 = "i64"
     F32 = "f32"
     F64 = "f64"
-    TEXT = "text"  # UTF-8 of a fixed size, padded with zero bytes, at least one
-    BYTES = "bytes"  # what is left of the packet; only the last argument of a telecommand
+    TEXT = "text"  # UTF-8 in a fixed size, padded with at least one zero byte
+    BYTES = "bytes"  # the rest of the packet; only as the last argument of a telecommand
 
 
 SIZE_BYTES = {
@@ -47,7 +47,7 @@ class Severity(IntEnum):
 
 
 class Concern(IntEnum):
-    """How much a telemetered value asks for attention on the ground."""
+    """Level of attention that a telemetered value needs on the ground."""
 
     NORMAL = 0
     YELLOW = 1
@@ -64,9 +64,9 @@ class Significance(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bounds of a telemetered number on the ground; a bound itself is still good, None: no bound.
+    """Bounds of a telemetered number for ground displays, themselves inside; None: no bound.
 
-    These are for displays. The daemon itself acts on the monitors of service 12.
+    The daemon itself does not use them: it acts on the monitors of service 12.
     """
 
     red_low: float | None = None
@@ -75,7 +75,7 @@ class Limits:
     red_high: float | None = None
 
     def concern(self, value: float) -> Concern:
-        """Return how much a value asks for attention."""
+        """Return the level of attention that a value needs."""
         if _outside(value, self.red_low, self.red_high):
             return Concern.RED
         outside = _outside(value, self.yellow_low, self.yellow_high)
@@ -88,7 +88,7 @@ def _outside(value: float, low: float | None, high: float | None) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Enumeration:
-    """Names of the values an integer field may take."""
+    """Labels of the values that an integer field may have."""
 
     name: str
     labels: dict[int, str]
@@ -105,8 +105,8 @@ class Enumeration:
 class Field:
     """One flat value of a packet, or one argument of a telecommand.
 
-    `minimum` and `maximum` bound a telecommand's argument; telemetry is not bounded by them.
-    `limits` (of numbers) and `alarms` (of labels) say when a ground display asks for attention.
+    `minimum` and `maximum` bound a telecommand's argument; they have no effect on telemetry.
+    `limits` (of numbers) and `alarms` (of labels) define which values need attention on the ground.
     """
 
     name: str
@@ -114,7 +114,7 @@ class Field:
     unit: str = ""
     doc: str = ""
     enumeration: Enumeration | None = None
-    size: int = 0  # bytes, of TEXT only
+    size: int = 0  # size of a TEXT [B]; 0 for other types
     minimum: float | None = None
     maximum: float | None = None
     limits: Limits | None = None
@@ -122,7 +122,7 @@ class Field:
 
     @property
     def size_bytes(self) -> int:
-        """Bytes on the wire; 0 for BYTES."""
+        """Return the size on the wire [B]; 0 for BYTES."""
         if self.type is Type.BYTES:
             return 0
         return self.size if self.type is Type.TEXT else SIZE_BYTES[self.type]
@@ -130,11 +130,11 @@ class Field:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packet:
-    """One telemetry packet: fields in order after the headers, before the CRC.
+    """One telemetry packet: its fields in the order between headers and CRC.
 
-    `match` holds the fields whose value, besides APID, service and subtype, separates this packet
-    from others (the housekeeping set, the parameter). A packet with `secondary_header` False (the
-    time packet, ECSS-E-ST-70-41C 7.4.2.1) has neither service nor subtype on the wire.
+    `match` holds field values that, besides APID, service and subtype, distinguish this packet from
+    others (the housekeeping set, the parameter). A packet with `secondary_header` False (the time
+    packet, ECSS-E-ST-70-41C 7.4.2.1) has neither service nor subtype on the wire.
     """
 
     name: str
@@ -148,18 +148,18 @@ class Packet:
 
     @property
     def size_bytes(self) -> int:
-        """Bytes of all fields."""
+        """Return the size of all fields [B]."""
         return sum(item.size_bytes for item in self.fields)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Telecommand:
-    """One telecommand: arguments in order after the secondary header, before the CRC.
+    """One telecommand: its arguments in the order between secondary header and CRC.
 
-    `match` holds arguments with a fixed value (the function of service 8); `modes` the labels of
-    the modes in which it is accepted, empty: all. `verification` lists the success reports of
-    service 1 in order; the subtype after each is its failure. `timeout_s` bounds the time until
-    the last report. `hazard` says what a telecommand above NORMAL may cost.
+    `match` holds arguments with a fixed value (the function of service 8). `modes` holds the modes
+    in which it is accepted; empty: all. `verification` lists the subtypes of the success reports of
+    service 1 in order; the failure of a stage has the next subtype. `timeout_s` bounds the time
+    until the last report. `hazard` is the possible damage by a telecommand above NORMAL.
     """
 
     name: str
@@ -169,7 +169,7 @@ class Telecommand:
     arguments: tuple[Field, ...] = ()
     match: tuple[tuple[str, int], ...] = ()
     modes: tuple[str, ...] = ()
-    repeats: bool = False  # arguments after the first (a count) repeat that often
+    repeats: bool = False  # whether the first argument counts repetitions of the others
     verification: tuple[int, ...] = (1, 3, 7)
     timeout_s: float = 10.0
     significance: Significance = Significance.NORMAL
@@ -177,7 +177,7 @@ class Telecommand:
 
     @property
     def function_id(self) -> int | None:
-        """The function of service 8; None of other services."""
+        """Return the function number of service 8; None for other services."""
         return dict(self.match).get("function_id")
 
 
@@ -193,7 +193,7 @@ class Parameter:
     maximum: float
     unit: str = ""
     doc: str = ""
-    modes: tuple[str, ...] = ()  # in which it may be set; empty: all
+    modes: tuple[str, ...] = ()  # modes in which it may be set; empty: all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,14 +217,14 @@ class Dictionary:
     errors: dict[int, str] = field(default_factory=dict)
 
     def packet(self, name: str) -> Packet:
-        """Return a packet by name. Raises KeyError."""
+        """Return the packet of a name. Raises KeyError."""
         for packet in self.packets:
             if packet.name == name:
                 return packet
         raise KeyError(name)
 
     def telecommand(self, name: str) -> Telecommand:
-        """Return a telecommand by name. Raises KeyError."""
+        """Return the telecommand of a name. Raises KeyError."""
         for telecommand in self.telecommands:
             if telecommand.name == name:
                 return telecommand

@@ -1,4 +1,4 @@
-"""The dictionary in the forms other tools read: XTCE, COSMOS, ccsdspy, and a page for people."""
+"""Exports the dictionary as XTCE, COSMOS configuration, ccsdspy tables and a page to read."""
 
 from fsw.telemetry.dictionary import DICTIONARY, Dictionary
 
@@ -8,7 +8,7 @@ PAGE = "docs/dictionary.md"
 
 
 def documents(dictionary: Dictionary = DICTIONARY) -> dict[str, str]:
-    """Return every export: path below the project's folder, and text."""
+    """Return all exported files: path below the project's folder -> text."""
     from fsw.telemetry.export import cosmos, page, tables
     from fsw.telemetry.export.verifiers import with_names
     from fsw.telemetry.export.xtce import system

@@ -11,7 +11,7 @@ from fsw.telemetry.export import FOLDER, documents
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Write all files; remove those of packets that the dictionary no longer has."""
+    """Write all files, remove tables of packets that no longer exist; return the exit code 0."""
     parser = argparse.ArgumentParser(prog="fsw.telemetry.export", description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=Path(), help="of the project")
     folder = parser.parse_args(argv).folder

@@ -1,7 +1,7 @@
-"""The dictionary as COSMOS configuration: one target, `cmd.txt` and `tlm.txt`, and its plugin.
+"""The dictionary as COSMOS configuration: one target with `cmd.txt` and `tlm.txt`, and a plugin.
 
-Items before the fields are the packet's headers; identifying ones carry their value. The sequence
-count is a parameter: COSMOS counts none, verification reports name the one that was sent.
+The items before the fields are the packet's headers; items that identify a packet have its value.
+The sequence count is a parameter, because COSMOS does not count. Verification reports repeat it.
 """
 
 from collections.abc import Iterator
@@ -36,12 +36,12 @@ INTERFACE {TARGET}_INT openc3/interfaces/tcpip_client_interface.py <%= inertia_h
 
 
 def telemetry(dictionary: Dictionary) -> str:
-    """Return the telemetry definition."""
+    """Return the telemetry definition, the text of `tlm.txt`."""
     return "\n\n".join("\n".join(_packet(packet)) for packet in dictionary.packets) + "\n"
 
 
 def telecommands(dictionary: Dictionary) -> str:
-    """Return the command definition."""
+    """Return the command definition, the text of `cmd.txt`."""
     return "\n\n".join("\n".join(_command(item)) for item in single_commands(dictionary)) + "\n"
 
 
@@ -121,7 +121,7 @@ def _parameter_line(name: str, bits: int, value: int, *, identifies: bool, doc: 
 def _argument_line(item: Field) -> str:
     name, kind, doc = item.name.upper(), _kind(item), _quoted(item.doc)
     bits = 8 * item.size_bytes
-    if item.type is Type.BYTES:  # up to the CRC
+    if item.type is Type.BYTES:  # a negative size: all bytes up to the CRC
         return f'  APPEND_PARAMETER {name} -{8 * CRC_BYTES} {kind} "" {doc}'
     if item.type is Type.TEXT:
         return f'  APPEND_PARAMETER {name} {bits} {kind} "" {doc}'
@@ -137,7 +137,7 @@ def _argument_line(item: Field) -> str:
 
 
 def _states(item: Field) -> Iterator[str]:
-    """Yield the labels of a field; in telemetry those that ask for attention have a colour."""
+    """Yield the labels of a field, with colours if some of the labels need attention."""
     labels = item.enumeration.labels if item.enumeration is not None else {}
     concerns = dict(item.alarms)
     for value, label in labels.items():
@@ -153,9 +153,9 @@ def _units(item: Field) -> Iterator[str]:
 
 
 def _limits(item: Field) -> Iterator[str]:
-    """Yield the four limits COSMOS needs; its own are already outside, ours still inside.
+    """Yield the four limits that COSMOS needs; a missing red one is the end of the type's range.
 
-    A missing red limit, and both of a missing side, lie where no value of the type is.
+    A value at a COSMOS limit is outside, at ours it is inside; so integer limits move out by 1.
     """
     if item.limits is None:
         return

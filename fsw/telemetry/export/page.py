@@ -1,11 +1,11 @@
-"""The dictionary as a page for people."""
+"""The dictionary as a page to read, in Markdown."""
 
 from collections.abc import Iterator
 
 from fsw.telemetry.dictionary import Dictionary, Enumeration, Field, Packet, Telecommand
 from fsw.telemetry.dictionary.codes import Health
 
-COVARIANCE = "covariance"  # 210 elements of one form
+COVARIANCE = "covariance"  # its 210 elements share one row of the page
 
 HEAD = """# Telemetry and telecommand dictionary
 
@@ -32,7 +32,7 @@ board (service 12) are a table of their own."""
 
 
 def page(dictionary: Dictionary) -> str:
-    """Return the page as Markdown."""
+    """Return the page of a dictionary as Markdown."""
     lines = [HEAD, "## Telecommands", ""]
     lines += [VERIFICATION, ""]
     lines += ["| service | name | does | arguments | modes | reports | hazard |"]
@@ -126,7 +126,7 @@ def _field_row(at: int, item: Field) -> str:
 
 
 def _attention(item: Field) -> str:
-    """Return limits, or labels that ask for attention; where all but the first do, in short."""
+    """Return limits, or labels that need attention; in short form if only the first does not."""
     if item.alarms and item.enumeration is not None:
         if len(item.alarms) == len(item.enumeration.labels) - 1 > 2:
             return f"{item.alarms[0][1].name.lower()}: all but {item.enumeration.labels[0]}"

@@ -1,7 +1,7 @@
-"""Telecommands as ground tools know them: no repeated groups, every argument of one type.
+"""Telecommands in a form that ground tools can describe: no groups, one type per argument.
 
-A telecommand with a repeated group becomes the one with a single element, and SET_PARAMETERS one
-command a parameter: neither XTCE nor COSMOS has a form for groups that readers agree on.
+A telecommand with a repeated group has exactly one element here, and SET_PARAMETERS becomes one
+command per parameter. For groups, XTCE and COSMOS have no form that all readers understand alike.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ SET_PARAMETERS = "SET_PARAMETERS"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SingleCommand:
-    """One command; `arguments` are in their order on the wire, `fixed` has the values of some."""
+    """One command: `arguments` in the order on the wire, `fixed` values of some by name."""
 
     name: str
     telecommand: Telecommand
@@ -23,7 +23,7 @@ class SingleCommand:
 
 
 def single_commands(dictionary: Dictionary) -> Iterator[SingleCommand]:
-    """Yield every command of the dictionary."""
+    """Yield the single commands of all telecommands of the dictionary."""
     for item in dictionary.telecommands:
         fixed = dict(item.match)
         if item.name == SET_PARAMETERS:
@@ -36,7 +36,7 @@ def single_commands(dictionary: Dictionary) -> Iterator[SingleCommand]:
 
 
 def _setting(item: Telecommand, parameter: Parameter) -> SingleCommand:
-    """Return the command that sets one parameter in its own type."""
+    """Return the command that sets one parameter, with a value of the parameter's type."""
     count, number, value = item.arguments
     value = replace(
         value,

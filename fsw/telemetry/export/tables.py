@@ -1,6 +1,6 @@
 """Telemetry packets as CSV tables for ccsdspy, one file per packet.
 
-ccsdspy reads the first four columns; unit, limits and labels that ask for attention follow.
+ccsdspy reads the first four columns; unit, limits and labels that need attention follow.
 """
 
 import csv
@@ -9,12 +9,12 @@ import io
 from fsw.telemetry.dictionary import Field, Packet, Type
 from fsw.telemetry.export.xtce import CRC_BITS, FLOATS, SECONDARY, SIGNED
 
-PRIMARY_BITS = 48  # ccsdspy reads the primary header by itself
+PRIMARY_BITS = 48  # ccsdspy itself reads the primary header
 BOUNDS = ("red_low", "yellow_low", "yellow_high", "red_high")
 
 
 def table(packet: Packet) -> str:
-    """Return the fields after the primary header: name, type, length and place [bits], limits."""
+    """Return CSV rows of all fields after the primary header; length and offset are in bits."""
     rows: list[tuple[str, str, int, Field | None]] = []
     if packet.secondary_header:
         rows += [(f"header_{name}", "uint", bits, None) for name, bits in SECONDARY]
@@ -31,7 +31,7 @@ def table(packet: Packet) -> str:
 
 
 def _attention(item: Field | None) -> tuple[str, ...]:
-    """Return unit, limits and labels with their colour; empty where there is none."""
+    """Return unit, limits, and labels with their colour; empty texts for missing ones."""
     if item is None:
         return ("",) * (len(BOUNDS) + 2)
     bounds = (None if item.limits is None else getattr(item.limits, name) for name in BOUNDS)

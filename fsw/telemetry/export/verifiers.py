@@ -1,8 +1,8 @@
 """Verification reports of service 1 as XTCE verifiers of a command.
 
-A stage succeeds or fails by the report that names the command's own sequence count. XTCE has no
-comparison of two parameters with a mask that readers agree on, so each check is an algorithm in
-JavaScript; `/yamcs/cmdHist/ccsds-seqcount` is the count Yamcs has filled in.
+A report with the command's sequence count decides whether a stage succeeds or fails. XTCE has no
+masked comparison of two parameters that all readers support, so each check is an algorithm in
+JavaScript. `/yamcs/cmdHist/ccsds-seqcount` is the sequence count that Yamcs gave the command.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ SENT = "/yamcs/cmdHist/ccsds-seqcount"
 COUNT_MASK = 0x3FFF
 ALGORITHM = '<CustomAlgorithm name="Unnamed"'
 ACCEPTANCE, START, PROGRESS, COMPLETION = 1, 3, 5, 7
-REPORTS = {  # subtype of the success: its packet, those of the failure
+REPORTS = {  # subtype of success -> packet of success, packets of failure
     ACCEPTANCE: ("acceptance_success", ("acceptance_failure", "routing_failure")),
     START: ("start_success", ("start_failure",)),
     PROGRESS: ("progress_success", ("progress_failure",)),
@@ -31,7 +31,7 @@ REPORTS = {  # subtype of the success: its packet, those of the failure
 
 
 def add_verifiers(command: Command, telecommand: Telecommand) -> None:
-    """Give a command the verifiers of its reports."""
+    """Add to a command one verifier for each success report of its telecommand."""
     for subtype in telecommand.verification:
         check, timeout_s = _check(command, subtype), telecommand.timeout_s
         if subtype == ACCEPTANCE:
@@ -67,9 +67,9 @@ def _text(lines: Sequence[str]) -> str:
 
 
 def with_names(xtce: str) -> str:
-    """Return an XTCE document whose verifiers have algorithms of different names within a command.
+    """Return an XTCE document in which the verifier algorithms of a command have different names.
 
-    pymdb calls all of them `Unnamed`; Yamcs runs one of a name at a time and refuses the command.
+    pymdb names all of them `Unnamed`. Yamcs refuses such a command: it runs one algorithm per name.
     """
     found, count = [], 0
     for line in xtce.splitlines(keepends=True):

@@ -1,7 +1,7 @@
-"""XTCE of the dictionary, for any ground system that reads it; flat on purpose.
+"""The dictionary as XTCE, in a flat form that any ground system can read.
 
-One SpaceSystem, no array or aggregate types; parameters are called `packet_field`, since an XTCE
-parameter has one place and one type. Enumerated values stay what they are on the wire.
+There is one SpaceSystem, without array or aggregate types. Parameters are named `packet_field`,
+because an XTCE parameter has one place and one type. Enumerated values are the numbers on the wire.
 """
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ from fsw.telemetry.dictionary.codes import APID_FILES
 from fsw.telemetry.dictionary.types import SIZE_BYTES
 
 SYSTEM = "inertia"
-ROOT = "CCSDSPacket"  # what readers look for
+ROOT = "CCSDSPacket"  # name of the root container that readers look for
 FLOATS = (Type.F32, Type.F64)
 SIGNED = (Type.I8, Type.I16, Type.I32, Type.I64)
 PRIMARY = (  # CCSDS 133.0-B 4.1.3
@@ -59,7 +59,7 @@ ALARM_LEVELS = {Concern.YELLOW: AlarmLevel.WARNING, Concern.RED: AlarmLevel.CRIT
 
 
 def system(dictionary: Dictionary) -> System:
-    """Return telemetry of the dictionary as an XTCE system."""
+    """Return the telemetry packets of the dictionary as an XTCE system."""
     root = System(SYSTEM, short_description="Inertia daemon")
     primary = _header(root, PRIMARY)
     base = Container(root, ROOT, list(primary.values()), abstract=True)
@@ -104,9 +104,9 @@ def _header(root: System, layout: tuple[tuple[str, int], ...]) -> dict[str, Para
 def _parent(
     root: System, packet: Packet, pus: Container, secondary: dict[str, ParameterEntry]
 ) -> tuple[Container, ParameterEntry]:
-    """Return the container of one service and subtype, and the values that separate its packets.
+    """Return the container of one service and subtype, and the entry that selects its packets.
 
-    That is a plain number: readers do not agree on comparisons with enumerated values.
+    The entry is a plain number, because readers differ in comparisons with enumerated values.
     """
     ((key, _value),) = packet.match
     name = f"service_{packet.service}_{packet.subtype}"
@@ -159,7 +159,7 @@ def _all(
 
 
 def parameter(root: System, name: str, item: Field) -> Parameter:  # type: ignore[type-arg]
-    """Return one field as a parameter."""
+    """Return one field as an XTCE parameter named `name`."""
     doc, units, coding = item.doc or None, item.unit or None, encoding(item)
     if item.enumeration is not None:
         choices = list(item.enumeration.labels.items())
@@ -191,7 +191,7 @@ def parameter(root: System, name: str, item: Field) -> Parameter:  # type: ignor
 
 
 def _alarm(limits: Limits | None) -> ThresholdAlarm | None:
-    """Return limits as XTCE has them: yellow is its warning, red its critical level."""
+    """Return limits as an XTCE alarm: yellow is the level warning, red is critical."""
     if limits is None:
         return None
     return ThresholdAlarm(
@@ -213,7 +213,7 @@ def _label_alarm(item: Field) -> EnumerationAlarm | None:
 
 
 def encoding(item: Field) -> Encoding:
-    """Return how a field lies on the wire."""
+    """Return the XTCE encoding of a field on the wire."""
     if item.type is Type.TEXT:
         return StringEncoding(bits=8 * item.size, charset=Charset.UTF_8, termination=b"\0")
     bits = 8 * SIZE_BYTES[item.type]
@@ -232,7 +232,7 @@ def _unsigned(root: System, name: str, bits: int, doc: str) -> IntegerParameter:
 
 
 def _file_packet(root: System, base: Container, primary: dict[str, ParameterEntry]) -> None:
-    """Add the packet a CFDP PDU travels in; its own format is CCSDS 727.0-B."""
+    """Add the packet that contains a CFDP PDU; CCSDS 727.0-B defines the PDU's format."""
     Container(
         root,
         "file_pdu",

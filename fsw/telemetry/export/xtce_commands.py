@@ -1,8 +1,8 @@
 """Telecommands of the dictionary as XTCE meta-commands.
 
-Each is the base command's header, then its arguments. The length, the sequence count and the CRC
-are the sender's (Yamcs: its PUS command post-processor with the CRC of 16 bits). Level and warning
-are the dictionary's significance; verifiers follow the reports of service 1.
+Each command has the header of the base command, then its arguments. The sender fills in length,
+sequence count and CRC (in Yamcs the PUS command post-processor with a CRC of 16 bits). Level and
+warning are significance and hazard in the dictionary; verifiers follow the reports of service 1.
 """
 
 import struct
@@ -42,7 +42,7 @@ LEVELS = {
 
 
 def add_commands(root: System, dictionary: Dictionary) -> None:
-    """Add every telecommand to a system."""
+    """Add all telecommands of the dictionary to an XTCE system."""
     base = Command(root, BASE, abstract=True, entries=[_fixed("packet_id", TC_PACKET_ID, 2)])
     base.entries = [
         *base.entries,
@@ -86,7 +86,7 @@ def _fixed(name: str, value: int, size: int) -> FixedValueEntry:
 
 
 def argument(item: Field) -> Argument:  # type: ignore[type-arg]
-    """Return one argument with its range."""
+    """Return one field as an XTCE argument with its range."""
     doc, units = item.doc or None, item.unit or None
     if item.type is Type.BYTES:
         return BinaryArgument(item.name, short_description=doc, encoding=BinaryEncoding())
@@ -122,7 +122,7 @@ def argument(item: Field) -> Argument:  # type: ignore[type-arg]
 
 
 def integer_range(item: Field) -> tuple[int, int]:
-    """Return the bounds of an integer: its own, or those of its type."""
+    """Return the lowest and highest value of an integer field: its bounds, or its type's."""
     bits = 8 * SIZE_BYTES[item.type]
     low, high = (
         (-(1 << bits - 1), (1 << bits - 1) - 1) if item.type in SIGNED else (0, (1 << bits) - 1)
@@ -134,7 +134,7 @@ def integer_range(item: Field) -> tuple[int, int]:
 
 
 def _as_sent(item: Field, bound: float | None) -> float | None:
-    """Return a bound as the argument's own type can hold it."""
+    """Return a bound rounded to the type of its argument; None without a bound."""
     if bound is None or item.type is Type.F64:
         return bound
     return float(struct.unpack(">f", struct.pack(">f", bound))[0])
