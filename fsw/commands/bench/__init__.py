@@ -1,8 +1,8 @@
-"""`fsw bench`: what this machine gives the loop, each figure beside a reference in the same run.
+"""`fsw bench`: measure timer, buses and serial lines of this computer, each against a reference.
 
-Timer: wake-ups of the executive beside `cyclictest` (Debian's rt-tests). Bus: frames through the
-ports beside python-can's `recv` and Notifier. Line: bytes through the port beside pyserial. Every
-figure is the median of several rounds, in which ours and the reference take turns.
+Timer: wake-ups of the executive against `cyclictest` (Debian's rt-tests). Bus: frames through the
+ports against python-can's `recv` and Notifier. Line: bytes through the port against pyserial. Each
+figure is the median of several rounds; a round measures the project's code, then the reference.
 """
 
 import statistics
@@ -16,7 +16,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One quantity over all rounds, and the reference's where there is one."""
+    """One quantity over all rounds, of the project's code and of the reference, if there is one."""
 
     name: str
     unit: str
@@ -26,7 +26,7 @@ class Figure:
 
     @property
     def ratio(self) -> float | None:
-        """Ours divided by the reference, of the medians; None without a reference."""
+        """Median of `own` divided by that of `reference`; None if it is missing or zero."""
         if not self.reference or not statistics.median(self.reference):
             return None
         return statistics.median(self.own) / statistics.median(self.reference)
@@ -46,7 +46,7 @@ def _spread(values: Sequence[float]) -> str:
 
 @dataclass(slots=True)
 class Report:
-    """Figures of one run, and what could not be measured."""
+    """Figures of one run of the bench, and lines on what could not be measured."""
 
     rounds: int
     figures: list[Figure] = field(default_factory=list)
@@ -58,18 +58,18 @@ class Report:
         return {"rounds": self.rounds, "figures": rows, "missing": self.missing}
 
     def to_text(self) -> str:
-        """Return a table: median, least and greatest of the rounds."""
+        """Return a table with median, least and greatest value of the rounds."""
         rows = [figure.to_text() for figure in self.figures]
         return "\n".join([f"median (least to greatest) of {self.rounds} rounds", *rows])
 
 
 def bench(rounds: int, seconds: float, priority: int, frame_rate_hz: float, tell: Tell) -> Report:
-    """Measure everything.
+    """Measure timer, buses and serial lines.
 
     Parameters
     ----------
-    seconds : of each measurement in each round
-    priority : SCHED_FIFO of the timer's measurement; 0: ordinary scheduling
+    seconds : duration of each measurement in each round [s]
+    priority : SCHED_FIFO priority of the timer's measurement; 0: ordinary scheduling
     tell : receives lines of progress
     """
     report = Report(rounds)

@@ -1,7 +1,7 @@
-"""Frames through the ports of the loop beside python-can's own ways of reading.
+"""Measure frames through the ports of the loop and, as references, through python-can.
 
-Every reader gets the same numbered frames from a process of its own and drains them 500 times a
-second, as the loop does. The numbers show which were lost.
+For each reader, a sender in another process sends numbered frames; the reader drains them 500 times
+a second, as the loop does. The counts of frames sent and received show how many were lost.
 """
 
 import socket
@@ -21,8 +21,8 @@ SOCKET, MULTICAST = "Linux frames over a socket", "udp_multicast"
 RECV, NOTIFIER = "python-can recv", "python-can Notifier"
 GROUP = "239.74.163.7"
 TICK_NS, BATCH_TICKS = 2_000_000, 20
-SETTLE_S = 0.3  # after the sender's end
-STALLS_S = (0.3, 5.0)  # lost: nothing; more than the buffer has room for
+SETTLE_S = 0.3  # reading continues this long after the sender's end
+STALLS_S = (0.3, 5.0)  # the buffer holds the frames of the first stall, not those of the second
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,22 +42,22 @@ class Flow:
 
     @property
     def frames_per_s(self) -> float:
-        """Rate sent."""
+        """Rate of frames sent [1/s]."""
         return self.sent / self.seconds
 
     @property
     def us_per_frame(self) -> float:
-        """Processor time of one frame [us]."""
+        """Processor time of one received frame [us]."""
         return self.cpu_s / max(1, self.received) * 1e6
 
     @property
     def core_percent(self) -> float:
-        """Share of a core."""
+        """Share of a processor core [%]."""
         return 100.0 * self.cpu_s / self.seconds
 
 
 class _Ours:
-    """Drains a port every tick and reads it once a batch."""
+    """Drains a port of the loop every tick and decodes its frames once a batch."""
 
     def __init__(self, port: FramePort) -> None:
         self._port, self._ticks = port, 0
@@ -77,7 +77,7 @@ class _Ours:
 
 
 class _Recv:
-    """Calls python-can's `recv` until there is nothing more, every tick."""
+    """Calls python-can's `recv` every tick until no frame is left."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus, self._count = bus, 0
@@ -92,7 +92,7 @@ class _Recv:
 
 
 class _Notified:
-    """Is called by python-can's Notifier, from a thread of its own."""
+    """Counts the frames that python-can's Notifier passes to it from a separate thread."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._count = 0
@@ -102,7 +102,7 @@ class _Notified:
         self._count += 1
 
     def tick(self) -> None:
-        """Nothing to do: the thread reads."""
+        """Do nothing: the Notifier's thread reads the frames."""
 
     def received(self) -> int:
         self._notifier.stop()
@@ -116,7 +116,7 @@ def _flow(
     seconds: float,
     stall_s: float = 0.0,
 ) -> tuple[int, int, float]:
-    """Run a sender and tick the reader; return sent, received and processor time."""
+    """Run a sender, tick the reader, pause once for `stall_s`; return sent, received, CPU [s]."""
     clock = MonotonicClock()
     with sender(*place, rate_hz, seconds) as process:
         cpu_s, due_ns = clock.process_cpu_s(), clock.now_ns()
@@ -135,7 +135,7 @@ def _flow(
 
 
 def over_socket(rate_hz: float, seconds: float, stall_s: float = 0.0) -> Flow:
-    """Read Linux frames from a UDP socket of the loopback: as SocketCAN hands them over."""
+    """Read frames in the layout of SocketCAN from a UDP socket of the loopback interface."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.bind(("127.0.0.1", 0))
         port = SocketPort(link, MonotonicClock(), "bench", link.close)
@@ -145,7 +145,7 @@ def over_socket(rate_hz: float, seconds: float, stall_s: float = 0.0) -> Flow:
 
 
 def over_multicast(rate_hz: float, seconds: float) -> Flow:
-    """Read python-can's udp_multicast as the loop does."""
+    """Read python-can's udp_multicast through the port of the loop."""
     number = _free_port()
     config = BusConfig(
         name="bench", interface="udp_multicast", channel=GROUP, port=number, rate_hz=500.0
@@ -162,7 +162,7 @@ def over_multicast(rate_hz: float, seconds: float) -> Flow:
 def by_python_can(
     make: Callable[[can.BusABC], _Recv | _Notified], rate_hz: float, seconds: float
 ) -> Flow:
-    """Read udp_multicast by a way of python-can's own."""
+    """Read udp_multicast with the python-can reader that `make` returns."""
     number = _free_port()
     bus = can.Bus(interface="udp_multicast", channel=GROUP, port=number, hop_limit=0)
     try:
@@ -174,7 +174,7 @@ def by_python_can(
 
 
 def stalled(rate_hz: float, stall_s: float) -> Flow:
-    """Read nothing for a while, in the middle of the frames."""
+    """Read from a socket, but pause for `stall_s` [s] while frames arrive."""
     return over_socket(rate_hz, stall_s + 1.0, stall_s)
 
 

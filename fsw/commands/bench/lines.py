@@ -1,4 +1,4 @@
-"""Bytes through the serial port of the loop beside pyserial, over a pseudo-terminal."""
+"""Measure bytes over a pseudo-terminal through the loop's serial port and through pyserial."""
 
 import os
 import select
@@ -19,7 +19,7 @@ WAIT_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Bytes of one round."""
+    """Bytes of one round through one reader."""
 
     received: int
     seconds: float
@@ -27,17 +27,17 @@ class Flow:
 
     @property
     def bytes_per_s(self) -> float:
-        """Rate read."""
+        """Rate of bytes read [1/s]."""
         return self.received / self.seconds
 
     @property
     def us_per_kilobyte(self) -> float:
-        """Processor time of a thousand bytes [us]."""
+        """Processor time of a thousand received bytes [us]."""
         return self.cpu_s / max(1, self.received) * 1e9
 
 
 def _flow(master: int, fd: int, read: Callable[[], int], seconds: float) -> Flow:
-    """Read all that a process writes into the other end."""
+    """Read from `fd` all bytes that a sender writes to `master`."""
     clock, received = MonotonicClock(), 0
     with sender("line", str(master), 0.0, seconds) as process:
         began_ns = ended_ns = 0
@@ -53,7 +53,7 @@ def _flow(master: int, fd: int, read: Callable[[], int], seconds: float) -> Flow
 
 
 def by_port(seconds: float) -> Flow:
-    """Read as the loop does."""
+    """Read through the serial port of the loop."""
     master, slave = os.openpty()
     tty.setraw(slave)
     port = open_serial(os.ttyname(slave), BAUD, MonotonicClock())
@@ -67,7 +67,7 @@ def by_port(seconds: float) -> Flow:
 
 
 def by_pyserial(seconds: float) -> Flow:
-    """Read as many bytes as pyserial reports to be waiting."""
+    """Read with pyserial, each time as many bytes as it reports to be waiting."""
     master, slave = os.openpty()
     tty.setraw(slave)
     with serial.Serial(os.ttyname(slave), BAUD, timeout=0) as line:

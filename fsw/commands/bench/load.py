@@ -1,4 +1,4 @@
-"""The process that sends what the bench's ports read."""
+"""Run the process that sends frames or bytes to the readers of the bench."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 def sender(
     kind: str, place: str, rate_hz: float, seconds: float
 ) -> Iterator[subprocess.Popen[str]]:
-    """Run a sender during the block."""
+    """Run a sender while the block runs, and terminate it at the end."""
     command = [sys.executable, "-m", "fsw.commands.bench.send", kind, place]
     with subprocess.Popen(
         [*command, str(rate_hz), str(seconds)],
@@ -25,6 +25,6 @@ def sender(
 
 
 def sent_by(process: subprocess.Popen[str]) -> int:
-    """Wait for a sender's end and return how much it has sent."""
+    """Wait for a sender's end; return the number of frames or bytes that it has sent."""
     output, _ = process.communicate()
     return int(output)

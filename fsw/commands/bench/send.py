@@ -37,7 +37,7 @@ def frames(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Send, then print how many frames or bytes were sent."""
+    """Send for the given time, then print the number of frames or bytes sent; return 0."""
     parser = argparse.ArgumentParser(prog="fsw.commands.bench.send", description=__doc__)
     parser.add_argument("kind", choices=("socket", "multicast", "line"))
     parser.add_argument("place", help="port; group:port; descriptor of the line")
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _write_line(descriptor: int, seconds: float) -> int:
-    """Write as much as the line takes."""
+    """Write as many bytes as the line accepts in `seconds`; return their number."""
     clock, written, data = MonotonicClock(), 0, bytes(range(256)) * (WRITE_BYTES // 256)
     end_ns = clock.now_ns() + round(seconds * 1e9)
     while clock.now_ns() < end_ns:

@@ -1,4 +1,4 @@
-"""Wake-ups of the executive beside those of cyclictest."""
+"""Measure how late the wake-ups of the executive and of cyclictest are."""
 
 import contextlib
 import os
@@ -15,12 +15,12 @@ from fsw.scheduler import realtime
 from fsw.scheduler.executive import Executive
 
 RATE_HZ = 500.0
-MOST_US = 100_000  # of cyclictest's histogram
+MOST_US = 100_000  # largest lateness in cyclictest's histogram
 
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """How late the wake-ups of one round were [us]."""
+    """Lateness of the wake-ups of one round [us]: median, 99th percentile, maximum."""
 
     p50_us: float
     p99_us: float
@@ -29,9 +29,9 @@ class Lateness:
 
 
 def executive(rate_hz: float, seconds: float, priority: int) -> Lateness:
-    """Return the lateness of the executive's ticks with nothing to do.
+    """Return the lateness of the executive's ticks without tasks.
 
-    Processors are kept awake where that is permitted: cyclictest does so too.
+    As cyclictest does, the function keeps the processors awake, if the system permits this.
     """
     awake_fd = None
     with contextlib.suppress(OSError):
@@ -78,7 +78,7 @@ def cyclictest_command(rate_hz: float, seconds: float, priority: int = 0) -> lis
 
 
 def cyclictest_wakes(output: str) -> list[tuple[int, int]]:
-    """Return how late its wake-ups were [us], and how many were so late."""
+    """Return the rows of cyclictest's histogram: lateness [us] and number of wake-ups."""
     rows = re.findall(r"^(\d{6}) (\d+)$", output, re.MULTILINE)
     return [(int(us), int(count)) for us, count in rows if int(count)]
 

@@ -1,1 +1,1 @@
-"""`fsw calibrate`: what a recording shows of sensors and mounting, as a configuration overlay."""
+"""`fsw calibrate`: estimate errors of sensors and mounting; write a configuration overlay."""

@@ -1,4 +1,4 @@
-"""`fsw calibrate rest|motion RECORDING... --config CONFIG`: replay, figures, table, overlay."""
+"""The command `fsw calibrate`: replay recordings, compute figures, print and write them."""
 
 import argparse
 import json
@@ -27,12 +27,12 @@ Tell = Callable[[str], None]
 
 
 def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
-    """Calibrate from a recording; return what is to be printed, and whether an overlay was made.
+    """Calibrate from recordings; return the text to print, and whether the overlay has a value.
 
     Raises
     ------
-    ConfigError if recording, configuration or choices do not fit, or nothing can be written;
-    EstimatorError if the robot moves, or there are too few data.
+    ConfigError if recording, configuration or choices do not fit, or the file cannot be written;
+    EstimatorError if data are too few, the robot moves (rest), or the fit fails (motion).
     """
     recordings: Sequence[Path] = arguments.recording
     for path in (arguments.config, *recordings, *arguments.overlay):
@@ -86,7 +86,7 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
 def _replayed(
     recordings: Sequence[Path], config: Config, problem: Problem, span: Span, tell: Tell
 ) -> Watching:
-    """Return windows and blocks of recordings, one after the other; no estimator works on them."""
+    """Return the windows and blocks of all recordings in order; no estimator runs."""
     every = Watching(config, joint_order(config, problem.model), alone=True)
     for recording in recordings:
         tell(f"reading {recording}")
@@ -102,7 +102,7 @@ def _replayed(
 
 
 def _write(path: Path, text: str, config: Config) -> None:
-    """Write an overlay that the configuration accepts, or nothing."""
+    """Write an overlay; write nothing and raise ConfigError if `config` does not accept it."""
     aside = path.with_name(f"{path.name}.tmp")
     try:
         aside.write_text(text, encoding="utf-8")

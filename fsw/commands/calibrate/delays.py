@@ -1,9 +1,8 @@
-"""Delays of gyro and accelerometer against the joints as states, for a batch.
+"""Delays of gyro and accelerometer relative to the joints, as states of a batch.
 
-A signal stamped t that shows the robot at t - d correlates best with the one predicted from joint
-motion at t - d. Near d that is a least-squares problem in d: its row is the predicted signal's
-derivative, its sigma the curvature of the correlation's peak, and whatever else could explain the
-difference (bodies, biases, mounting) is a state too, so that none of it is taken for a delay.
+A signal with stamp t and delay d shows the robot at t - d. Near the true delay, d is the unknown of
+a least-squares problem whose row is the time derivative of the signal predicted from the joints.
+Bodies, biases and mounting are states too, so that their effect does not appear as a delay.
 """
 
 from dataclasses import replace
@@ -26,7 +25,7 @@ NAMES = ("delay.gyro", "delay.accelerometer")
 
 
 def with_delays(problem: Problem, sigma_s: float) -> Problem:
-    """Return the problem with two more states at its end: delays beyond the configured ones [s]."""
+    """Return the problem with two last states added: true delays less the configured ones [s]."""
     own = sigma_s**2 * np.eye(len(NAMES))
     return replace(
         problem,
@@ -39,7 +38,7 @@ def with_delays(problem: Problem, sigma_s: float) -> Problem:
 
 @lru_cache(maxsize=8)
 def derivative(nodes: int) -> FloatArray:
-    """Return (nodes, nodes): values at the Gauss nodes of (-1, 1) to the derivative there."""
+    """Return the matrix (nodes, nodes) from values at the Gauss nodes of (-1, 1) to derivatives."""
     x, unit = gauss_nodes(nodes), np.eye(nodes)
     slopes = [legendre.legval(x, legendre.legder(row)) for row in unit]
     return np.asarray(
@@ -48,9 +47,9 @@ def derivative(nodes: int) -> FloatArray:
 
 
 class DelayedRows(RowsFunction):
-    """Fused rows of a problem `with_delays`: a prediction moves by its derivative times a delay.
+    """Fused rows of a problem `with_delays`: a delay moves a prediction by -delay x derivative.
 
-    To first order in the delay: stamp the samples again where it is more than a few milliseconds.
+    This is first order. For a delay of more than a few ms, correct the stamps and replay again.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -58,7 +57,7 @@ class DelayedRows(RowsFunction):
         self._slope = derivative(problem.nodes) * 2.0 / problem.window_s
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows."""
+        """Return the rows of each block in `s` for the state x (p,)."""
         made = stacked_fused_rows(s, x, self._problem, before=before)
         w, f = s.by_block(s.w_NB_B_rad_s), s.by_block(s.f_NS_B_m_s2)
         return [
@@ -67,7 +66,7 @@ class DelayedRows(RowsFunction):
         ]
 
     def _moved(self, rows: Rows, x: FloatArray, measured: FloatArray) -> Rows:
-        """Return the rows of one block; measured force and rate (m, 6)."""
+        """Return one block's rows with delays; `measured`: specific force and rate (m, 6), in B."""
         if rows.root is None or rows.use is None:
             raise ValueError("rows of a block without their noise")
         if not rows.use.any():

@@ -1,7 +1,7 @@
-"""A constant with white noise and a random walk on it, from means over equal windows.
+"""Estimate a constant with white noise and a random walk, from means over equal windows.
 
-The error of a mean over a recording at rest is that of the white noise and that of the walk: the
-value drifts within the recording, so the mean is not the value of any one moment.
+The mean over a recording at rest has two errors: that of the white noise, and that of the random
+walk, because the value drifts and the mean is not the value at a given moment.
 """
 
 from dataclasses import dataclass
@@ -12,33 +12,33 @@ from scipy.fft import dst
 from fsw.messages import FloatArray
 
 LEAST_WINDOWS = 8
-RATIOS = np.concatenate([[0.0], np.logspace(-8.0, 3.0, 221)])  # walk over white that are compared
+RATIOS = np.concatenate([[0.0], np.logspace(-8.0, 3.0, 221)])  # tried ratios of variances q / a
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drift:
-    """Mean of k channels alike, and how far it may be from the value at one moment."""
+    """Mean of k channels with equal noise, and its error if used as the value at one moment."""
 
     mean: FloatArray  # (k,)
-    sigma: float
-    white: float  # 1 sigma of a window's mean by white noise
-    walk: float  # 1 sigma by which the value walks from window to window; 0: none is seen
+    sigma: float  # 1 sigma of each mean, from white noise and random walk
+    white: float  # 1 sigma of a window's mean, from white noise
+    walk: float  # 1 sigma of the random walk's step from window to window
 
 
 def drift(means: FloatArray, white_sigma: float) -> Drift:
-    """Return the mean of each column, and its 1 sigma by white noise and walk together.
+    """Return the mean of each column, and its 1 sigma from white noise and random walk.
 
-    The differences of neighbouring means of white noise of variance a and a walk of variance q per
-    window have the covariance tridiag(q/6 - a, 2 a + 2 q/3, q/6 - a). The sine transform makes it
-    diagonal, so the likelihood is exact. The walk is taken as large as the data allow, at the upper
-    end of its 68 % interval of likelihood: a short recording cannot rule a slow one out.
-    Source of the walk's averages: IEEE Std 952, annex C; of the eigenvalues: Smith, Numerical
+    Let a be the variance of the white noise and q that of the random walk per window. Differences
+    of neighbouring means have the covariance tridiag(q/6 - a, 2 a + 2 q/3, q/6 - a). The sine
+    transform makes it diagonal, so the likelihood is exact. The result uses the upper end of the
+    68 % likelihood interval of q, because a short recording cannot exclude a slow random walk.
+    Source of the averages of a walk: IEEE Std 952, annex C; of the eigenvalues: Smith, Numerical
     Solution of PDEs (1985), p. 154.
 
     Parameters
     ----------
     means : (n, k) means over n windows in order; n at least LEAST_WINDOWS
-    white_sigma : 1 sigma of a window's mean, declared; the white noise is not taken as less
+    white_sigma : declared 1 sigma of a window's mean; lower bound of the white noise
     """
     n, k = means.shape
     squares = np.sum(dst(np.diff(means, axis=0), type=1, norm="ortho", axis=0) ** 2, axis=1)

@@ -1,4 +1,4 @@
-"""Figures of a calibration: value, 1 sigma, verdict; their table and the overlay that they make."""
+"""Figures of a calibration with value, 1 sigma and verdict; their table and overlay."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 
 AXES = "xyz"
-PLACES = {"gyro_axes": ("xy", "xz", "yz")}  # of a kind that has not one figure an axis
+PLACES = {"gyro_axes": ("xy", "xz", "yz")}  # names of the three figures if not x, y, z
 UNITS = {
     "torque_offset": "N m",
     "torque_scale": "1",
@@ -28,7 +28,7 @@ UNITS = {
     "gyro_axes": "rad",
     "delay": "s",
 }
-SIGMA_KEYS = {  # of the inertial unit
+SIGMA_KEYS = {  # keys of `imu` that state the sigma of a kind
     "gyro_bias": "gyro_bias_sigma_rad_s",
     "acc_bias": "acc_bias_sigma_m_s2",
     "imu_angle": "mounting_angle_sigma_rad",
@@ -42,23 +42,23 @@ DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """One value less what is configured: biases in the unit's axes S, mounting in base axes B."""
+    """One found value less the configured one; biases in S of the unit, mounting in B."""
 
     kind: str  # a key of UNITS
     which: str  # joint, axis or sensor
     value: float
     sigma: float
-    known: float  # 1 sigma that the configuration states, to be beaten; inf: none is stated
-    refused: str = ""  # why it is not to be used though its sigma is small
+    known: float  # 1 sigma of the configured value; inf: the configuration states none
+    refused: str = ""  # reason not to use the value in spite of a small sigma
 
     @property
     def name(self) -> str:
-        """Kind and place."""
+        """Kind and place, such as `gyro_bias.x`."""
         return f"{self.kind}.{self.which}"
 
     @property
     def verdict(self) -> str:
-        """Whether the data say more than the configuration did."""
+        """Whether the value is measured or prior-dominated; if refused, the reason."""
         if self.refused:
             return self.refused
         shown = self.sigma**2 * (1.0 + DATA_GAIN) < self.known**2
@@ -66,19 +66,19 @@ class Figure:
 
     @property
     def measured(self) -> bool:
-        """Whether it goes into the overlay."""
+        """Whether the figure goes into the overlay."""
         return self.verdict == MEASURED
 
 
 def stated(sigma: float) -> float:
-    """Return the sigma to be beaten for one that is configured: 0 states nothing of an error."""
+    """Return a configured sigma; inf for 0, which states nothing on the error."""
     return sigma if sigma > 0.0 else inf
 
 
 def in_axes(
     kind: str, mean: FloatArray, covariance: FloatArray, R: FloatArray, known: float
 ) -> list[Figure]:
-    """Return three figures of a vector (3,) turned by R (3, 3), with its covariance (3, 3)."""
+    """Return three figures of the vector R @ mean; mean (3,), covariance (3, 3), R (3, 3)."""
     values, sigmas = R @ mean, np.sqrt(np.diag(R @ covariance @ R.T))
     return [
         Figure(kind=kind, which=axis, value=float(v), sigma=float(s), known=known)
@@ -117,7 +117,7 @@ def to_json(figures: Iterable[Figure]) -> list[dict[str, Any]]:
 
 
 def overlay_values(config: Config, figures: Sequence[Figure]) -> dict[str, Any]:
-    """Return the sections and keys that the measured figures change; none if none is measured."""
+    """Return the sections and keys that the measured figures change; empty: nothing measured."""
     used = {figure.name: figure for figure in figures if figure.measured}
     sections = {
         "joints": _joints(config, used),
@@ -128,13 +128,13 @@ def overlay_values(config: Config, figures: Sequence[Figure]) -> dict[str, Any]:
 
 
 def overlay_text(values: dict[str, Any], comments: Sequence[str]) -> str:
-    """Return an overlay file."""
+    """Return the YAML text of an overlay file, with comments at its head."""
     head = "".join(f"# {line}".rstrip() + "\n" for line in comments)
     return head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=100)
 
 
 def _joints(config: Config, used: dict[str, Figure]) -> list[dict[str, Any]]:
-    """Return the joints that change: measured torque = (dynamics) (1 + scale) + offset."""
+    """Return the joints that change; measured torque = (true torque) (1 + scale) + offset."""
     found = []
     for joint in config.joints:
         offset = used.get(f"torque_offset.{joint.name}")
@@ -159,7 +159,7 @@ def _imu(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
     biases = (("gyro_bias", imu.gyro_bias_S_rad_s), ("acc_bias", imu.acc_bias_S_m_s2))
     for (kind, before), key in zip(biases, ("gyro_bias_S_rad_s", "acc_bias_S_m_s2"), strict=True):
         if (change := _vector(kind, used)) is not None:
-            if kind == "gyro_bias":  # of what the matrix has made of the readings
+            if kind == "gyro_bias":  # `change` is of readings after the matrix
                 change = np.linalg.solve(np.array(imu.gyro_matrix), change)
             values[key] = (np.array(before) + change).tolist()
             values |= _sigma(kind, used)
@@ -192,17 +192,17 @@ def _star_tracker(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
 
 
 def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:
-    """Return the change (3,) along the measured axes; None without one."""
+    """Return the change (3,), zero along axes not measured; None: no axis is measured."""
     own = [used.get(f"{kind}.{axis}") for axis in PLACES.get(kind, AXES)]
     return np.array([f.value if f else 0.0 for f in own]) if any(own) else None
 
 
 def _sigma(kind: str, used: dict[str, Figure]) -> dict[str, float]:
-    """Return the key of one sigma for all axes; nothing while one of them is as it was."""
+    """Return key and largest sigma of the three axes; empty unless all axes are measured."""
     own = [used.get(f"{kind}.{axis}") for axis in PLACES.get(kind, AXES)]
     return {SIGMA_KEYS[kind]: max(f.sigma for f in own if f)} if all(own) else {}
 
 
 def sensor_axes(config: Config) -> FloatArray:
-    """Return R_SB (3, 3): base to sensor axes of the inertial unit."""
+    """Return R_SB (3, 3), from axes of B to axes of the inertial unit S."""
     return rotation_from_xyzw(np.array(config.imu.mounting.q_BS_xyzw)).T

@@ -1,4 +1,4 @@
-"""Calibration in motion: every error of sensors and mounting in one batch with wide priors."""
+"""Calibration in motion: one batch with wide priors estimates all errors of the sensors."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,7 +23,7 @@ from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 from fsw.messages.errors import EstimatorError
 
-# priors of a sensor of which nothing is known; a configured one that is wider stands
+# prior sigmas for a sensor about which nothing is known; a larger configured sigma stays
 WIDE_JOINT = {"torque_offset_sigma_nm": 2.0, "torque_scale_sigma_ratio": 0.2}
 WIDE_IMU = {
     "gyro_bias_sigma_rad_s": 1e-3,
@@ -32,10 +32,10 @@ WIDE_IMU = {
     "mounting_position_sigma_m": 0.3,
 }
 WIDE_DELAY_S = 0.02
-STATED_DELAY_S = 2e-3  # how well a configured delay is taken to be known: no key says it
-WORTH_S = 5e-4  # a delay that is off by more is put in and the samples are stamped again
+STATED_DELAY_S = 2e-3  # assumed 1 sigma of a configured delay: no key states it
+WORTH_S = 5e-4  # a delay that is wrong by more is corrected, and the recording is replayed again
 ROUNDS = 4
-MOST_DELAY_S = {"gyro": 0.1, "accelerometer": 0.1, "star_tracker": 10.0}  # of the checks
+MOST_DELAY_S = {"gyro": 0.1, "accelerometer": 0.1, "star_tracker": 10.0}  # bounds of the keys
 
 Read = Callable[[Config], Watching]
 
@@ -43,18 +43,17 @@ Read = Callable[[Config], Watching]
 def motion_figures(config: Config, read: Read, progress: Progress | None) -> list[Figure]:
     """Return offsets, scales, biases, mounting and delays from a recording in motion.
 
-    The fused likelihood with wide priors on all of them, the bodies unknown or known as configured;
-    that of mrnea and the priors of the configuration for a body without joints. Scales and axes of
-    the gyro are sought where the configuration puts them in doubt, by no more than it says.
+    A robot with joints: method fused, with wide priors on all of these figures. A body without
+    joints: method mrnea with the configured priors, and no delays of the inertial unit. Scales and
+    axes of the gyro are estimated only if configured as uncertain, with the configured priors.
 
     Parameters
     ----------
-    read : replays the recording with a configuration
+    read : replays the recordings with a configuration
 
     Raises
     ------
-    EstimatorError if the data do not suit: no usable window, no convergence, residuals that are not
-    noise whatever the figures are.
+    EstimatorError if no window is usable, or the fit does not converge or explain the residuals.
     """
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     stamped = config
@@ -76,9 +75,9 @@ def motion_figures(config: Config, read: Read, progress: Progress | None) -> lis
 
 
 def _widened(config: Config) -> Config:
-    """Return the configuration with priors as wide as if nothing were known of the sensors.
+    """Return the configuration with prior sigmas of sensor errors of at least the wide ones.
 
-    As it is for a body without joints: its centre of mass cannot be told from the unit's place.
+    A body without joints keeps its priors: centre of mass and unit's place are not separable.
     """
     if not config.joints:
         return config
@@ -101,7 +100,7 @@ def _wider(section: dict[str, Any], wide: dict[str, float]) -> dict[str, float]:
 def _solved(
     problem: Problem, blocks: Sequence[Block], gate_probability: float, progress: Progress | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean (p,) and covariance (p, p) of the whole state."""
+    """Return mean (p,) and covariance (p, p) of the whole state from one batch."""
     noisy, _ = with_noise_found(problem, blocks)
     is_delayed = problem.names[-len(NAMES) :] == NAMES
     method = "fused" if problem.model.n else "mrnea"
@@ -119,7 +118,7 @@ def _solved(
 
 
 def _later(config: Config, problem: Problem, mean: FloatArray, covariance: FloatArray) -> Config:
-    """Return the configuration with the delays that show; the same one where they are small."""
+    """Return the configuration with significant delays added; `config` itself if there are none."""
     changes = {}
     for sensor, key in DELAY_KEYS.items():
         if f"delay.{sensor}" in problem.names:
@@ -183,7 +182,7 @@ def _delay(sensor: str, configured_s: float, change_s: float, sigma_s: float) ->
 
 
 def _known(section: JointConfig | ImuConfig, key: str) -> float:
-    """Return the sigma to be beaten: the configured one, or the key's default where it is 0."""
+    """Return the configured sigma; if it is 0, the key's default; inf if that is 0 too."""
     default = type(section).model_fields[key].default
     return stated(getattr(section, key) or (default if isinstance(default, float) else 0.0))
 
@@ -196,9 +195,9 @@ def _tracker(
     windows: Sequence[Window],
     found: Sequence[Figure],
 ) -> list[Figure]:
-    """Return the star tracker's delay on the scale of the other figures; nothing without one.
+    """Return the figure of the star tracker's delay; none without tracker or inertial unit.
 
-    It is measured against the gyro, by the delay that the overlay gives that.
+    The delay is measured relative to the gyro, with the gyro delay of the overlay.
     """
     tracker = config.star_tracker
     if tracker is None or not config.imu.present:
@@ -227,7 +226,7 @@ def _tracker(
         return [_delay("star_tracker", tracker.latency_s, 0.0, MOST_S)]
     by_name = {figure.name: figure for figure in found}
     gyro_delay = by_name["delay.gyro"]
-    if gyro_delay.measured:  # what is left of it beyond the stamps in use
+    if gyro_delay.measured:  # add the gyro's delay not yet in the stamps
         changed_s = stamped.imu.gyro_group_delay_s - config.imu.gyro_group_delay_s
         offset_s += gyro_delay.value - changed_s
         sigma_s = float(np.hypot(sigma_s, gyro_delay.sigma))

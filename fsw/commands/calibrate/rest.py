@@ -1,4 +1,4 @@
-"""Calibration at rest: torque offsets and biases of the inertial unit, from what it reads then."""
+"""Calibration at rest: torque offsets, and biases of the inertial unit, from mean readings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 from fsw.messages.errors import EstimatorError
 
-MOVED_RAD = 1e-4  # a joint that moves by less, as under a controller that holds it, is at rest
-SIGMAS = 6.0  # of noise, that a reading at rest is not off by
-TURNING_RAD_S = 2e-3  # of a base at rest: what it flings a body of 100 kg 1 m off with is 4e-4 N
-LEAST_SOLUTIONS = 10  # of the star tracker
+MOVED_RAD = 1e-4  # a joint that moves by less is at rest: a controller never holds it exactly
+SIGMAS = 6.0  # a reading at rest is never off by more sigmas of its noise
+TURNING_RAD_S = 2e-3  # limit at rest: the centrifugal force on 100 kg at 1 m is then 4e-4 N
+LEAST_SOLUTIONS = 10  # least number of the star tracker's solutions for a rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Expected:
-    """Readings at rest that the model predicts, each with a covariance: what is in doubt of it."""
+    """Predicted readings at rest, each with the covariance of the prediction; vectors in B."""
 
     tau_nm: FloatArray  # (n,)
     tau_covariance: FloatArray  # (n, n)
@@ -32,7 +32,7 @@ class _Expected:
     f_covariance: FloatArray
     w_rad_s: FloatArray  # (3,)
     w_covariance: FloatArray
-    is_tracked: bool  # whether the rate is the star tracker's
+    is_tracked: bool  # whether w_rad_s is from the star tracker
 
 
 def rest_figures(
@@ -40,10 +40,9 @@ def rest_figures(
 ) -> list[Figure]:
     """Return offsets and biases from a recording at rest.
 
-    Torque and specific force are compared with what the model predicts at this posture: nothing in
-    free fall, the weights on the ground, as uncertain as the bodies' priors, scales, zeros and the
-    mounting leave it. The gyro is compared with the star tracker where there is one, otherwise with
-    the rate that the declared momentum allows.
+    Torque and specific force are compared with the model's prediction at this posture: zero in free
+    fall, the weights on the ground. The priors of bodies, scales, zeros and mounting make the
+    prediction uncertain. The gyro is compared with the star tracker or else the prior's momentum.
 
     Raises
     ------
@@ -107,11 +106,11 @@ def _biases(config: Config, blocks: Sequence[Block], expected: _Expected) -> lis
 
 
 def _not_turning(reading: FloatArray, expected: _Expected, limits: FloatArray) -> None:
-    """Raise EstimatorError if the base turns: by the tracker, or by more than a bias explains.
+    """Raise EstimatorError if tracker or gyro show that the base turns.
 
     Parameters
     ----------
-    reading, limits : mean of the gyro, and the most that it may differ from the expected rate (3,)
+    reading, limits : (3,) mean rate of the gyro and its largest difference from the expected rate
     """
     turning = float(np.linalg.norm(expected.w_rad_s))
     if expected.is_tracked and turning > TURNING_RAD_S:
@@ -130,7 +129,7 @@ def _not_turning(reading: FloatArray, expected: _Expected, limits: FloatArray) -
 
 
 def _at_rest(config: Config, problem: Problem, blocks: Sequence[Block]) -> None:
-    """Raise EstimatorError if a joint moves, with the time from which it does."""
+    """Raise EstimatorError if a joint moves; the message states when the motion begins."""
     angles = np.array([block.q_rad.mean(axis=0) for block in blocks])
     noise = {joint.name: joint.position_noise_rad for joint in config.joints}
     start_ns = blocks[0].t_ns[0]
@@ -151,7 +150,7 @@ def _at_rest(config: Config, problem: Problem, blocks: Sequence[Block]) -> None:
 def _expected(
     config: Config, problem: Problem, windows: Sequence[Window], blocks: Sequence[Block]
 ) -> _Expected:
-    """Return the readings that the model predicts at the posture, and those of the tracker."""
+    """Return predicted readings without offsets and biases; the rate is the tracker's, if known."""
     x = problem.prior_mean
     at = predict(blocks[len(blocks) // 2], x, problem, "momentum")
     P = problem.prior_covariance.copy()
@@ -176,10 +175,10 @@ def _expected(
 
 
 def _tracked(config: Config, windows: Sequence[Window]) -> tuple[FloatArray, FloatArray] | None:
-    """Return rate (3,) [rad/s] and covariance (3, 3) in B, by the tracker's turn over the time.
+    """Return the base's rate (3,) [rad/s] and covariance (3, 3), in B, from the star tracker.
 
-    None with too few solutions. A line through the turns from the first solution on; at rest they
-    are small.
+    The rate is the slope of a line through the rotation vectors since the first solution, which
+    are small at rest. None: there are too few solutions.
     """
     tracker = config.star_tracker
     t_ns = np.concatenate([window.attitude.t_ns for window in windows])
@@ -195,17 +194,17 @@ def _tracked(config: Config, windows: Sequence[Window]) -> tuple[FloatArray, Flo
 
 
 def _weights(nodes: int) -> FloatArray:
-    """Return the weights (nodes,) by which values at the nodes have the window's mean."""
+    """Return weights (nodes,) whose product with the values at the nodes is the window's mean."""
     return np.asarray(0.5 * legendre.leggauss(nodes)[1], np.float64)
 
 
 def _means(values: Sequence[FloatArray]) -> FloatArray:
-    """Return (n, k): the mean of each window of values at the nodes (m, k)."""
+    """Return the means (n, k) of n windows with values (m, k) at the nodes."""
     found: FloatArray = np.einsum("m,nmk->nk", _weights(len(values[0])), np.array(values))
     return found
 
 
 def _noise(covariance: FloatArray) -> float:
-    """Return 1 sigma of a window's mean, from the covariance (m, m) at its nodes."""
+    """Return 1 sigma of a window's mean from the covariance (m, m) of the values at its nodes."""
     weights = _weights(len(covariance))
     return float(np.sqrt(weights @ covariance @ weights))

@@ -1,9 +1,8 @@
-"""Time offset between star tracker and gyro, by the correlation of the turns that both measure.
+"""Time offset between star tracker and gyro, from the rotations that both measure.
 
-The turn between two solutions is compared with the gyro's integral over the same time, moved by a
-trial offset. The likelihood of the difference is highest where the two correlate best; a parabola
-through the points about the peak gives the offset between the points of the grid, and its curvature
-the sigma. Gyro bias and a small difference of the two mountings are estimated at every offset.
+The rotation between two solutions is compared with the gyro's integral over the same time, shifted
+by each offset of a grid. A parabola through the log-likelihoods near the best grid point gives the
+offset; its curvature gives sigma. Bias and a small mounting error are estimated at every offset.
 """
 
 import numpy as np
@@ -14,12 +13,12 @@ from scipy.spatial.transform import Rotation
 from fsw.estimators.model.inertia import skew
 from fsw.messages import FloatArray
 
-MOST_S, STEP_S = 0.3, 0.01  # offsets that are tried
-HALF_PEAK = 6  # steps to either side of the best one that the parabola goes through: noise averages
-GAP_STEPS = 3.0  # gyro periods without a sample, from which on its integral is not known
+MOST_S, STEP_S = 0.3, 0.01  # largest trial offset and step of the grid
+HALF_PEAK = 6  # grid points on each side of the best one that the parabola is fitted to
+GAP_STEPS = 3.0  # gyro periods; the gyro's integral over a longer gap is unknown
 LEAST_TURNS = 10
-LEAST_GAIN = 100.0  # squared sigmas of turns that the gyro must explain: beyond any peak of noise
-NOTHING_RAD2 = 1.0  # variance of a turn that is not known
+LEAST_GAIN = 100.0  # least fall of the cost due to the gyro; noise alone never reaches it
+NOTHING_RAD2 = 1.0  # variance of a rotation that is unknown
 
 
 def tracker_offset(
@@ -32,15 +31,14 @@ def tracker_offset(
 ) -> tuple[float, float]:
     """Return by how much solutions are older than their stamps say, and 1 sigma [s].
 
-    Both are not finite where the correlation has no peak within MOST_S, or the robot turns too
-    little for one.
+    The result is (nan, inf) if there is no peak within MOST_S, or too little rotation or data.
 
     Parameters
     ----------
-    t_s : (n,) stamps of the solutions R_NB, which take components in the tracker's axes to N
+    t_s : (n,) stamps of the solutions R_NB, here rotations from the tracker's axes to N
     gyro_s : (k,) stamps, at least one, of the rates w_rad_s (k, 3), in the tracker's axes
-    sigma_rad : (3,) 1 sigma of a solution about its axes
-    walk_rad_sqrt_s : angle random walk of the gyro
+    sigma_rad : (3,) 1 sigma of a solution about the tracker's axes
+    walk_rad_sqrt_s : angle random walk of the gyro [rad/sqrt(s)]
     """
     inside = (t_s > gyro_s[0] + MOST_S) & (t_s < gyro_s[-1] - MOST_S)
     if np.count_nonzero(inside) <= LEAST_TURNS:
@@ -74,12 +72,12 @@ def tracker_offset(
     bend, slope, _ = np.polyfit(grid[near] - grid[best], costs[near], 2)
     if bend <= 0.0:
         return np.nan, np.inf
-    noise = max(1.0, costs[best] / (3 * len(steps) - 7))  # above the declared
+    noise = max(1.0, costs[best] / (3 * len(steps) - 7))  # ratio to the declared variance
     return float(grid[best] - 0.5 * slope / bend), float(np.sqrt(noise / bend))
 
 
 def _broken(t_s: FloatArray, gyro_s: FloatArray) -> FloatArray:
-    """Return (n - 1,) whether the gyro has a gap between two solutions, or near them."""
+    """Return (n - 1,): whether a gap of the gyro lies between or near two successive solutions."""
     steps = np.diff(gyro_s)
     gaps = steps > GAP_STEPS * np.median(steps)
     begun = np.searchsorted(gyro_s[:-1][gaps], t_s[1:] + MOST_S)
@@ -87,15 +85,15 @@ def _broken(t_s: FloatArray, gyro_s: FloatArray) -> FloatArray:
 
 
 def _root(variance: FloatArray, sigma: float) -> FloatArray:
-    """Return the banded lower root of the turns' covariance about one axis.
+    """Return the banded Cholesky root (lower) of the covariance of rotations about one axis.
 
-    Neighbouring turns share a solution: tridiag(-sigma^2, 2 sigma^2 + variance, -sigma^2).
+    Successive rotations share a solution: tridiag(-sigma^2, 2 sigma^2 + variance, -sigma^2).
     """
     bands = np.stack([2.0 * sigma**2 + variance, np.full(len(variance), -(sigma**2))])
     return np.asarray(cholesky_banded(bands, lower=True), np.float64)
 
 
 def _white(roots: list[FloatArray], values: FloatArray) -> FloatArray:
-    """Return values (n, 3, k) with the noise about each axis whitened."""
+    """Return values (n, 3, k) multiplied by the inverse root of each axis, so noise is white."""
     white = [solve_banded((1, 0), root, values[:, axis]) for axis, root in enumerate(roots)]
     return np.stack(white, axis=1)

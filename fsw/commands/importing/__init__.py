@@ -1,4 +1,4 @@
-"""`fsw import`: what other tools have recorded becomes a recording of this project."""
+"""`fsw import`: write a recording of this project from logs of other tools."""
 
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
@@ -18,11 +18,11 @@ from fsw.service.recorder import open_recording
 def import_recording(
     arguments: Namespace, config: Config, progress: Callable[[str], None]
 ) -> list[str]:
-    """Write the recording that the arguments of `fsw import` describe; return what it holds.
+    """Write the recording that the arguments of `fsw import` describe; return a line per channel.
 
     Raises
     ------
-    ConfigError when the files do not fit the configuration or one another; nothing is written.
+    ConfigError when the files do not fit the configuration or each other; nothing is written then.
     """
     out: Path = arguments.out
     if out.exists():
@@ -40,11 +40,11 @@ def import_recording(
 
 
 def write(config: Config, channels: Sequence[Channel], out: Path) -> None:
-    """Write a recording with configuration and robot attached.
+    """Write a recording of the channels, with configuration and robot model attached.
 
     Raises
     ------
-    ConfigError when it cannot be written; what was begun is removed.
+    ConfigError when the file cannot be written; an unfinished file is removed.
     """
     try:
         writer = open_recording(config, out)
@@ -99,7 +99,7 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _seconds(name: str, text: str) -> int:
-    """Return seconds as nanoseconds."""
+    """Return a text of seconds as nanoseconds; `name` is for the error message."""
     try:
         return round(float(text) * 1e9)
     except (ValueError, OverflowError) as error:
@@ -118,7 +118,7 @@ def _refuse_unknown(key: str, name: str, known: Sequence[str]) -> None:
 
 
 def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
-    """Refuse a recording that lacks a sensor of the configuration, or has one twice."""
+    """Raise ConfigError if a configured sensor has no channel, or two, or an unknown one has."""
     topics = [channel.topic for channel in channels]
     sampled = {topic.removeprefix(SAMPLES) for topic in topics if topic.startswith(SAMPLES)}
     known = {*_lines(config), *([JOINTS] * bool(config.joints)), *([WHEELS] * bool(config.wheels))}
@@ -140,7 +140,7 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
 
 
 def _refuse_two_clocks(channels: Sequence[Channel]) -> None:
-    """Refuse files that have no time in common."""
+    """Raise ConfigError if two files have no time in common."""
     last = max(channels, key=lambda channel: int(channel.t_ns.min()))
     first = min(channels, key=lambda channel: int(channel.t_ns.max()))
     starts, ends = last.t_ns.min() * 1e-9, first.t_ns.max() * 1e-9

@@ -1,4 +1,4 @@
-"""Captures of the wire: logs of CAN buses, bytes of serial lines with their stamps."""
+"""Read captures of raw traffic: logs of CAN buses, and stamped bytes of serial lines."""
 
 import csv
 import io
@@ -21,28 +21,28 @@ from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages import IntArray
 from fsw.messages.errors import ConfigError, brief
 
-DISORDER_NS = 1e7  # stamps of two processors may cross by less; more is a clock that was set
+DISORDER_NS = 1e7  # stamps may run back by less (two processors); a larger step is a clock set back
 STAMP, DATA = "stamp_s", "hex"
 _Row = tuple[int, Any, Any]  # line, stamp, bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channel:
-    """Data of one channel of a recording."""
+    """One channel of a recording: its stamps, a description, and a function that writes it."""
 
     topic: str
     source: Path
     t_ns: IntArray  # (k,), k > 0
-    text: str  # what was found
+    text: str  # describes the data for the user
     write: Callable[[RecordingWriter], None]
 
 
 def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift: int) -> Channel:
-    """Return the capture of a bus; `shift` [ns] is added to its stamps.
+    """Return the capture of a bus from a CAN log; `shift` [ns] is added to the stamps.
 
     Raises
     ------
-    ConfigError when it cannot be used, or is that of another robot.
+    ConfigError when the log cannot be used, or is of another robot.
     """
     frames = read_can_log(path, channel)
     frames["t_ns"] += shift
@@ -61,12 +61,12 @@ def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift
 def serial_capture(device: str, path: Path, shift: int) -> Channel:
     """Return the capture of a serial line: rows of `stamp_s` and `hex`, as CSV or JSON lines.
 
-    A row holds the bytes of one read; the stamp is when the last of them was read [s]. `shift`
-    [ns] is added to it.
+    A row contains the bytes of one read; its stamp is the time of the last byte [s]. `shift` [ns]
+    is added to the stamps.
 
     Raises
     ------
-    ConfigError when it cannot be used.
+    ConfigError when the file cannot be used.
     """
     text = read_text(path)
     rows = _of_json(path, text) if text.lstrip().startswith("{") else _of_csv(path, text)
@@ -95,11 +95,11 @@ def serial_capture(device: str, path: Path, shift: int) -> Channel:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file whose last line has its end.
+    """Return the text of a file.
 
     Raises
     ------
-    ConfigError when it cannot be read, is empty or cut off.
+    ConfigError when the file cannot be read, is empty, or does not end with a newline.
     """
     try:
         text = path.read_text("utf-8-sig")
@@ -114,11 +114,11 @@ def read_text(path: Path) -> str:
 
 
 def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) -> None:
-    """Refuse stamps that run backwards by more than a little, or are no times at all.
+    """Refuse stamps that run backwards by more than `most_ns`, are negative or too large.
 
     Raises
     ------
-    ConfigError naming the first.
+    ConfigError that names the first such step, or the smallest stamp.
     """
     back = np.flatnonzero(np.diff(t_ns) < -most_ns)
     if back.size:
@@ -133,7 +133,7 @@ def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) ->
 
 
 def _refuse_strangers(config: Config, bus: str, frames: FrameArray, path: Path) -> None:
-    """Refuse a log in which configured nodes are silent, or nobody sends SYNC."""
+    """Raise ConfigError if the log has no SYNC, or a configured node sends no TPDO1."""
     words = {int(word) for word in np.unique(frames["word"])}
     if COB_SYNC not in words:
         raise ConfigError(f"{path}: no SYNC frame (0x{COB_SYNC:03x}); samples have no time")

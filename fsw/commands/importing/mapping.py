@@ -1,4 +1,4 @@
-"""The mapping file of `fsw import`: which columns are which quantity, in which unit."""
+"""The mapping file of `fsw import`, which states quantity and unit of the columns of a table."""
 
 from math import pi
 from pathlib import Path
@@ -29,16 +29,16 @@ FACTORS = {
 
 
 class TimeColumn(Section):
-    """The column of stamps: when the samples were taken."""
+    """Column and unit of the samples' stamps."""
 
     column: str
     unit: Literal["s", "ms", "us", "ns"]
 
 
 class Quantity(Section):
-    """Columns of one quantity; in a single name `{}` stands for the joint or the axis.
+    """Columns of one quantity; in a single name, `{}` stands for each joint, wheel or axis.
 
-    A value that is not a list counts for all columns.
+    A scale or sign that is not a list applies to all columns.
     """
 
     columns: tuple[str, ...]
@@ -71,27 +71,27 @@ class Rates(Quantity):
 
 
 class Forces(Quantity):
-    """Specific force in the axes of the inertial unit: at rest it points up."""
+    """Specific force in the axes of the inertial unit; at rest on the ground it points up."""
 
     unit: Literal["m/s2", "g"]
 
 
 class Attitude(Quantity):
-    """Quaternions as the star tracker gives them; `order` is that of the columns."""
+    """Quaternions of the star tracker; `order` is the order of the columns."""
 
     unit: Literal["1"] = "1"
     order: Literal["xyzw", "wxyz"]
 
 
 class Source(Section):
-    """Names the columns of a sensor; None: the file of the command line, the time of all."""
+    """Common keys of a sensor; None: file of the command line, time of the whole mapping."""
 
     file: Path | None = None
     time: TimeColumn | None = None
 
 
 class Joints(Source):
-    """All joints; `order` names them as the columns come, None: as in the configuration."""
+    """All joints; `order` names the joints in the order of the columns; None: as configured."""
 
     order: tuple[str, ...] | None = None
     position: Angles
@@ -134,7 +134,7 @@ class Mapping(Section):
 
     @property
     def sections(self) -> dict[str, Joints | Wheels | Imu | StarTracker]:
-        """Mapped columns, by source."""
+        """The sections that the file contains, by name of their source."""
         every = {
             "joints": self.joints,
             "wheels": self.wheels,
@@ -144,7 +144,7 @@ class Mapping(Section):
         return {name: section for name, section in every.items() if section is not None}
 
     def time_of(self, name: str, section: Source) -> TimeColumn:
-        """Return the column of a source's stamps. Raises ConfigError without one."""
+        """Return the column of a source's stamps. Raises ConfigError if none is mapped."""
         found = section.time or self.time
         if found is None:
             raise ConfigError(f"{name}.time: missing, and there is no time for all")
@@ -156,7 +156,7 @@ def read_mapping(path: Path) -> Mapping:
 
     Raises
     ------
-    ConfigError with one line per fault: key, value, bound.
+    ConfigError with one line per fault, which names key, value and bound.
     """
     try:
         source = path.read_bytes()

@@ -1,7 +1,7 @@
-"""Sampled data: mapped columns to decoded samples.
+"""Turn mapped columns of a table into channels of decoded samples.
 
-The recording holds the sensors' own values in SI units. Calibration and delays of the
-configuration are applied when it is replayed, as to values from the wire.
+The recording contains the values that the sensors measured, in SI units. The replay applies
+calibration and delays of the configuration, as the daemon does to received values.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -51,19 +51,19 @@ UNITS = {
     QUATERNION: "",
     SPEED: "rad/s",
 }
-MOST_RAD = 1e6  # no encoder counts so far
+MOST_RAD = 1e6  # no encoder counts to larger angles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Found:
     """One source's values in SI units."""
 
-    parts: dict[str, FloatArray]  # (k, width) by key of its message; NaN: missing
-    needed: str  # the part without which a row is none; empty: any will do
-    words: Callable[[FloatArray], Any]  # values (width,) of a part as they stand in a message
-    rates_hz: dict[str, float]  # declared, by key
-    troubles: list[str]  # values that were rejected, in words
-    steps: Callable[[FloatArray, IntArray], list[str]] = lambda *_: []  # of `needed`, in order
+    parts: dict[str, FloatArray]  # (k, width) by key in the message; NaN: missing
+    needed: str  # rows without this part are left out; empty: rows without any value
+    words: Callable[[FloatArray], Any]  # returns values (width,) in the form of the message
+    rates_hz: dict[str, float]  # declared rates by key of the configuration
+    troubles: list[str]  # describe the rejected values
+    steps: Callable[[FloatArray, IntArray], list[str]] = lambda *_: []  # judges `needed`
 
 
 def sampled_channels(
@@ -73,12 +73,12 @@ def sampled_channels(
 
     Parameters
     ----------
-    folder : of the mapping, whose files are relative to it
-    file : the one of sections that name none
+    folder : folder of the mapping; paths of files in the mapping are relative to it
+    file : file of the sections that name no file
 
     Raises
     ------
-    ConfigError when columns or stamps cannot be used, or are those of another robot.
+    ConfigError when columns or stamps cannot be used, or belong to another robot.
     """
     tables: dict[Path, Table] = {}
 
@@ -213,19 +213,19 @@ def _star_tracker(config: Config, section: StarTracker, table: Table) -> _Found:
 def _within(
     table: Table, part: Part, limits: Sequence[float], unit: str
 ) -> tuple[FloatArray, list[str]]:
-    """Return what is usable of values whose magnitude a sensor limits, and the rest in words."""
+    """Return values of at most `limits`, others as NaN, and lines on the rejected ones."""
     bounds = [f"beyond {limit:.4g} {unit}" for limit in limits]
     return usable(table.path, part, np.abs(part.finite) > np.array(limits), bounds)
 
 
 def _middle(values: FloatArray) -> FloatArray:
-    """Return the median (width,) of every column's values that are angles at all; 0 without any."""
+    """Return each column's median (width,) [rad] of values up to MOST_RAD; 0 if there are none."""
     columns = [column[np.abs(column) <= MOST_RAD] for column in values.T]
     return np.array([np.median(column) if column.size else 0.0 for column in columns])
 
 
 def _by_name(names: Sequence[str]) -> Callable[[FloatArray], dict[str, float]]:
-    """Return a function that gives the finite values of a row by name."""
+    """Return a function that returns the finite values of a row by name."""
 
     def words(values: FloatArray) -> dict[str, float]:
         finite = np.isfinite(values).tolist()
@@ -247,7 +247,7 @@ def _part(
     slots: Sequence[str],
     is_read: Sequence[bool] = (),
 ) -> Part:
-    """Return the columns of a quantity (k, len(slots)) in SI units, sign and scale applied."""
+    """Return a quantity's columns in SI units, (k, len(slots)); slots: joints, wheels or axes."""
     if not slots:
         source = key.partition(".")[0]
         raise ConfigError(f"{key}: mapped, and the configuration has no {source}")
@@ -278,7 +278,7 @@ def _part(
 def _channel(
     name: str, table: Table, time: TimeColumn, stamps: FloatArray, found: _Found
 ) -> Channel:
-    """Return the rows that can be used, in order of time."""
+    """Return a channel of the usable rows in order of time."""
     values = np.concatenate(list(found.parts.values()), axis=1)
     if len(stamps) != len(values) or stamps.shape[1] != 1:
         raise ConfigError(

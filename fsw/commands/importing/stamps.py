@@ -1,4 +1,4 @@
-"""Stamps of sampled data, judged: order, repetitions, gaps, jitter, rate."""
+"""Judge the stamps of sampled data: order, repetitions, gaps, jitter, rate."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,11 +10,11 @@ from fsw.commands.importing.captures import refuse_disorder
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
 
-MOSTLY = 0.5  # of the samples; more that run backwards are a file upside down
-LEAST = 8  # samples of a source
-DISORDER_PERIODS = 2.0  # a sample may come so much late; more is a clock that was set
+MOSTLY = 0.5  # share of steps backwards above which the file is refused
+LEAST = 8  # least number of samples of a source
+DISORDER_PERIODS = 2.0  # a sample may be late by this; a larger step back is a clock set back
 GAP_PERIODS = 3.0
-RATE_RATIO = 1.2  # found over declared, or the other way round
+RATE_RATIO = 1.2  # accepted ratio of found to declared rate, or of declared to found
 
 
 def judged(
@@ -26,20 +26,20 @@ def judged(
     *,
     may_repeat: bool = False,
 ) -> tuple[NDArray[np.intp], str]:
-    """Return which rows to use, in order of time, and what was found, in words.
+    """Return the indices of the rows to use, in order of time, and a text on what was found.
 
-    A row that repeats all values of the one before is what a logger held, no sample: it is left
-    out, as is a second one of the same time. Rows that came a little late are put in order.
+    A row that repeats all values of the row before is left out: the logger has held the last
+    sample. A second row of one time is left out too. Rows that are a little late are sorted.
 
     Parameters
     ----------
     t_ns, values : (k,) stamps [ns], (k, width)
-    rates_hz : declared, by key
-    may_repeat : coarse readings, of which neighbours are often equal: those are samples
+    rates_hz : declared rates by key of the configuration
+    may_repeat : keep repeated rows, since coarse readings are often equal
 
     Raises
     ------
-    ConfigError when time runs backwards, or at another rate than declared.
+    ConfigError when time runs backwards, samples are too few, or their rate is not the declared.
     """
     same = np.nan_to_num(values[1:]) == np.nan_to_num(values[:-1])
     kept = np.flatnonzero(np.append(True, may_repeat | ~same.all(axis=1)))

@@ -1,4 +1,4 @@
-"""Columns of numbers by name: CSV with a header, NumPy .npz, ROS 2 bags."""
+"""Read columns of numbers by name from CSV with a header, NumPy .npz or ROS 2 bags."""
 
 import csv
 import struct
@@ -35,11 +35,11 @@ _BROKEN = (
 
 
 class Table:
-    """The columns of one file: a CSV, an .npz, or, of any other name, a ROS 2 bag.
+    """The columns of one file: .csv, .npz, or with any other suffix a ROS 2 bag.
 
     Raises
     ------
-    ConfigError when it cannot be read, is empty or cut off; without rosbags for a bag.
+    ConfigError when the file cannot be read, is empty or cut off, or rosbags is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,11 +48,11 @@ class Table:
         self._columns: Columns = reader(path)
 
     def column(self, name: str) -> FloatArray:
-        """Return a column (k, m); an empty cell is NaN.
+        """Return a column (k, m) of k rows; an empty cell is NaN.
 
         Raises
         ------
-        ConfigError when no column has this name, or it holds no numbers.
+        ConfigError when no column has this name, or the column contains anything but numbers.
         """
         if name not in self._columns:
             close = get_close_matches(name, self._columns, n=1)
@@ -100,7 +100,7 @@ def _npz_columns(path: Path) -> Columns:
 
 
 def _bag_columns(path: Path) -> Columns:
-    """Return the columns of every topic of joint states or inertial data."""
+    """Return the columns, named TOPIC.FIELD, of all topics with joint states or inertial data."""
     if fault := _no_bag(path):
         raise ConfigError(f"{path}: cannot be read as a ROS 2 bag: {fault}")
     rows: dict[str, list[dict[str, float]]] = {}
@@ -116,7 +116,7 @@ def _bag_columns(path: Path) -> Columns:
 
 
 def _no_bag(path: Path) -> str:
-    """Return why a path is plainly no bag; empty: it may be one."""
+    """Return the reason why a path cannot be a bag; empty: it may be one."""
     if path.is_dir():
         return "" if (path / BAG_FOLDER).exists() else f"the folder has no {BAG_FOLDER}"
     if not path.exists():
@@ -128,7 +128,7 @@ def _no_bag(path: Path) -> str:
 
 
 def _bag_rows(path: Path) -> Iterator[tuple[str, dict[str, float]]]:
-    """Yield topic and values of every message."""
+    """Yield topic and values by field of every message with joint states or inertial data."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore

@@ -1,4 +1,4 @@
-"""Values of mapped columns that no sensor gives: counted by column; single ones are left out."""
+"""Count values of mapped columns that no sensor gives; single values are replaced by NaN."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,32 +15,32 @@ from fsw.messages.errors import ConfigError
 class Part:
     """Columns of one quantity; values (k, width) in SI units."""
 
-    key: str  # of the mapping
+    key: str  # key of the mapping
     columns: Sequence[str]  # (width,) names
-    values: FloatArray  # as the file has them, or once judged: NaN where one cannot be used
-    is_read: Sequence[bool] = ()  # (width,) whether a sensor is behind it; empty: all
+    values: FloatArray  # of the file, sign and scale applied; NaN: empty cell
+    is_read: Sequence[bool] = ()  # (width,) whether the column belongs to a sensor; empty: all do
 
     @property
     def finite(self) -> FloatArray:
-        """The values, NaN where one is infinite."""
+        """The values, with NaN instead of infinite ones."""
         return np.where(np.isfinite(self.values), self.values, np.nan)
 
 
 def usable(
     path: Path, part: Part, is_far: NDArray[np.bool_], bounds: Sequence[str]
 ) -> tuple[FloatArray, list[str]]:
-    """Return the values with NaN for what cannot be used, and in words what that is, by column.
+    """Return the values with NaN for unusable ones, and a text for each column with such values.
 
-    Rows in which the quantity is missing altogether are counted as such, not by column.
+    Rows in which all columns are NaN get one common text.
 
     Parameters
     ----------
-    is_far : (k, width) what is beyond the range that the configuration declares
-    bounds : (width,) that range in words
+    is_far : (k, width) whether a value is outside the range that the configuration declares
+    bounds : (width,) words for a value outside the range
 
     Raises
     ------
-    ConfigError for a column without any usable value.
+    ConfigError for a column of a sensor without any usable value.
     """
     values, missing = part.values, np.isnan(part.values)
     is_blank = missing.all(axis=1)
@@ -70,15 +70,15 @@ def jumps(
     limits: FloatArray,
     slack: FloatArray,
 ) -> list[str]:
-    """Return a line per column with steps that no joint within its speed limit makes.
+    """Return a line per column with steps that exceed the speed limit of the joint.
 
     Parameters
     ----------
     columns : (width,) names
     values : (k, width) positions in order of time [rad]
     t_ns : (k,) their stamps [ns]
-    limits : (width,) [rad/s]
-    slack : (width,) what a step may have beside the joint's motion [rad]
+    limits : (width,) speed limits [rad/s]
+    slack : (width,) allowance added to the motion at that limit [rad]
     """
     steps = np.abs(np.diff(values, axis=0))
     allowed = slack + limits * np.diff(t_ns)[:, None] * 1e-9

@@ -1,4 +1,4 @@
-"""`fsw report`: a recording as one page, with tables and a picture beside it."""
+"""`fsw report`: write a recording as one HTML page, with optional tables and a picture."""
 
 from fsw.commands.report.live import LIVE
 from fsw.commands.report.write import Written, write_report

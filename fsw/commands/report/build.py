@@ -1,4 +1,4 @@
-"""A collected replay as a report: the sections in their order."""
+"""Build the view of a report from a collected replay: its sections, in order."""
 
 from fsw.commands.report import channel_sections as channels
 from fsw.commands.report import estimate_sections as estimates
@@ -8,7 +8,7 @@ from fsw.commands.report.view import Section, View
 
 
 def sections_of(collected: Collected) -> list[Section]:
-    """Return the sections of every report: health, limits, motion, residuals, configuration."""
+    """Return the sections that every report has, from health to configuration."""
     return [
         channels.health(collected),
         estimates.limits(collected),
@@ -19,7 +19,7 @@ def sections_of(collected: Collected) -> list[Section]:
 
 
 def view(collected: Collected) -> View:
-    """Return the report of a collected replay."""
+    """Return the view of the report of a collected replay."""
     result, status = collected.result, collected.daemon
     sections = [
         estimates.result(collected),

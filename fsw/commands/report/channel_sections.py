@@ -1,4 +1,4 @@
-"""Sections of the sensors: residuals, health, timing; and the configuration of the reading."""
+"""Sections of a report on sensors (residuals, health, timing) and on the configuration used."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ SEVERITIES = ("info", "low", "medium", "high")
 
 
 def residuals(c: Collected) -> Section:
-    """Return every channel: its residual over time, its spectrum and its histogram."""
+    """Return the section with each channel's residual over time, spectrum and histogram."""
     title = "Residuals"
     if c.residuals is None:
         return Section(title=title, text=["There is no state to predict the channels from."])
@@ -88,7 +88,7 @@ def _shapes(name: str, t_s: FloatArray, ratio: FloatArray) -> list[Chart]:
 
 
 def normalised_chart(title: str, x_label: str, ratio: FloatArray) -> Chart:
-    """Return the histogram of normalised values beside the normal density."""
+    """Return a chart with the histogram of normalised values and the normal density."""
     centre, density, normal = histogram(ratio)
     return Chart(
         title=title,
@@ -104,7 +104,7 @@ def normalised_chart(title: str, x_label: str, ratio: FloatArray) -> Chart:
 
 
 def health(c: Collected) -> Section:
-    """Return the events, and the windows that the estimator accepted or rejected."""
+    """Return the section with the events, and the windows that the estimator used or rejected."""
     events = c.events
     t_s = times_s([event.t_ns for event in events], c.result.start_ns)
     shown = list(zip(t_s, events, strict=True))
@@ -158,7 +158,7 @@ def health(c: Collected) -> Section:
 
 
 def timing(c: Collected) -> Section:
-    """Return what was received and lost, and the timing of the recorded run."""
+    """Return the section with counts of samples and windows, and the timing of the recorded run."""
     words = ("received", "accepted", "lost", "late", "rejected")
     samples = c.result.status["samples"]
     rows = [(name, *(str(n.get(word, "")) for word in words)) for name, n in samples.items()]
@@ -199,7 +199,7 @@ def timing(c: Collected) -> Section:
 
 
 def configuration(c: Collected) -> Section:
-    """Return versions, metadata of the recording, and the configuration as it was read."""
+    """Return the section with package versions, metadata of the recording and configuration."""
     held = [
         (f"{name}.{key}", value) for name, data in c.metadata.items() for key, value in data.items()
     ]

@@ -1,4 +1,4 @@
-"""Everything a report shows, collected by one sink in one replay."""
+"""Collect the data of a report in one replay."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ State = tuple[Problem, FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Collected:
-    """A replayed recording; times of messages are those of the recording [ns]."""
+    """Data of a report on a replayed recording; times are stamps of the recording [ns]."""
 
     config: Config
     result: ReplayResult
@@ -40,24 +40,24 @@ class Collected:
     blocks: Sequence[Block]
     residuals: ChannelResiduals | None  # None: no state to predict from
     shares: Mapping[str, Mapping[str, float]]  # per quantity: share of sigma squared by cause
-    events: Sequence[Event]  # of the run that was recorded; of the replay of a part of it
+    events: Sequence[Event]  # of the recorded run; of the replay if only a part was replayed
     versions: Mapping[str, str]
     name: str = ""  # of the recording
     span: Span = WHOLE
-    flown: Sequence[Mapping[str, Any]] = ()  # status records of the run that was recorded
+    flown: Sequence[Mapping[str, Any]] = ()  # status records of the recorded run
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    daemon: Mapping[str, Any] | None = None  # status of the one that still writes the recording
+    daemon: Mapping[str, Any] | None = None  # status of a running daemon; None: no live report
 
 
 class Collector(NullSink):
-    """Keeps the data that a report shows."""
+    """A sink that keeps the blocks and estimates of a replay."""
 
     def __init__(self) -> None:
         self.blocks: list[Block] = []
         self.estimates: list[Estimate] = []
 
     def put(self, message: Message) -> None:
-        """Keep blocks and estimates."""
+        """Keep a block or an estimate; discard every other message."""
         if isinstance(message, Block):
             self.blocks.append(message)
         elif isinstance(message, Estimate):
@@ -71,9 +71,9 @@ def collect(
     daemon: Mapping[str, Any] | None = None,
     progress: Progress = lambda _text: None,
 ) -> Collected:
-    """Replay a recording and keep what a report shows.
+    """Replay a recording and return the data of its report.
 
-    `daemon` is the status of the one that still writes the recording; None: it is closed.
+    `daemon` is the status of the running daemon for a live report; None: no live report.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def collect(
 def state_of(estimator: object) -> State | None:
     """Return problem, mean (p,) and covariance (p, p) of an estimator's whole state.
 
-    An estimate holds the published part alone. None: this estimator has no such state.
+    An `Estimate` contains only the published states. None: the estimator is no `OnlineEstimator`.
     """
     if not isinstance(estimator, OnlineEstimator):
         return None
@@ -108,11 +108,11 @@ def collected_at(
     blocks: Sequence[Block],
     state: State | None,
 ) -> Collected:
-    """Return the data of a report on a recording, without estimates over time.
+    """Return the data of a report on a recording, with the last estimate only.
 
     Parameters
     ----------
-    state : problem, mean (p,) and covariance (p, p) of the whole state; None: there is none
+    state : problem, mean (p,) and covariance (p, p) of the whole state; None: no residuals
     """
     parts = parts_of(recording)
     held = contents_of(parts)
@@ -134,7 +134,7 @@ def collected_at(
 def collected_of(
     config: Config, result: ReplayResult, blocks: Sequence[Block], state: State | None
 ) -> Collected:
-    """Return the data of a report on a result and its windows alone."""
+    """Return the data of a report that a result and its blocks supply, without the recording's."""
     residuals, shares = None, dict[str, dict[str, float]]()
     if state is not None:
         problem, x, covariance = state
@@ -163,7 +163,7 @@ def _residuals(blocks: Sequence[Block], x: FloatArray, problem: Problem) -> Chan
 def sigma_shares(
     problem: Problem, x: FloatArray, covariance: FloatArray
 ) -> dict[str, dict[str, float]]:
-    """Return by how much the variance of each quantity would fall if a cause were known exactly.
+    """Return the share by which each variance would fall if one cause were known exactly.
 
     Parameters
     ----------
@@ -171,8 +171,8 @@ def sigma_shares(
 
     Returns
     -------
-    Per quantity of the unknown bodies, as in `target.mass_kg`: cause to share of the variance, in
-    [0, 1]. Shares of correlated causes overlap; what none explains is the noise of the sensors.
+    By quantity of the unknown bodies, such as `target.mass_kg`, and by cause: share of the variance
+    in [0, 1]. Shares of correlated causes overlap; noise of the sensors is the unexplained rest.
     """
     causes = {name: np.r_[places] for name, places in _causes(problem).items() if _size(places)}
     shares: dict[str, dict[str, float]] = {}
@@ -218,7 +218,7 @@ def _size(places: slice) -> int:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of the packages that made a result."""
+    """Return the versions of this package and the libraries behind a result, by name."""
     found = {}
     for name in PACKAGES:
         try:

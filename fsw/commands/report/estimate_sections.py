@@ -1,4 +1,4 @@
-"""Sections of a report: the identified bodies, their history, and what limits them."""
+"""Sections of a report on the identified bodies, their estimates over time and their accuracy."""
 
 import numpy as np
 
@@ -13,11 +13,11 @@ QUANTITIES = (
     ("com_m", "centre of mass", "m", ("x", "y", "z")),
     ("inertia_kg_m2", "inertia", "kg m²", AXES),
 )
-SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
+SETTLED = 1 / 3  # share of a run; the range that a chart shows first fits the time after it
 
 
 def result(c: Collected) -> Section:
-    """Return the estimate with its sigma, and the verdict in words."""
+    """Return the section with the estimate, its sigma and the verdict in words."""
     rows, result = [], c.result
     for name, body in (result.estimate.bodies if result.estimate else {}).items():
         values, sigmas = body_values(body), body_sigma(body)
@@ -39,7 +39,7 @@ def result(c: Collected) -> Section:
 
 
 def estimates(c: Collected) -> Section:
-    """Return every quantity over time with its band."""
+    """Return the section with each estimated quantity over time and its band of 3 sigma."""
     charts = []
     t_s = times_s([estimate.t_ns for estimate in c.estimates], c.result.start_ns)
     for name in c.estimates[-1].bodies if c.estimates else ():
@@ -91,7 +91,7 @@ def _banded(title: str, unit: str, x: list[float], mean: FloatArray, sigma: Floa
 
 
 def excitation(c: Collected) -> Section:
-    """Return the motion, and the information gained from it."""
+    """Return the section with the motion of the joints and the information gained from it."""
     charts = []
     if c.blocks:
         t_s = np.array(times_s([int(block.t_ns[0]) for block in c.blocks], c.result.start_ns))
@@ -145,8 +145,8 @@ def excitation(c: Collected) -> Section:
 def limits(c: Collected) -> Section:
     """Return the section on the limits of the accuracy.
 
-    Three tables: shares of sigma squared by cause, the combinations of states that the data know
-    least, and the strongest correlations.
+    Its three tables are the shares of sigma squared by cause, the combinations of states that the
+    data determine worst, and the strongest correlations.
     """
     tables, text = [], []
     if c.shares:

@@ -1,4 +1,4 @@
-"""The result of a batch method as a page: verdict, held-out windows, residuals, limits."""
+"""Write the result of a batch method as a page, with verdict, residuals and limits."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,11 +33,11 @@ def write_identified(
     span: Span,
     out: Path,
 ) -> list[Path]:
-    """Write the page `out` and its tables (CSV) beside it, a picture too where matplotlib is.
+    """Write the page `out`, tables (CSV) and, if matplotlib is installed, a picture; return paths.
 
     Raises
     ------
-    ConfigError when nothing can be written.
+    ConfigError when a file cannot be written.
     """
     result = replace(
         evidence.replayed,
@@ -73,7 +73,7 @@ def judged(status: str, held_out_passed: bool | None) -> tuple[bool, str]:
 
 
 def view(values: Mapping[str, Any], collected: Collected, recursive: Sequence[Estimate]) -> View:
-    """Return the page of a batch result; `recursive`: what the replay for its windows estimated."""
+    """Return the page of a batch result; `recursive`: estimates of the replay of its windows."""
     holdout = values.get("holdout")
     valid, verdict = judged(values["status"], None if holdout is None else holdout["passed"])
     result = estimates.result(collected)
@@ -112,7 +112,7 @@ def _held_out(holdout: Mapping[str, Any]) -> Section:
 
 
 def _estimate(values: Mapping[str, Any], evidence: Evidence) -> Estimate:
-    """Return the result as the online estimator would have published it."""
+    """Return the batch result in the form that the online estimator publishes."""
     last = evidence.blocks[-1]
     is_valid = values["status"] == "OK"
     return Estimate(

@@ -1,4 +1,4 @@
-"""Layouts of Foxglove and PlotJuggler that show the MCAP file of a report.
+"""Layouts with which Foxglove and PlotJuggler show the MCAP file of a report.
 
 Sources: a layout exported by Foxglove (`configById`, mosaic `layout`) and foxglove-sdk's `layouts`;
 PlotJuggler 3, `MainWindow::xmlSaveState`, `PlotDocker::xmlSaveState`, `DataLoadMCAP::xmlSaveState`.
@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 from fsw.commands.report.series import topic
 
 COLOURS = ("#1f77b4", "#d62728", "#2ca02c")
-BAND = {"inertia": 2.0, "lower": 0.5, "upper": 0.5}  # part of a message: width of its line
+BAND = {"inertia": 2.0, "lower": 0.5, "upper": 0.5}  # field of a message: width of its line
 
 
 class Plot(NamedTuple):
-    """Values of one unit, each as the way to it from `inertia` or a bound."""
+    """One plot; each value is a path of keys inside the fields `inertia`, `lower` and `upper`."""
 
     title: str
     unit: str
@@ -32,7 +32,7 @@ PLOTS = (
 
 
 def foxglove(bodies: Sequence[str]) -> str:
-    """Return a layout: validity over time, and a row of plots for every body."""
+    """Return a Foxglove layout (JSON): validity over time, and a row of plots for each body."""
     panels: dict[str, Any] = {"StateTransitions!verdict": _verdict(bodies)}
     rows: list[Any] = []
     for body in bodies:
@@ -86,7 +86,7 @@ def _panel(body: str, plot: Plot) -> dict[str, Any]:
 
 
 def _mosaic(items: list[Any], direction: str) -> Any:  # noqa: ANN401
-    """Return items side by side, each of the same share: a tree of splits in two."""
+    """Return a tree of two-way splits that gives every item the same share of the space."""
     first, *rest = items
     if not rest:
         return first
@@ -99,7 +99,7 @@ def _mosaic(items: list[Any], direction: str) -> Any:  # noqa: ANN401
 
 
 def plotjuggler(bodies: Sequence[str], mcap: str) -> str:
-    """Return a layout that loads the file `mcap` beside it: a tab of four plots for every body."""
+    """Return a PlotJuggler layout (XML) of the file `mcap`: a tab of four plots for each body."""
     root = ET.Element("root")
     window = {"name": "Main Window", "parent": "main_window"}
     tabs = ET.SubElement(root, "tabbed_widget", window)

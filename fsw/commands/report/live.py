@@ -1,4 +1,4 @@
-"""Report of a running daemon: its status, and its recording so far."""
+"""Parts of a live report: the status of a running daemon and the recording that it writes."""
 
 import os
 from collections.abc import Mapping
@@ -15,16 +15,16 @@ from fsw.exchange.recording_parts import PART
 from fsw.messages.errors import ConfigError, PortError
 from fsw.service.control import control
 
-LIVE = "live"  # stands for a running daemon in the place of a recording
-LESS_URGENT = 10  # of 19: the loop first, but not everything else
+LIVE = "live"  # given instead of a recording: the recording of the running daemon
+LESS_URGENT = 10  # nice value (0 to 19): the loop runs first, but other programs do not all
 
 
 def status_of(config: Config) -> Mapping[str, Any]:
-    """Return the status of the daemon that runs with a configuration.
+    """Return the status of the daemon that runs with this configuration.
 
     Raises
     ------
-    PortError when none answers.
+    PortError when no daemon answers, or the daemon has no status yet.
     """
     reply = control(config.resolve(config.service.state_directory), {"command": "status"})
     if not reply["data"]:
@@ -34,11 +34,11 @@ def status_of(config: Config) -> Mapping[str, Any]:
 
 
 def recording_of(status: Mapping[str, Any]) -> Path:
-    """Return the first file of the recording that a daemon writes, or wrote last.
+    """Return the first file of the newest recording of the daemon with this status.
 
     Raises
     ------
-    ConfigError when it has written none.
+    ConfigError when the daemon has written no recording.
     """
     path = status.get("recorder", {}).get("path")
     if path is None:
@@ -51,16 +51,16 @@ def recording_of(status: Mapping[str, Any]) -> Path:
 
 
 def in_the_background() -> None:
-    """Give the processor to the daemon first."""
+    """Lower the priority of this process, so that the daemon gets the processor first."""
     os.nice(max(0, LESS_URGENT - os.nice(0)))
 
 
 def now(status: Mapping[str, Any], closed: bool) -> Section:
-    """Return the section "Now" of a running daemon: its newest estimate, open faults, slips.
+    """Return the section "Now": newest estimate, open faults and slips of the running daemon.
 
     Parameters
     ----------
-    closed : whether the recording was closed when it was read
+    closed : whether the daemon had closed the recording when it was read
     """
     estimate = status.get("estimate") or {}
     rows = [

@@ -1,4 +1,4 @@
-"""A report as one HTML page that needs nothing but itself; a pure function of the view."""
+"""Turn the view of a report into one HTML page that needs no other file."""
 
 import json
 import re
@@ -7,12 +7,12 @@ from importlib.resources import files
 
 from fsw.commands.report.view import Section, Table, View
 
-NUMBER = re.compile(r"kg m²|[-+]?\d[\d.e+-]*( .{1,12})?")  # with its unit; stays on one line
-LONG = 40  # rows; a longer table scrolls within itself
+NUMBER = re.compile(r"kg m²|[-+]?\d[\d.e+-]*( .{1,12})?")  # a cell that stays on one line
+LONG = 40  # rows; a longer table has its own scroll bar
 
 
 def page(view: View) -> str:
-    """Return the page of a report, drawing library included."""
+    """Return the HTML text of a report, with the drawing library inside."""
     charts = json.dumps(view.charts(), allow_nan=False).replace("</", "<\\/")
     sections, count = [], 0
     for place, section in enumerate(view.sections):

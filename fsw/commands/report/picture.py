@@ -1,4 +1,4 @@
-"""Charts of a page as one picture."""
+"""Draw charts of a page as one PNG picture."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ NAMED = {"truth": "#202020", "prior": "#9a9a9a"}  # both as in page.js
 
 
 def write_png(view: View, charts: Sequence[Chart], path: Path) -> None:
-    """Draw some charts of a page under its title and verdict.
+    """Draw `charts` into one PNG file, under the title and verdict of `view`.
 
     Raises
     ------
-    ConfigError without matplotlib.
+    ConfigError if matplotlib is not installed.
     """
     try:
         from matplotlib.figure import Figure

@@ -1,6 +1,6 @@
-"""The estimate over time as an MCAP file with JSON Schema, one channel for every body.
+"""Write the estimate over time as an MCAP file with JSON Schema, one channel for each body.
 
-A message is inertia_daemon_msgs/msg/BodyEstimate, with 1 sigma, and the mean -+ 3 sigma as bounds.
+A message is inertia_daemon_msgs/msg/BodyEstimate with 1 sigma and the bounds mean -+ 3 sigma added.
 """
 
 import json
@@ -66,12 +66,12 @@ SCHEMA = {
 
 
 def topic(body: str) -> str:
-    """Return the channel of a body."""
+    """Return the name of a body's channel."""
     return f"/estimate/{body}"
 
 
 def write_series(estimates: Sequence[Estimate], bodies: Sequence[str], path: Path) -> None:
-    """Write the estimates of the bodies, stamped with the end of their window.
+    """Write the estimates of the bodies to an MCAP file, each stamped with its own time.
 
     Raises
     ------

@@ -4,19 +4,19 @@ import numpy as np
 
 from fsw.messages import FloatArray
 
-FREQUENCIES = 128  # shown
-FINER = 8  # frequencies averaged into one
-MOST = 20_000  # nodes used: of a longer series, its first
+FREQUENCIES = 128  # most frequencies that a spectrum has
+FINER = 8  # neighbouring frequencies averaged into one
+MOST = 20_000  # most nodes used; later ones are left out
 BINS = 41
-REACH = 5.0  # sigmas; beyond them, the outermost bin
+REACH = 5.0  # half-width of the histogram in sigmas; larger values count in the outermost bin
 
 
 def spectrum(t_s: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies [Hz] and power of unevenly spaced residuals; white of unit sigma gives 1.
+    """Return frequencies [Hz] and power of unevenly spaced residuals; unit white noise has power 1.
 
-    The Lomb-Scargle periodogram up to the mean Nyquist frequency, averaged over neighbours.
+    This is the Lomb-Scargle periodogram up to the mean Nyquist frequency, averaged over neighbours.
     """
-    from scipy.signal import lombscargle  # 0.3 s that only a report waits for
+    from scipy.signal import lombscargle  # takes 0.3 s, which only a report needs
 
     t_s, ratio = t_s[:MOST], ratio[:MOST]
     length_s = float(np.ptp(t_s))
@@ -31,7 +31,7 @@ def spectrum(t_s: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def histogram(ratio: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return centres, density of the residuals and the normal density, over +-5 sigma."""
+    """Return bin centres, density of `ratio` and normal density, each (BINS,), over +-5 sigma."""
     edges = np.linspace(-REACH, REACH, BINS + 1)
     centre = 0.5 * (edges[1:] + edges[:-1])
     inside = np.clip(ratio, centre[0], centre[-1])

@@ -1,4 +1,4 @@
-"""A collected replay as tables (CSV, Parquet) beside the page."""
+"""Write a collected replay as tables (CSV, Parquet)."""
 
 import csv
 from collections.abc import Collection, Iterable
@@ -14,16 +14,16 @@ from fsw.exchange.status import body_sigma, body_values
 
 
 class Table(NamedTuple):
-    """Rows under the names of their columns; floats keep every digit."""
+    """Column names and rows; floats keep every digit."""
 
     head: list[str]
     rows: list[list[Any]]
 
 
 def tables(collected: Collected) -> dict[str, Table]:
-    """Return `estimate`, `residuals` (where there is a state to predict from) and `events`.
+    """Return the tables `estimate`, `residuals` (missing without residuals) and `events`.
 
-    Times are seconds from the start of what was replayed.
+    Times are seconds from the start of the replayed part.
     """
     start_ns = collected.result.start_ns
 
@@ -55,11 +55,11 @@ def _flat(values: Iterable[object]) -> list[float]:
 
 
 def write_tables(collected: Collected, stem: Path, kinds: Collection[str]) -> list[Path]:
-    """Write STEM_NAME.csv, STEM_NAME.parquet or both of every table; return what was written.
+    """Write each table as STEM_NAME.KIND for each of `kinds` (csv, parquet); return the paths.
 
     Raises
     ------
-    ConfigError without pyarrow; OSError when a file cannot be written.
+    ConfigError if pyarrow is needed and missing; OSError when a file cannot be written.
     """
     written = []
     for name, table in tables(collected).items() if kinds else ():
@@ -74,7 +74,7 @@ def write_tables(collected: Collected, stem: Path, kinds: Collection[str]) -> li
 
 
 def write_csv(table: Table, path: Path) -> None:
-    """Write a table with its head. Raises OSError."""
+    """Write a table as CSV with a line of column names. Raises OSError."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(table.head)

@@ -1,4 +1,4 @@
-"""The parts of a report as plain values: sections of texts, tables and charts."""
+"""The content of a report as plain values: sections with texts, tables and charts."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -8,13 +8,13 @@ import numpy as np
 
 from fsw.messages import FloatArray
 
-MOST_POINTS = 2000  # of a line; more are thinned
+MOST_POINTS = 2000  # most points of a line; longer lines are thinned
 TIME = "time from the start [s]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """One line of a chart; `low` and `high` bound its band."""
+    """One line of a chart; `low` and `high` are the edges of its band. None: no value there."""
 
     label: str
     y: list[float | None]
@@ -25,7 +25,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """Lines over one axis; both axes carry their units."""
+    """Lines over one x axis; both labels contain the unit."""
 
     title: str
     x_label: str
@@ -40,7 +40,7 @@ class Chart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A table of texts."""
+    """A table with texts as cells."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -48,7 +48,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """One heading of the page, in the order text, tables, charts, source."""
+    """One section of the page; it shows title, text, tables, charts and source in this order."""
 
     title: str
     text: Sequence[str] = ()
@@ -60,7 +60,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """A whole report."""
+    """The content of a whole report."""
 
     title: str
     verdict: str
@@ -68,25 +68,25 @@ class View:
     sections: Sequence[Section] = field(default_factory=tuple)
 
     def charts(self) -> list[dict[str, Any]]:
-        """Return every chart in order, as plain values."""
+        """Return the charts of all sections in order, as plain values."""
         return [asdict(chart) for section in self.sections for chart in section.charts]
 
 
 def times_s(t_ns: Sequence[int], start_ns: int) -> list[float]:
-    """Return times from a start [s]."""
+    """Return times [s] from `start_ns`, rounded to microseconds."""
     return [round((t - start_ns) * 1e-9, 6) for t in t_ns]
 
 
 def line_of(
     label: str, y: FloatArray, low: FloatArray | None = None, high: FloatArray | None = None
 ) -> Line:
-    """Return a line, thinned, with the edges of its band."""
+    """Return a thinned line with a band from `low` to `high`; None: no band."""
     band = [None if edge is None else numbers(thinned(edge)) for edge in (low, high)]
     return Line(label=label, y=numbers(thinned(y)), low=band[0], high=band[1])
 
 
 def thinned(values: FloatArray) -> FloatArray:
-    """Return at most `MOST_POINTS` values, evenly taken."""
+    """Return at most `MOST_POINTS` of the values, evenly spaced."""
     return values[:: max(1, -(-len(values) // MOST_POINTS))]
 
 
@@ -96,5 +96,5 @@ def thinned_axis(values: FloatArray) -> list[float]:
 
 
 def numbers(values: FloatArray) -> list[float | None]:
-    """Return values for JSON: seven digits, None where not finite."""
+    """Return values for JSON, with seven digits; None replaces a value that is not finite."""
     return [float(f"{x:.7g}") if np.isfinite(x) else None for x in values]

@@ -1,4 +1,4 @@
-"""A report on the disk: one replay, one page, and what was asked for beside it."""
+"""Write a report: one replay, one page and the requested further files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -44,14 +44,14 @@ def write_report(
     daemon: Mapping[str, Any] | None = None,
     progress: Progress = lambda _text: None,
 ) -> Written:
-    """Replay a recording and write its report; `daemon`: status of the one that still writes it.
+    """Replay a recording and write its report; `daemon`: status of the daemon for a live report.
 
     Raises
     ------
-    ConfigError when recording and configuration do not fit, or nothing can be written.
+    ConfigError when recording and configuration do not fit, or a file cannot be written.
     """
     if with_parquet:
-        require_pyarrow()  # before the replay, which takes long
+        require_pyarrow()  # fail before the replay, which is slow
     collected = collect(recording, config, span, daemon, progress)
     progress("drawing")
     shown = view(collected)
@@ -75,7 +75,7 @@ def write_report(
 
 
 def _write_mcap(collected: Collected, stem: Path) -> list[Path]:
-    """Write the estimate over time, and the layouts of the tools that open it."""
+    """Write the estimate over time and layouts for Foxglove and PlotJuggler; return the paths."""
     bodies = collected.result.unknown
     mcap = stem.with_name(f"{stem.name}_estimate.mcap")
     write_series(collected.estimates, bodies, mcap)

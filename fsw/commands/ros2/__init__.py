@@ -1,4 +1,4 @@
-"""ROS 2: the message package `inertia_daemon_msgs`, and an identified body as its message.
+"""ROS 2: write the package `inertia_daemon_msgs` and the message for an identified body.
 
 Source: BodyEstimate.msg beside this file; geometry_msgs/Inertia of ROS 2 common_interfaces.
 """
@@ -11,7 +11,7 @@ from fsw.commands.identified_body import AXES, Body
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
-PACKAGE = {"BodyEstimate.msg": "msg", "package.xml": "", "CMakeLists.txt": ""}  # file: its folder
+PACKAGE = {"BodyEstimate.msg": "msg", "package.xml": "", "CMakeLists.txt": ""}  # file: folder
 
 
 def message(body: Body, t_ns: int = 0) -> dict[str, Any]:
@@ -19,7 +19,7 @@ def message(body: Body, t_ns: int = 0) -> dict[str, Any]:
 
     Parameters
     ----------
-    t_ns : end of the last window used [ns]; 0: unknown
+    t_ns : stamp, the end of the last window used [ns]; 0: unknown
     """
     seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
     stamp = {"sec": seconds, "nanosec": nanoseconds}
@@ -41,11 +41,11 @@ def inertia(values: FloatArray) -> dict[str, Any]:
 
 
 def write_package(folder: Path) -> list[Path]:
-    """Write the message package, to be built by colcon; return its files.
+    """Write the message package, which colcon builds, into a folder; return the paths.
 
     Raises
     ------
-    ConfigError when it cannot be written.
+    ConfigError when a file cannot be written.
     """
     written = []
     try:

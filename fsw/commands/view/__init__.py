@@ -1,4 +1,4 @@
-"""`fsw view`: a recording or a plan in motion, as one page with a three-dimensional scene."""
+"""`fsw view`: write a page with a three-dimensional scene of a recorded or planned motion."""
 
 from fsw.commands.view.write import PLANS, view
 

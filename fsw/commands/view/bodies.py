@@ -1,4 +1,4 @@
-"""The sought bodies over time: centre of mass, its ellipsoid, and the truth where it is known."""
+"""The unknown bodies over time: centre of mass, its ellipsoid, and the truth if it is known."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,21 +13,21 @@ from fsw.messages import BodyEstimate, Estimate, FloatArray
 from fsw.messages.errors import ConfigError
 
 SIGMAS = 3.0
-LEAST_SEEN = 0.1  # longest semi-axis over the robot's reach; a smaller ellipsoid is magnified
+LEAST_SEEN = 0.1  # least ratio of longest semi-axis to reach; a smaller ellipsoid is magnified
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Guess:
-    """Estimate of a body's mass and centre of mass, valid from a time on; in the body's frame."""
+    """Estimate of a body, shown from the time t_s on; all values are in the body's frame."""
 
     t_s: float
     body: BodyEstimate
-    covariance_m2: FloatArray  # (3, 3) of the centre of mass
+    covariance_m2: FloatArray  # (3, 3) covariance of the centre of mass
     reason: str = ""  # why not valid; empty when valid
 
 
 def guesses(estimates: Sequence[Estimate], name: str, start_ns: int) -> list[Guess]:
-    """Return the estimates of a body."""
+    """Return the estimates of the body `name`, with times from `start_ns`."""
     found = []
     for e in estimates:
         places = [e.names.index(f"{name}.{quantity}") for quantity in NAMES]
@@ -39,7 +39,7 @@ def guesses(estimates: Sequence[Estimate], name: str, start_ns: int) -> list[Gue
 
 
 def com_covariance(pi: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the covariance (3, 3) [m2] of the centre of mass of parameters pi (10,), (10, 10)."""
+    """Return the centre of mass's covariance (3, 3) [m^2] from pi (10,) and its (10, 10)."""
     T = report_jacobian(pi)[1:4]
     return np.asarray(T @ covariance @ T.T)
 
@@ -47,8 +47,8 @@ def com_covariance(pi: FloatArray, covariance: FloatArray) -> FloatArray:
 def ellipsoid(covariance_m2: FloatArray, near: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the axes as columns of a rotation (3, 3), and the 3 sigma semi-axes (3,) [m].
 
-    Order and signs of the axes are free; those nearest to the rotation `near` are chosen, so that
-    an ellipsoid does not jump from one time to the next.
+    Order and signs of the axes are arbitrary. The function chooses those nearest to the rotation
+    `near`, so that an ellipsoid does not jump from one time to the next.
     """
     values, vectors = np.linalg.eigh(covariance_m2)
     semi_m = SIGMAS * np.sqrt(np.maximum(values, 0.0))
@@ -64,20 +64,20 @@ def ellipsoid(covariance_m2: FloatArray, near: FloatArray) -> tuple[FloatArray, 
 
 
 def magnification(semi_axes_m: FloatArray, reach_m: float) -> float:
-    """Return the factor on a drawn ellipsoid: the least of 1, 2, 5, 10 ... that shows it."""
+    """Return the least factor of 1, 2, 5, 10 ... that makes the drawn ellipsoid visible."""
     least = LEAST_SEEN * reach_m / max(float(semi_axes_m.max()), 1e-12)
     decade = 10.0 ** np.floor(np.log10(least))
     return max(1.0, next(float(step * decade) for step in (1, 2, 5, 10) if step * decade >= least))
 
 
 def read_truth(path: Path, names: Sequence[str]) -> dict[str, FloatArray]:
-    """Return mass [kg] and centre of mass [m] (4,) of the named bodies that a JSON file has.
+    """Return mass [kg] and centre of mass [m] as (4,) for each of `names` in a JSON file.
 
-    The file is {BODY: {mass_kg, com_m}}, or has that under `truth`, as result.json of the bench.
+    The file contains {BODY: {mass_kg, com_m}} itself, or under `truth` as in result.json of hil.
 
     Raises
     ------
-    ConfigError when it cannot be read, or has none of the bodies.
+    ConfigError when the file cannot be read or contains none of the bodies.
     """
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
@@ -97,5 +97,5 @@ def read_truth(path: Path, names: Sequence[str]) -> dict[str, FloatArray]:
 
 
 def parameters(body: BodyEstimate) -> FloatArray:
-    """Return pi (10,) of an estimated body."""
+    """Return the inertial parameters pi (10,) of an estimated body."""
     return to_parameters(body.mass_kg, body.com_m, body.inertia_kg_m2)

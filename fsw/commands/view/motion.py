@@ -1,4 +1,4 @@
-"""Base and joints over time, from a recording's windows or from a planned motion."""
+"""Poses of base and joints over time, from the blocks of a recording or from a planned motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,27 +11,27 @@ from fsw.excitation.attitude import attitudes
 from fsw.excitation.spline import Trajectory
 from fsw.messages import Block, FloatArray
 
-MOST_KEYS = 3000  # instants of a scene; more are thinned
+MOST_KEYS = 3000  # most instants of a scene; longer motions are thinned
 PLAN_RATE_HZ = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """Poses at m instants; the centre of mass of everything rests in N's origin if it can."""
+    """Poses at m instants; along free directions the system's centre of mass is N's origin."""
 
     t_s: FloatArray  # (m,)
     q_rad: FloatArray  # (m, n) in the model's order
     R_NB: FloatArray  # (m, 3, 3)
-    p_NB_m: FloatArray  # (m, 3) base's origin
-    attitude: str  # where it comes from, in words
+    p_NB_m: FloatArray  # (m, 3) origin of the base, in N
+    attitude: str  # source of R_NB, in words
 
 
 def recorded(blocks: Sequence[Block], problem: Problem, pi: FloatArray, start_ns: int) -> Motion:
-    """Return the motion at the nodes of the windows; attitude by tracker, otherwise by rate.
+    """Return the motion at the nodes of blocks; attitude from the tracker, else from the rate.
 
     Parameters
     ----------
-    pi : (10 (n + 1),) of base and links with all they hold
+    pi : (10 (n + 1),) inertial parameters of base and links, including the bodies they carry
     """
     t_ns, first = np.unique(np.concatenate([b.t_ns for b in blocks]), return_index=True)
     q = np.concatenate([b.q_rad for b in blocks])[first]
@@ -52,7 +52,7 @@ def recorded(blocks: Sequence[Block], problem: Problem, pi: FloatArray, start_ns
 
 
 def planned(trajectory: Trajectory, problem: Problem, pi: FloatArray) -> Motion:
-    """Return a planned motion from rest without momentum; the base follows the arm."""
+    """Return a planned motion; the base reacts to the arm so that the momentum stays zero."""
     count = min(round(trajectory.duration_s * PLAN_RATE_HZ), MOST_KEYS)
     step_s = trajectory.duration_s / count
     t_s = step_s * np.arange(count + 1, dtype=np.float64)
@@ -71,5 +71,5 @@ def _placed(
 ) -> Motion:
     whole = np.array([problem.model.composite(row) @ pi for row in q])
     com_N = np.einsum("kij,kj->ki", R, whole[:, 1:4] / whole[:, :1])
-    free = problem.freedom[:3] @ problem.freedom[:3].T  # onto the directions the base can move in
+    free = problem.freedom[:3] @ problem.freedom[:3].T  # projects on directions free to move
     return Motion(t_s=t_s, q_rad=q, R_NB=R, p_NB_m=-com_N @ free, attitude=source)

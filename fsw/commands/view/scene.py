@@ -1,4 +1,4 @@
-"""A scene as plain values for the page: parts, their motion, ellipsoids of the centres of mass."""
+"""A scene as plain values for the page: parts, their motion, and ellipsoids of centres of mass."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,11 +13,11 @@ from fsw.commands.view.shapes import Shape
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
 
-DIGITS = 9  # of a length or a component of a quaternion
+DIGITS = 9  # significant digits of all numbers of a scene
 
 
 def frames(model: RobotModel, motion: Motion) -> list[dict[str, Any]]:
-    """Return position and attitude (xyzw) in N of the base and of every joint's link."""
+    """Return position [m] and attitude (xyzw) in N over time of the base and each joint's link."""
     data = model.model.createData()
     quaternion = Rotation.from_matrix(motion.R_NB).as_quat()
     poses = np.empty((len(motion.t_s), model.n + 1, 3, 4))
@@ -37,7 +37,7 @@ def frames(model: RobotModel, motion: Motion) -> list[dict[str, Any]]:
 
 
 def parts(model: RobotModel, shapes: Sequence[Shape]) -> list[dict[str, Any]]:
-    """Return the drawn parts of links and bodies."""
+    """Return the shapes as parts of the scene, each with path, triangles and colour."""
     return [
         {
             "path": f"{path_of(model, shape.frame)}/part{number}",
@@ -57,7 +57,7 @@ def centre(
 
     Parameters
     ----------
-    place : of the body's frame in that of the link at `path`
+    place : pose of the body's frame in the frame of the link at `path`
     """
     axes, rows = np.eye(3), []
     for guess in known:
@@ -82,7 +82,7 @@ def centre(
 def with_truth(
     shown: Mapping[str, Any], place: pin.SE3, truth: FloatArray | None
 ) -> dict[str, Any]:
-    """Add the true mass and centre (4,), the latter in the frame of the link too."""
+    """Return `shown` with the true mass [kg] and centre of mass [m] of `truth` (4,), if given."""
     if truth is None:
         return dict(shown)
     p = place.rotation @ truth[1:] + place.translation
@@ -90,11 +90,11 @@ def with_truth(
 
 
 def path_of(model: RobotModel, frame: int) -> str:
-    """Return the place of the base (0) or of a joint's link in the scene's tree."""
+    """Return the path in the scene's tree of the base (0) or of the link of joint `frame` - 1."""
     name = "base" if frame == 0 else model.joint_names[frame - 1]
     return f"/robot/{name.replace('/', '_')}"
 
 
 def numbers(values: FloatArray) -> list[float]:
-    """Return values in a row, with the digits that a scene keeps."""
+    """Return the values as a flat list, rounded to DIGITS significant digits."""
     return [float(f"{x:.{DIGITS}g}") for x in np.ravel(values)]

@@ -1,4 +1,4 @@
-"""Shapes of a scene: triangles of links, boxes of bodies, balls."""
+"""Shapes of a scene as triangles: visual shapes or capsules of links, and boxes of bodies."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,25 +12,25 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.collision import read_geometry
 from fsw.messages import FloatArray, IntArray
 
-MOST_TRIANGLES = 20_000  # of a mesh; of a finer one its convex hull is drawn
+MOST_TRIANGLES = 20_000  # most triangles of a mesh; a finer mesh is drawn as its convex hull
 TURN = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-THICKNESS = 0.025  # radius of a link over the reach
+THICKNESS = 0.025  # ratio of a link's drawn radius to the reach
 LINK, BASE, BODY = "#5b6570", "#8fa6bd", "#c9b037"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shape:
-    """Triangles fixed to the base (0) or to the link of joint `frame` - 1, in that frame."""
+    """Triangles fixed to the base (frame 0) or to the link of joint `frame` - 1, in its frame."""
 
     frame: int
     vertices_m: FloatArray  # (v, 3)
-    faces: IntArray  # (f, 3) indices
+    faces: IntArray  # (f, 3) indices of vertices
     colour: str
     opacity: float = 1.0
 
 
 def ball(radius_m: float) -> FloatArray:
-    """Return points (k, 3) on a sphere about the origin."""
+    """Return points (k, 3) [m] on a sphere about the origin."""
     height = np.cos(np.linspace(0.0, np.pi, 13))
     ring = np.stack([np.cos(TURN), np.sin(TURN)], axis=1)
     points = [np.c_[np.sqrt(1.0 - z * z) * ring, np.full(len(ring), z)] for z in height]
@@ -38,7 +38,7 @@ def ball(radius_m: float) -> FloatArray:
 
 
 def hull(points: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return vertices (v, 3) and faces (f, 3), counter-clockwise from outside, of their hull."""
+    """Return vertices (v, 3) and faces (f, 3), outward by the right-hand rule, of a hull."""
     found = ConvexHull(points)
     corners = points[found.simplices]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -50,7 +50,7 @@ def hull(points: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def box_of(mass_kg: float, com_m: FloatArray, inertia_kg_m2: FloatArray) -> FloatArray:
-    """Return the corners (8, 3) of the homogeneous box with this mass and inertia."""
+    """Return the corners (8, 3) [m] of the homogeneous box with this mass and inertia."""
     xx, xy, xz, yy, yz, zz = inertia_kg_m2
     moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     half = np.sqrt(np.maximum(1.5 / mass_kg * (moments.sum() - 2.0 * moments), 1e-8))
@@ -59,13 +59,13 @@ def box_of(mass_kg: float, com_m: FloatArray, inertia_kg_m2: FloatArray) -> Floa
 
 
 def frame_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
-    """Return the body that carries a frame of the URDF (0: the base), and its place there."""
+    """Return what carries a URDF frame (0: base, k: link of joint k - 1), and its pose there."""
     frame = model.model.frames[model.model.getFrameId(name)]
     return int(frame.parentJoint) - 1, frame.placement
 
 
 def reach_m(model: RobotModel, tool_frame: str) -> float:
-    """Return the longest way from the base over the joints of an arm, or on to the tool [m]."""
+    """Return the longest path [m] from the base along the joints, to a joint or to the tool."""
     ways_m = [0.0]
     for parent, step_m in zip(model.parents.tolist(), model.steps_m(), strict=True):
         ways_m.append(ways_m[parent] + step_m)
@@ -74,7 +74,7 @@ def reach_m(model: RobotModel, tool_frame: str) -> float:
 
 
 def visuals(model: RobotModel, urdf: Path) -> list[Shape]:
-    """Return the URDF's visual shapes.
+    """Return the visual shapes of the URDF.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def _triangles(solid: coal.CollisionGeometry) -> tuple[FloatArray, IntArray]:
 
 
 def capsules(model: RobotModel, tool_frame: str) -> list[Shape]:
-    """Return a capsule from every joint to the next, and from the last one to the tool."""
+    """Return a capsule from each joint to the next, and from the last joint to the tool frame."""
     end = ball(THICKNESS * reach_m(model, tool_frame))
     steps = [
         (parent, np.asarray(place.translation))

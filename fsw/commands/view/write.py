@@ -1,4 +1,4 @@
-"""`fsw view` on the disk: one page with the scene, the viewer and nothing to fetch."""
+"""Write the page of `fsw view`, which contains scene and viewer and loads no other file."""
 
 import json
 import re
@@ -45,15 +45,15 @@ SEE_THROUGH = 0.15
 
 
 def view(source: Path, config: Config, out: Path, truth: Path | None, progress: Progress) -> Path:
-    """Write the page of a recording (MCAP) or of a plan (YAML of `fsw excite`).
+    """Write the page of a recording (MCAP) or a plan (YAML of `fsw excite`); return its path.
 
     Parameters
     ----------
-    truth : JSON with the true bodies; None: not known
+    truth : JSON file with the true bodies; None: they are not known
 
     Raises
     ------
-    ConfigError without meshcat, or when files do not fit; EstimatorError without a usable window.
+    ConfigError if meshcat is missing or files do not fit; EstimatorError if no window is usable.
     """
     viewer = _viewer()
     true = {} if truth is None else read_truth(truth, config.unknown)
@@ -128,7 +128,7 @@ def _plan(path: Path, config: Config) -> tuple[Problem, Motion, dict[str, list[G
 
 
 def _frame(model: RobotModel, config: Config, name: str) -> tuple[int, pin.SE3]:
-    """Return the link that carries a body, and the place of the body's frame there."""
+    """Return the link that carries a body (0: the base), and the pose of the body's frame there."""
     if name == "base":
         return 0, pin.SE3.Identity()
     return frame_of(model, config.bodies[name].frame or config.robot.tool_frame)
@@ -149,7 +149,7 @@ def _box(
     known: Mapping[str, Sequence[Guess]],
     where: tuple[int, pin.SE3],
 ) -> Shape:
-    """Return a body as the box of its mass and inertia, as estimated or as configured."""
+    """Return the box with a body's mass and inertia, as last estimated or else as configured."""
     if name in known:
         body = known[name][-1].body
         corners = box_of(body.mass_kg, body.com_m, body.inertia_kg_m2)
@@ -183,7 +183,7 @@ def _notes(motion: Motion, config: Config) -> list[str]:
 
 
 def _viewer() -> str:
-    """Return the viewer's program, as the package meshcat has it; none of its Python is run."""
+    """Return the JavaScript viewer of the package meshcat, without importing the package."""
     found = find_spec("meshcat")
     if found is None or found.origin is None:
         raise ConfigError("fsw view needs meshcat: pip install 'inertia-daemon[view]'")
