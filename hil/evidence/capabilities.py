@@ -1,7 +1,7 @@
-"""What a user could do at a commit and can do today: `python -m hil.evidence capabilities COMMIT`.
+"""Compare what a user can do at a commit and today: `python -m hil.evidence capabilities COMMIT`.
 
-Each side is asked itself, in a process of its own: the parsers of its commands, the schema of its
-configuration, its dictionary and its scenarios. `names` runs in the checkout of either side.
+`names` runs in a separate process on the checkout of the commit and on today's checkout. It lists
+the commands, the keys of the configuration, the telemetry dictionary and the scenarios.
 """
 
 import argparse
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def main(commit: str, root: Path = ROOT) -> int:
-    """Print as JSON, of every kind, the counts before and after and the names that vanished."""
+    """Print by kind, as JSON, the counts at the commit and today, and the lost names; return 0."""
     with TemporaryDirectory() as folder:
         archive = subprocess.run(
             ["git", "archive", commit], cwd=root, check=True, stdout=subprocess.PIPE
@@ -39,7 +39,7 @@ def main(commit: str, root: Path = ROOT) -> int:
 
 
 def asked(checkout: Path) -> dict[str, list[str]]:
-    """Return the names of every kind, as the program of a checkout lists them."""
+    """Return the names by kind, as `names` lists them in a new process on a checkout."""
     call = [sys.executable, "-P", __file__]
     environment = os.environ | {"PYTHONPATH": str(checkout)}
     run = subprocess.run(
@@ -50,7 +50,7 @@ def asked(checkout: Path) -> dict[str, list[str]]:
 
 
 def names() -> dict[str, list[str]]:
-    """Return commands with their options, keys, packets, telecommands, events and scenarios."""
+    """Return by kind the names of commands, options, keys, telemetry items and scenarios."""
     from fsw.config.whole import Config
     from fsw.telemetry.dictionary import DICTIONARY
 
@@ -71,7 +71,7 @@ def names() -> dict[str, list[str]]:
 
 
 def options(parser: argparse.ArgumentParser, path: str) -> Iterator[str]:
-    """Yield a command, each of its arguments, and those of its subcommands."""
+    """Yield a command, each of its arguments, and the arguments of its subcommands."""
     yield path
     for action in parser._actions:  # noqa: SLF001 - argparse lists them nowhere else
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
@@ -82,7 +82,7 @@ def options(parser: argparse.ArgumentParser, path: str) -> Iterator[str]:
 
 
 def keys(schema: Mapping[str, Any], models: Mapping[str, Any], path: str = "") -> Iterator[str]:
-    """Yield the dotted name of every key of a schema."""
+    """Yield the dotted name of every key of a JSON schema; `*` stands for a name of the user."""
     if "$ref" in schema:
         schema = models[schema["$ref"].rpartition("/")[2]]
     for form in (*schema.get("anyOf", ()), *schema.get("oneOf", ()), schema.get("items")):
@@ -92,7 +92,7 @@ def keys(schema: Mapping[str, Any], models: Mapping[str, Any], path: str = "") -
         yield f"{path}{name}"
         yield from keys(value, models, f"{path}{name}.")
     free = [*schema.get("patternProperties", {}).values(), schema.get("additionalProperties")]
-    for value in free:  # of a mapping with names of the user's
+    for value in free:  # values of a mapping whose keys the user names
         if isinstance(value, dict):
             yield from keys(value, models, f"{path}*.")
 

@@ -1,4 +1,4 @@
-"""Commands of the long evidence: fuzz, kills and soak. Resumable; what they need comes late."""
+"""Commands of the long evidence, from `hil fuzz` to `hil bench`; each imports its modules late."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
 
 
 def add_seeds(command: argparse.ArgumentParser, number: int, printed: str) -> None:
-    """Add the arguments of evidence over seeds; `printed` is the form of its JSON."""
+    """Add the options of evidence over seeds; `printed` names the JSON type in the help text."""
     command.add_argument("--first", type=seed, default=0, metavar="K", help="first seed, 0")
     command.add_argument(
         "--count", type=count, default=number, metavar="N", help=f"seeds, {number}"
@@ -234,20 +234,20 @@ def _rough(arguments: argparse.Namespace) -> int:
 
 
 def study_effects(arguments: argparse.Namespace) -> int:
-    """Run `hil study effects`; return the exit code."""
+    """Run `hil study effects`; return the exit code, 0 if every row passed."""
     from hil.evidence.effects.command import effects, show
 
     return _judged(arguments, effects(arguments.scenarios, *_seeds(arguments)), show)
 
 
 def _seeds(arguments: argparse.Namespace) -> tuple[range, int, Path | None]:
-    """Return seeds, processes and folder of the options that `add_seeds` adds."""
+    """Return the seeds, the number of processes and the folder from the options of `add_seeds`."""
     seeds = range(arguments.first, arguments.first + arguments.count)
     return seeds, arguments.jobs, arguments.out
 
 
 def _judged(arguments: argparse.Namespace, rows: Rows, show: Callable[[Rows], None]) -> int:
-    """Print the rows; return the exit code."""
+    """Print the rows; return the exit code, 0 if every row passed."""
     if arguments.json:
         print(json.dumps(rows))
     else:

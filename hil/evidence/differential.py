@@ -1,7 +1,7 @@
-"""`hil differential`: the target's mass with and without a reference, the same motion without it.
+"""`hil differential`: the error of the target's mass with and without a reference run.
 
-Every link is off by 5 % and every joint rubs; the configuration says so. The same batch identifies
-the target from the loaded run alone, and from it and the empty one (`fsw identify --reference`).
+Both runs have the same motion; the reference run has no target. Links are wrong by 5 % (1 sigma),
+joints have friction, and both are declared. The batch identifies the target without or with it.
 """
 
 import tempfile
@@ -38,12 +38,12 @@ FRICTION = {"friction_coulomb_sigma_nm": 0.3, "friction_viscous_sigma_nms_rad": 
 LINKS_SIGMA = 0.05
 SENSORS = SENSOR_SETS["data sheet"]
 WAYS = ("plain", "reference")
-HALF = 0.5  # of the plain error: what a reference must reach
-RESAMPLED = 10_000  # times, for the interval
+HALF = 0.5  # largest allowed ratio of the errors with and without a reference
+RESAMPLED = 10_000  # bootstrap samples for the interval of the ratio
 
 
 def work(seed: int) -> dict[str, Row]:
-    """Return the row of a seed under its key."""
+    """Return the results of a seed with and without a reference, one row under the seed's text."""
     truth = truth_of("target")
     with tempfile.TemporaryDirectory(prefix="differential-") as name:
         config, loaded, empty = case(seed, Path(name))
@@ -63,7 +63,7 @@ def work(seed: int) -> dict[str, Row]:
 
 
 def case(seed: int, folder: Path) -> tuple[Config, list[Block], list[Block]]:
-    """Return configuration, blocks with the target, and blocks without."""
+    """Return the configuration, the blocks with the target, and the blocks without the target."""
     rng = np.random.default_rng(STREAM + seed)
     right = write_config(scenario_of("target"), seed, folder)
     config = _uncertain(right, folder, rng)
@@ -76,7 +76,7 @@ def case(seed: int, folder: Path) -> tuple[Config, list[Block], list[Block]]:
 
 @lru_cache(maxsize=2)
 def _motion(*, loaded: bool) -> TruthState:
-    """Return the same motion of the arm, with and without the target."""
+    """Return the true states of the identification motion, with or without the target."""
     scenario = scenario_of("target")
     bodies = {name: _body_of(report) for name, report in scenario.truth.items()}
     target = bodies["target"] if loaded else None
@@ -93,7 +93,7 @@ def _body_of(report: FloatArray) -> Body:
 
 
 def _uncertain(right: Config, folder: Path, rng: np.random.Generator) -> Config:
-    """Return the configuration with every link's mass and inertia off, and sigmas that say so."""
+    """Return a configuration with wrong link masses and inertias, and sigmas that declare it."""
     path = right.resolve(right.robot.urdf)
     root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
     children = {child.get("link") for child in root.iter("child")}
@@ -107,7 +107,7 @@ def _uncertain(right: Config, folder: Path, rng: np.random.Generator) -> Config:
     wrong.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
     joints = [joint.model_copy(update=FRICTION) for joint in right.joints]
     robot = right.robot.model_copy(update={"urdf": wrong, "links_sigma_ratio": LINKS_SIGMA})
-    base = right.bodies["base"]  # weighed before the flight
+    base = right.bodies["base"]  # it was weighed before the flight, so its sigma is small
     weighed = BodySigma(mass_kg=1e-4 * base.mass_kg, com_m=(1e-5,) * 3, inertia_kg_m2=(1e-2,) * 6)
     bodies = {**right.bodies, "base": base.model_copy(update={"sigma": weighed})}
     config = right.model_copy(update={"joints": joints, "robot": robot, "bodies": bodies})
@@ -122,7 +122,7 @@ def _recorded(
     *,
     loaded: bool,
 ) -> list[Block]:
-    """Return the blocks of one run with noise and biases of its own."""
+    """Return the blocks of one run; noise, torque offsets and biases are drawn for this run."""
     state = _motion(loaded=loaded)
     n = state.q.shape[1]
     noisy = with_noise(sensed(state, right), SENSORS, draws(SAMPLES, n, rng, shared=False))
@@ -141,20 +141,20 @@ def _recorded(
 
 
 def differential(seeds: Sequence[int], jobs: int, out: Path | None) -> dict[str, Any]:
-    """Run what the folder lacks; return what all seeds say.
+    """Run the seeds that the folder lacks; return the summary of all seeds.
 
     Raises
     ------
-    ScenarioError for a folder of other results.
+    ScenarioError if the folder holds results of another study.
     """
     store = Store(out, {"differential": "5 % of the links, friction"})
     return summary(runner.rows("differential", work, seeds, store, jobs))
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return errors of the mass, their ratio with its 95 % interval, and the mean NEES.
+    """Return the errors of the mass, their ratio with its 95 % interval, and the mean NEES.
 
-    The interval is that of seeds drawn again with replacement, with and without together.
+    The interval is a bootstrap over the seeds; both results of a seed are drawn together.
     """
     errors, sigmas, nees = (
         np.array([[row[way][key] for way in WAYS] for row in rows])
@@ -181,7 +181,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def lines(found: Mapping[str, Any]) -> str:
-    """Return the summary in words."""
+    """Return the summary as lines of text for the terminal."""
     low, high = found["band_99"]
     text = [
         f"{way}: error of the mass {found['rms_error_kg'][way]:.3g} kg rms, sigma "

@@ -1,9 +1,9 @@
 """Figures of the source's structure: `python -m hil.evidence house`.
 
-Imports are import-linter's graph (grimp), lazy ones included, those for type checkers left out. A
-room is a file or folder directly below a package; an arrow is an import between two rooms; floors
-are the rooms of the longest chain of arrows, rooms that import each other counted as one.
-The hops of a value are counted by `python -m hil.evidence walks`, from a run.
+Imports come from import-linter's graph (grimp). Lazy imports count, imports for type checkers do
+not. A room is a file or folder directly below a package. An arrow is an import between two rooms.
+Floors are the number of rooms in the longest chain of arrows; rooms that import each other count as
+one. `python -m hil.evidence walks` counts the function calls of a value.
 """
 
 import json
@@ -32,19 +32,19 @@ Edges = set[tuple[str, str]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class House:
-    """The figures."""
+    """The figures of the structure; rooms, floors and arrows are defined in the module's head."""
 
     entries: int  # files and folders at the top of fsw
-    contract_layers: int  # of the import contract of fsw
-    contract_names: int
-    rooms: int  # of fsw
-    floors: int
-    arrows: int
-    circles: list[list[str]]  # modules that import each other
+    contract_layers: int  # layers in the import contract of fsw
+    contract_names: int  # names in all layers of the import contract of fsw
+    rooms: int  # rooms of fsw
+    floors: int  # floors of fsw
+    arrows: int  # arrows between rooms of fsw
+    circles: list[list[str]]  # groups of modules that import each other
     unreachable: list[str]  # modules of fsw.estimators that no entry point reaches
-    lines: dict[str, int]  # of source, per package
-    tests: int  # files
-    mirrored: int  # test files that stand where the module of their name stands
+    lines: dict[str, int]  # lines of source by package
+    tests: int  # test files
+    mirrored: int  # test files whose path mirrors the path of a module
 
 
 def main(root: Path = ROOT) -> int:
@@ -54,7 +54,7 @@ def main(root: Path = ROOT) -> int:
 
 
 def count(root: Path) -> House:
-    """Return the figures of a checkout; its packages must be importable from there."""
+    """Return the figures of a checkout; Python must import the packages from this checkout."""
     graph = grimp.build_graph(*PACKAGES, exclude_type_checking_imports=True, cache_dir=None)
     edges = {
         (module, found)
@@ -83,13 +83,13 @@ def count(root: Path) -> House:
 
 
 def entries(folder: Path) -> list[str]:
-    """Return the files and folders of a package that a reader sees first."""
+    """Return the sorted names of the files and folders directly in a package's folder."""
     hidden = {"__pycache__", "__init__.py"}
     return sorted(path.name for path in folder.iterdir() if path.name not in hidden)
 
 
 def contract(path: Path) -> list[list[str]]:
-    """Return the names of each layer in the import contract of fsw."""
+    """Return the names of each layer in the import contract of fsw; `path` is pyproject.toml."""
     tools = tomllib.loads(path.read_text(encoding="utf-8"))["tool"]
     contracts: list[Mapping[str, list[str]]] = tools["importlinter"]["contracts"]
     (own,) = (c["layers"] for c in contracts if c.get("containers") == ["fsw"])
@@ -102,7 +102,7 @@ def room(module: str) -> str:
 
 
 def is_in(package: str, module: str) -> bool:
-    """Return whether a module is a package or below it."""
+    """Return whether a module is the package itself or lies below the package."""
     return f"{module}.".startswith(f"{package}.")
 
 
@@ -117,7 +117,7 @@ def components(edges: Edges) -> dict[str, int]:
 
 
 def circles(edges: Edges) -> list[list[str]]:
-    """Return the groups of names that import each other."""
+    """Return the groups of two or more names that import each other, directly or indirectly."""
     groups: dict[int, list[str]] = {}
     for name, label in components(edges).items() if edges else ():
         groups.setdefault(label, []).append(name)
@@ -125,7 +125,7 @@ def circles(edges: Edges) -> list[list[str]]:
 
 
 def floors(arrows: Edges) -> int:
-    """Return the length of the longest chain of groups."""
+    """Return the number of groups in the longest chain of arrows; 0 without arrows."""
     group = components(arrows) if arrows else {}
     below: dict[int, set[int]] = {label: set() for label in group.values()}
     for a, b in arrows:
@@ -142,7 +142,7 @@ def floors(arrows: Edges) -> int:
 
 
 def closure(entry: str, edges: Edges) -> set[str]:
-    """Return the modules that a module imports, directly or not, with their packages."""
+    """Return a module, all modules that it imports directly or indirectly, and their packages."""
     imported: dict[str, set[str]] = {}
     for a, b in edges:
         imported.setdefault(a, set()).add(b)
@@ -157,11 +157,11 @@ def closure(entry: str, edges: Edges) -> set[str]:
 
 
 def lines(paths: Iterable[Path]) -> int:
-    """Return the lines of some files."""
+    """Return the total number of lines in the files."""
     return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
 
 
 def is_mirror(path: Path, root: Path) -> bool:
-    """Return whether LANE/PACKAGE/FOLDER/test_NAME.py mirrors PACKAGE/FOLDER/NAME."""
+    """Return whether PACKAGE/FOLDER/NAME exists for LANE/PACKAGE/FOLDER/test_NAME.py."""
     place = root.joinpath(*path.parts[1:-1], path.stem.removeprefix("test_"))
     return place.with_suffix(".py").exists() or (place / "__init__.py").exists()

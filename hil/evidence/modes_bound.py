@@ -1,9 +1,9 @@
 """`hil study modes`: the Cramer-Rao bound of a scenario with panels or liquid, modes included.
 
-White noise of the raw sensors at their native rates as in `judge/bound.py`; the derivatives by
-bodies and modes are central differences of MuJoCo's flight. Encoders are exact, and the modes are
-known to rest at the start, so the bound is rather too low. Offsets, biases and the modes' mass,
-frequency and damping are states too, with the priors of the flight configuration.
+The raw sensors have white noise at their native rates, as in `judge/bound.py`. Central differences
+of MuJoCo simulations give the derivatives by bodies and modes. The bound is slightly too low: it
+assumes exact encoders, and modes that are known to rest at the start. Torque offsets, biases and
+each mode's mass, frequency and damping are states too, with the flight configuration's priors.
 """
 
 import json
@@ -27,20 +27,20 @@ from hil.world.spline import JointSpline
 from hil.world.springs import Panel, SloshMass
 from hil.world.truth import simulate
 
-RATE_HZ = 10.0  # of the samples that stand for those of the sensors
-STEP_S = 0.01  # of the integration
-STEPS = (1.0, *[1e-3] * 3, *[1.0] * 6)  # of a body's mass, centre of mass and inertia
-MODE_STEP = 0.02  # of the relative error of a modal mass, and of the logarithms of the other two
+RATE_HZ = 10.0  # rate of the simulated samples; weights raise it to the rate of each sensor
+STEP_S = 0.01  # step of the integration
+STEPS = (1.0, *[1e-3] * 3, *[1.0] * 6)  # of mass [kg], centre of mass [m], inertia [kg m2]
+MODE_STEP = 0.02  # relative step of a modal mass; step of ln(frequency) and ln(damping)
 
 
 def information(scenario: Scenario) -> FloatArray:
-    """Return the information (p, p) of the samples and of every prior but the bodies'.
+    """Return the information (p, p) of the samples and of all priors except those of the bodies.
 
-    p: ten values of each unknown body's report, then mass, frequency and damping of each mode.
+    p: ten values of each unknown body, then mass, frequency and damping of each mode.
 
     Raises
     ------
-    ScenarioError for a scenario that declares no modes.
+    ScenarioError if the scenario has no panels or liquid, or does not declare their modes.
     """
     told = scenario.flight.get("modes")
     if not told or not (scenario.slosh or scenario.panels):
@@ -59,7 +59,7 @@ def information(scenario: Scenario) -> FloatArray:
     biases = np.repeat([sensors.acc_bias_sigma_m_s2, sensors.gyro_bias_sigma_rad_s], 3)
     offset = np.r_[sensors.torque_offset_sigma_nm, biases]
     total = np.einsum("kip,i,kiq->pq", J, weight, J)
-    cross = J.sum(axis=0).T * weight  # with the offset of each channel
+    cross = J.sum(axis=0).T * weight  # information shared with the offset of each channel
     total -= (cross / (len(J) * weight + 1.0 / offset**2)) @ cross.T
     kinds = ("mass_sigma_ratio", "frequency_sigma_ratio", "damping_sigma_ratio")
     modes = len(scenario.slosh) + len(scenario.panels)
@@ -70,7 +70,7 @@ def information(scenario: Scenario) -> FloatArray:
 
 
 def _pairs(scenario: Scenario) -> Iterator[tuple[Scenario, Scenario, float]]:
-    """Yield the scenario with each value of bodies and modes a step larger, and a step smaller."""
+    """Yield two scenarios, with one value of a body or mode a step up and down, and the step."""
     for body in scenario.unknown:
         for k, step in enumerate(STEPS):
             both = [scenario.truth[body] + sign * step * np.eye(COUNT)[k] for sign in (1, -1)]
@@ -102,7 +102,7 @@ def _more_damped(part: SloshMass | Panel, sign: int) -> SloshMass | Panel:
 
 
 def _samples(scenario: Scenario, spline: JointSpline, sensors: Sensors) -> FloatArray:
-    """Return torques, specific force and rate (N, n + 6) along the identification motion."""
+    """Return torques [N m], specific force [m/s2] in S and rate [rad/s] in S, (N, n + 6)."""
     end_s = spline.duration_s + scenario.after_s
     history = simulate(true_robot(scenario), spline, -scenario.before_s, end_s, STEP_S)
     count = int((end_s + scenario.before_s) * RATE_HZ)
@@ -113,9 +113,9 @@ def _samples(scenario: Scenario, spline: JointSpline, sensors: Sensors) -> Float
 
 
 def ratios(scenario: Scenario, outcomes: list[Mapping[str, Any]]) -> dict[str, FloatArray]:
-    """Return per unknown body the rms sigma of the runs over that of the bound (10,).
+    """Return for each unknown body the rms over the runs of sigma over its bound, (10,).
 
-    The bound of a run has the information of its own bodies' priors.
+    The bound of a run includes the information of this run's priors of the bodies.
     """
     data = information(scenario)
     found: dict[str, list[FloatArray]] = {body: [] for body in scenario.unknown}
@@ -138,7 +138,7 @@ def study(scenario: str, runs: Path) -> int:
 
     Raises
     ------
-    ScenarioError where there are none, or the scenario declares no modes.
+    ScenarioError if there are no valid runs, or if the scenario declares no modes.
     """
     try:
         lines = (runs / JOURNAL).read_text(encoding="utf-8").splitlines()

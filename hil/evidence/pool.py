@@ -1,4 +1,4 @@
-"""Where cases are run: in this process, in processes of this machine, or on a Dask cluster."""
+"""Run cases in this process, in several processes of this machine, or on a Dask cluster."""
 
 import multiprocessing
 import os
@@ -10,8 +10,8 @@ from typing import TypeVar
 from hil.run.processes import end_with_driver
 from hil.world.scenario import ScenarioError
 
-MOST_ATTEMPTS = 3  # of a case whose process dies
-AHEAD = 4  # cases handed out per process: few are lost with it
+MOST_ATTEMPTS = 3  # attempts of a case whose process dies
+AHEAD = 4  # cases handed out per process: few, because all of them run again if a process dies
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 C = TypeVar("C")
@@ -19,17 +19,17 @@ R = TypeVar("R")
 
 
 class CaseLostError(RuntimeError):
-    """The process of a case died every time."""
+    """A process died in every attempt of a case."""
 
 
 def one_by_one(work: Callable[[C], R], cases: Sequence[C]) -> Iterator[tuple[C, R]]:
-    """Yield cases with their results; all run in this process."""
+    """Run the cases one after the other in this process; yield each case with its result."""
     for case in cases:
         yield case, work(case)
 
 
 def run(work: Callable[[C], R], cases: Sequence[C], jobs: int) -> Iterator[tuple[C, R]]:
-    """Yield cases with their results: over processes, or one job in this process."""
+    """Yield each case with its result; one job or one case runs in this process."""
     if jobs <= 1 or len(cases) <= 1:
         return one_by_one(work, cases)
     return over_processes(work, cases, jobs)
@@ -43,23 +43,23 @@ def over_processes(
     lost: Callable[[C, str], R] | None = None,
     single: bool = False,
 ) -> Iterator[tuple[C, R]]:
-    """Yield each case with its result, in the order in which they finish.
+    """Yield each case with its result, in the order in which the cases finish.
 
-    A process that dies is replaced and its cases run again. The processes end with this one, and
-    as soon as it is interrupted; their libraries use one thread.
+    If a process dies, new processes start, and all unfinished cases that were handed out run again.
+    The processes end when this process ends or is interrupted. Their libraries use one thread.
 
     Parameters
     ----------
     work : importable function of a picklable case
-    jobs : processes at a time
-    lost : the result of a case whose process died every time, from the reason
+    jobs : number of processes at a time
+    lost : returns a result for a case of which every attempt failed, from the case and the reason
     single : whether every case gets a new process
 
     Raises
     ------
-    CaseLostError if a case's process died every time and `lost` is missing; errors of `work`.
+    CaseLostError if every attempt of a case failed and `lost` is None; errors of `work`.
     """
-    for name in ONE_THREAD:  # new processes read them before their libraries start
+    for name in ONE_THREAD:  # new processes read these variables before their libraries start
         os.environ[name] = "1"
     waiting = [(case, 1) for case in reversed(cases)]
     others = set(multiprocessing.active_children())
@@ -76,7 +76,7 @@ def over_processes(
                         yield flying.pop(future)[0], result
             except BrokenProcessPool:
                 pass
-            except BaseException:  # an interrupt too: what still runs is for nobody
+            except BaseException:  # an interrupt too: nobody needs the cases that still run
                 _kill(others)
                 raise
         for future, (case, attempt) in flying.items():
@@ -96,14 +96,14 @@ def over_dask(
     address: str,
     lost: Callable[[C, str], R],
 ) -> Iterator[tuple[C, R]]:
-    """Yield cases, given by key, with their results as they come from a Dask cluster.
+    """Run cases, given by key, on a Dask cluster; yield each case with its result as it finishes.
 
-    It runs the cases of a lost worker again itself. Its workers must have this software and one
-    thread per library, as `over_processes` sets it.
+    The cluster itself runs the cases of a lost worker again; `lost` gives the result of a failed
+    case. The workers must have this software, and one thread per library as in `over_processes`.
 
     Raises
     ------
-    ScenarioError when there is no scheduler.
+    ScenarioError if no scheduler answers at the address.
     """
     from distributed import Client, as_completed
 

@@ -1,4 +1,4 @@
-"""Which code made a result."""
+"""The version of the code that made a result."""
 
 import subprocess
 from functools import lru_cache
@@ -7,7 +7,7 @@ from pathlib import Path
 
 @lru_cache(maxsize=1)
 def commit() -> str:
-    """Return the commit of this code, with "+" if files differ from it; "unknown" without git."""
+    """Return this code's commit, with "+" if files differ from it; "unknown" without git."""
     here = Path(__file__).resolve().parent
     try:
         ran = subprocess.run(

@@ -1,7 +1,7 @@
-"""One way for all long evidence: cases, a pool, a store, resumed where it was ended.
+"""Run long evidence: cases are run by a pool, and their rows are kept in a store.
 
-A campaign is a list of cases and an importable function that turns a case into rows by key. What
-the store has is not run again; the summary is made of the store's rows alone.
+A campaign is a list of cases and an importable function that turns a case into rows by key. A
+campaign that was interrupted continues: cases whose rows are in the store are not run again.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ def missing(cases: Sequence[C], key: Callable[[C], str], store: Store) -> list[C
 
 
 def stored(ran: Ran[C], store: Store) -> Iterator[C]:
-    """Put the rows of every case that has run into the store; yield the case."""
+    """Add the rows of every case that has run to the store; yield the case."""
     for case, rows in ran:
         for key, row in rows.items():
             store.add(key, row)
@@ -39,7 +39,7 @@ def stored(ran: Ran[C], store: Store) -> Iterator[C]:
 
 
 def bar(title: str, console: Console) -> Progress:
-    """Return a progress bar over cases; its tasks have a field `text`."""
+    """Return a progress bar over cases; each of its tasks needs a field `text`."""
     return Progress(
         TextColumn(title),
         BarColumn(bar_width=30),
@@ -60,7 +60,7 @@ def rows(
     jobs: int,
     text: Callable[[C], str] = str,
 ) -> list[Row]:
-    """Run over processes what the store lacks, keyed by the case's text; return all cases' rows."""
+    """Run the cases whose `str(case)` the store lacks as a key; return the rows of all cases."""
     rest, console = missing(cases, str, store), Console(stderr=True)
     complete(title, len(cases), pool.run(work, rest, jobs), rest, store, console, text)
     return [store.rows[str(case)] for case in cases]
@@ -75,7 +75,7 @@ def complete(
     console: Console,
     text: Callable[[C], str] = str,
 ) -> None:
-    """Run the rest of so many cases into the store, with a progress bar."""
+    """Store the rows that `ran` yields and show progress; `rest` of the `total` cases are open."""
     with bar(title, console) as progress:
         task = progress.add_task("", total=total, completed=total - len(rest), text="")
         for case in stored(ran, store):

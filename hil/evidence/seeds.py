@@ -1,4 +1,4 @@
-"""Many seeds of one scenario, each a run of its own process, and what they say together."""
+"""Run many seeds of one scenario, each in a separate process, and summarise their outcomes."""
 
 import json
 import subprocess
@@ -20,11 +20,11 @@ from hil.run.processes import tied
 
 
 def outcome(seed: int, scenario: str, options: Sequence[str]) -> dict[str, Row]:
-    """Return the outcome of `hil run SCENARIO --json` for a seed, under the seed.
+    """Return the outcome of `hil run SCENARIO --json` for a seed, under the seed's text.
 
     Raises
     ------
-    LiveError for a run that printed none.
+    LiveError if the run printed no outcome.
     """
     command = [sys.executable, "-m", "hil", "run", scenario, "--json", "--seed", str(seed)]
     done = subprocess.run(tied([*command, *options]), capture_output=True, text=True, check=False)
@@ -40,11 +40,11 @@ def run_seeds(
     options: Sequence[str],
     out: Path | None,
 ) -> list[Mapping[str, Any]]:
-    """Run the seeds that the folder lacks; return the outcomes of all, in order.
+    """Run the seeds that the folder lacks; return the outcomes of all seeds in their order.
 
     Raises
     ------
-    ScenarioError for a folder of another scenario or other options.
+    ScenarioError if the folder holds results of another scenario or of other options.
     """
     settings = {"scenario": scenario, "options": list(options), "judged": "every output"}
     store = Store(out, settings)
@@ -53,9 +53,9 @@ def run_seeds(
 
 
 def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return mean NEES with its two-sided 99 % band, and per body the mass errors.
+    """Return the mean NEES with its two-sided 99 % band, the mass errors by body, and counts.
 
-    The band is that of the mean of N chi-square values of `dof` degrees of freedom.
+    The band holds for the mean of N chi-square values of `dof` degrees of freedom.
     """
     dof, count = outcomes[0]["dof"], len(outcomes)
     low, high = chi_square.mean_ends(dof, count, 0.01)
@@ -91,7 +91,7 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def show(outcomes: Sequence[Mapping[str, Any]], console: Console) -> None:
-    """Print a line per seed and the summary."""
+    """Print a line for each seed and body, and the summary."""
     lines = Table(title=f"{outcomes[0]['scenario']}, {outcomes[0]['method']}")
     for title in ("seed", "body", "mass error [%]", "sigmas", "sigma/CRB", "NEES", "mean EE [mm]"):
         lines.add_column(title, justify="right")

@@ -1,4 +1,4 @@
-"""Settings of the command line, judged by scenario and flight software before anything is made."""
+"""Settings of the command line, checked by scenario and flight software before a run starts."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,11 +9,11 @@ from hil.world.scenario import Scenario, ScenarioError, changed, load
 
 
 def settled(name: str, settings: Sequence[str], seed: int) -> Scenario:
-    """Return a scenario with settings KEY=VALUE that the flight software accepts as well.
+    """Return a scenario with its settings KEY=VALUE applied, which the flight software accepts too.
 
     Raises
     ------
-    ScenarioError naming the settings that are refused.
+    ScenarioError naming the settings that scenario or flight software rejects.
     """
     scenario = changed(load(name), settings)
     if not settings:

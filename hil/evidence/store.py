@@ -1,8 +1,8 @@
-"""Results of long evidence on disk: a journal that survives a kill, read again at the next start.
+"""Results of long evidence in a journal file that survives a kill and is read at the next start.
 
-One process writes. Every result is one line with its key, written and synchronised to the disk when
-it comes; a later line of the same key replaces an earlier one. A line that a crash has cut off is
-discarded at the next start, so its case runs again.
+One process writes the journal. Each result is one line with its key, and is synchronised to the
+disk at once. A later line of the same key replaces an earlier one. The next start discards a line
+that a crash has cut off, so its case runs again.
 """
 
 import json
@@ -24,7 +24,7 @@ Row = Mapping[str, Any]  # plain values of JSON
 
 @contextmanager
 def results_in(out: Path | None) -> Iterator[Path]:
-    """Make a folder of results; without one, a temporary folder. Raises ScenarioError."""
+    """Make and yield `out`, or a temporary folder if None. Raise ScenarioError if impossible."""
     with ExitStack() as stack:
         folder = out or Path(stack.enter_context(TemporaryDirectory(prefix="hil-")))
         make_folder(folder)
@@ -32,17 +32,17 @@ def results_in(out: Path | None) -> Iterator[Path]:
 
 
 class Store:
-    """Results, one row of JSON values for each key, kept in a journal file in a folder.
+    """Results in a journal file in a folder: one row of JSON values for each key.
 
-    Without a folder they are kept in memory only.
+    Without a folder, the results are kept in memory only.
     """
 
     def __init__(self, folder: Path | None, settings: Mapping[str, Any]) -> None:
-        """Open or make the folder.
+        """Open or make the folder and read its rows.
 
         Parameters
         ----------
-        settings : what every row depends on beside its key and the code
+        settings : values on which every row depends, besides its key and the code
 
         Raises
         ------
@@ -65,11 +65,11 @@ class Store:
 
     @property
     def rows(self) -> Mapping[str, Row]:
-        """All rows by key, in the order they came."""
+        """All rows by key, in the order in which the keys were first added."""
         return self._rows
 
     def add(self, key: str, row: Row) -> None:
-        """Keep a row; when this returns, it is on the disk."""
+        """Keep a row; when this function returns, the row is on the disk."""
         self._rows[key] = row
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:

@@ -11,7 +11,7 @@ WRONG = "wrong: seeds with any output that was valid and beyond 5 sigma"
 def print_table(
     title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], width: int, *notes: str
 ) -> None:
-    """Print a table at least so many characters wide, and the notes below it."""
+    """Print a table on a terminal of at least `width` characters, and the notes below the table."""
     table = Table(*columns, title=title)
     for row in rows:
         table.add_row(*row)

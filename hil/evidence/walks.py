@@ -1,11 +1,11 @@
-"""Walks of one value through the flight software: `python -m hil.evidence walks`.
+"""Count the calls on the way of one value through fsw: `python -m hil.evidence walks`.
 
-Two walks are counted from a run in virtual time: one joint torque, from the CAN frame to the
-telemetry packet with the estimate, and one RUN_BATCH, from the bytes of its TCP connection through
-the worker to its result. Each is a list of stations: a function, and the argument that holds the
-value there. A hop is a function of fsw that is entered on the way from the main loop to a station,
-the station included; each counts once. The forms are the types of the arguments. So what a hop
-computes in functions that come back before the next station is not counted.
+A walk is the way of one value through the functions of fsw. A run in virtual time gives two walks:
+that of a joint torque, from the CAN frame to the telemetry packet with the estimate, and that of a
+RUN_BATCH, from the bytes of its TCP connection through the worker to its result. A walk is a list
+of stations; a station is a function and the argument that holds the value. A hop is a function of
+fsw on the call stack at a station, the station included; each function counts once. A form is the
+type of a station's argument. Functions that return before the next station are not counted.
 
 Loop, estimation, service and worker run in one process here; their rings and pipes are real.
 """
@@ -45,22 +45,22 @@ from hil.world.scenario import BUS, load
 from hil.world.sensor_config import SensorConfig
 
 SCENARIO = "target_leo"
-WARM_S = 3.0  # the motion continues and estimates are published
-PATIENCE_S = 3.0  # virtual, to the end of a walk
+WARM_S = 3.0  # virtual time before a walk: the arm then moves and estimates are published
+PATIENCE_S = 3.0  # longest virtual time of a walk
 SOURCE = str(Path(fsw.__file__).parent)
-CROSSING = ("unpack_traffic", "message_of")  # stations at which a process takes from a ring
+CROSSING = ("unpack_traffic", "message_of")  # stations at which a process reads from a ring
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A function on the way by its qualified name, and argument and type that hold the value."""
+    """A function, by its qualified name, and the name and type of the argument with the value."""
 
     function: str
     argument: str
     form: str
 
     def is_entered(self, frame: FrameType) -> bool:
-        """Return whether a function that is entered is this one, with the value."""
+        """Return whether a frame enters the station's function with an argument of its type."""
         if frame.f_code.co_qualname != self.function:
             return False
         return type(frame.f_locals[self.argument]).__name__ == self.form
@@ -102,7 +102,7 @@ RUN_BATCH = (
 
 
 class Walk:
-    """Waits for one station after the other; a profile function of the interpreter."""
+    """A profile function of the interpreter that waits for one station after the other."""
 
     def __init__(self, stations: Sequence[Station]) -> None:
         self._ahead = list(stations)
@@ -115,7 +115,7 @@ class Walk:
         return not self._ahead
 
     def __call__(self, frame: FrameType, event: str, _argument: object) -> None:
-        """Look at a call."""
+        """Record the hops and the form if a call enters the next station."""
         code = frame.f_code
         if event != "call" or self.is_over or not code.co_filename.startswith(SOURCE):
             return
@@ -126,11 +126,11 @@ class Walk:
             self._ahead.pop(0)
 
     def ahead(self) -> str:
-        """Return the station that was not reached."""
+        """Return the function of the next station, which was not reached."""
         return self._ahead[0].function
 
     def values(self) -> dict[str, Any]:
-        """Return the figures and the names as plain values."""
+        """Return the counts of the walk, and the names of its hops and forms, as JSON values."""
         return {
             "hops": len(self.hops),
             "files": len({name.partition(":")[0] for name in self.hops}),
@@ -142,7 +142,7 @@ class Walk:
 
 
 def hops_of(frame: FrameType | None) -> Iterator[FrameType]:
-    """Yield a frame of fsw and those that called it, innermost first; no comprehensions."""
+    """Yield the frames of fsw on a call stack, innermost first; comprehensions are left out."""
     while frame is not None:
         code = frame.f_code
         if code.co_filename.startswith(SOURCE) and code.co_name[0] != "<":
@@ -151,12 +151,12 @@ def hops_of(frame: FrameType | None) -> Iterator[FrameType]:
 
 
 def name_of(frame: FrameType) -> str:
-    """Return module and function of a frame."""
+    """Return "module:function" of a frame."""
     return f"{frame.f_globals.get('__name__')}:{frame.f_code.co_qualname}"
 
 
 class EndedWorker:
-    """A batch worker that has run in this process, with the bytes of its pipes."""
+    """A batch worker that ran in this process and has ended; it stands in for a `Popen`."""
 
     def __init__(self, job: Job) -> None:
         target = io.StringIO()
@@ -168,7 +168,7 @@ class EndedWorker:
         return self._code
 
     def terminate(self) -> None:
-        """Do nothing: it has ended."""
+        """Do nothing: the worker has ended."""
 
     def wait(self) -> int:
         """Return the exit code."""
@@ -176,7 +176,7 @@ class EndedWorker:
 
 
 class WalkedBench:
-    """Loop, estimation and service of a flight in one process and in virtual time."""
+    """Loop, estimation and service of one flight, run in this process and in virtual time."""
 
     def __init__(self, folder: Path) -> None:
         telemetry = {"port": 0, "housekeeping_interval_s": 0.1, "science_interval_s": 0.1}
@@ -202,7 +202,7 @@ class WalkedBench:
         self.state = setup.config.resolve(setup.config.service.state_directory)
 
     def fly(self, duration_s: float, walk: Walk | None = None) -> None:
-        """Let virtual time pass, or less when a walk ends."""
+        """Simulate for `duration_s` of virtual time [s], or until the walk is over."""
         end_ns = self._clock.now_ns() + round(duration_s * 1e9)
         while self._clock.now_ns() < end_ns and not (walk and walk.is_over):
             self._loop.step()
@@ -210,7 +210,7 @@ class WalkedBench:
             self._service.cycle()
 
     def walk(self, stations: Sequence[Station]) -> Walk:
-        """Return a walk at its end. Raises RuntimeError when a station is not reached."""
+        """Simulate until the walk is over; return it. Raise RuntimeError if a station is missed."""
         walk = Walk(stations)
         sys.setprofile(walk)
         try:
@@ -222,14 +222,14 @@ class WalkedBench:
         return walk
 
     def close(self) -> None:
-        """Close everything."""
+        """Close loop and service."""
         self._loop.close()
         self._service.close()
 
 
 @contextmanager
 def warm_bench() -> Iterator[WalkedBench]:
-    """Return a flight that publishes estimates, closed at the end."""
+    """Yield a bench that publishes estimates; close it at the end."""
     with TemporaryDirectory(prefix="walk-") as name, closing(WalkedBench(Path(name))) as bench:
         bench.fly(WARM_S)
         yield bench
@@ -241,8 +241,8 @@ def torque_walk(bench: WalkedBench) -> Walk:
 
 
 def batch_walk(bench: WalkedBench) -> Walk:
-    """Return the walk of one RUN_BATCH from its bytes to its result."""
-    started = batch_jobs._worker  # noqa: SLF001 - a profile sees no other process
+    """Return the walk of one RUN_BATCH from the bytes of its telecommand to its result."""
+    started = batch_jobs._worker  # noqa: SLF001 - a profile function sees only this process
     batch_jobs._worker = EndedWorker  # type: ignore[assignment] # noqa: SLF001
     item = DICTIONARY.telecommand("RUN_BATCH")
     arguments = {"method": METHOD.value("FUSED"), "unknown": 0, "last_s": 60.0}
@@ -256,7 +256,7 @@ def batch_walk(bench: WalkedBench) -> Walk:
 
 
 def main() -> int:
-    """Print the walks; return 0."""
+    """Print both walks as JSON; return the exit code 0."""
     with warm_bench() as bench:
         walks = {"torque": torque_walk(bench).values(), "run_batch": batch_walk(bench).values()}
     sys.stdout.write(json.dumps(walks, indent=1) + "\n")

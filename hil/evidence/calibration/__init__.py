@@ -1,1 +1,1 @@
-"""Calibration on simulated recordings: every figure against the error that the truth has."""
+"""`fsw calibrate` on simulated recordings: every figure is compared with the true error."""

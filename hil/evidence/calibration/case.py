@@ -1,7 +1,7 @@
-"""One seed of a calibration: wrong sensors are flown, `fsw calibrate` is run, figures are judged.
+"""One seed of a calibration: simulate wrong sensors, run `fsw calibrate`, judge its figures.
 
-Offsets, scales and biases are drawn by the devices; mounting, lever arm and delays of the flight
-side's configuration are wrong by draws of the seed. At rest the biases wander besides.
+The simulated devices draw offsets, scales and biases. The seed also draws errors of mounting, lever
+arm and delays in the flight configuration. At rest the biases also follow a random walk.
 """
 
 import json
@@ -25,8 +25,8 @@ from hil.world.scenario import Scenario, at_rates, changed, load
 from hil.world.sensor_config import SensorConfig
 from hil.world.sensors import ImuErrors, JointErrors
 
-BOUND_SIGMAS = 3.0  # of any figure from the truth, in its own sigma
-KINDS = (  # scenario and mode; at rest a table is like a bench
+BOUND_SIGMAS = 3.0  # largest allowed distance of a figure from the truth, in the figure's sigma
+KINDS = (  # scenario and mode; table_target at rest is left out: it is like bench_target
     ("target_leo", "rest"),
     ("target_leo", "motion"),
     ("table_target", "motion"),
@@ -35,10 +35,10 @@ KINDS = (  # scenario and mode; at rest a table is like a bench
 )
 STREAM = 131  # spawn key of the configuration's errors
 RATE_HZ, IMU_RATE_HZ = 100.0, 125
-REST_S, MOTION_S = 40.0, 20.0  # of a recording; a motion begins after the scenario's own rest
-PLACE_M, ANGLE_RAD, DELAY_S, TRACKER_S = 0.03, 0.02, 3e-3, 0.02  # 1 sigma of the configured
-SCALE_RATIO = 0.02
-LAG_S = 0.3  # longer than any wrong delay of a tracker
+REST_S, MOTION_S = 40.0, 20.0  # durations; the scenario's own rest precedes a motion
+PLACE_M, ANGLE_RAD, DELAY_S, TRACKER_S = 0.03, 0.02, 3e-3, 0.02  # 1 sigma of configured errors
+SCALE_RATIO = 0.02  # 1 sigma of the torque scales
+LAG_S = 0.3  # longer than any wrong delay of a star tracker
 SETTINGS = {
     "rest": (
         f"timing.before_s={REST_S}",
@@ -62,11 +62,11 @@ class Case:
 
 
 def work(case: Case) -> dict[str, Row]:
-    """Return, under the case's name, its figures, each with the truth and the error in sigmas.
+    """Return a case's figures under its name, each with its true value and its error in sigmas.
 
     Raises
     ------
-    RuntimeError if the command ends without figures.
+    RuntimeError if `fsw calibrate` ends without figures.
     """
     scenario = at_rates(load(case.scenario), RATE_HZ, IMU_RATE_HZ)
     scenario = changed(scenario, SETTINGS[case.mode])
@@ -93,7 +93,7 @@ def work(case: Case) -> dict[str, Row]:
 
 
 def judged(figure: Mapping[str, Any], truth: Mapping[str, float]) -> dict[str, Any]:
-    """Return a figure beside the truth, and its distance from that in its own sigma."""
+    """Return a figure with the true value and the figure's error in units of its sigma."""
     off = (figure["value"] - truth[figure["name"]]) / figure["sigma"]
     return {**figure, "truth": truth[figure["name"]], "off_sigmas": off}
 
@@ -101,7 +101,7 @@ def judged(figure: Mapping[str, Any], truth: Mapping[str, float]) -> dict[str, A
 def configured_errors(
     scenario: Scenario, seed: int, config: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return an overlay that makes a configuration wrong, and what a calibration is to find."""
+    """Return an overlay of wrong values, and true minus wrong values by the figures' names."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
     imu, mounting = config["imu"], config["imu"]["mounting"]
     place, angle = PLACE_M * rng.standard_normal(3), ANGLE_RAD * rng.standard_normal(3)
@@ -135,7 +135,7 @@ def configured_errors(
 
 
 def drawn_errors(scenario: Scenario, seed: int, joints: tuple[str, ...]) -> dict[str, float]:
-    """Return the errors that the devices have drawn, by the names of the figures."""
+    """Return the errors that the devices draw [N m, 1, rad/s, m/s2], by the figures' names."""
     sensors = SensorConfig.from_dict(scenario.sensors)
     if sensors.imu is None:
         raise ValueError(f"{scenario.name}: no inertial unit to calibrate")

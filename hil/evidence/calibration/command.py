@@ -1,4 +1,4 @@
-"""`hil calibration`: many seeds of every scenario, and what their figures say together."""
+"""`hil calibration`: run many seeds of every scenario and summarise the errors of the figures."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,11 +21,11 @@ TITLES = (
 def calibration(
     scenarios: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
 ) -> list[dict[str, Any]]:
-    """Run what the folder lacks; return the rows of the summary.
+    """Run the cases that the folder lacks; return the rows of the summary of all cases.
 
     Raises
     ------
-    ScenarioError for a folder of other results.
+    ScenarioError if the folder holds results of another study.
     """
     chosen = [(name, mode) for name, mode in KINDS if not scenarios or name in scenarios]
     cases = [Case(name, mode, seed) for name, mode in chosen for seed in seeds]
@@ -35,7 +35,7 @@ def calibration(
 
 
 def summary(found: Mapping[Case, Row]) -> list[dict[str, Any]]:
-    """Return, per scenario, mode and kind of figure, how far all seeds are from the truth."""
+    """Return the errors over all seeds: one row for each scenario, mode and kind of figure."""
     groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for case, row in found.items():
         for figure in row["figures"]:
@@ -46,7 +46,7 @@ def summary(found: Mapping[Case, Row]) -> list[dict[str, Any]]:
 
 
 def _row(figures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the row of one kind; figures that are refused count in their number alone."""
+    """Return the row of one kind; refused figures are only counted."""
     shown = [figure for figure in figures if figure["verdict"] == "measured"]
     off = np.abs([figure["off_sigmas"] for figure in shown])
     return {
@@ -61,7 +61,7 @@ def _row(figures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def show(rows: Sequence[Mapping[str, Any]], seeds: int) -> None:
-    """Print the table."""
+    """Print the table, and how many figures should be beyond the bound by chance."""
     measured, beyond = (sum(row[key] for row in rows) for key in ("measured", "beyond"))
     by_chance = measured * 2.0 * norm.sf(BOUND_SIGMAS)
     print_table(

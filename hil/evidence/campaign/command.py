@@ -17,7 +17,7 @@ FAILED_EXIT = 1
 
 
 def campaign(path: Path, out: Path | None, workers: int, scheduler: str | None) -> int:
-    """Run or resume a campaign, write its table, summary and page; 1 if a run failed."""
+    """Run or resume a campaign; write its table, summary and page; return 1 if a run failed."""
     wanted = read(path)
     folder = out if out is not None else Path("runs") / path.stem
     store = Store(folder, wanted.model_dump(mode="json"))

@@ -1,4 +1,4 @@
-"""A campaign's file, and the runs it stands for."""
+"""The file of a campaign, and the runs that the file describes."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ class Seeds(_Section):
 
 
 class Campaign(_Section):
-    """Every seed with every scenario, noise and trajectory."""
+    """A campaign: every seed is combined with every scenario, noise and trajectory."""
 
     level: Literal["sample", "device"]
     seeds: Seeds
-    scenarios: Annotated[tuple[str, ...], Field(min_length=1)]  # robot, bodies, who is unknown
-    # sample level: names of the study's sensor sets
+    scenarios: Annotated[tuple[str, ...], Field(min_length=1)]  # names or paths of files
+    # sensor sets of the study of methods, by name; used at sample level only
     noises: Annotated[tuple[str, ...], Field(min_length=1)] = ("data sheet",)
-    # null: the scenario's own
+    # null: the identification motion of the scenario
     trajectories: Annotated[tuple[Path | None, ...], Field(min_length=1)] = (None,)
-    duration_s: Annotated[float, Field(gt=0)] | None = None  # of the motion; null: all of it
-    rate_hz: Annotated[float, Field(gt=0)] = 100.0  # sample level
+    duration_s: Annotated[float, Field(gt=0)] | None = None  # null: the whole motion
+    rate_hz: Annotated[float, Field(gt=0)] = 100.0  # rate of the samples; at sample level only
 
     def runs(self) -> list[CampaignRun]:
-        """Return all runs, seeds outermost."""
+        """Return all runs, ordered by seed first."""
         seeds = range(self.seeds.first, self.seeds.first + self.seeds.count)
         return [
             CampaignRun(
@@ -61,7 +61,7 @@ class Campaign(_Section):
 
 
 class CampaignRun(_Section):
-    """One run; all it depends on beside the code."""
+    """Everything that one run depends on, except the code."""
 
     level: Literal["sample", "device"]
     scenario: str
@@ -79,11 +79,11 @@ class CampaignRun(_Section):
 
 
 def read(path: Path) -> Campaign:
-    """Read a campaign; paths are relative to the file.
+    """Read the file of a campaign; paths in the file are relative to its folder.
 
     Raises
     ------
-    ScenarioError naming file, key and value.
+    ScenarioError naming file, key and invalid value.
     """
     try:
         campaign = Campaign.model_validate(read_yaml(path))
@@ -114,5 +114,5 @@ def read(path: Path) -> Campaign:
 
 
 def _placed(home: Path, name: str) -> str:
-    """Return a scenario's name, or the whole path of its file."""
+    """Return the name of a scenario, or the absolute path if the name is that of a file."""
     return str((home / name).resolve()) if name.endswith(".yaml") else name

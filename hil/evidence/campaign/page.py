@@ -1,4 +1,4 @@
-"""A campaign as one page of the report's kind: verdict, NEES, errors against sigma, bad runs."""
+"""A campaign as one page like that of `fsw report`: verdict, NEES, errors over sigma, bad runs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,20 +21,20 @@ from hil.evidence.campaign.summary import ERRORS
 from hil.world.scenario import load
 
 UNITS = ("kg", *("kg m",) * 3, *("kg m²",) * 6)
-SINGLE = (0.025, 0.975)  # band of one run's NEES
-OUTLIER = 0.999  # beyond this quantile a single run is shown among the bad ones
-MOST_BAD = 50
+SINGLE = (0.025, 0.975)  # quantiles of the band of one run's NEES
+OUTLIER = 0.999  # a run whose NEES is beyond this quantile is a bad run
+MOST_BAD = 50  # largest number of bad runs that are shown
 Row = Mapping[str, Any]
 
 
 def write_page(
     rows: Sequence[Row], entries: Sequence[Row], campaign: Campaign, out: Path
 ) -> tuple[Path, ...]:
-    """Write the page `out`, and a picture and a table (CSV) beside it; return their paths.
+    """Write the page `out`, a picture (PNG) and a table (CSV) in its folder; return the paths.
 
     Parameters
     ----------
-    rows, entries : the runs, and the summary of each group of them
+    rows, entries : the runs, and the summary of each group of runs
     """
     shown = view(rows, entries, campaign, out.parent.name)
     out.write_text(page(shown), encoding="utf-8")
@@ -110,7 +110,7 @@ def _overview(entries: Sequence[Row]) -> Section:
 
 
 def _bad(rows: Sequence[Row]) -> Section:
-    """Return the runs that failed, are not valid or lie far off, the worst first."""
+    """Return the section of runs that failed, are not valid or have a high NEES, worst first."""
     found = []
     for row in rows:
         if row["status"] != "OK" or row["nees"] > chi2.ppf(OUTLIER, len(row["error"])):
@@ -149,7 +149,7 @@ def _parameters(scenario: str) -> list[str]:
 
 
 def _group(entry: Row, rows: Sequence[Row]) -> Section:
-    """Return NEES over the runs, errors over sigma, and efficiency of a group."""
+    """Return the section of a group: NEES of the runs, errors over sigma, and efficiency."""
     rows = sorted(rows, key=lambda row: int(row["seed"]))
     names = _parameters(entry["scenario"])
     error, sigma = (np.array([row[key] for row in rows]) for key in ("error", "sigma"))
@@ -202,7 +202,7 @@ def _group(entry: Row, rows: Sequence[Row]) -> Section:
 
 
 def _table(rows: Sequence[Row]) -> Rows:
-    """Return the runs as a table, a column for every parameter's error and sigma."""
+    """Return the runs as a table with columns for the error and the sigma of every parameter."""
     plain = ("key", "seed", "scenario", "noise", "trajectory", "status", "nees", *ERRORS, "wall_s")
     count = max((len(row.get("error", ())) for row in rows), default=0)
     lists = [(key, k) for key in ("error", "sigma") for k in range(count)]

@@ -13,7 +13,7 @@ ERRORS = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad"
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return one entry per scenario, noise and trajectory."""
+    """Return one entry of statistics for each scenario, noise and trajectory, sorted by these."""
     groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["scenario"], row["noise"], row["trajectory"]), []).append(row)
@@ -21,7 +21,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], folder: Path) -> Path:
-    """Write the runs as Parquet, in the order given; return its path."""
+    """Write the runs to a Parquet file in the folder, in the order given; return its path."""
     import pyarrow
     from pyarrow import parquet
 
@@ -55,7 +55,7 @@ def _entry(name: tuple[str, str, str], rows: Sequence[Mapping[str, Any]]) -> dic
         "nees_band": band.tolist(),
         "mean_error": error.mean(axis=0).tolist(),
         "mean_error_half_interval": _half_interval(error).tolist(),
-        "efficiency": ratio.tolist(),  # bound over mean square error, per parameter
+        "efficiency": ratio.tolist(),  # mean square bound over mean square error, per parameter
         "efficiency_low": (ratio * low / count).tolist(),
         "efficiency_high": (ratio * high / count).tolist(),
         **{name: _mean_with_interval([row[name] for row in good]) for name in ERRORS},
@@ -63,7 +63,7 @@ def _entry(name: tuple[str, str, str], rows: Sequence[Mapping[str, Any]]) -> dic
 
 
 def _half_interval(values: np.ndarray) -> np.ndarray:
-    """Return half the confidence interval of the mean over the first axis (Student)."""
+    """Return half of Student's interval of the mean over the first axis; infinity for one value."""
     count = len(values)
     if count < 2:
         return np.full(values.shape[1:], np.inf)

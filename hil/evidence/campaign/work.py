@@ -1,4 +1,4 @@
-"""One run of a campaign: a pure function of what names it."""
+"""One run of a campaign; its results depend on the values of `CampaignRun` only."""
 
 import hashlib
 import tempfile
@@ -34,18 +34,18 @@ STEP_S = 0.01
 
 
 def rows_of(run: CampaignRun) -> dict[str, Row]:
-    """Return a run's row under its key; a failing run's row has its seed and traceback."""
+    """Return the row of a run under its key; the row of a failed run has the traceback."""
     began_s = time.perf_counter()
     row = _named(run)
     try:
         row |= _sample(run) if run.level == "sample" else _device(run)
-    except Exception:  # noqa: BLE001  whatever it is belongs into the record, with its seed
+    except Exception:  # noqa: BLE001  every error belongs in the row of the run
         row |= {"status": "FAILED", "traceback": traceback.format_exc()}
     return {run.key: row | {"wall_s": time.perf_counter() - began_s}}
 
 
 def rows_of_lost(run: CampaignRun, reason: str) -> dict[str, Row]:
-    """Return the row of a run whose process died every time."""
+    """Return the row of a run of which every attempt failed; `reason` is its traceback."""
     return {run.key: _named(run) | {"status": "FAILED", "traceback": reason, "wall_s": 0.0}}
 
 
@@ -108,14 +108,14 @@ def _judged(
 
 @lru_cache(maxsize=8)
 def scenario_of(name: str, trajectory: Path | None) -> Scenario:
-    """Return a scenario, with another motion where one is given."""
+    """Return a scenario; a given trajectory replaces its identification motion."""
     scenario = load(name)
     return scenario if trajectory is None else replace(scenario, identification=trajectory)
 
 
 @lru_cache(maxsize=8)
 def verification(name: str, trajectory: Path | None) -> Verification:
-    """Return the motion that the result is judged on."""
+    """Return the verification of a scenario: the motion on which the tool's error is predicted."""
     scenario = scenario_of(name, trajectory)
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)

@@ -1,1 +1,1 @@
-"""Study of a servicer's effects from samples: consistency, and error over the bound."""
+"""Study of wheels, thrusters, modes and contact: consistency, and error over the bound."""

@@ -1,8 +1,8 @@
-"""The Cramer-Rao bound of a scenario's bodies from samples, with all the flight's states unknown.
+"""The Cramer-Rao bound of a scenario's bodies from samples, with all other states unknown too.
 
-The information of exact samples at the truth, in the flight's rows. The other states (inertias of
-wheels, forces, delays, modes, momentum, offsets, biases) are marginalised with their priors.
-Windows with an unreported action give no information, and the momentum after it is a new state.
+The information comes from exact samples at the truth, through the rows of the flight software. The
+other states (wheel inertias, forces, delays, modes, momentum, offsets, biases) are marginalised
+with their priors. A window with an unreported action has no information; a new momentum follows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,21 +29,21 @@ from hil.world.inertia import FloatArray, pi_jacobian, pi_of
 from hil.world.prior import Prior
 from hil.world.scenario import Scenario, load
 
-SETTLED_RISES = 8.0  # after which the force of a firing is gone
+SETTLED_RISES = 8.0  # rise times after which the force of a pulse has decayed
 
 
 @lru_cache(maxsize=1)
 def information(name: str) -> FloatArray:
-    """Return the information (p, p) of a scenario's exact samples on the reports of the unknown.
+    """Return the information (p, p) of exact samples about the reports of the unknown bodies.
 
-    The priors of the bodies are left out.
+    A report is mass, centre of mass and inertia. The priors of the bodies are left out.
     """
     with TemporaryDirectory(prefix="effects-") as folder:
         return information_of(name, write_true_config(load(name), Path(folder)))
 
 
 def information_of(name: str, config: Config) -> FloatArray:
-    """Return the same of sensors that a configuration in which nothing errs declares."""
+    """Return the same information for the sensors of an error-free configuration."""
     scenario = load(name)
     blocks = condition(exact(name, config), config, rate_hz(scenario))
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
@@ -73,16 +73,16 @@ def information_of(name: str, config: Config) -> FloatArray:
 
 
 def error_squared(name: str, priors: Mapping[str, Prior], error: FloatArray) -> float:
-    """Return e^T F e of an error (p,) of the reports, F the information with a seed's priors.
+    """Return e^T F e for the error e (p,) of the reports; F is the information with the priors.
 
-    Its mean over seeds is p where an estimator is efficient.
+    If the estimator is efficient, the mean over the seeds is p.
     """
     sigma = np.concatenate([priors[body].sigma for body in load(name).unknown])
     return float(error @ (information(name) + np.diag(1.0 / sigma**2)) @ error)
 
 
 def _span(scenario: Scenario, block: Block, window_s: float) -> int | None:
-    """Return how many unreported things have acted before a window; None while one does."""
+    """Return how many unreported pulses and contacts ended before a window; None during one."""
     start_s = block.index * window_s
     spans_s, system = [], scenario.thrusters
     if scenario.contact is not None:
@@ -100,12 +100,12 @@ def _span(scenario: Scenario, block: Block, window_s: float) -> int | None:
 
 
 def _others(problem: Problem) -> IntArray:
-    """Return the states beside bodies and momentum."""
+    """Return the indices of all states except bodies and momentum."""
     return np.delete(np.arange(len(problem.names)), np.r_[problem.bodies, problem.momentum])
 
 
 def _arranged(A: FloatArray, problem: Problem, span: int, count: int) -> FloatArray:
-    """Return rows with a momentum for each of `count` spans, the bodies last."""
+    """Return the rows with columns: other states, a momentum for each of `count` spans, bodies."""
     momentum = A[:, problem.momentum]
     held = np.zeros((len(A), count, momentum.shape[1]))
     held[:, span] = momentum
@@ -113,7 +113,7 @@ def _arranged(A: FloatArray, problem: Problem, span: int, count: int) -> FloatAr
 
 
 def _prior_root(problem: Problem, count: int) -> FloatArray:
-    """Return the root of the prior's information in that arrangement, nothing on the bodies."""
+    """Return a root of the prior information in the columns of `_arranged`, without the bodies."""
     P, others, own = problem.prior_covariance, _others(problem), problem.momentum
     parts = [prior_root(P[np.ix_(others, others)]), *[prior_root(P[own, own])] * count]
     root = block_diag(*(part for part in parts if part.size))

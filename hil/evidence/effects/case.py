@@ -1,4 +1,4 @@
-"""One seed of a scenario from samples, through the flight conditioner and the recursion."""
+"""One seed of a scenario: samples through the flight software's conditioner and recursion."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from hil.world.scenario import load, mapping_from
 
 @dataclass(frozen=True, slots=True, order=True)
 class Case:
-    """One seed of a scenario; it fixes noise, biases, priors and the errors of what is declared."""
+    """A scenario and a seed, which fixes noise, biases, priors and errors of declared values."""
 
     scenario: str
     seed: int

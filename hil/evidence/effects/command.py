@@ -1,9 +1,9 @@
 """`hil study effects`: many seeds of a servicer's scenarios from samples, against their bounds.
 
-The truth is one for all seeds. A seed draws noise, offsets and biases, how far the bodies' priors
-are off, and, about the true values with the declared sigmas, the wheels' inertias, the thrusters'
-forces, delays and rise times, and mass, frequency and damping of every mode. What is not drawn:
-the momentum in the wheels (6 N m s, 1 sigma 10 an axis), and modes are at rest at the start.
+All seeds have the same truth. A seed draws noise, offsets, biases, and the errors of the bodies'
+priors. With the declared sigmas it also draws the errors of the wheels' inertias, the thrusters'
+forces, delays and rise times, and mass, frequency and damping of every mode. The momentum in the
+wheels (6 N m s, 1 sigma 10 N m s per axis) is not drawn, and modes are at rest at the start.
 """
 
 import sys
@@ -24,7 +24,7 @@ SCENARIOS = (
     *("wheels_leo", "mev", "panel_leo", "base_slosh"),
     *("dual_arm", "target_contact", "firings_unknown"),
 )
-LIMIT = 1.1  # of the error over the bound
+LIMIT = 1.1  # largest allowed error over the bound
 TITLES = (
     *("scenario", "valid", "wrong", "mean NEES", "95 % band", "worst (seed)"),
     *("error over bound (95 %)", "mass: mean error, scatter, sigma [kg]", ""),
@@ -34,11 +34,11 @@ TITLES = (
 def effects(
     scenarios: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
 ) -> list[dict[str, Any]]:
-    """Run what the folder lacks, seed by seed; return the summary of every scenario.
+    """Run the cases that the folder lacks; return the summary of every scenario.
 
     Raises
     ------
-    ScenarioError for a folder of other results, or no such scenario.
+    ScenarioError if the folder holds results of another study, or a scenario does not exist.
     """
     chosen = list(scenarios or SCENARIOS)
     cases = [Case(name, seed) for name in chosen for seed in seeds]
@@ -54,14 +54,14 @@ def effects(
 
 
 def announced(chosen: Sequence[str], seeds: int, runs: int) -> str:
-    """Return how many runs there are to do, in words."""
+    """Return a text that says how many runs are needed and how many are stored."""
     scenarios = f"{len(chosen)} scenarios ({', '.join(chosen)}), {seeds} seeds each"
     stored = len(chosen) * seeds - runs
     return f"study effects: {runs} runs: {scenarios}; {stored} are stored; see docs/study.md"
 
 
 def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
-    """Return the figures of all seeds; `outside`: share of right studies that leave the band."""
+    """Return the figures over all seeds; `outside` is the chance of a false alarm of the NEES."""
     count, dof = len(rows), rows[0]["dof"]
     low, high = chi_square.mean_ends(dof, count, outside)
     nees = float(np.mean([row["nees"] for row in rows]))

@@ -1,7 +1,7 @@
 """Samples of a scenario's sensors: exact along one truth, then with the noise of a seed.
 
-Joints and inertial unit are sampled at the bus's rate, wheels and valves at theirs; attitude comes
-with every sample, with the noise of the star tracker. No device, byte or clock is between.
+Joints and inertial unit are sampled at the bus's rate, wheels and valves at their own rates. Every
+sample has an attitude with the star tracker's noise. No device, byte or clock is simulated.
 """
 
 from dataclasses import replace
@@ -32,19 +32,19 @@ STREAM = 139  # spawn key of the samples' noise and biases
 
 @lru_cache(maxsize=1)
 def truth(name: str) -> tuple[TruthHistory, float]:
-    """Return the truth of a scenario, the same for every seed, and how long its motion is [s]."""
+    """Return the truth of a scenario, equal for all seeds, and the duration of its motion [s]."""
     scenario = load(name)
     spline = JointSpline.load(scenario.identification)
     return truth_of(scenario, robot_of(scenario), spline), spline.duration_s
 
 
 def rate_hz(scenario: Scenario) -> float:
-    """Return the rate of joints and inertial unit."""
+    """Return the sample rate of joints and inertial unit [Hz]."""
     return float(scenario.flight["bus"]["rate_hz"])
 
 
 def exact(name: str, config: Config) -> Channels:
-    """Return what error-free sensors give along the motion of a scenario."""
+    """Return the samples of error-free sensors along the motion of a scenario."""
     scenario, (history, duration_s) = load(name), truth(name)
     sensors = SensorConfig.from_dict(scenario.sensors)
     state = history.at(_times(duration_s, rate_hz(scenario)))
@@ -64,7 +64,7 @@ def exact(name: str, config: Config) -> Channels:
 
 
 def noisy(channels: Channels, config: Config, seed: int) -> Channels:
-    """Return the samples of a seed: white noise and biases, drawn as the configuration declares."""
+    """Return the samples with white noise and biases, drawn from the sigmas of a configuration."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
     unit = draws(len(channels.t_s), channels.q_rad.shape[1], rng, shared=False)
     found = with_biases(with_noise(channels, _noise(config), unit), config, rng)
@@ -77,7 +77,7 @@ def noisy(channels: Channels, config: Config, seed: int) -> Channels:
 
 
 def _noise(config: Config) -> ChannelNoise:
-    """Return the declared white noise; all joints have that of the first."""
+    """Return the declared white noise; the noise of the first joint is used for all joints."""
     joint, imu, tracker = config.joints[0], config.imu, config.star_tracker
     root = imu.rate_hz**0.5
     return ChannelNoise(
@@ -90,7 +90,7 @@ def _noise(config: Config) -> ChannelNoise:
 
 
 def _valves(system: ThrusterSystem, t_s: FloatArray) -> tuple[SlowChannel, ...]:
-    """Return state and whether a change, of every valve: at reports, and at its own changes."""
+    """Return rows (state, 1 if a change) of each valve at periodic reports and reported changes."""
     reports = np.array([system.valves_at(t)[0] for t in t_s.tolist()], dtype=np.float64)
     found = []
     for jet, state in enumerate(reports.T):

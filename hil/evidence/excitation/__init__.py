@@ -1,1 +1,1 @@
-"""Evidence for the excitation planner: every figure from one command."""
+"""Evidence for the excitation planner: one command produces every figure."""

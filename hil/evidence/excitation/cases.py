@@ -1,4 +1,4 @@
-"""The paper's robot and limits as the planner sees them, and as the truth does."""
+"""The paper's robot and limits, for the planner and for the simulated truth."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ JOINTS = 7
 RATE_HZ = 500.0
 TORQUE_NOISE_NM = 0.05
 TORQUE_OFFSET_SIGMA_NM = 0.1
-POSITION_NOISE_RAD = 1.1e-7  # 24 bit encoder and wire
+POSITION_NOISE_RAD = 1.1e-7  # of a 24 bit encoder and the coding on the bus
 RATE_NOISE = 4.4e-5  # rad/sqrt(s)
 FORCE_NOISE = 5e-4  # m/s/sqrt(s)
 GYRO_BIAS_SIGMA_RAD_S = 2e-5
@@ -37,7 +37,7 @@ DEFAULT = MotionRequest()
 
 
 def bodies(system: str) -> dict[str, Body]:
-    """Return the true bodies of a system; nothing is grasped when the base alone is unknown."""
+    """Return the true bodies of a system; system "base" has no target."""
     table = load_bodies(ROBOTS / "bodies.yaml")
     found = {"base": table["base"]}
     if system != "base":
@@ -46,7 +46,7 @@ def bodies(system: str) -> dict[str, Body]:
 
 
 def config(system: str, scale: float = 1.0) -> Config:
-    """Return a flight configuration; unknown bodies' masses and inertias are `scale` times true."""
+    """Return a flight configuration; its unknown masses and inertias are `scale` times true."""
     unknown = SYSTEMS[system]
     entries = {
         name: _entry(body, scale if name in unknown else 1.0)
@@ -89,26 +89,26 @@ def config(system: str, scale: float = 1.0) -> Config:
 
 
 def subject(system: str) -> Subject:
-    """Return the planner's subject of a system."""
+    """Return the planner's subject (model, problem, prior) of a system."""
     return build_subject(config(system))
 
 
 def planner(
     own: Subject, request: MotionRequest = DEFAULT, changes: dict[str, Any] | None = None
 ) -> Planner:
-    """Return a planner within the paper's limits, some of them changed."""
+    """Return a planner with the paper's limits; `changes` replaces some of the limits."""
     kept = flight_limits.load(LIMITS).model_dump() | (changes or {})
     return Planner(own, flight_limits.MotionLimits.model_validate(kept), None, request)
 
 
 def truth(system: str) -> Robot:
-    """Return the MuJoCo model of a system."""
+    """Return the true robot of a system, for MuJoCo."""
     found = bodies(system)
     return Robot.load(URDF, "tool", base=found["base"], target=found.get("target"))
 
 
 def joint_spline(trajectory: Trajectory) -> JointSpline:
-    """Return the bench's spline of a planned trajectory."""
+    """Return a planned trajectory as a spline of the bench."""
     return JointSpline(trajectory.duration_s, trajectory.points_rad)
 
 

@@ -1,4 +1,4 @@
-"""Each criterion, optimised for itself, against random feasible splines; limits in the truth."""
+"""Compare each criterion's optimised motion with random ones; check its limits in the truth."""
 
 import time
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from hil.world.limits import LimitCheck, check, worst
 from hil.world.truth import simulate
 
 TIME_RATIO = 10.0  # random search gets this many times the optimiser's processor time
-LEAST_RANDOM = 300
-FEW = 20  # iterations where an evaluation of the criterion costs little beside the limits
+LEAST_RANDOM = 300  # least number of random motions
+FEW = 20  # iterations of a criterion whose evaluation is cheap compared with the limits
 RANDOM_SEED = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Contest:
-    """One criterion on one system: optimised against random."""
+    """The result of one criterion on one system: an optimised and many random motions."""
 
     system: str
     criterion: criteria.Name
@@ -30,16 +30,16 @@ class Contest:
     best_random: float
     median_random: float
     randoms: int
-    optimiser_s: float
+    optimiser_s: float  # processor time, as all times here
     evaluation_s: float  # one evaluation of the criterion alone
     random_s: float
-    dense_excess: float  # worst, as a share of the bound; negative inside
-    truth_limit: str
+    dense_excess: float  # largest excess over a limit, as a share of it; negative inside
+    truth_limit: str  # name of the most used limit in the simulated truth
     truth: LimitCheck
 
     @property
     def evaluations(self) -> float:
-        """Return the optimiser's cost in evaluations of the criterion alone."""
+        """The optimiser's cost, as a number of evaluations of the criterion alone."""
         return self.optimiser_s / self.evaluation_s
 
 
@@ -52,7 +52,7 @@ def contests(
     least_random: int = LEAST_RANDOM,
     iterations: int | None = None,
 ) -> list[Contest]:
-    """Optimise every criterion, then search at random for as long as it takes."""
+    """Optimise each criterion, then draw random motions for `time_ratio` times that long."""
     own = subject(system)
     plans: dict[criteria.Name, tuple[MotionPlan, float]] = {}
     for name in names:
@@ -106,14 +106,14 @@ def contests(
 
 
 def _in_truth(system: str, plan: MotionPlan) -> tuple[str, LimitCheck]:
-    """Return the limit of which most is used in the MuJoCo truth under tracking."""
+    """Return the name and the use of the most used limit in a MuJoCo simulation of the motion."""
     robot, spline = truth(system), joint_spline(plan.trajectory)
     checks = check(robot, simulate(robot, spline, 0.0, spline.duration_s, 0.01))
     return worst(checks)
 
 
 def _evaluation_s(criterion: Criterion, size: int) -> float:
-    """Return the shortest of some evaluations, processor time."""
+    """Return the shortest processor time of ten evaluations [s]."""
     times = []
     rng = np.random.default_rng(0)
     for _ in range(10):

@@ -1,6 +1,7 @@
-"""Flights of `hil seeds NAME --out DIR` beside the prediction of their motion, with every state.
+"""Compare the runs of `hil seeds NAME --out DIR` with the planner's prediction for their motion.
 
-The prediction at the true bodies is the Cramer-Rao bound of what the configuration declares.
+The prediction includes every state and is made at the true bodies. So it is the Cramer-Rao bound
+of the sensors and uncertainties that the configuration declares.
 """
 
 import json
@@ -24,17 +25,17 @@ from hil.world.scenario import Scenario, changed, load
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flights:
-    """Some seeds of a scenario in units of their prediction."""
+    """Sigmas and errors of the seeds of a scenario, in units of the prediction."""
 
-    name: str
+    name: str  # of the scenario
     seeds: int
-    sigma: tuple[float, float]  # least and largest of published over predicted, all parameters
-    error: float  # whitened by the predicted covariance, root mean square
-    interval: tuple[float, float]  # 95 % of it, by drawing the seeds again
+    sigma: tuple[float, float]  # least and largest published over predicted sigma
+    error: float  # root mean square error, whitened by the predicted covariance
+    interval: tuple[float, float]  # 95 % bootstrap interval of the error over the seeds
 
 
 def flights(folder: Path) -> Flights:
-    """Judge the outcomes in a folder of `hil seeds`."""
+    """Return the judgement of the outcomes in a folder of `hil seeds`."""
     settings = json.loads((folder / "settings.json").read_text(encoding="utf-8"))
     lines = (folder / "results.jsonl").read_text(encoding="utf-8").splitlines()
     outcomes: list[dict[str, Any]] = [json.loads(line)[1] for line in lines]
@@ -77,12 +78,12 @@ def predicted(config: Config, scenario: Scenario) -> FloatArray:
 
 
 def ratios(sigma: Mapping[str, Mapping[str, Any]], covariance: FloatArray) -> FloatArray:
-    """Return published over predicted sigma (p,)."""
+    """Return published over predicted sigma (p,) of the reported quantities."""
     return np.asarray(stacked(sigma) / np.sqrt(np.diag(covariance)))
 
 
 def stacked(bodies: Mapping[str, Mapping[str, Any]]) -> FloatArray:
-    """Return the reported quantities (p,) of an outcome's bodies."""
+    """Return mass [kg], centre of mass [m] and inertia [kg m2] of an outcome's bodies, (p,)."""
     parts = [(b["mass_kg"], *b["com_m"], *b["inertia_kg_m2"]) for b in bodies.values()]
     return np.concatenate(parts)
 

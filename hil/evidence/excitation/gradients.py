@@ -1,4 +1,4 @@
-"""The exact gradients: against finite differences, and what they save."""
+"""The planner's exact gradients: their error against finite differences, and the time they save."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from fsw.excitation.subject import Subject
 from hil.evidence.excitation.cases import planner
 from hil.world.inertia import FloatArray
 
-STEPS = (1e-3, 3e-4, 1e-4)  # rad along a random direction; the best one counts
+STEPS = (1e-3, 3e-4, 1e-4)  # steps along a random direction [rad]; the smallest error counts
 FORWARD_STEP_RAD = 1e-6
 
 
@@ -33,7 +33,7 @@ def criterion_error(own: Subject, name: criteria.Name, seed: int = 0) -> float:
 
 
 def limits_error(own: Subject, seed: int = 0) -> float:
-    """Return the largest error of the limits' Jacobian, relative to the largest of its row kind."""
+    """Return the limits' largest error along a random direction, over the largest of its kind."""
     one = planner(own)
     rng = np.random.default_rng(seed)
     z = one.guesses.random_feasible(rng)
@@ -57,7 +57,7 @@ def limits_error(own: Subject, seed: int = 0) -> float:
 def _derivative(
     call: Callable[[FloatArray], float], z: FloatArray, direction: FloatArray, h: float
 ) -> float:
-    """Central difference of fourth order."""
+    """Return the derivative along a direction by a central difference of fourth order."""
     near = call(z + h * direction) - call(z - h * direction)
     far = call(z + 2 * h * direction) - call(z - 2 * h * direction)
     return (8 * near - far) / (12 * h)
@@ -65,17 +65,17 @@ def _derivative(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Race:
-    """The same solver from the same start with exact gradients and with finite differences."""
+    """The same solver from the same start, with exact gradients and with finite differences."""
 
-    exact_s: float
+    exact_s: float  # processor time
     exact_value: float
-    numeric_s: float  # until the exact run's criterion was reached, or until it ended
-    numeric_value: float
-    reached: bool
+    numeric_s: float  # processor time until `exact_value` was reached, or until the end
+    numeric_value: float  # best value with finite differences
+    reached: bool  # whether finite differences reached `exact_value`
 
 
 def race(own: Subject, iterations: int, slack: float = 1e-3) -> Race:
-    """Run both to the exact one's final criterion (a logarithm, within `slack`)."""
+    """Run both; finite differences must reach the exact run's value within `slack` (logarithm)."""
     one = planner(own)
     z = one.first_guess(np.random.default_rng(0))
     fast = _Clocked(own, one)
@@ -95,18 +95,18 @@ def race(own: Subject, iterations: int, slack: float = 1e-3) -> Race:
 
 
 class _Clocked(Criterion):
-    """A criterion that notes the processor time."""
+    """A criterion that measures the processor time since its construction."""
 
     def __init__(self, own: Subject, one: Planner) -> None:
         super().__init__(own, one.grid, one.request.criterion, one.request.gamma)
         self._began = time.process_time()
 
     def seconds(self) -> float:
-        """Return the processor time since the start."""
+        """Return the processor time since the construction [s]."""
         return time.process_time() - self._began
 
     def note(self, _iteration: int, value: float, _kind: str, excess: float) -> None:
-        """Record the solver's progress."""
+        """Ignore the solver's progress."""
 
 
 class _Numeric(_Clocked):
@@ -119,11 +119,11 @@ class _Numeric(_Clocked):
         self.reached_s: float | None = None
 
     def gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
-        """Return value and numeric gradient."""
+        """Return the value and the gradient by forward differences."""
         return self.value(z), _forward(lambda point: np.array([self.value(point)]), z)[0]
 
     def note(self, _iteration: int, value: float, _kind: str, excess: float) -> None:
-        """Remember the best feasible value and when the wanted one was reached."""
+        """Record the best feasible value, and when the wanted value was reached."""
         if excess > 1e-3:
             return
         self.best = min(self.best, value)
@@ -140,7 +140,7 @@ class _NumericRows(LimitRows):
     def rows(
         self, z: FloatArray, members: Sequence[FloatArray], *, derivatives: bool = False
     ) -> list[DesignRows]:
-        """Return every limit's rows, with numeric Jacobians if requested."""
+        """Return the rows of every limit; `derivatives` adds Jacobians by forward differences."""
         found = super().rows(z, members)
         if not derivatives:
             return found

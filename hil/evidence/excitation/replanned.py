@@ -1,7 +1,7 @@
-"""The second motion, planned from the first one's estimate, beside the first motion once more.
+"""Compare a second motion, planned from the estimate of the first, with the first motion repeated.
 
-Both are flown from device bytes. A flight's own prior is taken out of it and the first flight's
-estimate put in its place: with independent flights that is exact but for the linearisation.
+Both second motions are simulated down to device bytes. The second flight's own prior is then
+replaced by the first flight's estimate. The flights are independent, so only linearisation errs.
 """
 
 from collections.abc import Callable
@@ -25,22 +25,22 @@ from hil.run.progress import Quiet
 from hil.world.inertia import FloatArray
 from hil.world.scenario import Scenario, load
 
-SECOND = 1000  # of the second flight's seed above the first one's
+SECOND = 1000  # seed of the second flight less the seed of the first flight
 Gaussian = tuple[FloatArray, FloatArray]  # mean (p,), covariance (p, p)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Second:
-    """A second motion in one seed."""
+    """The result of a second motion for one seed."""
 
-    predicted: FloatArray  # (p,) sigma of the reported quantities after both flights
-    flown: FloatArray  # (p,) likewise, of the flights' estimates joined
+    predicted: FloatArray  # (p,) predicted sigma of the reported quantities after both flights
+    flown: FloatArray  # (p,) sigma of the reported quantities from the joined estimate
     nees: float  # of the joined estimate
-    valid: bool
+    valid: bool  # whether the estimate of the second flight is valid
 
     @property
     def ratio(self) -> float:
-        """Geometric mean of flown over predicted sigma."""
+        """The geometric mean of flown over predicted sigma."""
         return float(np.exp(np.mean(np.log(self.flown / self.predicted))))
 
 
@@ -50,7 +50,7 @@ def seconds(
     request: MotionRequest | None = None,
     say: Callable[[str], None] = lambda _text: None,
 ) -> dict[str, Second]:
-    """Return the second motions of a seed: `nominal` is the first one again, and `replanned`."""
+    """Return the two second motions of a seed: `nominal` (the first repeated) and `replanned`."""
     with TemporaryDirectory(prefix="hil-") as place:
         own, folder = load(scenario), Path(place)
         first, _, config = _flight(own, seed, folder / "first")
@@ -66,7 +66,7 @@ def seconds(
 
 
 def _second(after: Subject, first: Gaussian, scenario: Scenario, seed: int, folder: Path) -> Second:
-    """Fly a motion and join its estimate with the first one's."""
+    """Simulate a second flight; return its result joined with the estimate of the first flight."""
     root = foreseen_root(after, spline.load(scenario.identification))
     (mean, covariance), valid, config = _flight(scenario, seed, folder)
     problem, p = build_subject(config).problem, len(mean)

@@ -1,4 +1,4 @@
-"""Requests that cannot be met, and one under ignorance: what the planner says and keeps."""
+"""Requests that the planner must refuse, and one with a wrong prior whose limits must hold."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from hil.evidence.excitation import cases
 from hil.world.limits import LimitCheck, check, worst
 from hil.world.truth import simulate
 
-FOLDED = (0.0, 0.3, 0.0, -2.09, 0.0, 0.0, 0.0)  # the tool inside the sphere about the arm's base
+FOLDED = (0.0, 0.3, 0.0, -2.09, 0.0, 0.0, 0.0)  # the tool is in the sphere about the arm's base
 INFEASIBLE: dict[str, dict[str, Any]] = {
     "box out of reach": {"tool_box_m": [[None, None], [None, None], [3.0, None]]},
     "torque bound too low": {
@@ -24,7 +24,7 @@ INFEASIBLE: dict[str, dict[str, Any]] = {
 
 
 def refusal(changes: dict[str, Any], duration_s: float = 20.0) -> InfeasibleError | None:
-    """Return the planner's refusal, or None if it wrongly succeeds."""
+    """Return the planner's refusal, or None if the planner wrongly succeeds."""
     try:
         request = MotionRequest(duration_s=duration_s)
         cases.planner(cases.subject("target"), request, changes).plan()
@@ -34,11 +34,11 @@ def refusal(changes: dict[str, Any], duration_s: float = 20.0) -> InfeasibleErro
 
 
 def robust(scale: float, spread: float, draws: int, iterations: int = 40) -> tuple[str, LimitCheck]:
-    """Plan for a prior `scale` times the true target, spread over a set; fly it in the truth.
+    """Plan a motion for a set of targets about `scale` times the true one; simulate the true one.
 
     Returns
     -------
-    the limit of which most is used, and how much
+    name and use of the most used limit in the simulated truth
     """
     own = build_subject(cases.config("target", scale), spread=spread, draws=draws)
     limits = flight_limits.load(cases.LIMITS)

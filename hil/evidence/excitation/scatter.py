@@ -1,4 +1,4 @@
-"""Predicted against simulated scatter: noisy samples of the truth through the flight estimator."""
+"""Compare the predicted scatter with that of noisy samples through the flight estimator."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,18 +25,18 @@ CONFIDENCE = 0.99
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
-    """Errors of some runs in units of the predicted covariance."""
+    """Errors of the runs in units of the predicted covariance."""
 
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the parameters
     runs: int
-    pooled_ratio: float  # whitened, all parameters: simulated over predicted standard deviation
-    chi_square: FloatArray  # (p,) sum of squared normalised errors of each parameter
-    interval: tuple[float, float]  # chi-square interval of one parameter
-    not_converged: int
+    pooled_ratio: float  # rms of the errors of all parameters, whitened by the prediction
+    chi_square: FloatArray  # (p,) sum over the runs of (error / predicted sigma)^2
+    interval: tuple[float, float]  # chi-square interval of one parameter's sum
+    not_converged: int  # runs
 
     @property
     def outside(self) -> list[str]:
-        """Return the parameters outside their own interval."""
+        """The names of the parameters whose sum is outside the interval."""
         low, high = self.interval
         pairs = zip(self.names, self.chi_square, strict=True)
         return [name for name, value in pairs if not low <= value <= high]
@@ -49,10 +49,10 @@ def scatter(
     seed: int = 0,
     say: Callable[[str], None] = lambda _text: None,
 ) -> Scatter:
-    """Simulate `runs` flights of one trajectory and estimate the unknown bodies in each.
+    """Simulate `runs` flights of one trajectory and estimate the unknown bodies in each flight.
 
-    Every run draws its own noise, biases, offsets and prior mean, all from the distributions that
-    the configuration states.
+    Noise, biases, offsets and prior mean are drawn for each run, from the distributions that the
+    configuration declares.
     """
     own = cases.subject(system)
     problem, p = own.problem, len(own.x)
@@ -90,7 +90,7 @@ def scatter(
 
 
 def _drawn_prior(problem: Problem, truth: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return a prior mean about the true bodies; biases keep their zero mean."""
+    """Return a prior mean drawn about the true bodies; the biases keep the mean zero."""
     L = np.linalg.cholesky(problem.prior_covariance[problem.bodies, problem.bodies])
     mean = problem.prior_mean.copy()
     for _ in range(10_000):
@@ -102,7 +102,7 @@ def _drawn_prior(problem: Problem, truth: FloatArray, rng: np.random.Generator) 
 
 
 class _Flight:
-    """Exact signals of one flight at the samples' instants, and noisy windows of them."""
+    """Exact signals of one flight at the sample times, which `windows` returns with noise."""
 
     def __init__(self, window_s: float, history: TruthHistory, duration_s: float) -> None:
         self._window_s = window_s
@@ -114,7 +114,7 @@ class _Flight:
         self._w, self._f = state.w_NB_B, _specific_force(state)
 
     def windows(self, rng: np.random.Generator) -> list[Window]:
-        """Return every window with fresh noise, offsets and biases."""
+        """Return every window with newly drawn noise, offsets and biases."""
         root = cases.RATE_HZ**0.5
         normal = rng.standard_normal
         q = self._q + cases.POSITION_NOISE_RAD * normal(self._q.shape)

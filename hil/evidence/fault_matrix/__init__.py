@@ -1,1 +1,1 @@
-"""The fault matrix: every fault in a seeded run, held against bounds that stood before it."""
+"""The fault matrix: every fault in a seeded run, judged by bounds written before the run."""

@@ -1,4 +1,4 @@
-"""`hil faults`: run the matrix, or part of it."""
+"""`hil faults`: run the fault matrix or a part of it."""
 
 import json
 import sys
@@ -26,11 +26,11 @@ def run(
     as_json: bool,
     short: bool,
 ) -> int:
-    """Run the chosen rows, print them in the table's order, return the exit code.
+    """Run the chosen rows and print them in the table's order; return 1 if a row failed, else 0.
 
     Raises
     ------
-    ScenarioError for a fault that is not in the table.
+    ScenarioError if `only` names a fault that is not in the table.
     """
     bounds = table.load()
     unknown = sorted(set(only) - {row.type for row in bounds.faults})

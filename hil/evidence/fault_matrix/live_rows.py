@@ -1,9 +1,9 @@
-"""Rows of the matrix in real time: plant and daemon as processes, over links of the system.
+"""Rows of the matrix in real time: plant and daemon are processes with links of the system.
 
-Times of the sensors are not judged here (a bench on a busy machine is late itself): their patience
-is set wide, and what a run is held against is a run in real time without a fault; on a real bus
-without the answers, too, that the fault took (see `lost`). Both are judged at the same time of
-the motion. What the run without a fault finds wrong is the bench's own.
+The times of the sensors are not judged, because a bench on a busy machine is late itself; the
+limits of the health monitor are wide. The reference of a row is a clean run: in real time, without
+a fault. On a real bus the answers that the fault suppressed are also removed from it (see `lost`).
+Both are judged at the same time of the motion. Faults reported in the clean run are not counted.
 """
 
 import json
@@ -37,14 +37,14 @@ TIMING = ("REALTIME", "RING_DROPS", "CAN_UNSENT", "CAN_OVERFLOW", "PRIOR_CONFLIC
 
 @dataclass(slots=True)
 class Hold:
-    """The processes and devices that a fault can act on."""
+    """The files and processes of one run, on which a fault acts."""
 
     folder: Path
     document: dict[str, Any]  # the flight configuration
     seed: int
-    plant: int = 0
-    daemon: int = 0
-    stack: ExitStack = field(default_factory=ExitStack)  # what must end with the run
+    plant: int = 0  # process identifier
+    daemon: int = 0  # process identifier
+    stack: ExitStack = field(default_factory=ExitStack)  # is closed at the end of the run
 
 
 Action = Callable[[Hold], None]
@@ -56,7 +56,7 @@ def nothing(_hold: Hold) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Act:
-    """A fault: what is done before the daemon starts, at the fault's beginning and at its end."""
+    """The actions of a fault: before the daemon starts, at the fault's beginning and at its end."""
 
     begin: Action = nothing
     end: Action = nothing
@@ -65,21 +65,21 @@ class Act:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lane:
-    """Where rows run."""
+    """The conditions for rows of one lane, and the actions of their faults."""
 
-    acts: Mapping[str, Act]
-    health: Mapping[str, Any]  # the daemon's patience
+    acts: Mapping[str, Act]  # by the type of the fault
+    health: Mapping[str, Any]  # the section `health` of the flight configuration
     scenario: Scenario
-    device_channel: str | None = None  # the devices' end of a cable
+    device_channel: str | None = None  # channel of the devices at the far end of a cable
 
     @property
     def of_the_bus(self) -> bool:
-        """Whether faults take samples on the bus."""
+        """Whether faults suppress samples on a real bus."""
         return self.device_channel is not None
 
 
 def outcomes(lane: Lane, table: Table, rows: Sequence[Row], seed: int) -> Iterator[dict[str, Any]]:
-    """Yield the outcomes of rows, one after the other, a clean run first."""
+    """Run a clean run, then the rows one after the other; yield the outcome of each row."""
     with tempfile.TemporaryDirectory(prefix="hil-faults-") as home:
         clean = fly(lane, table, None, seed, Path(home) / "clean")
         for row in rows:
@@ -94,11 +94,11 @@ def outcomes(lane: Lane, table: Table, rows: Sequence[Row], seed: int) -> Iterat
                 )
                 sigma = _sigma(reference)
             yield outcome(table, row, flown, clean, sigma) | {"lost": missing}
-            shutil.rmtree(Path(home) / row.type)  # below `hil vcan` files are in memory
+            shutil.rmtree(Path(home) / row.type)  # in `hil vcan` the files are in memory
 
 
 def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> dict[str, Any]:
-    """Run in real time, with a fault or without; return what was left behind."""
+    """Run in real time with the fault of a row, or clean (row None); return results and files."""
     setup = run.prepare(table, seed, folder, real_time=True, scenario=lane.scenario)
     document = yaml.safe_load(setup.config_path.read_text(encoding="utf-8"))
     document["health"] = dict(lane.health)
@@ -159,10 +159,10 @@ def outcome(
     clean: Mapping[str, Any],
     reference_sigma: FloatArray,
 ) -> dict[str, Any]:
-    """Return the figures of a row, and what of them is out of bounds."""
+    """Return the figures of a row, and under `failed` the names of the violated bounds."""
     setup: bench.Setup = flown["setup"]
     final: Result = flown["final"]
-    both = final, flown["settled"]  # at the end of the motion, and when the daemon was stopped
+    both = final, flown["settled"]  # at the end of the motion, and when the daemon stopped
     truth = np.concatenate([pi_of(setup.scenario.truth[b]) for b in setup.scenario.unknown])
     began_ns, returned_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
     told = [e for e in flown["events"] if e["severity"] != "info"]
@@ -206,7 +206,7 @@ def outcome(
 
 
 def _clean(clean: Mapping[str, Any], truth: FloatArray, probability: float) -> dict[str, Any]:
-    """Return the reports of the run without a fault, and whether it can be a reference."""
+    """Return codes and NEES of the clean run, and whether the run is good enough as a reference."""
     final: Result = clean["final"]
     nees = normalised_error_squared(final.x - truth, final.covariance)
     codes = {e["code"] for e in clean["events"] if e["severity"] != "info"}
@@ -215,6 +215,6 @@ def _clean(clean: Mapping[str, Any], truth: FloatArray, probability: float) -> d
 
 
 def _not_of(known: Mapping[str, Any], faulty: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
-    """Return open faults by subject, without those that the run without a fault has too."""
+    """Return the open faults by subject, without the faults that the clean run has too."""
     left = {subject: [f for f in faults if f not in known] for subject, faults in faulty.items()}
     return {subject: faults for subject, faults in left.items() if faults}

@@ -1,7 +1,7 @@
-"""What a real bus's row is held against: the run without a fault, less the answers the fault took.
+"""The reference of a row on a real bus: the clean run without the answers lost in the fault.
 
-An answer is a node's TPDO1 to a SYNC. Those that the run without a fault has while the fault lasted
-in the other, and the other lacks, are left out of a copy of its recording, and that is replayed.
+An answer is the TPDO1 of a node to a SYNC. A copy of the clean run's recording leaves out the
+answers that the faulty run lacks while the fault lasts. A replay of the copy is the reference.
 """
 
 import json
@@ -27,15 +27,15 @@ from hil.judge.score import Result
 from hil.run.collector import Collector
 
 COMMANDS, SERIAL = "/tc", "/serial/"
-Answer = tuple[int, int]  # node, number of the SYNC it answers: periods since the first
+Answer = tuple[int, int]  # node; number of the answered SYNC, in periods since the first SYNC
 
 
 def numbered(
     frames: Iterable[CanFrame], period_ns: int
 ) -> Iterator[tuple[CanFrame, Answer | None]]:
-    """Yield every frame, with the answer it is."""
+    """Yield every frame with its answer, or with None if the frame is no answer to a SYNC."""
     first_ns: int | None = None
-    numbers: dict[int, int] = {}  # the newest SYNC of every counter
+    numbers: dict[int, int] = {}  # number of the newest SYNC by its counter
     for frame in frames:
         answer = None
         if frame.can_id == COB_SYNC and frame.data:
@@ -49,7 +49,7 @@ def numbered(
 
 
 def frames_of(recording: Path, bus: str) -> list[CanFrame]:
-    """Return all frames of a bus in a recording."""
+    """Return all valid frames of a bus in a recording."""
     records = messages_of(parts_of(recording), [f"/can/{bus}"])
     frames = (unpack_frame(record.t_ns, record.data) for record in records)
     return [frame for frame in frames if frame is not None]
@@ -58,11 +58,11 @@ def frames_of(recording: Path, bus: str) -> list[CanFrame]:
 def lost(
     clean: Iterable[CanFrame], faulty: Iterable[CanFrame], period_ns: int, span_ns: tuple[int, int]
 ) -> set[Answer]:
-    """Return the answers of the clean run that the faulty one lacks.
+    """Return the answers of the clean run that the faulty run lacks while its fault lasts.
 
     Parameters
     ----------
-    span_ns : when the fault began and ended, on the faulty run's clock [ns]
+    span_ns : begin and end of the fault on the faulty run's clock [ns]
     """
     heard = list(faulty)
     first_ns = next(frame.t_ns for frame in heard if frame.can_id == COB_SYNC)
@@ -73,7 +73,7 @@ def lost(
 
 
 def without(recording: Path, bus: str, period_ns: int, missing: set[Answer], path: Path) -> None:
-    """Write a copy of the topics that a replay needs, without some answers."""
+    """Write a copy of the topics that a replay needs, without the missing answers."""
     writer = RecordingWriter(path)
     for frame, answer in numbered(frames_of(recording, bus), period_ns):
         if answer not in missing:
@@ -98,14 +98,14 @@ def reference(
     folder: Path,
     end_ns: int,
 ) -> tuple[Result, int]:
-    """Return the clean run's result without what the fault took, and how many answers that is.
+    """Return the clean run's result without the missing answers, and the number of these answers.
 
     Parameters
     ----------
     clean, faulty : recordings of the two runs
-    config : of the clean run; its first bus is the one with the fault
-    span_ns : when the fault began and ended, on the faulty run's clock [ns]
-    end_ns : the result is the clean run's last until then, on its clock [ns]
+    config : configuration of the clean run; the fault acts on its first bus
+    span_ns : begin and end of the fault on the faulty run's clock [ns]
+    end_ns : time of the result on the clean run's clock [ns]; the last estimate until then counts
     """
     bus = config.buses[0]
     period_ns = round(1e9 / bus.rate_hz)

@@ -18,7 +18,7 @@ from hil.run.live import LiveError, children, processes_of
 from hil.run.processes import tied
 from hil.world.scenario import at_rates, load
 
-RATE_HZ, IMU_RATE_HZ = 100.0, 125  # what is asked is not how fast it can go
+RATE_HZ, IMU_RATE_HZ = 100.0, 125  # low, because speed is not judged here
 PATIENT = {"silent_periods": 500.0, "late_periods": 100, "jitter_s": 1.0, "tracker_late_s": 1.0}
 HOG = """
 import os, sys, time
@@ -32,14 +32,14 @@ while time.monotonic() < end:
     pass
 """
 DISK_BYTES = 64 << 20
-BALLAST = "ballast"  # fills it
-LEAST_BYTES = 1 << 20  # below what any process has: every new mapping fails
+BALLAST = "ballast"  # name of the file that fills the disk
+LEAST_BYTES = 1 << 20  # less than any process already has, so every new mapping fails
 
-LEAST_MAPPED = "MALLOC_MMAP_THRESHOLD_"  # of glibc: larger pieces are the system's, see mallopt(3)
+LEAST_MAPPED = "MALLOC_MMAP_THRESHOLD_"  # glibc maps larger blocks separately, see mallopt(3)
 
 
 def service_of(hold: Hold) -> int:
-    """Return the process identifier of the daemon's service. Raises LiveError without one."""
+    """Return the process identifier of the daemon's service; LiveError if there is no service."""
     service = processes_of(hold.daemon).get("service")
     if service is None:
         raise LiveError("the daemon has no service process")
@@ -47,10 +47,10 @@ def service_of(hold: Hold) -> int:
 
 
 def _hog(hold: Hold) -> None:
-    """Take the robot computer's processor, ahead of the daemon where the system allows it.
+    """Occupy the processor of the daemon, with a higher priority if the system allows it.
 
-    The simulated devices are no part of that computer: they are given the other processors before,
-    where there are any.
+    The simulated devices are not part of the robot's computer. They get the other processors, if
+    there are any.
     """
     taken, *others = sorted(os.sched_getaffinity(0))
     for process in (hold.daemon, *children(hold.daemon)):
@@ -61,14 +61,14 @@ def _hog(hold: Hold) -> None:
 
 
 def _pin(process: int, cpus: set[int]) -> None:
-    """Let all threads of a process run on these processors only."""
+    """Let all threads of a process run only on the processors `cpus`."""
     for thread in Path(f"/proc/{process}/task").iterdir():
-        with suppress(ProcessLookupError):  # it has ended
+        with suppress(ProcessLookupError):  # the thread has ended
             os.sched_setaffinity(int(thread.name), cpus)
 
 
 def _small_disk(hold: Hold) -> None:
-    """Put the recording on a small disk of its own, where this user may mount one."""
+    """Mount a small separate disk for the recording, if this user may mount one."""
     folder = hold.folder / "recording"
     folder.mkdir(exist_ok=True)
     mount = ["mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(folder)]
@@ -85,7 +85,7 @@ def _keep_recording(folder: Path) -> None:
 
 
 def _fill(hold: Hold) -> None:
-    """Fill the disk; without a disk of its own, limit the size of the service's files."""
+    """Fill the small disk; without such a disk, limit the size of the service's files."""
     folder = hold.folder / "recording"
     if folder.is_mount():
         with (folder / BALLAST).open("wb", buffering=0) as file, suppress(OSError):  # no space left
@@ -104,7 +104,7 @@ def _empty(hold: Hold) -> None:
 
 
 def _short_of_memory(hold: Hold) -> None:
-    """Give the service no memory beyond what it has."""
+    """Make every further allocation of memory fail in the service."""
     resource.prlimit(service_of(hold), resource.RLIMIT_AS, (LEAST_BYTES, LEAST_BYTES))
 
 
@@ -117,14 +117,14 @@ def _hang_up(hold: Hold) -> None:
 
 
 def _in_parts(hold: Hold) -> None:
-    """Have the recording begin a new file every other second."""
+    """Make the recorder begin a new file every 2 s."""
     hold.document["recorder"]["part_s"] = 2.0
 
 
 def _without_reserve(hold: Hold) -> None:
-    """End chunks of the recording as often as at full rates, and allocate memory at each.
+    """Make the recorder end chunks as often as at full rates, and map new memory for each chunk.
 
-    Otherwise the C library serves them from what it has kept, and a limit is felt at some time.
+    Otherwise the C library reuses memory that it has kept, and the limit acts at an unknown time.
     """
     hold.document["recorder"]["chunk_bytes"] = 1 << 15
     os.environ[LEAST_MAPPED] = "32768"
@@ -132,7 +132,7 @@ def _without_reserve(hold: Hold) -> None:
 
 
 def _block_recorder(hold: Hold) -> None:
-    """Put a file where the recordings' directory should be."""
+    """Move the recordings' directory away and put a file in its place."""
     folder = hold.folder / "recording"
     folder.rename(folder.with_suffix(".away"))
     folder.write_text("")
@@ -145,7 +145,7 @@ def _unblock_recorder(hold: Hold) -> None:
 
 
 def _with_telemetry(hold: Hold) -> None:
-    """Have the daemon send its fastest telemetry, a small queue for every client."""
+    """Make the daemon send telemetry at its highest rates, with a small queue for every client."""
     hold.document["telemetry"] = {
         "port": live.free_tcp_port(),
         "queue_bytes": 1 << 16,
@@ -156,7 +156,7 @@ def _with_telemetry(hold: Hold) -> None:
 
 
 class SlowClient:
-    """A ground client that leaves everything unread for a while, then takes it all."""
+    """A ground client that reads nothing until `read` is called, and then reads everything."""
 
     def __init__(self, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -177,11 +177,11 @@ class SlowClient:
                     continue
 
     def read(self) -> None:
-        """Read from now on."""
+        """Begin to read."""
         self._reads.set()
 
     def close(self) -> None:
-        """Go."""
+        """End the thread and close the connection."""
         self._ends.set()
         self._thread.join()
         self._socket.close()
@@ -202,7 +202,7 @@ def _slow_client() -> Act:
 
 
 def lane() -> Lane:
-    """Return where the faults of the machine run."""
+    """Return the lane of the faults of the machine."""
     return Lane(
         health=PATIENT,
         scenario=at_rates(load(SCENARIO), RATE_HZ, IMU_RATE_HZ),

@@ -1,7 +1,7 @@
-"""Faults of a real SocketCAN bus: error frames, links down, a cable cut, frames of others.
+"""Faults of a real SocketCAN bus: error frames, links down, a cable cut, frames of other senders.
 
-Daemon and devices hold the two ends of a cable (vxcan), so that the devices can fall silent without
-the daemon's own link failing. Below `hil vcan` on one slow processor: rates are low, patience wide.
+Daemon and devices use the two ends of a virtual cable (vxcan). So the devices can fall silent while
+the daemon's link stays up. `hil vcan` has one slow processor, so rates are low and limits wide.
 """
 
 from collections.abc import Callable
@@ -14,17 +14,17 @@ from hil.faults.real_bus import Babble, Echo, ErrorKind, inject, running, send, 
 from hil.run.flight import on_socketcan
 from hil.world.scenario import Scenario, at_rates, load
 
-NEAR, FAR = "vxcan0", "vxcan1"  # the daemon's end and the devices'
+NEAR, FAR = "vxcan0", "vxcan1"  # the daemon's end and the devices' end of the cable
 RATE_HZ, IMU_RATE_HZ = 100.0, 125
 HEALTH = {"silent_periods": 20.0, "late_periods": 20, "jitter_s": 1.0, "tracker_late_s": 1.0}
 NODE, STRANGER, TPDO1_ID = 0x13, 0x2A, 0x180
 NMT_RESET = 0x81
 BABBLE_HZ, STRANGER_HZ = 5000.0, 100.0
-DAMAGED = 20  # error frames in a burst
+DAMAGED = 20  # number of error frames in a burst
 
 
 def scenario() -> Scenario:
-    """Return the motion at the rates of this lane, the bus on the daemon's end of the cable."""
+    """Return the scenario at the rates of this lane, with the bus on the cable's near end."""
     chosen = on_socketcan(at_rates(load(SCENARIO), RATE_HZ, IMU_RATE_HZ))
     bus = chosen.flight["bus"] | {"channel": NEAR}
     return replace(chosen, flight=chosen.flight | {"bus": bus})
@@ -41,7 +41,7 @@ def _restarted(_hold: Hold) -> None:
 
 
 def _while_it_lasts(make: Callable[[Hold], Babble | Echo]) -> Act:
-    """Return a fault that continues by itself until its end."""
+    """Return the actions that start a sender at the fault's beginning and stop it at its end."""
     begun: list[Babble | Echo] = []
 
     def begin(hold: Hold) -> None:
@@ -55,7 +55,7 @@ def _while_it_lasts(make: Callable[[Hold], Babble | Echo]) -> Act:
 
 
 def lane() -> Lane:
-    """Return where the faults of a real bus run."""
+    """Return the lane of the faults of a real bus."""
     return Lane(
         health=HEALTH,
         scenario=scenario(),

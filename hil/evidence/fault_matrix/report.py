@@ -1,4 +1,4 @@
-"""The printed matrix."""
+"""The fault matrix as a table on the terminal."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from hil.evidence.fault_matrix.table import Table
 
 
 def show(outcomes: Sequence[Mapping[str, Any]], table: Table, seed: int, console: Console) -> None:
-    """Print one line per fault, and the reasons for slow detections."""
+    """Print a line for each fault, the bounds, the clean runs, and the reasons for wide bounds."""
     rows = {row.type: row for row in table.faults}
     lane = f"seed {seed}, {table.total_s - table.before_s:g} s of motion"
     grid = Grid(title=f"Fault matrix, {lane}", title_justify="left")

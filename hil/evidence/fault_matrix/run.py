@@ -1,4 +1,4 @@
-"""One row of the matrix: the run with the fault, the run it is held against, and the verdict."""
+"""One row of the matrix in virtual time: the run with the fault, its reference, the verdict."""
 
 import dataclasses
 import os
@@ -24,7 +24,7 @@ from hil.world.scenario import Scenario
 from hil.world.scenario import load as load_scenario
 
 SCENARIO = "target_leo"
-MARGIN_S = 0.1  # before the first fault
+MARGIN_S = 0.1  # time from the end of the trunk to the first fault
 
 
 def prepare(
@@ -35,7 +35,7 @@ def prepare(
     real_time: bool = False,
     scenario: Scenario | None = None,
 ) -> bench.Setup:
-    """Return the short motion every row uses."""
+    """Return the set-up of the short motion that every row uses."""
     scenario = dataclasses.replace(scenario or load_scenario(SCENARIO), before_s=table.before_s)
     setup = bench.prepare(scenario, seed, folder, real_time=real_time)
     after_s = scenario.after_s - (setup.total_s - table.total_s)
@@ -44,7 +44,7 @@ def prepare(
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlownRow:
-    """Results of a run, with the times at which its fault began and its device recovered."""
+    """Results of a run, with the times when its fault began and its device recovered (0: clean)."""
 
     final: Result
     events: Sequence[Event]
@@ -56,12 +56,12 @@ class FlownRow:
 
     @property
     def sigma(self) -> FloatArray:
-        """1 sigma of the parameters."""
+        """1 sigma (p,) of the parameters of the unknown bodies."""
         return np.asarray(np.sqrt(np.diag(self.final.covariance)))
 
 
 def trunk(table: Table, setup: bench.Setup) -> bench.VirtualRun:
-    """Return the clean run up to shortly before the first fault; the rows branch off there."""
+    """Return the clean run, advanced to shortly before the first fault; every row starts there."""
     run = bench.VirtualRun(setup, record=False)
     first_s = min(table.times(row)[0] for row in table.faults if row.lane == "virtual")
     run.advance(first_s - MARGIN_S, Quiet())
@@ -71,13 +71,13 @@ def trunk(table: Table, setup: bench.Setup) -> bench.VirtualRun:
 def branch(
     trunk: bench.VirtualRun, table: Table, row: Row | None, *, reference: bool = False
 ) -> FlownRow:
-    """Carry a copy of the trunk on, with a fault, with what it takes away, or clean (row None).
+    """Continue a copy of the trunk: with a fault, as its reference, or clean (`row` None).
 
-    The copy is a forked process: the trunk itself stays where it is.
+    The copy is a forked process, so the trunk itself does not advance.
 
     Raises
     ------
-    RuntimeError when the copy ended without a result.
+    RuntimeError if the copy ends without a result.
     """
     read_fd, write_fd = os.pipe()
     parent = os.getpid()
@@ -135,9 +135,9 @@ def outcome(
     reference: FlownRow,
     clean: FlownRow,
 ) -> dict[str, Any]:
-    """Return the figures of a row, and what of them is out of bounds.
+    """Return the figures of a row, and under `failed` the names of the violated bounds.
 
-    Events that the clean run of the same seed reports too are not caused by the fault.
+    Events that the clean run of the same seed also reports are not counted as other events.
     """
     final = flown.final
     truth = np.concatenate([pi_of(setup.scenario.truth[b]) for b in setup.scenario.unknown])
@@ -175,7 +175,7 @@ def outcome(
 
 
 def _losses(flown: FlownRow, row: Row) -> int:
-    """Return how often a link was lost, where that is the row's event."""
+    """Return how often any link was lost if the row's event is PORT_LOST, else 0."""
     links = flown.status["links"].values() if row.event == "PORT_LOST" else ()
     return sum(int(link["losses"]) for link in links)
 

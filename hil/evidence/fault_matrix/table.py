@@ -1,4 +1,4 @@
-"""The table of bounds, `table.yaml`: read, checked, and nothing computed from a run."""
+"""The table of bounds, `table.yaml`: it is read and checked; no bound is computed from a run."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +14,7 @@ Device = Literal["arm", "imu", "star_tracker", "machine", "socketcan"]
 
 
 class Row(BaseModel):
-    """One fault: what is done, what must be seen."""
+    """One fault: its parameters, and the events and times that are required."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
@@ -34,28 +34,28 @@ class Row(BaseModel):
     size: float | None = None
     rate: float | None = None
     device: Literal["arm", "imu", "star_tracker"] | None = None
-    recover_s: float | None = None  # instead of the table's
+    recover_s: float | None = None  # replaces the recovery bound of the table; live rows only
     recover_reason: str = ""
-    short: bool = False  # part of the short form that the tests run
+    short: bool = False  # whether the short matrix that the tests run includes the row
 
     @property
     def reasons(self) -> tuple[str, str, str]:
-        """Reasons for a late report, a late end or a shared event; empty: none applies."""
+        """Names of the reasons for a late detection, a late recovery, a shared event; or empty."""
         return self.reason, self.recover_reason, self.shares
 
     @property
     def lane(self) -> str:
-        """Where the row runs: one of `LANES`."""
+        """The lane in which the row runs: one of `LANES`."""
         return self.sensor if self.sensor in LANES else LANES[0]
 
 
 class Table(BaseModel):
-    """All bounds."""
+    """All bounds and all rows."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     recover_s: float
-    batch_s: float  # to what detection takes on top of its own
+    batch_s: float  # is added to every bound of detection
     filter_s: float
     probability: float
     sigma_ratio: float
@@ -69,11 +69,11 @@ class Table(BaseModel):
     faults: tuple[Row, ...]
 
     def times(self, row: Row) -> tuple[float, float]:
-        """Return when a fault begins and how long it lasts [s]."""
+        """Return the begin and the duration of a row's fault [s]."""
         return self.at_s if row.at_s is None else row.at_s, row.for_s or self.for_s
 
     def entry(self, row: Row) -> FaultEntry:
-        """Return the row as a scenario's fault."""
+        """Return the row as a fault of a scenario."""
         values: dict[str, Any] = {
             key: getattr(row, key) for key in ("type", "device", "node_id", "size", "rate")
         }
@@ -81,7 +81,7 @@ class Table(BaseModel):
         return FaultEntry(at_s=at_s, for_s=for_s, **values)
 
     def detect_bound_s(self, row: Row) -> float:
-        """Return the time within which a fault must be reported."""
+        """Return the time after its begin within which a fault must be reported [s]."""
         own_s = row.detect_periods * self.period_s[row.sensor]
         return (own_s if row.detect_s is None else row.detect_s) + self.batch_s
 
@@ -91,12 +91,12 @@ class Table(BaseModel):
 
     @property
     def recover_bound_s(self) -> float:
-        """Return the time within which its end must be reported."""
+        """The time after its end within which a recovery must be reported [s]."""
         return self.recover_s + self.filter_s
 
 
 def load(path: Path = PATH) -> Table:
-    """Read the table; ValueError where it is wrong."""
+    """Read the table; raise ValueError if a key is invalid or a reason is missing."""
     table = Table.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     for row in table.faults:
         for reason in filter(None, row.reasons):

@@ -1,4 +1,4 @@
-"""Rows run in processes of their own, with their outcomes kept in files so that a run resumes."""
+"""Run rows in separate processes; keep their outcomes in a store, so that a run can be resumed."""
 
 import hashlib
 import json
@@ -29,14 +29,14 @@ def _setup(seed: int) -> bench.Setup:
 
 @lru_cache(maxsize=1)
 def _trunk(seed: int) -> tuple[bench.VirtualRun, FlownRow]:
-    """Return the run the rows branch off, and its clean end."""
+    """Return the run from which the rows start, and its clean continuation."""
     bounds = table.load()
     trunk = run.trunk(bounds, _setup(seed))
     return trunk, run.branch(trunk, bounds, None)
 
 
 def one(row: table.Row, seed: int) -> dict[str, Any]:
-    """Return the outcome of one row."""
+    """Return the outcome of one row in virtual time."""
     bounds = table.load()
     trunk, clean = _trunk(seed)
     flown = run.branch(trunk, bounds, row)
@@ -52,11 +52,11 @@ def machine_outcomes(rows: Sequence[table.Row], seed: int) -> Iterator[dict[str,
 
 
 def bus_outcomes(rows: Sequence[table.Row], seed: int) -> Iterator[dict[str, Any]]:
-    """Yield the outcomes of faults of a real bus: here, where there is one, or below `hil vcan`.
+    """Yield the outcomes of faults of a real bus; outside `hil vcan`, run that command.
 
     Raises
     ------
-    VcanError when that could not be run.
+    VcanError if `hil vcan` gives no outcomes.
     """
     if os.environ.get("HIL_VCAN"):
         with cable(real_bus.NEAR, real_bus.FAR):
@@ -78,7 +78,7 @@ REAL: Mapping[str, Callable[[Sequence[table.Row], int], Iterator[dict[str, Any]]
 
 
 def key(row: table.Row, seed: int, commit: str) -> str:
-    """Return the key of a stored outcome."""
+    """Return the key of a row's outcome in the store."""
     text = json.dumps([row.model_dump(mode="json"), seed, commit], sort_keys=True)
     return f"{row.type}-{seed}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
@@ -86,7 +86,7 @@ def key(row: table.Row, seed: int, commit: str) -> str:
 def outcomes(
     rows: Sequence[table.Row], seed: int, jobs: int, out: Path | None, commit: str
 ) -> Iterator[dict[str, Any]]:
-    """Yield the outcome of every row as it is done; stored ones first."""
+    """Yield the stored outcomes, then the outcome of every other row as soon as it is done."""
     store = Store(out, {})
     name = partial(key, seed=seed, commit=commit)
     todo = runner.missing(rows, name, store)
@@ -101,7 +101,7 @@ def outcomes(
 def _run(
     rows: Sequence[table.Row], seed: int, jobs: int
 ) -> Iterator[tuple[table.Row, dict[str, Any]]]:
-    """Yield rows with their outcomes: in real time one after the other, then in virtual time."""
+    """Yield rows with their outcomes: first in real time, one by one, then in virtual time."""
     for lane, outcomes_of in REAL.items():
         own = [row for row in rows if row.lane == lane]
         yield from zip(own, outcomes_of(own, seed) if own else (), strict=True)

@@ -1,1 +1,1 @@
-"""What recordings of real arms show: fetched if wanted, imported and judged as by a user."""
+"""Recordings of real arms and thrown bodies, imported and identified as by a user, and judged."""

@@ -1,7 +1,7 @@
 """`hil hardware`: real arms that hold nothing, through `fsw import` and `fsw identify`.
 
-What is identified at the empty flange is nothing, so every value is its error. The arm comes from
-the other half of the recording, or is the published one of another arm.
+The flange is empty, so the true mass is zero and every identified value is an error. The model of
+the arm comes from the other half of the recording, or is the published model of another arm.
 """
 
 import json
@@ -25,12 +25,12 @@ FAILED_EXIT, WRONG_EXIT = 1, 2
 HOLDOUT = "0.3"
 NEES_BOUND = float(chi2.ppf(0.99, 10))
 MASS_SIGMAS = 2.0
-# rms of torques not used [N m]. First: least squares with friction of its own reaches 0.132.
-# Second: the first arm's published model with its friction leaves 0.344.
+# Bounds of the rms residual of held-out torques [N m]. First arm: least squares with a friction
+# model reaches 0.132. Second arm: the first arm's published model with friction leaves 0.344.
 HELD_OUT_NM = {"first": 0.14, "second": 0.344}
-FEW_HZ = 100.0  # below, a window needs all of its samples, and fewer nodes
+FEW_HZ = 100.0  # below this rate a window needs all of its samples and fewer nodes
 FEW = {"window_s": 0.4, "min_fill_ratio": 1.0, "nodes": 3}
-FEW_NOISE_RAD = 2e-4  # stamps of the bag scatter by 0.25 ms; joints turn at up to 1 rad/s
+FEW_NOISE_RAD = 2e-4  # times in the bag scatter by 0.25 ms, and joints turn at up to 1 rad/s
 URDF = Path(__file__).parents[2] / "robots" / "panda.urdf"
 CONFIG = Path(__file__).with_name("panda.yaml")
 MAPPING = {
@@ -44,20 +44,20 @@ MAPPING = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What one identification said of nothing."""
+    """The result of one identification of an empty flange."""
 
     case: str
     held_out_bound_nm: float
-    status: str  # of the identification, or why there is none
+    status: str  # of the identification, or the error message without one
     mass_kg: float = float("nan")
     mass_sigma_kg: float = float("nan")
     nees: float = float("nan")
-    held_out_nm: float = float("nan")  # rms of torques that were predicted
-    held_out_passed: bool = False
+    held_out_nm: float = float("nan")  # rms residual of the held-out torques
+    held_out_passed: bool = False  # the verdict of `fsw identify --holdout`
 
     @property
     def passed(self) -> bool:
-        """Whether the covariance covers the error and torques are predicted."""
+        """Whether NEES, mass and residuals of held-out torques are within their bounds."""
         return (
             self.nees <= NEES_BOUND
             and abs(self.mass_kg) <= MASS_SIGMAS * self.mass_sigma_kg
@@ -66,7 +66,7 @@ class Result:
 
 
 def run(data: Path, *, throws: bool, fetch: bool, out: Path | None, as_json: bool) -> int:
-    """Judge both arms, or the throws; return the exit code."""
+    """Judge both arms, or the throws; return 0, 1 if a result failed, or 2 without the data."""
     if throws:
         return throws_command.run(data, fetch=fetch, out=out, as_json=as_json)
     progress = Console(stderr=True)
@@ -104,7 +104,7 @@ def run(data: Path, *, throws: bool, fetch: bool, out: Path | None, as_json: boo
 
 
 def _prepared(out: Path, name: str, rate_hz: float) -> Path:
-    """Write robot, configuration and mapping of an arm."""
+    """Write robot file, mapping and flight configuration of an arm; return the configuration."""
     (out / URDF.name).write_bytes(URDF.read_bytes())
     document = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
     document["buses"][0]["rate_hz"] = document["scheduler"]["tick_rate_hz"] = rate_hz

@@ -1,4 +1,4 @@
-"""Public recordings: where they are, under which licence, and what their bytes must be."""
+"""Public recordings: their address, their licence, and the SHA-256 of every file."""
 
 import hashlib
 import os
@@ -14,29 +14,29 @@ TIMEOUT_S = 60.0
 
 
 class DataError(Exception):
-    """Data that are not there, or not what they should be; one line."""
+    """Data are missing or differ from the published data; the message is one line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataSet:
     """Files of one commit of a public repository."""
 
-    what: str
+    what: str  # description
     repository: str  # owner/name at GitHub
     commit: str
     licence: str
     files: Mapping[str, str]  # path in the repository -> SHA-256
 
     def place(self, folder: Path, path: str) -> Path:
-        """Return where a file lies below a folder of data."""
+        """Return the local path of a file below the folder of data."""
         return folder / self.repository / Path(path).name
 
     def fetch(self, folder: Path, tell: Callable[[str], None], raw: str = RAW) -> None:
-        """Load the files that are missing.
+        """Download the files that are missing.
 
         Raises
         ------
-        DataError when one cannot be loaded, or has other bytes.
+        DataError if a file cannot be downloaded, or if its SHA-256 is wrong.
         """
         for path in self.files:
             place = self.place(folder, path)
@@ -56,11 +56,11 @@ class DataSet:
             os.replace(part, place)
 
     def read(self, folder: Path, path: str) -> Path:
-        """Return where a file is, with the bytes it should have.
+        """Check a file and return its local path.
 
         Raises
         ------
-        DataError when it is missing, or has other bytes.
+        DataError if the file is missing, or if its SHA-256 is wrong.
         """
         place = self.place(folder, path)
         if not place.exists():

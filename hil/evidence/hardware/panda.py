@@ -1,4 +1,4 @@
-"""Two Panda arms that hold nothing: their recordings, and the tables that `fsw import` takes."""
+"""Recordings of two Panda arms with empty flanges, as tables that `fsw import` reads."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from hil.evidence.hardware.data_set import DataError, DataSet
 FloatArray = NDArray[np.float64]
 
 N = 7
-STEP_S = 1e-3  # of the first arm's controller
-MOVING_RAD_S = 0.3  # below, the angles do not tell how much time has gone by
-LONGEST_STEPS = 10
+STEP_S = 1e-3  # period of the first arm's controller
+MOVING_RAD_S = 0.3  # below this rate, the change of the angles does not show the elapsed time
+LONGEST_STEPS = 10  # longest accepted gap between two samples
 _LOG = "matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_"
 _BAG = "franka_inria_inverse_dynamics_solver/bagfiles/panda_exciting_trajectory.db3"
 
@@ -43,20 +43,20 @@ SECOND = DataSet(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Angles and torques of all joints at the same instants."""
+    """Angles and torques of all joints at common times."""
 
-    t_s: FloatArray  # (k,)
+    t_s: FloatArray  # (k,) times
     q_rad: FloatArray  # (k, 7)
     tau_nm: FloatArray  # (k, 7)
     rate_hz: float
 
     def part(self, start: float, stop: float) -> Motion:
-        """Return the samples between two shares of them."""
+        """Return the samples between two shares of their number, from 0 to 1."""
         own = slice(round(start * len(self.t_s)), round(stop * len(self.t_s)))
         return Motion(self.t_s[own], self.q_rad[own], self.tau_nm[own], self.rate_hz)
 
     def write(self, path: Path) -> None:
-        """Write a CSV with the columns t_s, q_jointK, tau_jointK."""
+        """Write a CSV file with the columns t_s, q_jointK [rad] and tau_jointK [N m]."""
         names = [f"{kind}_joint{k + 1}" for kind in ("q", "tau") for k in range(N)]
         table = np.column_stack([self.t_s, self.q_rad, self.tau_nm])
         header = ",".join(["t_s", *names])
@@ -68,23 +68,23 @@ def first(folder: Path) -> Motion:
 
     Raises
     ------
-    DataError when the data are not there.
+    DataError if the data are missing or differ from the published data.
     """
     q, qd, tau = (
         np.loadtxt(FIRST.read(folder, f"{_LOG}{kind}.txt")).reshape(-1, N)
         for kind in ("positions", "velocity", "torques")
     )
-    # the logger ran beside the controller: some samples stand there twice, others are missing
+    # the logger was not synchronous with the controller: it repeats or misses some samples
     fresh = np.concatenate([[True], (np.diff(q, axis=0) != 0.0).any(axis=1)])
     q, qd, tau = q[fresh], qd[fresh], tau[fresh]
     return Motion(clock(q, qd), q, tau, 1.0 / STEP_S)
 
 
 def clock(q_rad: FloatArray, qd_rad_s: FloatArray) -> FloatArray:
-    """Return when samples (k,) were taken, from the angles (k, n) and measured rates (k, n).
+    """Return the times (k,) [s] of samples, from angles (k, n) and measured rates (k, n).
 
-    The stamps of the log are those of its writer, up to 8 ms off. The controller's steps are of one
-    length; how many lie between two samples follows from the way the joints have gone.
+    The times in the log are those of its writer, wrong by up to 8 ms. The controller has a fixed
+    period; the change of the angles over the rates gives the number of periods between samples.
     """
     mean = 0.5 * (qd_rad_s[1:] + qd_rad_s[:-1])
     speed = np.sum(mean**2, axis=1)
@@ -100,7 +100,7 @@ def second(folder: Path) -> Motion:
 
     Raises
     ------
-    DataError when the data are not there, or cannot be read.
+    DataError if the data are missing, differ from the published data, or cannot be read.
     """
     from rosbags.typesys import Stores, get_typestore
 

@@ -1,6 +1,6 @@
-"""Recorded throws of a body with one wheel: their logs, the bodies, what they were weighed to be.
+"""Recorded throws of a body with one wheel: the logs, and the true properties of the bodies.
 
-Figures of the bodies are those that the owners of the recordings give: weighed masses, drawings.
+The owners of the recordings give these properties: weighed masses, and sizes from drawings.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ FloatArray = NDArray[np.float64]
 
 POLE_PAIRS = 7
 COUNTS_PER_DEG_S, COUNTS_PER_G, G_M_S2 = 16.384, 2048.0, 9.81
-TURNING_RAD_S = 10.0
-# By how many electrical revolutions a speed is late: the motor's controller takes its mean over
-# more of them where one is shorter than a millisecond, as its steps show. Of the values that were
-# tried those that leave the least residuals of the throws of calibration.
+TURNING_RAD_S = 10.0  # above this speed the wheel turns
+# Delay of a measured speed in electrical revolutions. The steps of the speed show that the motor's
+# controller averages over more revolutions if one is shorter than a millisecond. Of all values
+# tried, these leave the smallest residuals in the calibration throws.
 FAST_RAD_S, SLOW_REVOLUTIONS, FAST_REVOLUTIONS = 895.0, 0.7, 2.4
-SKIPPED_S = 0.05  # after the motor's start, whose speed is not measured at first
+SKIPPED_S = 0.05  # after the motor's start, because its first speeds are not measured
 NEEDED = ("time", *(f"gyroADC[{k}]" for k in range(3)), *(f"accSmooth[{k}]" for k in range(3)))
-R_BS = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # the board in the device
+R_BS = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # mounting of the board
 DEVICE_KG, PROOF_KG, FRAME_KG, BLOCK_KG = 0.10067, 0.346, 0.1785, 0.0701
 PROOF_M, BLOCK_M = (0.0600, 0.0700, 0.0302), (0.015, 0.015, 0.040)
 FRAME_COM_M = np.array([0.0, 0.0, -18.9e-3])
 FRAME_KG_M2 = FRAME_KG / 145.2 * np.diag([0.2994, 0.1004, 0.3506])
-SETS = {  # places of the blocks on the frame's grid of 4 by 8
+SETS = {  # the blocks (#) on the frame's grid of 4 by 8 places
     "config_empty": "........ ........ ........ ........",
     "config_a": "........ #......# #......# ........",
     "config_b": "..#..#.. ...##... ...##... ..#..#..",
     "config_c": "#.#..#.# .#.##.#. .#.##.#. #.#..#.#",
 }
-PUBLISHED = {  # of the owners' tool, run again: mean and worst error of the principal moments, %
+PUBLISHED = {  # errors of the owners' tool, rerun here: mean and worst, principal moments [%]
     "config_empty": (1.64, 2.30),
     "config_a": (1.74, 6.62),
     "config_b": (1.81, 4.34),
@@ -60,14 +60,14 @@ THROWS = DataSet(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """Mass, and inertia (3, 3) about the centre of mass; zero of what is not known."""
+    """Mass, and inertia (3, 3) about the centre of mass; zero for a point mass."""
 
     mass_kg: float
     inertia_kg_m2: FloatArray
 
 
 def moved(mass_kg: float, by_m: FloatArray) -> FloatArray:
-    """Return the inertia (3, 3) of a point mass (parallel axes)."""
+    """Return the inertia (3, 3) [kg m2] of a point mass at `by_m` (3,) about the origin."""
     return np.asarray(mass_kg * (by_m @ by_m * np.eye(3) - np.outer(by_m, by_m)))
 
 
@@ -77,12 +77,12 @@ def _cuboid(mass_kg: float, sides_m: tuple[float, ...]) -> FloatArray:
 
 
 def proof_body() -> Body:
-    """Return the body that the device is calibrated with."""
+    """Return the body of known inertia with which the device is calibrated."""
     return Body(PROOF_KG, _cuboid(PROOF_KG, PROOF_M))
 
 
 def frame_with_blocks(places: str) -> Body:
-    """Return the frame with blocks where `places` has #."""
+    """Return the frame with a block at every # of `places`."""
     grid = np.argwhere(np.array([list(row) for row in places.split()]) == "#")
     at = np.column_stack([0.018 * grid[:, 0] - 0.027, 0.018 * grid[:, 1] - 0.063])
     parts = [(FRAME_KG, FRAME_COM_M, FRAME_KG_M2)]
@@ -95,11 +95,11 @@ def frame_with_blocks(places: str) -> Body:
 
 
 def write_csv(log: Path, path: Path) -> None:
-    """Write what a log holds from the wheel's start on as a CSV for `fsw import`.
+    """Write the samples of a log after the wheel's start to a CSV file for `fsw import`.
 
     Raises
     ------
-    DataError when the log cannot be read, or holds no throw; without orangebox.
+    DataError if the wheel never turns, or if orangebox is not installed.
     """
     try:
         parser = import_module("orangebox").Parser.load(str(log))

@@ -1,7 +1,7 @@
-"""`hil hardware --throws`: recorded throws through `fsw import` and `fsw identify`, beside truth.
+"""`hil hardware --throws`: recorded throws through `fsw import` and `fsw identify`, and the truth.
 
-The wheel's inertia, in proportion to which all is found, the device's own inertia and the matrix of
-its gyro come from the throws of calibration; what is judged is the body without the device.
+The calibration throws give the gyro matrix, the device's inertia and the wheel's inertia, to which
+all identified values are proportional. The body without the device is judged.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from hil.evidence.hardware.throws_judge import Found, Result, judged
 
 FAILED_EXIT, WRONG_EXIT = 1, 2
 CALIBRATION = ("device_only", "proof_body")
-CALIBRATION_TORQUE_NM = 1.0e-4  # from outside, on bodies of half the frame's size; see throws.yaml
+CALIBRATION_TORQUE_NM = 1.0e-4  # sigma of the air's torque on small bodies; see throws.yaml
 FIRST_KG_M2 = {"device_only": 1e-4, "proof_body": 5e-4, "config_empty": 6e-4}
 FIRST_KG_M2 |= {"config_a": 2e-3, "config_b": 1.2e-3, "config_c": 3e-3}
-TAKEN = ("gyro_matrix", "mounting")  # of a calibration; biases are those of a throw
-SIGMAS = {  # a turn about the wheel's axis z changes no moment, and no throw shows it
+TAKEN = ("gyro_matrix", "mounting")  # used from a calibration; every throw has its own biases
+SIGMAS = {  # without imu_angle.z: a rotation about the wheel's axis z changes no principal moment
     "mounting_angle_sigma_rad": ("imu_angle.x", "imu_angle.y"),
     "gyro_scale_sigma_ratio": ("gyro_scale.x", "gyro_scale.y", "gyro_scale.z"),
     "gyro_axes_sigma_rad": ("gyro_axes.xy", "gyro_axes.xz", "gyro_axes.yz"),
@@ -55,7 +55,7 @@ MAPPING = {
 
 
 def run(data: Path, *, fetch: bool, out: Path | None, as_json: bool) -> int:
-    """Judge every set; return the exit code."""
+    """Judge every set; return 0, 1 if the owners' tool is better, or 2 without the data."""
     progress = Console(stderr=True)
     with ExitStack() as stack:
         if out is None:
@@ -98,7 +98,7 @@ def _mass_kg(name: str) -> float:
 
 
 def _imported(data: Path, out: Path, path: str, name: str) -> Path:
-    """Return the recording of one throw."""
+    """Import one throw; return the recording."""
     stem = Path(path).stem
     throws.write_csv(THROWS.read(data, path), out / f"{stem}.csv")
     config, recording = _config(out, name), out / f"{stem}.mcap"
@@ -109,7 +109,7 @@ def _imported(data: Path, out: Path, path: str, name: str) -> Path:
 
 
 def _config(out: Path, name: str, torque_nm: float | None = None) -> Path:
-    """Write the configuration of one set, with another torque from outside where it is given."""
+    """Write and return the configuration of a set; `torque_nm` replaces the air torque's sigma."""
     document = yaml.safe_load(Path(__file__).with_name("throws.yaml").read_text(encoding="utf-8"))
     base, first = document["bodies"]["base"], FIRST_KG_M2[name]
     base["mass_kg"] = _mass_kg(name)
@@ -123,13 +123,13 @@ def _config(out: Path, name: str, torque_nm: float | None = None) -> Path:
 
 
 def _calibrated(out: Path, recordings: dict[str, list[Path]], tell: Callable[[str], None]) -> Path:
-    """Return an overlay with the gyro's matrix, the unit's attitude and how well both are known.
+    """Return an overlay with the gyro matrix, the unit's attitude and the sigmas of both.
 
-    The device's throws come first; what they give is the prior for those with the proof body.
+    The throws of the device alone come first; their result is the prior for the proof body.
 
     Raises
     ------
-    DataError if the throws give no figures.
+    DataError if `fsw calibrate` gives no figures.
     """
     path, imu = out / "calibrated.yaml", dict[str, Any]()
     path.write_text("{}\n", encoding="utf-8")
@@ -151,7 +151,7 @@ def _calibrated(out: Path, recordings: dict[str, list[Path]], tell: Callable[[st
 
 
 def _found(out: Path, recording: Path, name: str, overlay: Path) -> Found:
-    """Identify one throw."""
+    """Return the identification of one throw; `mean` is empty if `fsw identify` failed."""
     config = _config(out, name, CALIBRATION_TORQUE_NM if name in CALIBRATION else None)
     chosen = ("--config", str(config), "--overlay", str(overlay))
     said = _fsw("identify", str(recording), *chosen, "--method", "mrnea", "--json")
@@ -163,7 +163,7 @@ def _found(out: Path, recording: Path, name: str, overlay: Path) -> Found:
 
 
 def _fsw(*arguments: str) -> str:
-    """Return what a command prints, or its last line of complaint."""
+    """Return the output of a command, or the last line of its errors."""
     said, wrong = StringIO(), StringIO()
     with redirect_stdout(said), redirect_stderr(wrong):
         code = fsw(list(arguments))

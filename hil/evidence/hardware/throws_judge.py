@@ -1,7 +1,7 @@
-"""Judges recorded throws: the body alone beside what it was weighed to be.
+"""Judge recorded throws: compare the body without the device with its true moments.
 
-The device's own inertia, and the wheel's that all is found in proportion to, come from the throws
-of calibration; their covariance is part of that of every error.
+The calibration throws give the device's inertia and the wheel's inertia, to which all identified
+values are proportional. Their covariance is a part of the covariance of every error.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from hil.evidence.hardware.throws import Body, FloatArray, moved
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What one throw gave."""
+    """The identification of one throw, of the body with the device."""
 
     name: str
     status: str
-    mean: FloatArray  # (10,) mass, its moments, inertia xx xy yy xz yz zz about the unit; or empty
+    mean: FloatArray  # (10,) m, m c, inertia xx xy yy xz yz zz about the inertial unit; or empty
     covariance: FloatArray  # (10, 10)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """One set of throws."""
+    """The result of one set of throws."""
 
     name: str
     throws: int
-    found: int
-    valid: int
-    mean_percent: float  # error of the principal moments over their norm
+    found: int  # throws with an estimate
+    valid: int  # throws with a valid estimate
+    mean_percent: float  # norm of the errors of the principal moments over the moments' norm
     worst_percent: float
-    nees: float  # of the three moments, mean; 3 where sigma is right
+    nees: float  # mean NEES of the three moments; about 3 if sigma is right
     nees_median: float
 
 
 def judged(sets: dict[str, list[Found]]) -> list[Result]:
-    """Return how far every set of throws is from the truth, those of calibration taken as such."""
+    """Return the errors of every set of throws; `sets` also has the two calibration sets."""
     device, proof = (pooled(sets[name]) for name in ("device_only", "proof_body"))
     results = []
     for name, places in throws.SETS.items():
@@ -73,9 +73,9 @@ def judged(sets: dict[str, list[Found]]) -> list[Result]:
 
 
 def pooled(throws_of_one: Sequence[Found]) -> tuple[FloatArray, FloatArray]:
-    """Return mean (10,) and covariance of a body from its throws, each by its own covariance.
+    """Return mean (10,) and covariance (10, 10) of a body's throws, weighted by their information.
 
-    The covariance is larger where they differ by more than theirs (Birge ratio).
+    If the throws scatter by more than their covariances, the covariance is larger (Birge ratio).
     """
     own = [found for found in throws_of_one if found.mean.size]
     weights = [np.linalg.solve(found.covariance, np.eye(10)) for found in own]
@@ -83,13 +83,13 @@ def pooled(throws_of_one: Sequence[Found]) -> tuple[FloatArray, FloatArray]:
     mean = P @ sum(W @ found.mean for W, found in zip(weights, own, strict=True))
     off = [found.mean - mean for found in own]
     square = sum(float(d @ W @ d) for W, d in zip(weights, off, strict=True))
-    return mean, P * max(1.0, square / max(1, 9 * (len(own) - 1)))  # the mass is weighed
+    return mean, P * max(1.0, square / max(1, 9 * (len(own) - 1)))  # 9, because the mass is known
 
 
 def _moments(body: Body, x: FloatArray) -> FloatArray:
-    """Return the principal moments (3,) of a body.
+    """Return the principal moments (3,) [kg m2] of a body.
 
-    x (30,) is what was found of it with the device, of the device, and of the proof body with it.
+    x (30,): identified values of body with device, of the device, and of proof body with device.
     """
     (I_both, c_both), (I_device, c_device), (I_proof, c_proof) = map(_central, x.reshape(3, 10))
     added, gained = _with_device(throws.proof_body(), c_device, c_proof), I_proof - I_device
@@ -101,7 +101,7 @@ def _moments(body: Body, x: FloatArray) -> FloatArray:
 def _slopes(
     function: Callable[[FloatArray], FloatArray], x: FloatArray, P: FloatArray
 ) -> FloatArray:
-    """Return the derivative (3, k) by differences of a hundredth of a sigma."""
+    """Return the derivative (3, k) by central differences with steps of 0.01 sigma."""
     steps = np.sqrt(np.diag(P)) * 1e-2
     return np.array(
         [
@@ -112,14 +112,14 @@ def _slopes(
 
 
 def _central(mean: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return inertia (3, 3) about the centre of mass, and where that is (3,)."""
+    """Return inertia (3, 3) [kg m2] about the centre of mass, and the centre of mass (3,) [m]."""
     mass, c = mean[0], mean[1:4] / mean[0]
     xx, xy, yy, xz, yz, zz = mean[4:]
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - moved(mass, c), c
 
 
 def _with_device(body: Body, c_device: FloatArray, c_both: FloatArray) -> FloatArray:
-    """Return what a body adds (3, 3) to the inertia of the device it is joined to."""
+    """Return the inertia (3, 3) a body adds to the device; centres of mass without and with it."""
     s = c_device - c_both
     r = throws.DEVICE_KG / body.mass_kg * s
     return body.inertia_kg_m2 + moved(body.mass_kg, r) + moved(throws.DEVICE_KG, s)

@@ -1,1 +1,1 @@
-"""Kill -9 at random instants of a real-time run: what must come back, and what must not be lost."""
+"""Kill -9 at random times of a real-time run: processes must return, and data must not be lost."""

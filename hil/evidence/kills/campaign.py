@@ -1,4 +1,4 @@
-"""Many kills over many rounds, resumable, and what they say together."""
+"""Run many kills in many rounds, resume after an interruption, and summarise the kills."""
 
 import shutil
 from collections.abc import Iterator
@@ -12,16 +12,16 @@ from hil.evidence.kills.round import BOUND_RATIO, VICTIMS, Kill, Round
 from hil.evidence.store import Store
 from hil.run.live import LiveError
 
-PER_ROUND = 12  # a round is one motion of about a minute
+PER_ROUND = 12  # most kills in a round, which is one motion of about a minute
 
 
 def campaign(count: int, folder: Path, seed: int) -> Iterator[Kill]:
-    """Yield kills until there are so many in the folder; a round that breaks is a fault.
+    """Yield new kills until the folder has `count`; keep the files of a round with faults.
 
     Raises
     ------
-    LiveError when a daemon does not come back; the round's files stay. ScenarioError for a folder
-    of kills with another seed.
+    LiveError if a daemon does not return; the round's files are kept. ScenarioError if the folder
+    has kills of another seed.
     """
     store = open_store(folder, seed)
     number = 1 + max((kill["round"] for kill in store.rows.values()), default=-1)
@@ -41,12 +41,12 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[Kill]:
 
 
 def open_store(folder: Path, seed: int) -> Store:
-    """Return the store of a campaign. Raises ScenarioError for kills with another seed."""
+    """Return the store of a campaign. Raises ScenarioError if it has kills of another seed."""
     return Store(folder, {"seed": seed})
 
 
 def summary(folder: Path, seed: int) -> dict[str, Any]:
-    """Return counts, the worst times, and every fault."""
+    """Return the counts, the worst times, and every fault of the kills in a folder."""
     held = list(open_store(folder, seed).rows.values())
     result: dict[str, Any] = {"kills": len(held), "bound_ratio": BOUND_RATIO}
     for victim in VICTIMS:
@@ -68,7 +68,7 @@ def summary(folder: Path, seed: int) -> dict[str, Any]:
 
 
 def run(count: int, folder: Path, seed: int) -> Iterator[Kill | LiveError]:
-    """Yield the kills of a campaign; a daemon that does not come back ends it."""
+    """Yield the kills of a campaign; yield LiveError last if a daemon does not return."""
     try:
         yield from campaign(count, folder, seed)
     except LiveError as error:

@@ -1,4 +1,4 @@
-"""Checks files after a kill: checkpoints and recordings, read as the daemon reads them."""
+"""Check checkpoints and recordings after a kill, read with the daemon's own functions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,17 +15,17 @@ SYNC_COUNTERS = 240
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartState:
-    """Contents of one file of a recording."""
+    """The state of one file of a recording."""
 
-    truncated: bool
-    first_ns: int
-    last_ns: int
-    syncs: int
+    truncated: bool  # whether the end record is missing
+    first_ns: int  # time of the first record
+    last_ns: int  # newest time of all records
+    syncs: int  # number of SYNC frames
     gaps: int  # breaks of the SYNC counter within the file
 
 
 def unreadable_checkpoints(state: Path) -> list[str]:
-    """Return why a checkpoint cannot be read, one line for each that is there and cannot."""
+    """Return a line with the reason for every existing checkpoint that cannot be read."""
     faults = []
     for name in NAMES:
         path = state / name
@@ -38,7 +38,7 @@ def unreadable_checkpoints(state: Path) -> list[str]:
 
 
 def part_state(path: Path, topic: str) -> PartState:
-    """Read one file to its end or break. Raises ConfigError when it is no recording at all."""
+    """Read one file to its end or break. Raises ConfigError if the file is not a recording."""
     held = contents_of([path])
     first_ns = last_ns = syncs = gaps = 0
     counter: int | None = None

@@ -1,4 +1,4 @@
-"""One round of kills: a plant that runs on, a daemon that is killed under it again and again."""
+"""One round of kills: the plant keeps running while the daemon is killed again and again."""
 
 import os
 import re
@@ -26,38 +26,36 @@ from hil.run.processes import tied
 from hil.world.scenario import BUS, at_rates, load
 
 SCENARIO = "target_leo"
-RATE_HZ, IMU_RATE_HZ = 100.0, 125  # what is killed is not how fast it can go
+RATE_HZ, IMU_RATE_HZ = 100.0, 125  # low, because speed is not judged here
 CHECKPOINT_S = 1.0
-BOUND_RATIO = 2.5  # restored estimate over the imports of the same start
-WRITE_S = 0.5  # a state on its way to the disk when the kill came
-UNFLUSHED_S = 1.5  # a chunk is finished every second, at a status
-WARM_S = 3.0
-PAUSE_S = (0.05, 2.5)  # from the return to the next kill
+BOUND_RATIO = 2.5  # largest time to the restored estimate over the time of the imports
+WRITE_S = 0.5  # time to write a checkpoint, which a kill can interrupt
+UNFLUSHED_S = 1.5  # longest end of a recording that is not on disk: a chunk ends every second
+WARM_S = 3.0  # from the first estimate to the first kill
+PAUSE_S = (0.05, 2.5)  # from the return of a process to the next kill
 PROCESSES = ("loop", "estimation", "service")
-VICTIMS = (*PROCESSES, "both")  # loop and service
+VICTIMS = (*PROCESSES, "both")  # both: loop and service
 WEIGHTS = (0.35, 0.25, 0.2, 0.2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kill:
-    """One kill and what came of it."""
+    """One kill and its consequences."""
 
     round: int
     number: int
-    victim: str
-    at_s: float  # since the round's daemon was up
-    imports_s: float  # of the process started instead
-    back_s: float  # from its start to the restored estimate, or a status, as an observer sees it
-    ratio: float  # of the two
-    lost_s: float  # age of the restored checkpoint at the kill; 0 where the loop lived on
+    victim: str  # one of VICTIMS
+    at_s: float  # time of the kill since the first estimate of the round
+    imports_s: float  # time that the new process needs for its imports
+    back_s: float  # from the new process's start to the estimate or status that an observer sees
+    ratio: float  # back_s over imports_s
+    lost_s: float  # age of the restored checkpoint at the kill; 0 if only the service died
     faults: tuple[str, ...]
-    late: tuple[
-        str, ...
-    ]  # bounds in time that were missed: they ask for a machine with time to spare
+    late: tuple[str, ...]  # exceeded bounds of time; a busy machine may exceed them
 
 
 class KilledDaemon:
-    """`fsw run` on a configuration, started again and again."""
+    """The daemon `fsw run` with one configuration, which can be started again and again."""
 
     def __init__(self, config: Path, observer: Observer) -> None:
         self._config, self._observer = config, observer
@@ -66,7 +64,7 @@ class KilledDaemon:
         self.started_ns = 0
 
     def start(self, *, cold: bool) -> None:
-        """Start the process."""
+        """Start the process; `cold`: without the stored state."""
         command = [sys.executable, "-m", "fsw", "run", str(self._config)]
         self.started_ns = time.monotonic_ns()
         self.process = subprocess.Popen(
@@ -78,7 +76,7 @@ class KilledDaemon:
 
     @property
     def pids(self) -> dict[str, int]:
-        """Return the processes: loop, estimation, service. Raises LiveError without all three."""
+        """Identifiers of loop, estimation and service. Raises LiveError if one is missing."""
         loop = self.loop()
         pids = {"loop": loop, **processes_of(loop)}
         if len(pids) < len(PROCESSES):
@@ -86,18 +84,18 @@ class KilledDaemon:
         return pids
 
     def loop(self) -> int:
-        """Return the loop's process identifier. Raises LiveError when it has ended."""
+        """Return the loop's process identifier. Raises LiveError if the loop has ended."""
         if self.process is None or self.process.poll() is not None:
             raise LiveError(f"the daemon is not running; {self._config.parent / 'daemon.log'}")
         return self.process.pid
 
     def reap(self) -> None:
-        """Wait for a killed loop."""
+        """Wait for the end of a killed loop."""
         if self.process is not None:
             self.process.wait()
 
     def close(self) -> None:
-        """End the daemon, by force where it must be."""
+        """Terminate the daemon; kill it if it does not end in time."""
         if self.process is not None and self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
             try:
@@ -109,7 +107,7 @@ class KilledDaemon:
 
 
 class Round:
-    """Plant, daemon and the kills of one seed."""
+    """Plant, daemon and kills of one round; seed and round number fix the kills."""
 
     def __init__(self, folder: Path, number: int, seed: int) -> None:
         self._folder, self._number = folder, number
@@ -118,10 +116,10 @@ class Round:
         self._observer = Observer(self._state)
         self._seen: list[dict[str, Any]] = []
         self._checked: set[Path] = set()
-        self._back_ns = 0  # when what was killed last, or the first daemon, was seen at work
+        self._back_ns = 0  # time of the first estimate, then of the last return of a process
 
     def run(self, count: int) -> Iterator[Kill]:
-        """Yield so many kills; fewer when the motion is over. Raises LiveError."""
+        """Yield `count` kills, or fewer if the motion ends. Raises LiveError without a return."""
         setup = prepare(
             at_rates(load(SCENARIO), RATE_HZ, IMU_RATE_HZ),
             self._number,
@@ -197,7 +195,7 @@ class Round:
     def _loop_is_back(
         self, daemon: KilledDaemon, killed_ns: int
     ) -> tuple[float, float, float, list[str]]:
-        """Wait for the restored estimate to be seen; times from the start of the new process."""
+        """Wait; return times [s] from start to restored state and to status, loss [s], faults."""
         began_ns = daemon.started_ns
         wait_for(lambda: self._observer.status_since(began_ns), "a restored estimate")
         back_s = (time.monotonic_ns() - began_ns) * 1e-9
@@ -206,7 +204,7 @@ class Round:
         return (restored_ns - began_ns) * 1e-9, back_s, lost_s, faults
 
     def _restored(self, since_ns: int, killed_ns: int | None = None) -> tuple[float, list[str]]:
-        """Wait for the restored state; return what is lost [s], and what is wrong with it."""
+        """Wait for the restored state; return the lost time [s] and the faults of the state."""
         restored = self._event("STATE_RESTORED", since_ns)
         faults = [e["text"] for e in self._seen if e["code"] == "CHECKPOINT_REFUSED"]
         match = re.search(r"([\d.]+) s old; all of it", restored["text"])
@@ -216,7 +214,7 @@ class Round:
         return float(match[1]) - (restored["t_ns"] - before_ns) * 1e-9, faults
 
     def _child_is_back(self, name: str, killed_ns: int, old: int) -> tuple[float, float, list[str]]:
-        """Wait for a status after a process's return; times from the loop's start of it."""
+        """Wait for a status after a child's return; return as `_loop_is_back` without the loss."""
         wait_for(lambda: not alive(old), f"the {name} is dead")
         back = self._event(f"{name.upper()}_BACK", killed_ns)
         lost = self._event(f"{name.upper()}_LOST", killed_ns)
@@ -229,7 +227,7 @@ class Round:
         self._seen = self._observer.events()
 
     def _event(self, code: str, since_ns: int) -> dict[str, Any]:
-        """Return the first event of a code after a time; wait for it."""
+        """Wait for the first event of a code since a time; return the event."""
         found: list[dict[str, Any]] = []
 
         def seen() -> bool:
@@ -241,10 +239,10 @@ class Round:
         return found[0]
 
     def _recordings(self, killed_ns: int, late: list[str], *, ended: bool) -> list[str]:
-        """Check the files whose writer has ended; one that was killed may lack its last chunk.
+        """Return the faults of the files whose writer has ended; add exceeded times to `late`.
 
-        `ended`: its writer lived and must have closed it. A file that had no time to flush a chunk
-        may be empty.
+        `ended`: the service lived and must have closed its file. Otherwise the last chunk may be
+        missing, and a file without time for a first chunk may be empty.
         """
         self._seen += self._observer.events()
         full = any(event["code"] == "RING_DROPS" for event in self._seen)

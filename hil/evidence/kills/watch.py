@@ -1,4 +1,4 @@
-"""A daemon seen from outside: its status file, its events, its processes."""
+"""Observe a daemon from outside: its status file, its events, its processes."""
 
 import json
 import time
@@ -13,7 +13,7 @@ PATIENCE_S = 180.0
 
 
 def wait_for(condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
-    """Wait until a condition holds. Raises LiveError when it takes too long."""
+    """Wait until a condition holds. Raises LiveError after `patience_s`."""
     deadline_s = time.monotonic() + patience_s
     while not condition():
         if time.monotonic() > deadline_s:
@@ -22,7 +22,7 @@ def wait_for(condition: Callable[[], bool], what: str, patience_s: float = PATIE
 
 
 class Observer:
-    """Reads the files that a daemon leaves in its state directory."""
+    """Reads the status and the events in the state directory of a daemon."""
 
     def __init__(self, state: Path) -> None:
         self._state = state
@@ -30,7 +30,7 @@ class Observer:
         self.status: dict[str, Any] = {}
 
     def status_since(self, t_ns: int) -> bool:
-        """Return whether a status newer than a given time exists; then `status` holds it."""
+        """Return whether a status with an estimate is newer than `t_ns`; store it in `status`."""
         status = read_status(self._state / "status.json")
         if status is None or int(status["t_ns"]) <= t_ns or status.get("estimate") is None:
             return False
@@ -38,7 +38,7 @@ class Observer:
         return True
 
     def events(self) -> list[dict[str, Any]]:
-        """Return the events that came since the last call."""
+        """Return the events that were written since the last call."""
         path = self._state / "events.jsonl"
         if not path.exists():
             return []
@@ -51,7 +51,7 @@ class Observer:
 
 
 def alive(pid: int) -> bool:
-    """Return whether a process runs; a zombie does not."""
+    """Return whether a process runs; a zombie does not run."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except (FileNotFoundError, ProcessLookupError):

@@ -1,1 +1,1 @@
-"""Mistakes of configuration: each alone, on the same motion, against a robot that is as it is."""
+"""Mistakes of configuration: each one alone, with the same simulated motion of a correct robot."""

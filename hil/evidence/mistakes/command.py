@@ -1,4 +1,4 @@
-"""`hil mistakes`: every mistake for target, base and both, one line each, and a verdict."""
+"""`hil mistakes`: run every mistake with target, base or both unknown; report a line for each."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,11 +12,11 @@ CASES = ("target", "base", "both")
 def findings(
     cases: Sequence[str], only: Sequence[str], seed: int, *, exact: bool, robot: str = ""
 ) -> Iterator[Finding]:
-    """Yield the result of every mistake, with the bench's robot or that of a scenario file.
+    """Yield the result of every mistake; `robot` is a scenario file, or empty for the bench's.
 
     Raises
     ------
-    ScenarioError for a mistake or case of another name.
+    ScenarioError for an unknown name of a mistake or case.
     """
     for names, known in ((only, tuple(mistakes())), (cases, CASES)):
         for name in names:
@@ -28,7 +28,7 @@ def findings(
 
 
 def line(found: Finding) -> str:
-    """Return the result of a mistake in one line."""
+    """Return the result of a mistake as one line of text."""
     case = found.case.rpartition(":")[2]
     if found.refused:
         return f"{case:6} {found.mistake:34} refused: {found.refused}"

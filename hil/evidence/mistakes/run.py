@@ -1,8 +1,8 @@
-"""One mistake on one motion: raw samples of a right robot, read by a wrong configuration.
+"""One mistake on one motion: a wrong configuration reads the raw samples of a correct robot.
 
-The samples are those of the devices (readings of joint nodes, inertial unit in its own axes), so a
-wrong sign, zero, gain, mounting or delay acts where it would act in flight. They go through the
-flight conditioner and the recursive estimator; every published estimate is compared with the truth.
+The samples are the readings of the devices: of joint nodes, and of the inertial unit in frame S.
+So a wrong sign, zero, gain, mounting or delay acts as in flight. Conditioner and recursive
+estimator of the flight software process the samples; every estimate is compared with the truth.
 """
 
 import tempfile
@@ -43,41 +43,41 @@ SENSORS = "data sheet"
 DOUBTS = (
     *("links_sigma_ratio", "torque_scale_sigma_ratio", "zero_sigma_rad"),
     *("mounting_position_sigma_m", "mounting_angle_sigma_rad"),
-)  # keys that say how well arm and calibration are known
+)  # keys that declare the uncertainty of arm and calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What a mistake came to."""
+    """The result of a mistake."""
 
     case: str
     mistake: str
     seed: int
-    refused: str  # why the configuration was refused; empty
-    valid: bool  # at the end
-    reason: str
-    z: float  # largest |error| over sigma of the bodies' published parameters, at the end
-    mass_z: float  # of the masses
-    mass_sigma: float  # of the first unknown body over its mass
-    outputs: int  # estimates published as valid
-    wrong: int  # of these, with z above CONFIDENT
-    beyond: int  # of the wrong ones, with the correlation of innovations beyond its bound
-    events: tuple[str, ...]  # codes, in order
-    batch: str  # status of the batch
-    batch_z: float
+    refused: str  # why the configuration was refused; empty if it was accepted
+    valid: bool  # of the last estimate
+    reason: str  # why the last estimate is not valid
+    z: float  # largest |error| over sigma of the bodies' parameters in the last estimate
+    mass_z: float  # largest |error| over sigma of the masses in the last estimate
+    mass_sigma: float  # sigma of the mass over the mass, of the first unknown body
+    outputs: int  # valid estimates
+    wrong: int  # valid estimates with z above CONFIDENT
+    beyond: int  # wrong estimates whose correlation of innovations is beyond its bound
+    events: tuple[str, ...]  # codes in the order of the events
+    batch: str  # status of the batch; FAILED if it raised an error
+    batch_z: float  # z of the batch
     batch_note: str
 
     @property
     def confidently_wrong(self) -> bool:
-        """Return whether a result was valid and wrong: at the end, ever, or from the batch."""
+        """Whether any recursive estimate or the batch was valid and wrong."""
         return self.wrong > 0 or (self.batch == "OK" and self.batch_z > CONFIDENT)
 
 
 def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = False) -> Finding:
-    """Return the result of a mistake.
+    """Return the result of a mistake, from at most `blocks` windows.
 
-    `exact`: the configuration says that arm and calibration are known exactly; else it leaves what
-    it does not know to the defaults.
+    `exact`: the configuration declares arm and calibration as exactly known; otherwise their
+    uncertainties have the default values.
     """
     with tempfile.TemporaryDirectory(prefix="mistake-") as name:
         folder = Path(name)
@@ -97,7 +97,7 @@ def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = 
 
 
 def leave_to_the_defaults(document: dict[str, Any]) -> None:
-    """Take out the keys that say how well arm and calibration are known."""
+    """Remove the keys that declare the uncertainty of arm and calibration from a configuration."""
     for section in (document["robot"], document["imu"], *document["joints"]):
         for key in DOUBTS:
             section.pop(key, None)
@@ -202,10 +202,10 @@ def samples(
     noise: ChannelNoise = SENSOR_SETS[SENSORS],
     torque_fading: float = 0.0,
 ) -> Channels:
-    """Return noisy samples with the biases of a seed, of sensors as the right configuration says.
+    """Return the samples of a seed, of sensors as the right configuration describes them.
 
-    Biases are drawn from what that declares. `torque_fading` is the correlation of the torque noise
-    from one sample to the next.
+    Biases are drawn from the sigmas of this configuration. `torque_fading` is the correlation of
+    the torque noise from one sample to the next.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
     state = exact_samples(case)
@@ -216,10 +216,10 @@ def samples(
 
 
 def as_read(channels: Channels, right: Config, used: Config) -> Channels:
-    """Return the samples as a configuration reads the devices that another one describes.
+    """Return the samples as the configuration `used` reads devices that `right` describes.
 
-    Nodes send sign x (q + zero) and sign x torque; the inertial unit's stamps are its arrivals less
-    the configured group delay, which shifts its samples.
+    Nodes send sign x (q + zero) and sign x torque. The time of an inertial sample is its arrival
+    less the configured group delay, so a wrong delay shifts the inertial samples.
     """
     q, tau = np.empty_like(channels.q_rad), np.empty_like(channels.tau_nm)
     nodes = [joint.node_id for joint in right.joints]

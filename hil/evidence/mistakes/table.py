@@ -1,7 +1,7 @@
-"""The mistakes: each changes the flight configuration, or its robot file, and nothing else.
+"""The mistakes: each one changes the flight configuration or the robot file, and nothing else.
 
-A mistake takes the document of a right configuration (and the text of the robot file) and returns
-what a user would have written wrongly.
+A mistake changes the document of a correct configuration in place, as a user might have written
+it. The text of the robot file is under the document's key `_urdf`.
 """
 
 import copy
@@ -16,7 +16,7 @@ from hil.world.base_urdf import change_links, child_links
 from hil.world.inertia import FloatArray
 
 Document = dict[str, Any]
-ALL = range(64)  # joints: as many as there are
+ALL = range(64)  # all joints of any robot
 Change = Callable[[Document], None]
 
 
@@ -50,9 +50,9 @@ def mistakes() -> Mapping[str, Change]:
 
 
 def wrong(name: str, document: Mapping[str, Any], urdf: str) -> tuple[Document, str]:
-    """Return copies of a flight configuration and of the robot file's text, one of them wrong.
+    """Return copies of a flight configuration and of the robot file's text with a mistake.
 
-    `name` is the mistake that is made in it.
+    `name` is the mistake. The arguments stay unchanged.
     """
     changed = copy.deepcopy(dict(document)) | {"_urdf": urdf}
     mistakes()[name](changed)

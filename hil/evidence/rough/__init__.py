@@ -1,1 +1,1 @@
-"""A world that is not ideal, with and without what says so; and an ideal one, for the cost."""
+"""A rough world, declared or undeclared; and an ideal world, for the cost of the declarations."""

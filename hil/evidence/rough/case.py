@@ -1,6 +1,6 @@
-"""One seed of a world: friction, wrong links and coloured torque noise, or none of them.
+"""One seed of a rough world (friction, wrong links, coloured torque noise) or an ideal world.
 
-The truth is the bench's own; the samples go through the flight conditioner and the recursion.
+The bench simulates the truth; the flight software's conditioner and recursion use its samples.
 """
 
 import math
@@ -26,11 +26,11 @@ from hil.world.friction import JointFriction
 from hil.world.inertia import FloatArray, six_of, symmetric
 from hil.world.scenario import mapping_from, report_from
 
-COULOMB_NM = (0.05, 0.5)  # smallest and largest size
+COULOMB_NM = (0.05, 0.5)  # smallest and largest Coulomb friction
 VISCOUS_SIGMA_NMS_RAD = 0.3
-LINKS_OFF = (0.01, 0.05)  # mass of every link and of a known base, the rest accordingly
-FADING_S = 0.02
-NOISE = replace(SENSOR_SETS["data sheet"], torque_nm=0.05)  # coloured noise does not average
+LINKS_OFF = (0.01, 0.05)  # least and largest relative mass error of a link or a known base
+FADING_S = 0.02  # time constant of the coloured torque noise
+NOISE = replace(SENSOR_SETS["data sheet"], torque_nm=0.05)  # coloured noise does not average out
 STREAM = 211
 ROUGH = ("declared", "undeclared")
 IDEAL = ("exact", "terms", "defaults")
@@ -39,7 +39,7 @@ WORLD = {**dict.fromkeys(ROUGH, "rough"), **dict.fromkeys(IDEAL, "ideal")}
 
 @dataclass(frozen=True, slots=True, order=True)
 class Case:
-    """One run. `told`: how the configuration describes the world, see ROUGH and IDEAL."""
+    """One run; `told`, of ROUGH or IDEAL, is how the configuration describes the world."""
 
     unknown: str  # target, base, both
     told: str
@@ -58,7 +58,7 @@ def work(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def made(case: Case, folder: Path, count: int | None = None) -> tuple[Config, list[Block]]:
-    """Return the flight configuration and the blocks, the first `count` of them."""
+    """Return the flight configuration and the first `count` blocks (None: all blocks)."""
     right = write_config(scenario_of(case.unknown), case.seed, folder)
     rng = np.random.default_rng(np.random.SeedSequence(case.seed, spawn_key=(STREAM,)))
     n = len(right.joints)
@@ -90,7 +90,7 @@ def made(case: Case, folder: Path, count: int | None = None) -> tuple[Config, li
 
 
 def _drawn_wrong(document: dict[str, Any], urdf: Path, rng: np.random.Generator) -> None:
-    """Put links and a known base into the flight's files that are not those of the truth."""
+    """Make the links and a known base wrong in the robot file and the flight configuration."""
     text = urdf.read_text(encoding="utf-8")
     names = child_links(text)
     off, *others = _sized(rng, *LINKS_OFF, len(names) + 1)
@@ -105,10 +105,10 @@ def _drawn_wrong(document: dict[str, Any], urdf: Path, rng: np.random.Generator)
 
 
 def drawn_body(report: FloatArray, mass_off: float, rng: np.random.Generator) -> FloatArray:
-    """Return a body that differs as `robot.links_sigma_ratio` declares of mass errors like this.
+    """Return the report of a wrong body, whose errors are those that `links_sigma_ratio` declares.
 
-    The pseudo-inertia, mass first, is P = L L^T; it becomes L (1 + S) L^T with S symmetric and
-    Gaussian, but for the error of the mass, which is S[0, 0] and given.
+    The pseudo-inertia P = L L^T, mass first, becomes L (1 + S) L^T. S is symmetric and Gaussian;
+    only S[0, 0] is given: the relative error `mass_off` of the mass.
     """
     mass, com, central = report[0], report[1:4], symmetric(report[4:])
     moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
@@ -124,10 +124,10 @@ def drawn_body(report: FloatArray, mass_off: float, rng: np.random.Generator) ->
 
 
 def _sized(rng: np.random.Generator, least: float, most: float, count: int) -> FloatArray:
-    """Return values of either sign whose size is even between two bounds."""
+    """Return values with a random sign and a magnitude that is uniform between two bounds."""
     return np.asarray(rng.uniform(least, most, count) * rng.choice([-1.0, 1.0], count))
 
 
 def _rms(least: float, most: float) -> float:
-    """Return the root mean square of such values."""
+    """Return the root mean square of the values that `_sized` draws."""
     return math.sqrt((most**3 - least**3) / (3.0 * (most - least)))

@@ -1,4 +1,4 @@
-"""`hil rough`: many seeds of a rough world, declared and not, and of an ideal one."""
+"""`hil rough`: many seeds of a rough world, declared or undeclared, and of an ideal world."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,18 +18,18 @@ TITLES = (
     *("unknown", "told", "valid", "wrong", "mean NEES", "95 % band"),
     *("mass, rms error and sigma [kg]", ""),
 )
-NOT_JUDGED = "undeclared"  # by NEES: only by what is valid and wrong
-DOUBTED = ("terms", "defaults")  # what is declared in doubt is right here: sigma is too large
+NOT_JUDGED = "undeclared"  # is not judged by NEES, only by valid and wrong outputs
+DOUBTED = ("terms", "defaults")  # declare errors that the ideal world lacks: sigma is too large
 
 
 def rough(
     unknown: Sequence[str], told: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
 ) -> list[dict[str, Any]]:
-    """Run what the folder lacks; return the rows of the summary.
+    """Run the cases that the folder lacks; return the rows of the summary of all cases.
 
     Raises
     ------
-    ScenarioError for a folder of other results.
+    ScenarioError if the folder holds results of another study.
     """
     chosen = [(name, kind) for kind in told or ROUGH for name in unknown or CASES]
     cases = [Case(name, kind, seed) for name, kind in chosen for seed in seeds]
@@ -43,7 +43,7 @@ def rough(
 
 
 def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the figures of all seeds; the band is that of a mean of chi-square values."""
+    """Return the figures over all seeds; the 95 % band holds for a mean of chi-square values."""
     count, dof = len(rows), rows[0]["dof"]
     low, high = chi_square.mean_ends(dof, count)
     nees = float(np.mean([row["nees"] for row in rows]))

@@ -1,1 +1,1 @@
-"""Days in virtual time under random faults: what must stay bounded, exact and honest."""
+"""Days in virtual time under random faults: memory is bounded, slips exact, estimates honest."""

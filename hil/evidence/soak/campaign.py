@@ -1,4 +1,4 @@
-"""A soak: epochs in turn, resumable from one to the next, and what they say together."""
+"""A soak: run epochs, continue with the missing epochs after an interruption, summarise them."""
 
 import hashlib
 import shutil
@@ -29,15 +29,15 @@ from hil.world.spline import JointSpline
 
 SCENARIO = "target_leo"
 EPOCHS = 4
-PART_S = 600.0
-MOST_SLOPE_MB = 1.0  # of resident memory per 1e6 ticks, after warm-up
-LEAST_TICKS = 300_000  # after warm-up; less says nothing about a slope
-WARM_RATIO = 0.3
+PART_S = 600.0  # duration of one file of a recording
+MOST_SLOPE_MB = 1.0  # largest growth of resident memory per 1e6 ticks, after warm-up
+LEAST_TICKS = 300_000  # after warm-up; a slope over fewer ticks is not judged
+WARM_RATIO = 0.3  # share of the segments that are the warm-up
 MB = 1e6
 
 
 def plan(hours: float, motion_s: float) -> tuple[int, int]:
-    """Return epochs and segments of each."""
+    """Return the number of epochs and the number of segments in each epoch."""
     segments = max(1, round(hours * 3600.0 / (REST_S + motion_s + TAIL_S)))
     epochs = EPOCHS if segments >= 10 * EPOCHS else 1
     return epochs, -(-segments // epochs)
@@ -45,7 +45,7 @@ def plan(hours: float, motion_s: float) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoakCase:
-    """One epoch, and where its segments are announced as they are flown."""
+    """One epoch, and the queue that gets each of its segments when the segment ends."""
 
     scenario: Scenario
     seed: int
@@ -56,7 +56,7 @@ class SoakCase:
 
 
 def open_store(folder: Path, hours: float, rate_hz: float, imu_rate_hz: int, seed: int) -> Store:
-    """Return the store of a soak. Raises ScenarioError for a folder with other settings."""
+    """Return the store of a soak. Raises ScenarioError if the folder has other settings."""
     settings = {"hours": hours, "rate_hz": rate_hz, "imu_rate_hz": imu_rate_hz, "seed": seed}
     return Store(folder, settings)
 
@@ -70,13 +70,13 @@ def soak(
     jobs: int = 1,
     announce: Callable[[SoakSegment], None] = lambda _: None,
 ) -> Store:
-    """Fly what the folder lacks and return its store; every epoch has a process of its own.
+    """Run the epochs that the folder lacks, each in a separate process; return the folder's store.
 
-    `announce` gets each segment when it is flown, from a thread; `jobs` epochs fly at a time.
+    A thread calls `announce` with each segment when the segment ends. `jobs` epochs run at a time.
 
     Raises
     ------
-    ScenarioError for a folder of a soak with other settings.
+    ScenarioError if the folder has a soak with other settings.
     """
     store = open_store(folder, hours, rate_hz, imu_rate_hz, seed)
     scenario = at_rates(load(SCENARIO), rate_hz, imu_rate_hz)
@@ -103,7 +103,7 @@ def soak(
 
 @contextmanager
 def _announced(announce: Callable[[SoakSegment], None]) -> Iterator[Queue[SoakSegment | None]]:
-    """Yield a queue for other processes; a thread announces what they put into it."""
+    """Yield a queue for other processes; a thread announces the segments in the queue."""
     manager = SyncManager(ctx=get_context("spawn"))
     manager.start(end_with_driver)
     flown: Queue[SoakSegment | None] = manager.Queue()
@@ -123,7 +123,7 @@ def _announced(announce: Callable[[SoakSegment], None]) -> Iterator[Queue[SoakSe
 
 
 def fly(case: SoakCase) -> dict[str, Row]:
-    """Fly one epoch, announcing its segments; return its row."""
+    """Run one epoch and announce its segments; return its row under its number."""
     place = case.folder / f"epoch_{case.number:03d}"
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
@@ -142,12 +142,12 @@ def fly(case: SoakCase) -> dict[str, Row]:
 
 
 def prepare_again(setup: Setup) -> Setup:
-    """Return the setup with its configuration read again."""
+    """Return the set-up with its configuration loaded again from the file."""
     return replace(setup, config=load_config(setup.config_path))
 
 
 def slope_mb(segments: list[dict[str, Any]]) -> tuple[float, int]:
-    """Return the growth of resident memory per 1e6 ticks after warm-up [MB], and over how many."""
+    """Return the growth of memory per 1e6 ticks after warm-up [MB], and the number of ticks."""
     warm = segments[int(WARM_RATIO * len(segments)) :]
     ticks = np.array([s["ticks"] for s in warm], dtype=np.float64)
     memory = np.array([s["resident_bytes"] for s in warm], dtype=np.float64)
@@ -156,7 +156,7 @@ def slope_mb(segments: list[dict[str, Any]]) -> tuple[float, int]:
 
 
 def summary(store: Store) -> dict[str, Any]:
-    """Judge what is in the store."""
+    """Return the figures over all epochs in the store, and the broken invariants."""
     epochs = [store.rows[key]["segments"] for key in sorted(store.rows, key=int)]
     segments = [segment for epoch in epochs for segment in epoch]
     slopes = [slope_mb(epoch) for epoch in epochs]

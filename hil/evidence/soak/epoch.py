@@ -1,4 +1,4 @@
-"""One epoch: one daemon over many segments, each with other devices, biases, noise and faults."""
+"""One epoch: one daemon over many segments; each segment has new devices, errors and faults."""
 
 import gc
 import hashlib
@@ -26,32 +26,32 @@ from hil.world.inertia import pi_of
 from hil.world.sensor_config import SensorConfig
 
 T0_NS = 10_000_000_000
-REST_S = 2.0  # before the motion; links come back within it
-TAIL_S = 1.5
-KEPT_PARTS = 2
-MOST_PENDING = 4096  # items that wait for a window to close
+REST_S = 2.0  # rest before the motion, long enough for the links to return
+TAIL_S = 1.5  # rest after the motion
+KEPT_PARTS = 2  # newest files of the recording that are kept
+MOST_PENDING = 4096  # most items of a channel that wait for a window to close
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoakSegment:
-    """Figures of one segment."""
+    """The figures of one segment."""
 
     epoch: int
     number: int
-    nees: float
+    nees: float  # of the last estimate; not a number without an estimate
     valid: bool
-    reason: str
+    reason: str  # why the last estimate is not valid
     ticks: int  # of the epoch so far
-    slips: int
-    injected: int  # slips
+    slips: int  # counted by the daemon in the epoch so far
+    injected: int  # slips that the soak caused in the epoch so far
     resident_bytes: int
-    faults: list[str]
-    broken: list[str]  # invariants
-    digest: str
+    faults: list[str]  # names of the faults on the links
+    broken: list[str]  # violated invariants
+    digest: str  # SHA-256 of all estimates and events of the epoch so far
 
 
 class Watch(NullSink):
-    """Looks at everything the daemon produces: covariances, finite numbers, a digest of all."""
+    """Checks every estimate and event of the daemon, and digests all of them."""
 
     def __init__(self) -> None:
         self.broken: list[str] = []
@@ -59,7 +59,7 @@ class Watch(NullSink):
         self.events = 0
 
     def put(self, message: Message) -> None:
-        """Check an estimate, count an event."""
+        """Check an estimate or count an event; ignore other messages."""
         if isinstance(message, Estimate):
             self._estimate(message)
         elif isinstance(message, Event):
@@ -76,24 +76,24 @@ class Watch(NullSink):
             self.broken.append(f"covariance not positive definite at {estimate.t_ns}")
 
     def _event(self, event: Event) -> None:
-        """Count an event; the estimator never resets by itself."""
+        """Count an event; a reset by the estimator itself or a failed recording is a fault."""
         self.events += 1
         self._digest.update(f"{event.t_ns} {event.code} {event.text}".encode())
         if event.code in ("ESTIMATOR_RESET", "RECORDER_FAILED", "DISK_FULL"):
             self.broken.append(f"{event.code}: {event.text}")
 
     def digest(self) -> str:
-        """Return the digest of everything so far."""
+        """Return the SHA-256 (hex) of all estimates and events so far."""
         return self._digest.hexdigest()
 
 
 class SoakEpoch:
-    """One daemon's life."""
+    """One daemon over all segments of an epoch."""
 
     def __init__(
         self, setup: Setup, seed: int, number: int, folder: Path, reader: Executor
     ) -> None:
-        """`reader` reads recordings elsewhere: what that takes is not the daemon's memory."""
+        """`reader` reads recordings in another process, so that they take no memory here."""
         self._setup, self._seed, self._number, self._reader = setup, seed, number, reader
         self._folder = folder
         self._sensors = SensorConfig.from_dict(setup.scenario.sensors)
@@ -186,7 +186,7 @@ class SoakEpoch:
         )
 
     def _trim(self) -> list[str]:
-        """Read and remove all but the newest parts of the recording."""
+        """Check and remove all but the newest files of the recording; return the faults."""
         files = sorted(self._folder.glob("*.mcap"))
         broken = []
         for path in files[:-KEPT_PARTS]:
@@ -200,5 +200,5 @@ class SoakEpoch:
 
 
 def is_truncated(path: Path) -> bool:
-    """Return whether a recording ends before its end record."""
+    """Return whether a recording lacks its end record."""
     return contents_of([path]).truncated

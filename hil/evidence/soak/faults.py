@@ -1,4 +1,4 @@
-"""Random faults of one segment, from its seed: on the links, and of the machine's time."""
+"""Random faults of one segment, fixed by its seed: on the links, and holds of the daemon."""
 
 from collections.abc import Callable
 
@@ -30,11 +30,11 @@ FRAME_ACTIONS: tuple[faults.FrameAction, ...] = (
 )
 RATES = (1e-3, 2e-2)
 LENGTHS_S = (0.5, 4.0)
-MOST_SLIPS = 20  # grid points a hold skips
+MOST_SLIPS = 20  # most grid points of the loop that a hold skips
 
 
 def apply(bench: VirtualBench, rng: np.random.Generator, length_s: float) -> list[str]:
-    """Put two faults on the bus and on each serial line; return what they are."""
+    """Put two faults on the bus and two on each serial line; return their names."""
     t0_ns = bench.clock.now_ns()
     names = []
 
@@ -72,6 +72,6 @@ def apply(bench: VirtualBench, rng: np.random.Generator, length_s: float) -> lis
 
 
 def holds(rng: np.random.Generator, ticks: int) -> dict[int, int]:
-    """Return ticks of a segment after which the daemon is held, and the grid points it misses."""
+    """Return by tick, for three ticks, how many grid points the daemon misses after the tick."""
     at = rng.choice(ticks, size=3, replace=False)
     return {int(tick): int(rng.integers(1, MOST_SLIPS + 1)) for tick in at}

@@ -1,4 +1,4 @@
-"""Ports and clock of one daemon over many plants: at a change every device is power-cycled."""
+"""Ports and clock of one daemon over many plants; a new plant power-cycles every device."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from hil.links.virtual import VirtualBench, VirtualCan, VirtualSerial
 from hil.world.history import FloatArray, TruthHistory, TruthState
 from hil.world.scenario import BUS
 
-ODD = ("qd", "v_NB_N", "w_NB_B")  # what changes its sign when time runs backwards
+ODD = ("qd", "v_NB_N", "w_NB_B")  # fields that change their sign when time runs backwards
 
 
 class Reversed:
-    """A motion played backwards: at zero momentum it is a motion too, under the same torques."""
+    """A motion in reversed time; with zero momentum, the same torques produce this motion."""
 
     def __init__(self, history: TruthHistory) -> None:
         self._history = history
@@ -27,22 +27,22 @@ class Reversed:
 
     @property
     def start_s(self) -> float:
-        """First time."""
+        """The first time [s]."""
         return self._history.start_s
 
     @property
     def end_s(self) -> float:
-        """Last time."""
+        """The last time [s]."""
         return self._history.end_s
 
     def at(self, t_s: ArrayLike) -> TruthState:
-        """Return the state at the times."""
+        """Return the states at the times [s]."""
         state = self._history.at(self._sum_s - np.asarray(t_s))
         signs = {name: -getattr(state, name) for name in ODD if name in _NAMES}
         return replace(state, t_s=np.asarray(t_s, dtype=np.float64), **signs)
 
     def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return speed and motor torque of every wheel."""
+        """Return the speed [rad/s] and the motor torque [N m] of every wheel."""
         speed, torque = self._history.wheels_at(self._sum_s - t_s)
         return -speed, torque
 
@@ -51,7 +51,7 @@ _NAMES = {field.name for field in fields(TruthState)}
 
 
 class PortLane:
-    """The daemon's clock and ports; the bench behind them is exchanged between segments."""
+    """The daemon's clock and ports; `exchange` replaces the bench behind them."""
 
     def __init__(self, bench: VirtualBench) -> None:
         self.bench = bench
@@ -60,7 +60,7 @@ class PortLane:
         self._pushed_ns = 0
 
     def exchange(self, bench: VirtualBench) -> None:
-        """Continue with another bench whose time begins now; every port fails once."""
+        """Continue with another bench; every port fails until it is opened again."""
         self.bench = bench
         self._pushed_ns = 0
         self.can.unplugged = True
@@ -68,7 +68,7 @@ class PortLane:
             line.unplugged = True
 
     def ports(self) -> Ports:
-        """Return the daemon's ports; a lost one comes back when it is opened again."""
+        """Return the daemon's ports; a failed port works again when it is opened again."""
         lines = self.serials
         return Ports(
             can={BUS: self.can},
@@ -79,7 +79,7 @@ class PortLane:
         )
 
     def now_ns(self) -> int:
-        """Return simulated time [ns]."""
+        """Return the simulated time [ns]."""
         return self.bench.clock.now_ns() + self._pushed_ns
 
     def cpu_time_ns(self) -> int:
@@ -87,14 +87,14 @@ class PortLane:
         return 0
 
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
-        """Sleep; time that was pushed forward has passed already."""
+        """Sleep on the bench's clock; the time of a hold passes first."""
         if self._pushed_ns:
             self.bench.clock.sleep_until_ns(self.now_ns())
             self._pushed_ns = 0
         return self.bench.clock.sleep_until_ns(deadline_ns, wake_fds)
 
     def hold_until_ns(self, t_ns: int) -> None:
-        """Let time pass without the daemon, as when another process has the processor."""
+        """Advance the time to `t_ns` without the daemon, as if it had no processor."""
         self._pushed_ns += max(0, t_ns - self.now_ns())
 
 

@@ -1,1 +1,1 @@
-"""File transfers in a row, many of them interrupted: each must end right or with its reason."""
+"""Many file transfers, some interrupted: each must end with the right file or with a reason."""

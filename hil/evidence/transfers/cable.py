@@ -1,4 +1,4 @@
-"""A TCP cable between the ground and the daemon that can be cut and mended."""
+"""A TCP relay between ground and daemon that can be cut and mended like a cable."""
 
 import contextlib
 import socket
@@ -9,11 +9,11 @@ CHUNK_BYTES = 65536
 
 
 class Cable:
-    """Passes connections on to the daemon; while it is cut there are none.
+    """Relays connections to the daemon; refuses all connections while the cable is cut.
 
     Parameters
     ----------
-    target : returns the daemon's port; another one after a restart
+    target : returns the daemon's current port
     """
 
     def __init__(self, target: Callable[[], int]) -> None:
@@ -26,7 +26,7 @@ class Cable:
         threading.Thread(target=self._accept, daemon=True).start()
 
     def cut(self) -> None:
-        """Break every connection; let none through."""
+        """Break every connection and refuse new connections."""
         with self._lock:
             self._cut = True
             held, self._held = self._held, []
@@ -34,12 +34,12 @@ class Cable:
             _end(end)
 
     def mend(self) -> None:
-        """Let connections through again."""
+        """Relay new connections again."""
         with self._lock:
             self._cut = False
 
     def close(self) -> None:
-        """Cut it for ever."""
+        """Cut the cable for good and close its port."""
         self.cut()
         _end(self._listener)
 

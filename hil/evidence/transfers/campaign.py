@@ -1,8 +1,8 @@
-"""Uploads and downloads in a row by the `ground` program, a quarter of them interrupted.
+"""Run many uploads and downloads with the `ground` program; interrupt a quarter of them.
 
-The daemon is `fsw run` with its service process and no plant. An interruption cuts the cable, kills
-the ground program or the daemon's service, at a random instant of the transfer. Then the same
-operator does what an operator would: wait, or `ground file resume`.
+The daemon is `fsw run` with its service process and without a plant. An interruption cuts the
+cable, or kills the ground program or the daemon's service, at a random time of the transfer. After
+it the transfer continues by itself; a killed ground program is continued by `ground file resume`.
 """
 
 import json
@@ -28,33 +28,33 @@ from hil.world.scenario import at_rates, load
 
 SCENARIO, RATE_HZ, IMU_RATE_HZ = "target_leo", 100.0, 125
 INTERRUPTIONS = ("cut", "ground killed", "service killed")
-PERIOD, INTERRUPTED = 8, (3, 6)  # of so many in a row these: an upload and a download
+PERIOD, INTERRUPTED = 8, (3, 6)  # of every 8 transfers, numbers 3 (put) and 6 (get)
 PIECE_BYTES = 1 << 17
-SIZES_BYTES, LARGE_BYTES = (0, 2_000_000), (1_000_000, 2_000_000)  # of all, of the interrupted
-CUT_S = (0.2, 3.0)
-INSTANT_S = (0.0, 1.0)  # after the program has begun
-BOUND_S = 10.0  # from the link's return to an end
+SIZES_BYTES, LARGE_BYTES = (0, 2_000_000), (1_000_000, 2_000_000)  # LARGE: of interrupted ones
+CUT_S = (0.2, 3.0)  # duration of a cut
+INSTANT_S = (0.0, 1.0)  # from the begin of the transfer to the interruption
+BOUND_S = 10.0  # most time from the return of the link to the end of the transfer
 PATIENCE_S = 120.0
 STATUS_S = 30.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransferResult:
-    """One transfer."""
+    """The result of one transfer."""
 
     number: int
-    direction: str
-    size: int
-    interruption: str  # empty: none
-    exit_code: int
-    reason: str
-    is_right: bool  # bit by bit, where it ended well
+    direction: str  # put or get
+    size: int  # of the file [byte]
+    interruption: str  # one of INTERRUPTIONS, or empty
+    exit_code: int  # of the ground program
+    reason: str  # what the ground program wrote to stderr
+    is_right: bool  # whether the target file has exactly the bytes of the source file
     took_s: float
     after_return_s: float  # from the return of link or program to the end; 0 without interruption
 
     @property
     def fault(self) -> str:
-        """Faults found in the transfer; empty: none."""
+        """The fault of the transfer; empty without a fault."""
         if self.exit_code == 0 and not self.is_right:
             return "reported as good, and is not"
         if self.exit_code != 0 and not self.reason:
@@ -65,12 +65,12 @@ class TransferResult:
 
     @property
     def is_late(self) -> bool:
-        """Whether it took too long after the return; asked of a machine with time to spare."""
+        """Whether the end after an interruption is too late; a busy machine may be too slow."""
         return self.after_return_s > BOUND_S
 
 
 class TransferDaemon:
-    """`fsw run` without a plant, in a folder."""
+    """The daemon `fsw run` without a plant, with its files in a folder."""
 
     def __init__(self, folder: Path) -> None:
         telemetry = {"port": 0}
@@ -86,7 +86,7 @@ class TransferDaemon:
         )
 
     def port(self) -> int:
-        """Return the port of the link; 0 when there is none. Raises LiveError."""
+        """Return the link's TCP port; 0 without one. Raises LiveError if the daemon has ended."""
         if self._process.poll() is not None:
             raise LiveError("the daemon has ended")
         try:
@@ -96,7 +96,7 @@ class TransferDaemon:
             return 0
 
     def wait(self) -> None:
-        """Wait for a link. Raises LiveError."""
+        """Wait for a link. Raises LiveError if the daemon opens no link in time."""
         until_s = time.monotonic() + PATIENCE_S
         while not self.port():
             if time.monotonic() > until_s:
@@ -104,12 +104,12 @@ class TransferDaemon:
             time.sleep(0.05)
 
     def kill_service(self) -> None:
-        """Kill the service process; wait for its successor's link. Raises LiveError."""
+        """Kill the service; wait for the link of the next service. Raises LiveError without one."""
         status = self.state / "status.json"
         before = status.stat().st_mtime_ns
         old = processes_of(self._process.pid)["service"]
         os.kill(old, signal.SIGKILL)
-        status.write_text("{}", encoding="utf-8")  # the port in it is of the one that died
+        status.write_text("{}", encoding="utf-8")  # it held the port of the killed service
         until_s = time.monotonic() + PATIENCE_S
         while status.stat().st_mtime_ns == before or not self.port():
             if time.monotonic() > until_s:
@@ -117,7 +117,7 @@ class TransferDaemon:
             time.sleep(0.05)
 
     def close(self) -> None:
-        """End it."""
+        """Terminate the daemon; kill it if it does not end in time."""
         if self._process.poll() is None:
             self._process.terminate()
             try:
@@ -129,11 +129,11 @@ class TransferDaemon:
 
 
 def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
-    """Yield transfers until there are so many in the folder.
+    """Run and yield transfers until the folder has `count`.
 
     Raises
     ------
-    LiveError when the daemon does not come back. ScenarioError for a folder with another seed.
+    LiveError if the daemon does not return. ScenarioError if the folder has another seed.
     """
     store = open_store(folder, seed)
     done = len(store.rows)
@@ -154,12 +154,12 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
 
 
 def open_store(folder: Path, seed: int) -> Store:
-    """Return the store of a campaign. Raises ScenarioError for one with another seed."""
+    """Return the store of a campaign. Raises ScenarioError if the store has another seed."""
     return Store(folder, {"seed": seed})
 
 
 class Exchange:
-    """One transfer, and what is done to it."""
+    """One transfer and its interruption."""
 
     def __init__(
         self, daemon: TransferDaemon, cable: Cable, place: Path, number: int, seed: int
@@ -208,7 +208,7 @@ class Exchange:
     def _interrupt(
         self, process: subprocess.Popen[str], kind: str
     ) -> tuple[float, subprocess.Popen[str]]:
-        """Return when link and program were there again, and the program that ends it."""
+        """Interrupt; return the time of the link's return [s] and the program that continues."""
         if not kind:
             return time.monotonic(), process
         if kind == "cut":
@@ -226,7 +226,7 @@ class Exchange:
         return time.monotonic(), process
 
     def _until_instant(self, process: subprocess.Popen[str], kind: str) -> str:
-        """Wait for the instant; return what to do then: nothing to a transfer that is over."""
+        """Wait for the time of the interruption; return its kind, or "" if the transfer is over."""
         if not kind:
             return ""
         records = self._place / "ground" / "transfers"
@@ -247,7 +247,7 @@ class Exchange:
 
 
 def summary(store: Store) -> dict[str, Any]:
-    """Return counts, the longest times, and every fault."""
+    """Return the counts, the longest times, and every fault of the transfers in a store."""
     results = [TransferResult(**row) for row in store.rows.values()]
     found: dict[str, Any] = {"transfers": len(results), "bytes": sum(r.size for r in results)}
     for kind in ("", *INTERRUPTIONS):
