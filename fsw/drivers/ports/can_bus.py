@@ -1,4 +1,4 @@
-"""CAN port over python-can; sockets of SocketCAN and udp_multicast are read here, in batches."""
+"""CAN ports over python-can; SocketCAN and udp_multicast sockets are read here in batches."""
 
 import contextlib
 import errno
@@ -28,17 +28,17 @@ from fsw.drivers.wire import (
 )
 from fsw.messages.errors import PortError
 
-RECEIVE_BUFFER_BYTES = 1 << 22  # a frame charges 768 of them; the kernel doubles it
-MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot hold the loop
+RECEIVE_BUFFER_BYTES = 1 << 22  # the kernel doubles it; a frame uses 768 bytes of it
+MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot block the loop
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 UDP_MULTICAST = "udp_multicast"
-UDP_FRAMES = "udp_frames"  # struct can_frame in its datagrams: stands for SocketCAN on a bench
+UDP_FRAMES = "udp_frames"  # datagrams hold struct can_frame: replaces SocketCAN on a bench
 _Stamped = tuple[linux_can.Received, NDArray[np.int64]]  # datagrams, and the time of each
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
 
 
 def open_can(bus: BusConfig, clock: Clock) -> FramePort:
-    """Open a bus of any of python-can's interfaces.
+    """Open a bus with any interface of python-can.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
 def _socket_of(
     device: can.BusABC, interface: str
 ) -> tuple[socket.socket | None, tuple[str, int] | None]:
-    """Return the socket that can be read here in place of python-can, and its group, if any."""
+    """Return the socket to read in place of python-can and its multicast group; None: none."""
     link = group = None
     if interface == "socketcan":
         link = getattr(device, "socket", None)
@@ -88,7 +88,7 @@ def _socket_of(
 
 
 class CanPort:
-    """Any python-can bus without sockets of its own here; frames are stamped when read."""
+    """A bus that python-can reads itself; frames are stamped when read."""
 
     hands_back = False
 
@@ -97,7 +97,7 @@ class CanPort:
         self._messages: list[tuple[int, can.Message]] = []
 
     def drain(self) -> None:
-        """Take every waiting frame."""
+        """Receive the waiting frames, at most `MAX_BATCH`. Raises PortError."""
         try:
             for _ in range(MAX_BATCH):
                 message = self._device.recv(timeout=0)
@@ -108,12 +108,12 @@ class CanPort:
             raise PortError(f"{self._name}: cannot be read: {error}") from error
 
     def take(self) -> Callable[[], FrameArray]:
-        """Take over every frame drained since the last call."""
+        """Return a function that gives every frame drained since the last call."""
         messages, self._messages = self._messages, []
         return lambda: rows_of(b"".join(message_row(*item) for item in messages)).copy()
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
-        """Send a classic frame and stamp it."""
+        """Send a classic frame; return it with its stamp. Raises PortError."""
         message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
         try:
             self._device.send(message)
@@ -122,11 +122,11 @@ class CanPort:
         return CanFrame(self._clock.now_ns(), can_id, data)
 
     def take_dropped(self) -> int:
-        """Return 0: python-can does not report it."""
+        """Return 0: python-can does not report lost frames."""
         return 0
 
     def wake_fds(self) -> tuple[int, ...]:
-        """Return nothing: joint samples are timed by SYNC, not by arrival."""
+        """Return no descriptor: joint samples are timed by SYNC, not by arrival."""
         return ()
 
     def close(self) -> None:
@@ -135,10 +135,10 @@ class CanPort:
 
 
 class SocketPort:
-    """A bus opened by python-can whose socket is read here, in batches with the kernel's stamps.
+    """A bus opened by python-can whose socket is read here, in batches with kernel stamps.
 
-    SocketCAN hands over frames, udp_multicast python-can's msgpack form of them. Linux switches
-    stamps on a moment after the first socket has asked for them: frames before that are stamped
+    SocketCAN gives frames, udp_multicast gives them in python-can's msgpack form. Linux begins to
+    stamp a moment after the first socket has requested stamps; frames before that are stamped
     when read.
     """
 
@@ -154,12 +154,12 @@ class SocketPort:
         group: tuple[str, int] | None = None,
         packs: bool = False,
     ) -> None:
-        """Prepare a socket that is open.
+        """Prepare an open socket.
 
         Parameters
         ----------
-        release : releases the socket's owner
-        group : address that frames are sent to; None: the socket's own
+        release : function that closes the socket's owner
+        group : address to which frames are sent; None: the socket's own
         packs : whether datagrams hold python-can's msgpack form
 
         Raises
@@ -177,12 +177,12 @@ class SocketPort:
         self._receiver = linux_can.Receiver(link, slot_bytes)
         self._stamps = KernelStamps(clock)
         self._empty_ns = clock.now_ns()  # when the last drain that left nothing waiting began
-        self._batches: list[_Stamped] = []  # taken from the slots because all were full
+        self._batches: list[_Stamped] = []  # read from the slots because all were full
 
     def drain(self) -> None:
-        """Take every waiting frame into the receiver's slots.
+        """Receive the waiting frames. Raises PortError.
 
-        An error that the kernel has to report comes before the frames behind it; both are taken.
+        The kernel reports an error before the frames behind it; a second drain receives these.
         """
         try:
             self._drain()
@@ -200,7 +200,7 @@ class SocketPort:
             self._batches.append(self._stamped())
 
     def take(self) -> Callable[[], FrameArray]:
-        """Take over every frame drained since the last call, with its kernel stamp."""
+        """Return a function that gives the frames drained since the last call, kernel-stamped."""
         batches, self._batches = [*self._batches, self._stamped()], []
         self._stamps.left_empty(self._empty_ns)
         return lambda: joined([self._frames(*batch) for batch in batches])
@@ -217,12 +217,12 @@ class SocketPort:
         return frames_from(times_ns, batch.data, batch.lengths)
 
     def take_dropped(self) -> int:
-        """Return and forget how many frames the receive buffer had no room for."""
+        """Return how many frames found no room in the receive buffer since the last call."""
         dropped, self._receiver.dropped = self._receiver.dropped, 0
         return dropped
 
     def write(self, can_id: int, data: bytes) -> CanFrame | None:
-        """Send a classic frame and stamp it; None when the transmit queue is full."""
+        """Send a classic frame; return it with its stamp, None when the transmit queue is full."""
         try:
             form = linux_can.pack_classic if self._unpacker is None else packed
             if self._group is not None:
@@ -236,7 +236,7 @@ class SocketPort:
         return CanFrame(self._clock.now_ns(), can_id, data)
 
     def wake_fds(self) -> tuple[int, ...]:
-        """Return nothing: joint samples are timed by SYNC, not by arrival."""
+        """Return no descriptor: joint samples are timed by SYNC, not by arrival."""
         return ()
 
     def close(self) -> None:

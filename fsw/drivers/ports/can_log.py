@@ -1,4 +1,4 @@
-"""CAN logs of other tools as frames: whatever python-can reads, candump, BLF and ASC among it."""
+"""Frames of CAN logs from other tools, in any format that python-can reads (candump, BLF, ASC)."""
 
 import struct
 import zlib
@@ -19,9 +19,9 @@ from fsw.drivers.wire import (
 from fsw.messages.errors import ConfigError, unforeseen
 
 TEXT_LOGS = (".asc", ".csv", ".log", ".trc")
-MICROSECOND_NS = 1000  # what a float holds of seconds since 1970, and what these logs write
-END_S = 2.0**33  # of a stamp; more is no time
-# what a damaged log can raise in python-can's readers
+MICROSECOND_NS = 1000  # resolution of a float of seconds since 1970, and of these logs
+END_S = 2.0**33  # a stamp from here on is invalid
+# errors that python-can's readers raise for a damaged log
 _BROKEN = (
     can.CanError,
     can.io.blf.BLFParseError,
@@ -38,7 +38,7 @@ _BROKEN = (
 
 
 def message_row(t_ns: int, message: can.Message) -> bytes:
-    """Return a frame of python-can as the bytes of a `FRAME`."""
+    """Return a python-can message as the bytes of one `FRAME`."""
     word = message.arbitration_id
     word |= EFF_FLAG * message.is_extended_id | RTR_FLAG * message.is_remote_frame
     word |= ERR_FLAG * message.is_error_frame
@@ -47,15 +47,15 @@ def message_row(t_ns: int, message: can.Message) -> bytes:
 
 
 def read_can_log(path: Path, channel: str | None = None) -> FrameArray:
-    """Return the frames of a log in its order, with its stamps.
+    """Return the frames of a log in the log's order and with the log's stamps.
 
     Parameters
     ----------
-    channel : one of the log's channels, as python-can names it; None: the log has one only
+    channel : one of the log's channels, as python-can names it; None: the log has only one
 
     Raises
     ------
-    ConfigError when it cannot be read, is cut off, has no frame, or other channels.
+    ConfigError when the log cannot be read, is cut off, or has no frame or not this channel.
     """
     rows: dict[str | None, list[bytes]] = {}
     try:
@@ -89,12 +89,12 @@ def read_can_log(path: Path, channel: str | None = None) -> FrameArray:
 
 
 def _options(path: Path) -> dict[str, bool]:
-    """Return the options with which a reader gives absolute times."""
+    """Return the options that make python-can's reader give absolute times."""
     return {"relative_timestamp": False} if path.suffix == ".asc" else {}
 
 
 def _refuse_cut(path: Path) -> None:
-    """Raise ValueError for an empty file, or a text whose last line has no end."""
+    """Raise ValueError for an empty file, or a text log whose last line has no line end."""
     with path.open("rb") as file:
         if not file.seek(0, 2):
             raise ValueError("it is empty")

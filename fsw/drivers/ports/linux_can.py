@@ -18,7 +18,7 @@ SLOTS = 1024  # a saturated bus of 1 Mbit/s fills them in 0.12 s
 CLASSIC_BYTES, FD_BYTES = 16, 72  # struct can_frame, struct canfd_frame
 CONTROL_BYTES = 64  # room for a stamp and a drop counter
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_RXQ_OVFL = 33, 35, 40
-_STAMP_KIND = socket.SOL_SOCKET | SO_TIMESTAMPNS << 32  # of struct cmsghdr: level and type
+_STAMP_KIND = socket.SOL_SOCKET | SO_TIMESTAMPNS << 32  # level and type in struct cmsghdr
 _DROPS_KIND = socket.SOL_SOCKET | SO_RXQ_OVFL << 32
 _STAMP_END, _DROPS_END = 32, 52  # bytes of ancillary data up to the end of either
 _FRAME = struct.Struct("=IB3x8s")
@@ -56,9 +56,9 @@ _MESSAGE = np.dtype(
 
 
 class Received(NamedTuple):
-    """Datagrams that were received; the arrays are the caller's own."""
+    """Received datagrams; the arrays are copies that the caller may change."""
 
-    data: NDArray[np.uint8]  # (k, w), w the least multiple of 8 that holds the longest
+    data: NDArray[np.uint8]  # (k, w), w: longest length, rounded up to a multiple of 8
     lengths: NDArray[np.uint32]  # (k,)
     realtime_ns: NDArray[np.int64]  # (k,) CLOCK_REALTIME, 0: not stamped
 
@@ -71,8 +71,8 @@ def prepare(link: socket.socket, buffer_bytes: int) -> int:
 
     Returns
     -------
-    The buffer's size as the kernel counts it [bytes]: less than twice the wish without the right to
-    exceed net.core.rmem_max.
+    The buffer's size as the kernel counts it [bytes]: twice the request, or less for a process
+    without the right to exceed net.core.rmem_max.
     """
     try:
         link.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, buffer_bytes)
@@ -89,11 +89,11 @@ def pack_classic(can_id: int, data: bytes) -> bytes:
 
 
 class Receiver:
-    """Drains one socket with recvmmsg, never blocking, into slots that are read later.
+    """Receives datagrams of one socket by recvmmsg, without blocking, into slots for later reading.
 
     Parameters
     ----------
-    slot_bytes : longest datagram; a longer one is cut
+    slot_bytes : size of a slot; a longer datagram is cut
     """
 
     def __init__(self, link: socket.socket, slot_bytes: int = FD_BYTES) -> None:
@@ -117,7 +117,7 @@ class Receiver:
         self.dropped = 0  # datagrams the receive buffer had no room for
 
     def drain(self) -> bool:
-        """Fill free slots with waiting datagrams; True when no more are waiting.
+        """Fill free slots with waiting datagrams; False if all slots are full and more may wait.
 
         Raises
         ------
@@ -138,9 +138,9 @@ class Receiver:
         return False
 
     def read(self) -> Received:
-        """Return the datagrams in the slots, in order; the slots are free again.
+        """Return the datagrams in the slots, in order, and free the slots.
 
-        The kernel reports dropped datagrams with the first one that found room after them.
+        The kernel reports dropped datagrams with the next datagram that found room.
         """
         count, self._held = self._held, 0
         if not count:
@@ -152,10 +152,10 @@ class Receiver:
         return Received(self._data[:count, :width].copy(), lengths, stamps_ns)
 
     def _ancillary(self, count: int) -> NDArray[np.int64]:
-        """Return the stamps of a batch, and read the drop counter where it comes with them.
+        """Return the stamps (k,) of a batch [ns], 0: none, and count the reported drops.
 
-        A record of ancillary data is its length, its level and type, and the value; the stamp comes
-        before the drop counter.
+        A record of ancillary data holds its length, its level and type, and the value. The stamp's
+        record comes before the record of the drop counter.
         """
         control, used = self._control[:count], self._control_lengths[:count]
         stamps_ns = control[:, 2] * 1_000_000_000 + control[:, 3]

@@ -1,8 +1,8 @@
 """Frames in python-can's msgpack form, as its udp_multicast interface sends them.
 
-Datagrams of one sender and one size differ in time, identifier and data only. The first of a size
-is unpacked by msgpack and shows where these stand; all others that are equal elsewhere are read as
-columns of bytes, any other is unpacked by msgpack too.
+Datagrams of one sender and one size differ only in time, identifier and data. Unpacking the first
+datagram of a size by msgpack shows the places of these values. Later datagrams that are equal in
+all else are read as columns of bytes; the others are unpacked by msgpack too.
 """
 
 import struct
@@ -33,41 +33,41 @@ from fsw.drivers.wire import (
 )
 
 PACKED_BYTES = 512  # the packed form of a CAN FD frame takes about 250
-MOST_LAYOUTS = 64  # sizes known; what is beyond is unpacked by msgpack
+MOST_LAYOUTS = 64  # sizes with a known layout; datagrams of other sizes are unpacked by msgpack
 _UINT16, _BIN8, _FLOAT64 = 0xCD, 0xC4, 0xCB  # leading bytes of msgpack values
 
 
 @lru_cache(maxsize=1024)
 def packed(can_id: int, data: bytes) -> bytes:
-    """Return a classic frame in its packed form."""
+    """Return a classic frame in python-can's msgpack form."""
     message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
     return bytes(pack_message(message))
 
 
 class _Layout(NamedTuple):
-    """Where the values of base-format data frames of one size stand, in words of 8 bytes."""
+    """Places of the values in packed base-format data frames of one size."""
 
-    first: NDArray[np.uint64]  # (words,) the datagram that it was found in
-    fixed: NDArray[np.uint64]  # (words,) bits that are the same in all
-    fields: np.dtype[np.void]  # `data`, and `word` where the identifier changes
-    length: int  # of the data
-    plain: FrameArray  # (1,) what is the same in all frames
+    first: NDArray[np.uint64]  # (words,) the datagram that showed the layout, in words of 8 bytes
+    fixed: NDArray[np.uint64]  # (words,) mask of the bits that are the same in all datagrams
+    fields: np.dtype[np.void]  # `data`, and `word` if the identifier changes
+    length: int  # bytes of data in a frame
+    plain: FrameArray  # (1,) frame with the values that are the same in all
 
 
 class Unpacker:
-    """Reads packed frames; the layouts seen are kept."""
+    """Reads packed frames and keeps the layouts found so far."""
 
     def __init__(self) -> None:
-        self._kinds = np.zeros(PACKED_BYTES + 1, np.intp)  # by size; 0: none is known
-        self._layouts: list[_Layout] = []  # of kind 1 and on
-        self._plain: FrameArray = np.zeros(1, FRAME)  # by kind
+        self._kinds = np.zeros(PACKED_BYTES + 1, np.intp)  # number of a layout by size; 0: unknown
+        self._layouts: list[_Layout] = []  # layouts 1 and on
+        self._plain: FrameArray = np.zeros(1, FRAME)  # by number of the layout
 
     def frames(self, batch: Received, times_ns: NDArray[np.int64]) -> FrameArray:
-        """Return the frames of datagrams, in order; what is no frame is left out.
+        """Return the frames of datagrams in order; datagrams without a valid frame are left out.
 
         Parameters
         ----------
-        times_ns : (k,) stamp of each datagram
+        times_ns : (k,) stamp of each datagram, CLOCK_MONOTONIC
         """
         kinds = self._kinds[batch.lengths]
         if not kinds.all():
@@ -76,7 +76,7 @@ class Unpacker:
         frames: FrameArray = self._plain[kinds]
         frames["t_ns"] = times_ns
         words = batch.data.view(np.uint64)
-        left: list[int] = []  # not read yet
+        left: list[int] = []  # rows not read yet
         for kind in set(kinds.tolist()):
             rows = (kinds == kind).nonzero()[0]
             if not kind:
@@ -97,7 +97,7 @@ class Unpacker:
         return _with_left(frames, batch, sorted(left)) if left else frames
 
     def _learn(self, batch: Received, rows: NDArray[np.intp]) -> None:
-        """Find the layouts of sizes not known yet."""
+        """Find the layouts of sizes that have none yet."""
         for row in rows.tolist():
             size = int(batch.lengths[row])
             if self._kinds[size] or len(self._layouts) == MOST_LAYOUTS:
@@ -110,7 +110,7 @@ class Unpacker:
 
 
 def _with_left(frames: FrameArray, batch: Received, left: Sequence[int]) -> FrameArray:
-    """Read the datagrams that fit no layout by msgpack."""
+    """Read the rows `left` by msgpack; return all frames without the invalid ones."""
     good = np.ones(len(frames), np.bool_)
     for k in left:
         row = _unpacked(batch.data[k, : batch.lengths[k]].tobytes(), int(frames["t_ns"][k]))
@@ -121,7 +121,7 @@ def _with_left(frames: FrameArray, batch: Received, left: Sequence[int]) -> Fram
 
 
 def _layout_of(raw: bytes) -> _Layout | None:
-    """Return the layout of a datagram; None where it is no plain frame in python-can's own form."""
+    """Return the layout of a datagram; None unless it is a base frame as python-can packs it."""
     row = _unpacked(raw, 0)
     if row is None:
         return None
@@ -160,7 +160,7 @@ def _layout_of(raw: bytes) -> _Layout | None:
 
 
 def _unpacked(raw: bytes, t_ns: int) -> bytes | None:
-    """Return the row of one datagram's frame; None when it is no frame."""
+    """Return one datagram's frame as bytes of a `FRAME`; None if the frame is invalid."""
     try:
         values: Any = msgpack.unpackb(raw)
         word, most = values["arbitration_id"], SFF_MASK

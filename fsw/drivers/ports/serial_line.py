@@ -1,4 +1,4 @@
-"""Serial port over pyserial: any path, a pseudo-terminal too; read in whole chunks."""
+"""Serial port over pyserial, for devices and pseudo-terminals; bytes are read in chunks."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from fsw.drivers.wire import ByteChunk
 from fsw.messages.errors import PortError
 
 READ_BYTES = 4096
-MAX_READS = 64  # per call, so that a babbling line cannot hold the loop
+MAX_READS = 64  # per call, so that a babbling line cannot block the loop
 
 
 def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
-    """Open a line 8N1 and discard the bytes that were waiting in it.
+    """Open a line (8 data bits, no parity, 1 stop bit) and discard the bytes waiting in it.
 
     Raises
     ------
-    PortError naming the path; also for a line that hangs up while it is opened.
+    PortError naming the path, also if the line hangs up while it is opened.
     """
     try:
         line = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
@@ -36,14 +36,14 @@ def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
 
 
 def _separate_idle_from_hang_up(fd: int) -> None:
-    """Make an idle line raise EAGAIN, so that an empty read means that it is gone."""
+    """Make a read of an idle line raise EAGAIN, so that an empty read means a hang-up."""
     attributes = termios.tcgetattr(fd)
     attributes[6][termios.VMIN] = 1
     termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
 class SerialPort:
-    """An open line."""
+    """An open serial line."""
 
     def __init__(self, line: serial.Serial, clock: Clock, path: str) -> None:
         self._line = line
@@ -76,7 +76,7 @@ class SerialPort:
             raise PortError(f"serial {self._path}: cannot be written: {error}") from error
 
     def wake_fds(self) -> tuple[int, ...]:
-        """Return the line: waking on it stamps arrivals finely."""
+        """Return the line's descriptor: a wake by it gives arrivals a fine stamp."""
         return (self._fd,)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Sources: one device each, wire items in, samples and counters out; no clock, no thread."""
+"""Sources: each turns frames or bytes of a bus or device into samples; no clock, no thread."""
 
 from fsw.drivers.sources.bus_selection import BusSelector
 from fsw.drivers.sources.imu import ImuSource

@@ -1,10 +1,10 @@
-"""When the last byte of a frame had arrived at the latest, from the chunks the frame came in.
+"""Latest possible arrival of a frame's last byte, from the chunks that hold the frame.
 
-A line sends the bytes of a frame without gaps, so each chunk bounds the arrival of the last byte:
-by its stamp plus the time of the bytes still missing then, and for the chunk that holds the last
-byte by its stamp less the time of the accepted bytes behind it. Bytes that are in no accepted frame
-never count, so junk moves no time. A chunk's last bound is final once the next accepted frame is
-known; every earlier chunk is final when a frame is accepted, with or without junk in between.
+A line sends the bytes of a frame without gaps, so each chunk bounds the arrival: an earlier chunk
+by its stamp plus the time of the bytes still missing, the chunk with the last byte by its stamp
+less the time of the accepted bytes behind it. Bytes in no accepted frame never count, so junk
+shifts no time. Bounds of earlier chunks are final when the frame is accepted. The bound of the last
+chunk is final once the next accepted frame that ends in a later chunk is known.
 """
 
 from dataclasses import dataclass
@@ -21,20 +21,20 @@ class Arrival:
     n: int  # device time [ticks]
     delay_ns: float  # from device time to the arrival of the last byte
     t_receive_ns: int  # stamp of the chunk with the last byte
-    spill_ns: float  # earliest bound from the chunks before that one, relative to t_receive_ns
-    bytes_before: int  # accepted bytes in that chunk up to the last byte
+    spill_ns: float  # earliest bound from the chunks before, relative to t_receive_ns
+    bytes_before: int  # accepted bytes in the chunk of t_receive_ns up to the last byte
 
     def bound_ns(self, bytes_in_chunk: int, byte_ns: float) -> float:
-        """Return the bound relative to t_receive_ns, never positive."""
+        """Return the bound relative to t_receive_ns [ns]; it is never positive."""
         return min(self.spill_ns, (self.bytes_before - bytes_in_chunk) * byte_ns)
 
 
 class ArrivalTracker:
-    """Collect the accepted frames of the chunk that is not final yet."""
+    """Collects the accepted frames of the open chunk, whose bounds are not final yet."""
 
     def __init__(self, baud_rate: int) -> None:
         self.byte_ns = BITS_PER_BYTE * 1e9 / baud_rate
-        self.bytes_in_chunk = 0  # accepted, of the open chunk
+        self.bytes_in_chunk = 0  # accepted bytes of the open chunk
         self._chunk = -1
         self._open: list[Arrival] = []
 
@@ -43,9 +43,9 @@ class ArrivalTracker:
         return frame.pieces[-1].chunk != self._chunk
 
     def finish(self, frame: Frame) -> list[Arrival]:
-        """Return the arrivals of the open chunk, made final by `frame`, which ends in a later one.
+        """Return the arrivals of the open chunk; `frame` ends in a later chunk: they are final.
 
-        `bytes_in_chunk` holds for them until the next `add`.
+        `bytes_in_chunk` belongs to these arrivals until the next `add`.
         """
         for piece in frame.pieces[:-1]:
             if piece.chunk == self._chunk:
@@ -54,7 +54,7 @@ class ArrivalTracker:
         return done
 
     def add(self, frame: Frame, n: int, delay_ns: float) -> Arrival:
-        """Add an accepted frame."""
+        """Add an accepted frame of device time n [ticks]; return its arrival."""
         last = frame.pieces[-1]
         if last.chunk != self._chunk:
             self._chunk = last.chunk
@@ -70,12 +70,12 @@ class ArrivalTracker:
         return arrival
 
     def finish_whole(self) -> list[Arrival]:
-        """Return the arrivals of the open chunk, made final by a frame that stands in another."""
+        """Return the open chunk's arrivals; a frame wholly in a later chunk makes them final."""
         done, self._open = self._open, []
         return done
 
     def add_whole(self, chunk: int, count: int, length: int) -> None:
-        """Note that `count` frames of `length` bytes are all that a new chunk holds."""
+        """Open a chunk that holds nothing but `count` accepted frames of `length` bytes."""
         self._chunk, self.bytes_in_chunk = chunk, count * length
 
     def hold(self, arrivals: list[Arrival]) -> None:
@@ -83,5 +83,5 @@ class ArrivalTracker:
         self._open = arrivals
 
     def clear(self) -> None:
-        """Discard the times that are not final (the device's time has jumped)."""
+        """Discard the arrivals that are not final, because the device's time has jumped."""
         self._open = []

@@ -3,7 +3,7 @@
 from fsw.drivers.codecs.can_error import BusCondition, decode_error
 from fsw.drivers.wire import CanFrame, Reject
 
-QUIET_NS = 1_000_000_000  # a condition that keeps coming is reported once in so long
+QUIET_NS = 1_000_000_000  # a repeated condition is reported once in this time
 STATES = {
     BusCondition.BUS_OFF: ("high", "the controller is off the bus"),
     BusCondition.ERROR_PASSIVE: ("medium", "the controller is error passive"),
@@ -14,10 +14,10 @@ STATES = {
 
 
 class BusErrors:
-    """Counts every condition; an event for each change of the controller's state.
+    """Counts every condition and makes an event for each change of the controller's state.
 
-    The other conditions (arbitration lost, no acknowledge ...) come by the hundred: an event for
-    the first, and again after a second.
+    The other conditions (arbitration lost, no acknowledge ...) may come by the hundred: each of
+    them makes an event at most once a second.
     """
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class BusErrors:
         self._reported_ns: dict[BusCondition, int] = {}
 
     def feed(self, frame: CanFrame) -> list[tuple[str, str, str]]:
-        """Accept an error frame; return severity, code and text of its event, or None."""
+        """Accept an error frame; return severity, code and text of every event that it makes."""
         self.frames += 1
         report = decode_error(frame.can_id, frame.data)
         if isinstance(report, Reject):

@@ -1,31 +1,31 @@
-"""Which of two redundant buses is the active one: the master's side of ECSS-E-ST-50-15C.
+"""Choice of the active bus of two redundant ones: the master's part of ECSS-E-ST-50-15C.
 
 The master sends SYNC and its heartbeat on the active bus only. A node that misses the heartbeat
-toggles between the buses until it finds it again. So the master is free to change: it does when no
-node is received on the active bus any more, or when its own port there is down.
+toggles between the buses until it receives the heartbeat again. So the master may switch: it does
+when it receives no node on the active bus any more, or when its port there is down.
 """
 
 from fsw.config import RedundantBusConfig
 
-STALL_PART = 5  # a stall of the loop counts for a fifth of what makes a bus lost, at most
+STALL_PART = 5  # a stall counts as silence of at most this part of `lost_after_s`
 NAMES = ("nominal", "redundant")
 
 
 class BusSelector:
-    """Decides from the nodes' frames on the active bus.
+    """Selects the active bus from the nodes' frames on it.
 
-    Silence is what the loop has seen of it: of a stall of the loop itself, in which frames may wait
-    unread or the whole machine stood still, no more than a part counts.
+    Silence is measured from poll to poll. During a stall of the loop frames may wait unread, so
+    only a part of a stall counts as silence.
     """
 
     def __init__(self, config: RedundantBusConfig) -> None:
         self._lost_ns = round(config.lost_after_s * 1e9)
-        # Nodes that left just before the master may toggle away and back before they meet it.
+        # Nodes may toggle away and back once before they meet the master: wait for both toggles.
         self._search_ns = self._lost_ns + round(2 * config.nodes_toggle_s * 1e9)
         self.active = 0
         self.switches = 0
-        self._heard = False  # since the bus became active
-        self._just_heard = False  # since the last poll
+        self._heard = False  # whether a node was received since the bus became active
+        self._just_heard = False  # whether a node was received since the last poll
         self._quiet_ns = 0
         self._polled_ns: int | None = None
 
@@ -35,11 +35,11 @@ class BusSelector:
         return NAMES[self.active]
 
     def hear(self) -> None:
-        """Note a frame of a configured node, read from the active bus just now."""
+        """Record that a frame of a configured node was received on the active bus."""
         self._heard = self._just_heard = True
 
     def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:
-        """Switch when the active bus is lost and the other is there; return why, or nothing."""
+        """Switch if the active bus is lost and the other port is up; return the reason, or ''."""
         if self._just_heard or self._polled_ns is None:
             self._quiet_ns = 0
         else:

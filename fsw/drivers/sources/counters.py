@@ -1,4 +1,4 @@
-"""Counters every source keeps."""
+"""Counters that every source keeps."""
 
 from fsw.drivers.codecs.framing import Framer
 from fsw.drivers.wire import Reject

@@ -1,22 +1,22 @@
-"""One joint's encoder from sample to sample: whether it jumps, or stands while the joint moves.
+"""Watch over one joint's encoder: it finds jumps, and readings that stand while the joint moves.
 
-A joint cannot move faster than its limit, so a larger step between neighbouring samples is the
-encoder's. Steps are added up: after the one back the position is trusted again at once. A position
-that never comes back is taken as it is after a while, for without it there is no estimate at all.
+A joint cannot move faster than its limit, so a larger step between two samples is a fault of the
+encoder. Such steps are summed: when a step back makes the sum zero, positions are trusted again. A
+jump that lasts longer than `HOLD_S` is accepted, because no estimate is possible without positions.
 """
 
 from fsw.messages.findings import Fault
 
-GAP_PERIODS = 3.5  # a longer gap hides what happened in it
-CONFIDENT_SAMPLES = 50  # in a row, before a step is held against the newer sample
+GAP_PERIODS = 3.5  # after a longer gap the watch starts again
+CONFIDENT_SAMPLES = 50  # samples in a row before a step makes the newer sample faulty
 HOLD_S = 10.0
 STUCK_SAMPLES = 3  # equal readings ...
-STUCK_RATE_RATIO = 0.02  # ... where the rate just before was more than this much of the limit
+STUCK_RATE_RATIO = 0.02  # ... while the rate is above this part of the speed limit
 RATE_GAIN = 0.125  # of the running mean of the rate
 
 
 class EncoderWatch:
-    """Watch over the newest raw positions of one joint."""
+    """Judges the positions of one joint, sample by sample, each against the one before."""
 
     def __init__(self, period_s: float, speed_limit_rad_s: float, slack_rad: float) -> None:
         self._gap_ns = GAP_PERIODS * period_s * 1e9
@@ -36,28 +36,28 @@ class EncoderWatch:
 
     @property
     def is_steady(self) -> bool:
-        """Whether no step and no standing encoder is being judged."""
+        """Whether neither a jump nor a stuck encoder is present now."""
         return not (self._offset or self._stuck)
 
     @property
     def newest(self) -> tuple[int, float, float]:
-        """Time and position of the newest sample, and the running mean of the rate."""
+        """Newest sample's time [ns] and position [rad], and the mean of the rate [rad/s]."""
         return self._t_ns, self._position, self._rate
 
     def follow(self, t_ns: int, position_rad: float, rate: float, count: int, equal: int) -> None:
-        """Accept a batch of so many samples in which nothing could be found, by its end.
+        """Accept `count` samples without a fault by the values at their end.
 
         Parameters
         ----------
         rate : running mean at the end [rad/s]
-        equal : equal readings at the end
+        equal : number of equal readings at the end
         """
         self._t_ns, self._position, self._rate = t_ns, position_rad, rate
         self._run += count
         self._equal = equal if equal < count else self._equal + equal
 
     def look(self, t_ns: int, position_rad: float) -> Fault | None:
-        """Accept the next raw position; return its fault, or None."""
+        """Accept the next position; return its fault, or None."""
         dt_ns, step = t_ns - self._t_ns, position_rad - self._position
         self._t_ns, self._position = t_ns, position_rad
         if not 0 < dt_ns <= self._gap_ns:
@@ -67,7 +67,7 @@ class EncoderWatch:
             return Fault.ENCODER_STUCK
         if step != 0.0:
             self._equal = 0
-            if self._stuck:  # how far it is off does not matter: the joint has moved meanwhile
+            if self._stuck:  # the joint moved while the encoder was stuck: accept any position
                 self._restart()
                 return None
         self._add(step, dt_ns * 1e-9, t_ns)
@@ -77,7 +77,7 @@ class EncoderWatch:
         return Fault.ENCODER_JUMP
 
     def _add(self, step: float, dt_s: float, t_ns: int) -> None:
-        """Add a step to the rate, or to the offset where no joint could have made it."""
+        """Add a step to the rate if the joint could make it, else to the offset."""
         jump = step - self._rate * dt_s
         if abs(jump) > self._slack_rad:
             if self._run < CONFIDENT_SAMPLES and not self._offset:
@@ -95,7 +95,7 @@ class EncoderWatch:
     def _is_stuck(self) -> bool:
         self._equal += 1
         moving = abs(self._rate) > self._stuck_rate_rad_s
-        # the first of the equal readings was a step still
+        # the first of the equal readings came with a step
         if self._equal >= STUCK_SAMPLES - 1 and moving and self._run >= CONFIDENT_SAMPLES:
             self._stuck = True
         return self._stuck
